@@ -1,0 +1,58 @@
+"""One package for `pip install .` over the ROS wheels and for `colcon build` on a normal ROS install."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "sfr_loc_map"
+NODES = ("localisation_node", "mapping_node", "monitor_node")
+TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3"]
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Stereo visual localisation, terrain mapping and the metrics that prove how good they are.",
+    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    license="Apache-2.0",
+    maintainer="sfr_loc_map maintainers",
+    maintainer_email="maintainers@users.noreply.h-seed-77cd1a5b.example",
+    python_requires=">=3.11,<3.14",
+    packages=find_packages(include=[PACKAGE, PACKAGE + ".*"]),
+    package_data={PACKAGE: ["py.typed", "report/templates/*", "nodes/profiles/*.xml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + PACKAGE]),
+        ("share/" + PACKAGE, ["package.xml"]),
+        ("share/" + PACKAGE + "/launch_scripts", glob("launch_scripts/*.launch.py")),
+        ("share/" + PACKAGE + "/config", glob("config/*.yaml")),
+        ("lib/" + PACKAGE, [f"scripts/{name}" for name in NODES]),  # for `ros2 run` after pip install
+    ],
+    install_requires=[
+        "setuptools",
+        "jinja2>=3.1,<4",  # BSD-3
+        "numba>=0.60,<0.70",  # BSD-2
+        "numpy>=1.26,<3",  # BSD-3
+        "opencv-python-headless>=4.10,<5",  # Apache-2.0
+        "plotly>=5.18,<8",  # MIT
+        "psutil>=5.9,<8",  # BSD-3
+        "pyyaml>=6,<7",  # MIT
+        "rich>=13,<16",  # MIT
+        "rosbags>=0.10.10,<0.12",  # Apache-2.0
+        "scipy>=1.11,<2",  # BSD-3
+        "typer>=0.12,<1",  # MIT
+    ],
+    extras_require={
+        # ROS 2 Jazzy as wheels, for machines without a ROS install
+        "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<7.2", "ros-jazzy-common-interfaces>=5.3,<5.4"],
+        "test": TEST,
+        "dev": [*TEST, "mypy>=1.13,<3", "ruff>=0.8,<0.18", "scipy-stubs", "types-PyYAML", "types-psutil"],
+    },
+    entry_points={
+        "console_scripts": [
+            "sfr = sfr_loc_map.cli.main:main",
+            *(f"{name} = sfr_loc_map.nodes.{name}:main" for name in NODES),
+        ]
+    },
+    zip_safe=False,
+)

@@ -1,0 +1,201 @@
+"""Parameters are declared once, as fields of frozen dataclasses; files and ROS parameters follow from them.
+
+A field made by `param` carries its unit, range and text in its metadata. `flatten` gives the dotted names that ROS
+parameters and YAML files use, `build` makes the dataclass from such names and refuses unknown ones.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import yaml
+
+from sfr_loc_map.errors import ConfigError
+
+C = TypeVar("C")
+Scalar = bool | int | float | str
+
+
+def param(
+    default: Any,  # noqa: ANN401 - the type is that of the field
+    *,
+    doc: str,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    live: bool = False,
+) -> Any:  # noqa: ANN401 - stands for the field's value, as dataclasses.field does
+    """Declare one parameter as a dataclass field.
+
+    Args:
+        default: Default value; its type is the parameter's type.
+        doc: One sentence that says what it does.
+        unit: Unit, empty where it has none.
+        low: Smallest value allowed.
+        high: Largest value allowed.
+        choices: Allowed words of a text parameter.
+        live: Whether it may change while a node runs.
+    """
+    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
+    if isinstance(default, (list, dict)):
+        raise TypeError("use a tuple: defaults are shared")
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, slots=True)
+class ParamInfo:
+    """One parameter of a configuration class: its dotted name and everything declared about it."""
+
+    name: str
+    type: type
+    default: Any
+    doc: str
+    unit: str
+    low: float | None
+    high: float | None
+    choices: tuple[str, ...]
+    live: bool
+
+
+def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
+    """Yield every parameter of a configuration class, nested ones with dotted names."""
+    types = get_type_hints(config_type)
+    for item in fields(config_type):
+        kind = types[item.name]
+        name = prefix + item.name
+        if is_dataclass(kind) and isinstance(kind, type):
+            yield from parameters(kind, name + ".")
+            continue
+        yield ParamInfo(name=name, type=kind, default=item.default, **item.metadata)
+
+
+def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
+    """Return the values of a configuration by dotted name."""
+    flat: dict[str, Any] = {}
+    for item in fields(config):
+        value = getattr(config, item.name)
+        if is_dataclass(value):
+            flat.update(flatten(value, prefix + item.name + "."))
+        else:
+            flat[prefix + item.name] = value
+    return flat
+
+
+def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
+    """Make a configuration from dotted names; what is not named keeps its default.
+
+    Args:
+        config_type: A frozen dataclass whose fields come from `param` or are such dataclasses.
+        values: Values by dotted name (nested mappings are flattened).
+        origin: What the values come from, for messages.
+
+    Raises:
+        ConfigError: For an unknown name, a wrong type, or a value out of range; all of them in one line.
+    """
+    flat = _flatten_mapping(values)
+    known = {info.name: info for info in parameters(config_type)}
+    problems = [f"unknown key '{name}'{_suggestion(name, known)}" for name in flat if name not in known]
+    checked: dict[str, Any] = {}
+    for name, value in flat.items():
+        if name in known:
+            try:
+                checked[name] = check_value(known[name], value)
+            except ConfigError as error:
+                problems.append(str(error))
+    if problems:
+        raise ConfigError(f"{origin}: " + "; ".join(problems))
+    return _construct(config_type, checked, "")
+
+
+def check_value(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
+    """Return `value` in the parameter's type.
+
+    Raises:
+        ConfigError: If the type is wrong or the value is out of range.
+    """
+    value = _as_type(info, value)
+    for number in value if isinstance(value, tuple) else (value,):
+        if not _in_range(info, number):
+            low, high = info.low, info.high
+            bounds = f"{'-inf' if low is None else low} .. {'inf' if high is None else high}"
+            raise ConfigError(f"'{info.name}' is {number}: must lie in {bounds} {info.unit}".rstrip())
+    if info.choices and value not in info.choices:
+        raise ConfigError(f"'{info.name}' is '{value}': must be one of {', '.join(info.choices)}")
+    return value
+
+
+def load_yaml(path: Path) -> dict[str, Any]:
+    """Read a YAML file that holds one mapping.
+
+    Raises:
+        ConfigError: If the file is missing, not YAML or not a mapping.
+    """
+    try:
+        with path.open(encoding="utf-8") as stream:
+            content = yaml.safe_load(stream)
+    except OSError as error:
+        raise ConfigError(f"cannot read '{path}': {error.strerror}; give an existing YAML file") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        detail = " ".join(str(error).split())
+        raise ConfigError(f"'{path}' is not valid YAML: {detail}") from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise ConfigError(f"'{path}' holds a {type(content).__name__}: a mapping of names to values is needed")
+    return content
+
+
+def _in_range(info: ParamInfo, number: Any) -> bool:  # noqa: ANN401 - any parameter type
+    if isinstance(number, (bool, str)):
+        return True
+    return (info.low is None or number >= info.low) and (info.high is None or number <= info.high)
+
+
+def _as_type(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
+    kind = type(info.default)
+    if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
+        if value != value:
+            raise ConfigError(f"'{info.name}' is not a number")
+        return float(value)
+    if kind is tuple and isinstance(value, (list, tuple)):
+        element = type(info.default[0]) if info.default else float
+        if element is float and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
+            return tuple(float(v) for v in value)
+        if all(isinstance(v, element) for v in value):
+            return tuple(value)
+    elif isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
+        return value
+    raise ConfigError(f"'{info.name}' is {value!r}: a value of type {kind.__name__} is needed")
+
+
+def _suggestion(name: str, known: Mapping[str, Any]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    return f" (did you mean '{close[0]}'?)" if close else f" (known: {', '.join(sorted(known)[:8])}, ...)"
+
+
+def _flatten_mapping(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat.update(_flatten_mapping(value, f"{prefix}{name}."))
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
+
+
+def _construct(config_type: type[C], values: Mapping[str, Any], prefix: str) -> C:
+    types = get_type_hints(config_type)
+    chosen: dict[str, Any] = {}
+    for item in fields(config_type):  # type: ignore[arg-type]
+        kind = types[item.name]
+        name = prefix + item.name
+        if is_dataclass(kind) and isinstance(kind, type):
+            chosen[item.name] = _construct(kind, values, name + ".")
+        elif name in values:
+            chosen[item.name] = values[name]
+    return config_type(**chosen)

@@ -1,0 +1,1 @@
+"""Rotations, transforms, trajectories, rigs and clouds: the types that the other layers meet in."""

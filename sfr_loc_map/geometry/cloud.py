@@ -1,0 +1,102 @@
+"""Point clouds with the pixel that each point was seen by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import GeometryError
+
+FIELD_TYPES: dict[str, type[np.generic]] = {
+    "x": np.float32,
+    "y": np.float32,
+    "z": np.float32,
+    "sigma": np.float32,
+    "intensity": np.float32,
+    "u": np.uint16,
+    "v": np.uint16,
+    "pair": np.uint8,
+}
+"""Fields of a cloud in the order of the topic `mapping/points` and of the cloud files."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """Points in LM, each with the pixel and pair it comes from.
+
+    Attributes:
+        xyz: `(N, 3)` float32, metres, LM.
+        sigma: `(N,)` float32, metres, standard deviation along the ray.
+        intensity: `(N,)` float32, grey level of the left pixel.
+        u: `(N,)` uint16, column of the left pixel.
+        v: `(N,)` uint16, row of the left pixel.
+        pair: `(N,)` uint8, index of the stereo pair within its set (0, 1, 2).
+    """
+
+    xyz: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    u: NDArray[np.uint16]
+    v: NDArray[np.uint16]
+    pair: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        """Check shapes and types.
+
+        Raises:
+            GeometryError: If they are not as documented.
+        """
+        count = len(self.xyz)
+        if self.xyz.shape != (count, 3) or self.xyz.dtype != np.float32:
+            raise GeometryError(f"cloud points are {self.xyz.dtype} {self.xyz.shape}: float32 (N, 3) is needed")
+        for name in ("sigma", "intensity", "u", "v", "pair"):
+            array = getattr(self, name)
+            if array.shape != (count,) or array.dtype != FIELD_TYPES[name]:
+                wanted = f"{FIELD_TYPES[name].__name__} ({count},)"
+                raise GeometryError(f"cloud field '{name}' is {array.dtype} {array.shape}: {wanted} is needed")
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.xyz)
+
+    @classmethod
+    def empty(cls) -> PointCloud:
+        """Return a cloud without points."""
+        return cls.from_structured(np.zeros(0, cls.dtype()))
+
+    @staticmethod
+    def dtype() -> np.dtype[np.void]:
+        """Return the packed record type of one point, in the order of `FIELD_TYPES`."""
+        return np.dtype(list(FIELD_TYPES.items()))
+
+    def to_structured(self) -> NDArray[np.void]:
+        """Return the points as packed records `(N,)` of `dtype()`."""
+        records = np.empty(len(self), self.dtype())
+        for axis, name in enumerate("xyz"):
+            records[name] = self.xyz[:, axis]
+        for name in ("sigma", "intensity", "u", "v", "pair"):
+            records[name] = getattr(self, name)
+        return records
+
+    @classmethod
+    def from_structured(cls, records: NDArray[np.void]) -> PointCloud:
+        """Return the cloud of records that have the fields of `FIELD_TYPES`, in any order and layout."""
+        xyz = np.empty((len(records), 3), np.float32)
+        for axis, name in enumerate("xyz"):
+            xyz[:, axis] = records[name]
+        rest = {n: np.ascontiguousarray(records[n], FIELD_TYPES[n]) for n in ("sigma", "intensity", "u", "v", "pair")}
+        return cls(xyz, **rest)
+
+    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
+        """Return the chosen points."""
+        return PointCloud(*(getattr(self, item.name)[which] for item in fields(self)))
+
+    @classmethod
+    def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
+        """Return one cloud with the points of all."""
+        if not clouds:
+            return cls.empty()
+        return cls(*(np.concatenate([getattr(cloud, item.name) for cloud in clouds]) for item in fields(cls)))

@@ -1,0 +1,132 @@
+"""The rectified stereo rig and its pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.transform import Transform
+
+GreyImage = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoRig:
+    """A rectified stereo rig; both cameras have the same camera matrix, and rows correspond.
+
+    Pixel centres are at integer coordinates: `u = fx X / Z + cx`, X, Z in the left optical frame (x right, y down,
+    z forward); disparity `u_left - u_right = fx baseline_m / Z`.
+
+    Attributes:
+        width: Pixels.
+        height: Pixels.
+        fx: Focal length along rows, pixels.
+        fy: Focal length along columns, pixels.
+        cx: Principal point, pixels.
+        cy: Principal point, pixels.
+        baseline_m: Distance between the optical centres, metres, > 0.
+        T_rb_sb: Takes points in the stereo bench frame (LOCSB) to RB; None where it is not known or not needed.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    baseline_m: float
+    T_rb_sb: Transform | None = None
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            GeometryError: If a size, focal length or the baseline is not positive and finite.
+        """
+        numbers = (self.width, self.height, self.fx, self.fy, self.baseline_m)
+        if not all(np.isfinite(n) and n > 0 for n in numbers) or not np.isfinite([self.cx, self.cy]).all():
+            raise GeometryError(
+                f"rig needs sizes, focal lengths and a baseline > 0: got {self.width} x {self.height}, "
+                f"f ({self.fx}, {self.fy}), c ({self.cx}, {self.cy}), baseline {self.baseline_m} m"
+            )
+
+    @property
+    def k(self) -> FloatArray:
+        """Camera matrix `(3, 3)` of either camera, pixels."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def T_sb_left(self) -> Transform:
+        """Takes points in the left optical frame to SB: x forward, y from right to left camera, z up [3.2.3]."""
+        rotation = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        return Transform(rotation, np.array([0.0, 0.5 * self.baseline_m, 0.0]))
+
+    @property
+    def T_rb_left(self) -> Transform:
+        """Takes points in the left optical frame to RB.
+
+        Raises:
+            GeometryError: If the place of the stereo bench on the rover is not known.
+        """
+        if self.T_rb_sb is None:
+            raise GeometryError(
+                "the rig has no T_rb_locsb (place of the stereo bench in RB): add it to rig.json or give it as a parameter"
+            )
+        return self.T_rb_sb @ self.T_sb_left
+
+    def same_cameras(self, other: StereoRig) -> bool:
+        """Tell whether both rigs have the same images, camera matrix and baseline (the place on the rover aside)."""
+        names = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
+        return all(getattr(self, name) == getattr(other, name) for name in names)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoPair:
+    """Two rectified pictures taken at the same time.
+
+    Attributes:
+        stamp_ns: Time of both, nanoseconds.
+        left: `(H, W)` uint8 grey.
+        right: `(H, W)` uint8 grey.
+    """
+
+    stamp_ns: int
+    left: GreyImage
+    right: GreyImage
+
+    def __post_init__(self) -> None:
+        """Check type and size.
+
+        Raises:
+            GeometryError: If an image is not 2D uint8 or the sizes differ.
+        """
+        for name, image in (("left", self.left), ("right", self.right)):
+            if image.ndim != 2 or image.dtype != np.uint8:
+                raise GeometryError(
+                    f"{name} image of stamp {self.stamp_ns} is {image.dtype} {image.shape}: 8-bit grey is needed"
+                )
+        if self.left.shape != self.right.shape:
+            raise GeometryError(
+                f"images of stamp {self.stamp_ns} differ in size: left {self.left.shape[::-1]}, "
+                f"right {self.right.shape[::-1]}; both must be of the rig's size"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavPair:
+    """A stereo pair for mapping with its place in the local map frame.
+
+    Attributes:
+        pair: The pictures.
+        T_lm_navsb: Takes points in NAVSB to LM.
+        truth: `(H, W, 3)` float32, metres, the point in LM seen by the centre of each left pixel, NaN where none;
+            None where the source has no truth.
+    """
+
+    pair: StereoPair
+    T_lm_navsb: Transform
+    truth: NDArray[np.float32] | None = None

@@ -1,0 +1,84 @@
+"""Stamped poses of the rover."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.rotation import FloatArray, quat_conjugate
+from sfr_loc_map.geometry.transform import Transform
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """Poses of RB in DS at stamps, kept exactly as given (not sorted, quaternions not normalised).
+
+    Attributes:
+        stamps_ns: `(N,)` int64, nanoseconds.
+        positions: `(N, 3)` float64, metres, the RB origin in DS (`rbOriginPos_m_Ds`).
+        quats_xyzw: `(N, 4)` float64, orientation of RB in DS as in ROS messages: takes components in RB to DS, the
+            conjugate of `att_q_DsToRb`.
+    """
+
+    stamps_ns: IntArray
+    positions: FloatArray
+    quats_xyzw: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check shapes and finiteness.
+
+        Raises:
+            GeometryError: If the shapes do not agree, a number is not finite or a quaternion has no length.
+        """
+        count = len(self.stamps_ns)
+        if (
+            self.stamps_ns.shape != (count,)
+            or self.positions.shape != (count, 3)
+            or self.quats_xyzw.shape != (count, 4)
+        ):
+            shapes = f"{self.stamps_ns.shape}, {self.positions.shape}, {self.quats_xyzw.shape}"
+            raise GeometryError(f"a trajectory needs shapes (N,), (N, 3), (N, 4): got {shapes}")
+        bad = ~(np.isfinite(self.positions).all(axis=1) & np.isfinite(self.quats_xyzw).all(axis=1))
+        bad |= np.square(self.quats_xyzw).sum(axis=1) < 1e-12
+        if bad.any():
+            first = int(np.argmax(bad))
+            raise GeometryError(
+                f"pose {first} (stamp {int(self.stamps_ns[first])}) is not finite or its quaternion has no length "
+                f"({int(bad.sum())} of {count} such poses): correct or leave out these poses"
+            )
+
+    def __len__(self) -> int:
+        """Return the number of poses."""
+        return len(self.stamps_ns)
+
+    @property
+    def att_q_ds_to_rb(self) -> FloatArray:
+        """Attitude as the source document names it, `att_q_DsToRb` `(N, 4)`: the conjugate of `quats_xyzw`."""
+        return quat_conjugate(self.quats_xyzw)
+
+    def pose(self, index: int) -> Transform:
+        """Return `T_ds_rb` of one pose."""
+        return Transform.from_quat(self.positions[index], self.quats_xyzw[index])
+
+    @classmethod
+    def empty(cls) -> Trajectory:
+        """Return a trajectory without poses."""
+        return cls(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
+
+    @classmethod
+    def from_poses(cls, stamped: Iterable[tuple[int, Transform]]) -> Trajectory:
+        """Return the trajectory of `(stamp_ns, T_ds_rb)`."""
+        items = list(stamped)
+        if not items:
+            return cls.empty()
+        return cls(
+            np.array([stamp for stamp, _ in items], dtype=np.int64),
+            np.array([pose.translation for _, pose in items]),
+            np.array([pose.quat_xyzw for _, pose in items]),
+        )

@@ -1,0 +1,87 @@
+"""Rigid motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.rotation import FloatArray, matrix_from_quat, quat_conjugate, quat_from_matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transform:
+    """Rigid motion `T_a_b`: takes points given in frame b to frame a.
+
+    Attributes:
+        rotation: `(3, 3)` float64, det +1, turns components in b into components in a.
+        translation: `(3,)` float64, metres, the origin of b in a.
+    """
+
+    rotation: FloatArray
+    translation: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check shapes and finiteness.
+
+        Raises:
+            GeometryError: If a shape is wrong or a number is not finite.
+        """
+        if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
+            raise GeometryError(
+                f"a transform needs (3, 3) and (3,): got {self.rotation.shape}, {self.translation.shape}"
+            )
+        if not (np.all(np.isfinite(self.rotation)) and np.all(np.isfinite(self.translation))):
+            raise GeometryError("a transform has a number that is not finite")
+
+    @classmethod
+    def identity(cls) -> Transform:
+        """Return the transform between two frames that coincide."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_quat(cls, translation: ArrayLike, quat_xyzw: ArrayLike) -> Transform:
+        """Return `T_a_b` from the origin of b in a and the orientation of b in a, as in ROS messages.
+
+        Args:
+            translation: `(3,)`, metres.
+            quat_xyzw: `(4,)`, takes components in b to a; normalised here.
+
+        Raises:
+            GeometryError: If a number is not finite or the quaternion has no length.
+        """
+        return cls(matrix_from_quat(quat_xyzw), np.array(translation, dtype=np.float64))
+
+    @classmethod
+    def from_origin_and_attitude(cls, origin: ArrayLike, att_q: ArrayLike) -> Transform:
+        """Return `T_a_b` from the names of the source document: `bOriginPos_m_A` and `att_q_AToB` [3.1.2].
+
+        `att_q_AToB` turns components in A into components in B: it is the conjugate of the ROS orientation of b in a.
+        """
+        return cls.from_quat(origin, quat_conjugate(att_q))
+
+    @property
+    def quat_xyzw(self) -> FloatArray:
+        """Orientation of b in a `(4,)`, scalar last and >= 0, as in ROS messages."""
+        return quat_from_matrix(self.rotation)
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Homogeneous matrix `(4, 4)`."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.rotation, self.translation
+        return matrix
+
+    def inverse(self) -> Transform:
+        """Return `T_b_a`."""
+        return Transform(self.rotation.T.copy(), -(self.rotation.T @ self.translation))
+
+    def __matmul__(self, other: Transform) -> Transform:
+        """Return `T_a_c` of `T_a_b @ T_b_c`."""
+        return Transform(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+
+    def apply(self, points: ArrayLike) -> FloatArray:
+        """Take points `(..., 3)` given in b, metres, to a."""
+        return np.asarray(np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation)

@@ -1,0 +1,67 @@
+"""What every source offers, whatever its format."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+
+
+class LocSequence(Protocol):
+    """Stereo pairs for localisation, read as a stream, in the order of their stamps."""
+
+    @property
+    def rig(self) -> StereoRig:
+        """Rig of the localisation cameras, with `T_rb_sb` where the source has it."""
+        ...
+
+    @property
+    def ground_truth(self) -> Trajectory | None:
+        """True poses of RB in DS, or None."""
+        ...
+
+    def __len__(self) -> int:
+        """Return the number of pairs."""
+        ...
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs; each call starts anew and keeps at most a few pairs in memory."""
+        ...
+
+
+class NavSequence(Protocol):
+    """Stereo pairs for mapping with their poses in LM, read as a stream."""
+
+    @property
+    def rig(self) -> StereoRig:
+        """Rig of the navigation cameras."""
+        ...
+
+    def __len__(self) -> int:
+        """Return the number of pairs."""
+        ...
+
+    def pairs(self) -> Iterator[NavPair]:
+        """Yield the pairs, with truth where the source has it; each call starts anew."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """An opened source.
+
+    Attributes:
+        path: Where it is.
+        format: Name of its format (`sfr`, `bag`, `kitti`, `euroc`).
+        loc: The drive, or None where it has none.
+        nav: The mapping pairs, or None where it has none.
+    """
+
+    path: Path
+    format: str
+    loc: LocSequence | None
+    nav: NavSequence | None

@@ -1,0 +1,1 @@
+"""Stereo visual localisation: a trajectory from a sequence of stereo pairs."""

@@ -1,0 +1,48 @@
+"""What the localiser says of each pair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.transform import Transform
+
+LOST_VARIANCE = 9999.0
+"""Diagonal of the covariance of a pose that is not known (m^2, rad^2)."""
+
+
+class TrackingState(StrEnum):
+    """State of the localiser after a call."""
+
+    INITIALISING = "initialising"
+    TRACKING = "tracking"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEstimate:
+    """The pose of the rover at one pair.
+
+    Attributes:
+        stamp_ns: The pair's stamp.
+        T_ds_rb: Takes points in RB to DS; when lost, the last pose known.
+        covariance: `(6, 6)` float64, ROS order: x, y, z (m, in DS), then rotation about the fixed axes of DS (rad).
+            9999 on the diagonal when lost.
+        state: State after this call.
+        statistics: Figures of this call by name (features, inliers, reprojection_rms_px, ...).
+    """
+
+    stamp_ns: int
+    T_ds_rb: Transform
+    covariance: FloatArray
+    state: TrackingState
+    statistics: Mapping[str, float] = field(default_factory=dict)
+
+
+def lost_covariance() -> FloatArray:
+    """Return the covariance `(6, 6)` of a pose that is not known."""
+    return np.eye(6) * LOST_VARIANCE

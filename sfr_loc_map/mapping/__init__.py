@@ -1,0 +1,1 @@
+"""Terrain mapping: a point cloud from up to three stereo pairs."""

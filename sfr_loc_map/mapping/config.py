@@ -1,0 +1,15 @@
+"""Parameters of the mapper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sfr_loc_map.config import param
+
+
+@dataclass(frozen=True, slots=True)
+class MappingConfig:
+    """Parameters of the mapper; ROS parameters and configuration files have the same names."""
+
+    min_range_m: float = param(0.9, unit="m", doc="Nearest depth that is looked for.", low=0.05)
+    max_range_m: float = param(40.0, unit="m", doc="Farthest depth that is kept.", low=0.1)

@@ -1,0 +1,84 @@
+"""The mapper: one call per stereo pair, one to fuse up to three of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.config import MappingConfig
+
+MAX_PAIRS = 3
+"""Most stereo pairs of one map [1.3]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairMap:
+    """What one stereo pair says of the terrain.
+
+    Attributes:
+        stamp_ns: The pair's stamp.
+        T_lm_navsb: The pose it was made with.
+        disparity_px: `(H, W)` float32, pixels, of the left picture; NaN where none.
+        cloud: Its points in LM, with `pair` as given to `process`.
+        statistics: Figures of this call by name.
+    """
+
+    stamp_ns: int
+    T_lm_navsb: Transform
+    disparity_px: NDArray[np.float32]
+    cloud: PointCloud
+    statistics: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedMap:
+    """The map of up to three pairs.
+
+    Attributes:
+        cloud: Points in LM; each names the pair and pixel that weigh most in it.
+        statistics: Figures of the fusion by name (overlap and disagreement per pair, ...).
+    """
+
+    cloud: PointCloud
+    statistics: Mapping[str, float] = field(default_factory=dict)
+
+
+class Mapper:
+    """Turns stereo pairs into point clouds in LM."""
+
+    def __init__(self, rig: StereoRig, config: MappingConfig) -> None:
+        """Prepare for a rig.
+
+        Raises:
+            ConfigError: If the parameters do not fit together or the rig.
+        """
+
+    def warm_up(self) -> None:
+        """Load or compile all machine code, so that no call pays for it."""
+
+    def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
+        """Return the points that one pair sees.
+
+        Args:
+            pair: Rectified pictures of the rig's size.
+            T_lm_navsb: Takes points in NAVSB to LM.
+            index: Number of the pair within its set: 0, 1 or 2.
+
+        Raises:
+            MappingError: If the size is not the rig's or the index is not 0 to 2.
+        """
+        raise NotImplementedError
+
+    def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
+        """Return one cloud of up to three pairs.
+
+        Raises:
+            MappingError: For no pair, or more than three.
+        """
+        raise NotImplementedError

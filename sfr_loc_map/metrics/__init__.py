@@ -1,0 +1,1 @@
+"""The metrics of the specification: errors, time and memory."""

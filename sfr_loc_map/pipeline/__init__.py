@@ -1,0 +1,1 @@
+"""Runs of the parts over whole sources: replay, conversion, scoring."""

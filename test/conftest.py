@@ -1,0 +1,15 @@
+"""What all tests share."""
+
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of the development data; the test is skipped where it is absent."""
+    if not SHARED.is_dir():
+        pytest.skip("the development data is not beside this checkout")
+    return SHARED
