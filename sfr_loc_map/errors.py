@@ -43,3 +43,7 @@ class NodeError(SfrError):
 
 class MissingExtraError(SfrError):
     """An optional part is not installed."""
+
+
+class FailedVerdictError(SfrError):
+    """A figure missed its limit: not an error of input, exit code 1."""
