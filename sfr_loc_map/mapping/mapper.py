@@ -8,10 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.fusion import merged
+from sfr_loc_map.mapping.matching import match, search_range
+from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 
 MAX_PAIRS = 3
 """Most stereo pairs of one map [1.3]."""
@@ -58,6 +62,8 @@ class Mapper:
         Raises:
             ConfigError: If the parameters do not fit together or the rig.
         """
+        self._rig = rig
+        self._search = search_range(rig, config)
 
     def warm_up(self) -> None:
         """Load or compile all machine code, so that no call pays for it."""
@@ -73,7 +79,19 @@ class Mapper:
         Raises:
             MappingError: If the size is not the rig's or the index is not 0 to 2.
         """
-        raise NotImplementedError
+        if pair.left.shape != (self._rig.height, self._rig.width):
+            raise MappingError(
+                f"pictures of stamp {pair.stamp_ns} are {pair.left.shape[1]} x {pair.left.shape[0]}: the rig has "
+                f"{self._rig.width} x {self._rig.height}; give the rig of these pictures"
+            )
+        if not 0 <= index < MAX_PAIRS:
+            raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
+        disparity = match(pair.left, pair.right, self._search.count)
+        disparity[disparity < self._search.farthest] = np.nan
+        sigma = np.full(disparity.shape, 0.25, np.float32)
+        cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_navsb, index)
+        statistics = {"points": float(len(cloud)), "density": len(cloud) / disparity.size}
+        return PairMap(pair.stamp_ns, T_lm_navsb, disparity, cloud, statistics)
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
         """Return one cloud of up to three pairs.
@@ -81,4 +99,7 @@ class Mapper:
         Raises:
             MappingError: For no pair, or more than three.
         """
-        raise NotImplementedError
+        if not 1 <= len(maps) <= MAX_PAIRS:
+            raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
+        cloud = merged([item.cloud for item in maps])
+        return FusedMap(cloud, {"points": float(len(cloud))})
