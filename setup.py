@@ -40,6 +40,7 @@ setup(
         "rich>=13,<16",  # MIT
         "rosbags>=0.10.10,<0.12",  # Apache-2.0
         "scipy>=1.11,<2",  # BSD-3
+        "simplejpeg>=1.7,<2",  # MIT; refuses broken JPEG data that OpenCV decodes without a word
         "typer>=0.12,<1",  # MIT
     ],
     extras_require={

@@ -18,10 +18,13 @@ class Transform:
     Attributes:
         rotation: `(3, 3)` float64, det +1, turns components in b into components in a.
         translation: `(3,)` float64, metres, the origin of b in a.
+        given_quat_xyzw: `(4,)` float64, the quaternion that `from_quat` was given, None otherwise. Files are written
+            with it, so that what was read is written again to the last digit.
     """
 
     rotation: FloatArray
     translation: FloatArray
+    given_quat_xyzw: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and finiteness.
@@ -52,7 +55,8 @@ class Transform:
         Raises:
             GeometryError: If a number is not finite or the quaternion has no length.
         """
-        return cls(matrix_from_quat(quat_xyzw), np.array(translation, dtype=np.float64))
+        quat = np.array(quat_xyzw, dtype=np.float64)
+        return cls(matrix_from_quat(quat), np.array(translation, dtype=np.float64), quat)
 
     @classmethod
     def from_origin_and_attitude(cls, origin: ArrayLike, att_q: ArrayLike) -> Transform:
@@ -66,6 +70,11 @@ class Transform:
     def quat_xyzw(self) -> FloatArray:
         """Orientation of b in a `(4,)`, scalar last and >= 0, as in ROS messages."""
         return quat_from_matrix(self.rotation)
+
+    @property
+    def file_quat_xyzw(self) -> FloatArray:
+        """Orientation of b in a `(4,)` for files and messages: as it was given, otherwise `quat_xyzw`."""
+        return self.quat_xyzw if self.given_quat_xyzw is None else self.given_quat_xyzw
 
     @property
     def matrix(self) -> FloatArray:

@@ -1,0 +1,117 @@
+"""A rectified rig as a pair of sensor_msgs/CameraInfo and back.
+
+Messages are read by attributes only, so those of a bag reader and of a ROS client library are taken alike. The
+formula is that of sensor_msgs/CameraInfo: the right camera's `P[3] = -fx baseline`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+
+TOLERANCE = 1e-6
+"""How far a coefficient may be from that of a rectified camera (pixels for P and K, without unit for R and D)."""
+
+
+def projection(rig: StereoRig, side: Literal["left", "right"]) -> FloatArray:
+    """Return the projection matrix P `(12,)`, row-major, of one camera."""
+    shift = 0.0 if side == "left" else -(rig.fx * rig.baseline_m)
+    return np.array([rig.fx, 0.0, rig.cx, shift, 0.0, rig.fy, rig.cy, 0.0, 0.0, 0.0, 1.0, 0.0])
+
+
+def baseline_from_projection(fx: float, shift: float) -> float:
+    """Return the baseline, metres, that `P[3] = -fx baseline` was made of.
+
+    The division alone gives the last digit wrong at times. Of the neighbouring numbers that make the very same
+    `P[3]`, the one with the shortest decimal form is taken, so that rigs come through messages unchanged.
+
+    Args:
+        fx: Focal length, pixels.
+        shift: `P[3]` of the right camera.
+    """
+    middle = -shift / fx
+    near = {middle, *(float(f"{middle:.{digits}g}") for digits in (12, 13, 14, 15, 16))}
+    for direction in (-math.inf, math.inf):
+        step = middle
+        for _ in range(2):
+            step = math.nextafter(step, direction)
+            near.add(step)
+    exact = [b for b in near if -(fx * b) == shift]
+    return min(exact, key=lambda b: (len(repr(b)), abs(b - middle))) if exact else middle
+
+
+def message_baseline(rig: StereoRig) -> StereoRig:
+    """Return the rig as it comes out of its camera_info messages.
+
+    Readers of files use it, so that a rig read from a file and the same rig received over topics are equal to the
+    last digit. It changes nothing but, for a baseline of 16 digits or more, the last one.
+    """
+    return replace(rig, baseline_m=baseline_from_projection(rig.fx, -(rig.fx * rig.baseline_m)))
+
+
+def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | None = None) -> StereoRig:  # noqa: ANN401
+    """Return the rig that two camera_info messages describe.
+
+    Args:
+        left: sensor_msgs/CameraInfo of the left camera.
+        right: The same of the right camera.
+        name: What they belong to, for messages (`loc`, `nav`).
+        T_rb_sb: Place of the stereo bench in RB, where known.
+
+    Raises:
+        InputError: If they are not those of a rectified pair with equal cameras, left and right in order.
+    """
+    for side, info in (("left", left), ("right", right)):
+        _check_rectified(f"{name}/{side}", info)
+    if (left.width, left.height) != (right.width, right.height):
+        sizes = f"{left.width} x {left.height} and {right.width} x {right.height}"
+        raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: both pictures need one size")
+    p_left, p_right = _matrix(left.p), _matrix(right.p)
+    keep = np.ones(12, bool)
+    keep[3] = False
+    if np.abs(p_left - p_right)[keep].max() > TOLERANCE:
+        raise InputError(f"{name}: the P of left and right differ in more than P[3]: rectify both to one camera matrix")
+    shift = float(p_right[3] - p_left[3])
+    if shift >= 0:
+        raise InputError(
+            f"{name}: P[3] of the right camera is {p_right[3]:g}, so the baseline is {-shift / p_left[0]:g} m: it must "
+            f"be -fx * baseline < 0; are left and right swapped?"
+        )
+    baseline = baseline_from_projection(float(p_left[0]), shift)
+    fx, cx, fy, cy = (float(p_left[i]) for i in (0, 2, 5, 6))
+    try:
+        return StereoRig(int(left.width), int(left.height), fx, fy, cx, cy, baseline, T_rb_sb)
+    except GeometryError as error:
+        raise InputError(f"camera_info of {name}: {error}") from error
+
+
+def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraInfo of any library
+    p, k, r = _matrix(info.p), _matrix(info.k), _matrix(info.r)
+    found = []
+    if np.abs(_matrix(info.d)).max(initial=0.0) > TOLERANCE:
+        found.append("distortion d is not zero")
+    if np.abs(r.reshape(3, 3) - np.eye(3)).max() > TOLERANCE and r.any():
+        found.append("rotation r is not the identity")
+    p_matrix = p.reshape(3, 4)
+    if not np.isfinite(p).all() or p_matrix[0, 0] <= 0:
+        found.append("projection p is empty")
+    elif k.any() and np.abs(k.reshape(3, 3) - p_matrix[:, :3]).max() > TOLERANCE:
+        found.append("k and p differ")
+    elif np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
+        found.append("projection p is not that of a rectified camera side by side with the other")
+    if found:
+        raise InputError(
+            f"{name}/camera_info is non-rectified ({', '.join(found)}): give rectified pictures and their camera_info"
+        )
+
+
+def _matrix(values: Any) -> FloatArray:  # noqa: ANN401 - array, list or tuple
+    return np.asarray(values, dtype=np.float64).reshape(-1)

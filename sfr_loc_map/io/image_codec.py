@@ -1,0 +1,166 @@
+"""Pictures as 8-bit grey arrays, from files and from image messages.
+
+The functions for messages read attributes only (`height`, `encoding`, `data`, ...), so messages of a bag reader and
+of a ROS client library are taken alike.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import simplejpeg
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.stereo import GreyImage
+
+ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
+    "mono8": (np.uint8, 1),
+    "8UC1": (np.uint8, 1),
+    "mono16": (np.uint16, 1),
+    "16UC1": (np.uint16, 1),
+    "rgb8": (np.uint8, 3),
+    "bgr8": (np.uint8, 3),
+    "8UC3": (np.uint8, 3),
+}
+"""Encodings of sensor_msgs/Image that are read: type of a sample and samples per pixel."""
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+JPEG_MAGIC = b"\xff\xd8"
+
+
+def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImage:
+    """Return a picture as 8-bit grey.
+
+    Args:
+        image: `(H, W)` or `(H, W, 1 | 3 | 4)`, uint8 or uint16 (0 .. 65535 becomes 0 .. 255, rounded; colour becomes
+            luma after ITU-R BT.601, alpha is left out).
+        order: Order of the colours.
+
+    Raises:
+        InputError: For another shape or type.
+    """
+    if image.ndim == 3 and image.shape[2] == 1:
+        image = image[:, :, 0]
+    if image.dtype == np.uint16:
+        image = ((image.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
+        raise InputError(f"picture of {image.dtype} {image.shape} found: 8 or 16 bit grey or colour is needed")
+    if image.ndim == 3:
+        code = cv2.COLOR_BGR2GRAY if order == "bgr" else cv2.COLOR_RGB2GRAY
+        image = cv2.cvtColor(np.ascontiguousarray(image[:, :, :3]), code)
+    return np.ascontiguousarray(image)
+
+
+def read_grey(path: Path) -> GreyImage:
+    """Read a picture file as 8-bit grey `(H, W)`.
+
+    Raises:
+        InputError: If the file is missing or its data is broken.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read picture '{path}': {error.strerror}; check the list of pairs") from error
+    try:
+        return decode_grey(data)
+    except InputError as error:
+        raise InputError(f"picture '{path}': {error}") from error
+
+
+def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
+    """Decode the bytes of a picture file (PNG, JPEG and what OpenCV reads) to 8-bit grey `(H, W)`.
+
+    PNG checksums are verified, and a JPEG stream that the decoder could only guess at is refused.
+
+    Raises:
+        InputError: If the data is broken.
+    """
+    raw = bytes(data)
+    if raw.startswith(JPEG_MAGIC):
+        return _decode_jpeg(raw)
+    if raw.startswith(PNG_MAGIC):
+        _check_png(raw)
+    image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
+    if image is None:
+        raise InputError("its data is broken or no picture; restore the original")
+    return grey8(image)
+
+
+def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/Image of any library
+    """Return a sensor_msgs/Image as 8-bit grey `(H, W)`.
+
+    Raises:
+        InputError: For an encoding that is not read or data of the wrong length; names the stamp.
+    """
+    stamp = stamp_of(message)
+    if message.encoding not in ENCODINGS:
+        known = ", ".join(ENCODINGS)
+        raise InputError(f"image of stamp {stamp} has encoding '{message.encoding}': one of {known} is needed")
+    kind, samples = ENCODINGS[message.encoding]
+    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    data = np.frombuffer(message.data, np.uint8)
+    row = width * samples * dtype.itemsize
+    if height <= 0 or width <= 0 or step < row or len(data) < step * (height - 1) + row:
+        raise InputError(
+            f"image of stamp {stamp} is {width} x {height} {message.encoding} with step {step} and {len(data)} bytes: "
+            f"too few; the message is broken"
+        )
+    rows = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
+    image = np.ascontiguousarray(rows).view(dtype).astype(kind, copy=False)
+    shape = (height, width) if samples == 1 else (height, width, samples)
+    return grey8(image.reshape(shape), "rgb" if message.encoding == "rgb8" else "bgr")
+
+
+def image_from_compressed_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/CompressedImage
+    """Return a sensor_msgs/CompressedImage (JPEG or PNG) as 8-bit grey `(H, W)`.
+
+    Raises:
+        InputError: If the data is broken; names the stamp.
+    """
+    try:
+        return decode_grey(bytes(message.data))
+    except InputError as error:
+        raise InputError(f"image of stamp {stamp_of(message)}: {error}") from error
+
+
+def stamp_of(message: Any) -> int:  # noqa: ANN401 - any message with a header
+    """Return the header's stamp of a message, nanoseconds."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def encode_png(image: GreyImage) -> bytes:
+    """Return the bytes of a PNG file (lossless)."""
+    return bytes(cv2.imencode(".png", image)[1])
+
+
+def encode_jpeg(image: GreyImage, quality: int) -> bytes:
+    """Return the bytes of a grey JPEG file, quality 1 to 100."""
+    return bytes(simplejpeg.encode_jpeg(image[:, :, None], quality, "GRAY", "GRAY"))
+
+
+def _decode_jpeg(raw: bytes) -> GreyImage:
+    try:
+        return np.ascontiguousarray(simplejpeg.decode_jpeg(raw, "GRAY", strict=True)[:, :, 0])
+    except ValueError as error:
+        raise InputError(f"its JPEG data is broken ({error}); restore the original") from error
+
+
+def _check_png(raw: bytes) -> None:
+    """Verify the chunks of a PNG (ISO/IEC 15948, 5.3): each ends in the CRC-32 of its type and data."""
+    place, kind = len(PNG_MAGIC), b""
+    while kind != b"IEND":
+        head = raw[place : place + 8]
+        if len(head) < 8:
+            raise InputError("its PNG data is cut off; restore the original")
+        (length,), kind = struct.unpack(">I", head[:4]), head[4:]
+        end = place + 8 + length
+        if len(raw) < end + 4 or zlib.crc32(raw[place + 4 : end]) != struct.unpack(">I", raw[end : end + 4])[0]:
+            raise InputError("its PNG data is broken (checksum or length wrong); restore the original")
+        place = end + 4

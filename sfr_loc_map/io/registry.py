@@ -1,0 +1,38 @@
+"""Every format that can be read, by name, and the way to find out which one a path holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.io.folder import is_folder, open_folder
+from sfr_loc_map.io.sequence import Source
+
+Opener = Callable[[Path], Source]
+
+READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
+    "sfr": (is_folder, open_folder),
+}
+"""Name of a format, and its test and opener, in the order of trying."""
+
+
+def open_source(path: Path, remap: Mapping[str, str] | None = None) -> Source:
+    """Open a source of any format that is read.
+
+    Nothing is held open: each pass over the pairs opens and closes its files itself.
+
+    Args:
+        path: A data set folder, ROS 2 bag, KITTI or EuRoC sequence.
+        remap: New names of topics by the names in the bag.
+
+    Raises:
+        InputError: If there is nothing, nothing that is known, or it is broken.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"there is no '{path}': give a data set folder, a ROS 2 bag, or a KITTI or EuRoC sequence")
+    for matches, opener in READERS.values():
+        if matches(path):
+            return opener(path)
+    raise InputError(f"'{path}' is of no format that is read")

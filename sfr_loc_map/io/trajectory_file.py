@@ -1,0 +1,190 @@
+"""Trajectories as text files: the csv of the suite and TUM.
+
+- csv: header `stamp_ns,rbOriginPos_m_Ds_{x,y,z},att_q_DsToRb_{1..4}`, scalar last. `att_q_DsToRb` turns components in
+  DS into components in RB: the conjugate of the orientation in ROS messages.
+- TUM (`.txt`, `.tum`): `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages; `#` starts a comment.
+
+Stamps go to and from integer nanoseconds by integer arithmetic, never through a floating-point number.
+"""
+
+from __future__ import annotations
+
+import math
+from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.rotation import FloatArray, quat_conjugate
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.atomic import atomic_path
+
+CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
+    f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
+)
+TUM_HEADER = "# t x y z qx qy qz qw"
+TUM_SUFFIXES = (".txt", ".tum")
+STAMP_LIMIT = 2**63
+COLUMNS = 8
+
+
+def load_trajectory(path: Path) -> Trajectory:
+    """Read a trajectory: csv if the first line is its header, TUM otherwise.
+
+    Stamps come as they are: out of order or twice, if so written.
+
+    Raises:
+        InputError: If the file is missing or empty, or a line does not hold eight finite numbers and a rotation;
+            names the line.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_bytes().splitlines()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"cannot read trajectory '{path}': {reason}; give a csv or TUM file") from error
+    header = lines[0].decode("utf-8", "replace").replace(" ", "").lstrip("\ufeff") if lines else ""
+    is_csv = header == CSV_HEADER
+    if not is_csv and (path.suffix == ".csv" or header.startswith("stamp_ns")):
+        raise InputError(f"'{path}' line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
+    numbers = [i for i in range(int(is_csv), len(lines)) if lines[i][:1] not in (b"", b"#") and lines[i].strip()]
+    if not numbers:
+        raise InputError(f"trajectory '{path}' has no pose: at least one line of eight numbers is needed")
+    rows = [lines[i] for i in numbers]
+    try:
+        return _parse(rows, is_csv)
+    except (ValueError, InvalidOperation, ArithmeticError) as error:
+        raise _explain(path, rows, numbers, is_csv) from error
+
+
+def save_trajectory(path: Path, trajectory: Trajectory) -> None:
+    """Write a trajectory: TUM if the name ends in .txt or .tum, csv otherwise.
+
+    Numbers are written in the shortest form that reads back to the same bits.
+
+    Raises:
+        OutputError: If the file cannot be written.
+    """
+    path = Path(path)
+    with atomic_path(path) as temporary:
+        temporary.write_text(trajectory_text(trajectory, tum=path.suffix in TUM_SUFFIXES), encoding="ascii")
+
+
+def trajectory_text(trajectory: Trajectory, *, tum: bool) -> str:
+    """Return a trajectory as the text of a TUM or a csv file."""
+    stamps = trajectory.stamps_ns.tolist()
+    quats = trajectory.quats_xyzw if tum else trajectory.att_q_ds_to_rb
+    numbers = np.hstack((trajectory.positions, quats)).tolist()
+    if tum:
+        body = [f"{seconds_text(s)} {' '.join(map(repr, row))}" for s, row in zip(stamps, numbers, strict=True)]
+    else:
+        body = [f"{s},{','.join(map(repr, row))}" for s, row in zip(stamps, numbers, strict=True)]
+    return "\n".join([TUM_HEADER if tum else CSV_HEADER, *body]) + "\n"
+
+
+def seconds_text(stamp_ns: int) -> str:
+    """Return nanoseconds as seconds with nine decimals, exactly."""
+    whole, rest = divmod(abs(stamp_ns), 1_000_000_000)
+    return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
+
+
+def parse_seconds(text: str) -> int:
+    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even).
+
+    Raises:
+        ValueError: If it is not a finite decimal number, or does not fit 64 bit.
+        decimal.InvalidOperation: The same.
+    """
+    whole, _, fraction = text.partition(".")
+    if whole.isdigit() and len(whole) < 10 + len("0") and len(fraction) <= 9 and (fraction or "0").isdigit():
+        return int(whole) * 1_000_000_000 + int(fraction.ljust(9, "0"))
+    stamp = Decimal(text).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN)
+    return _fitting(int(stamp))
+
+
+def check_order(stamps_ns: list[int], name: str, *, strict: bool) -> None:
+    """Check that stamps do not go backwards (strict: that they grow).
+
+    Raises:
+        InputError: At the first that does; names it.
+    """
+    stamps = np.asarray(stamps_ns, dtype=np.int64)
+    steps = np.diff(stamps)
+    wrong = steps <= 0 if strict else steps < 0
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        word = "does not come after" if strict else "goes back behind"
+        raise InputError(
+            f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps must be in order"
+        )
+
+
+def check_stamp(stamp_ns: int) -> None:
+    """Check that a stamp fits a ROS message (seconds in 32 bit).
+
+    Raises:
+        OutputError: If not.
+    """
+    if not 0 <= stamp_ns < 2**31 * 1_000_000_000:
+        raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are possible")
+
+
+def _parse(rows: list[bytes], is_csv: bool) -> Trajectory:
+    separator = b"," if is_csv else None
+    first = [row.split(separator, 1)[0].decode() for row in rows]
+    stamps = [_fitting(int(text)) for text in first] if is_csv else [parse_seconds(text) for text in first]
+    values = _floats(rows, "," if is_csv else None)
+    positions, quats = np.ascontiguousarray(values[:, :3]), np.ascontiguousarray(values[:, 3:])
+    _check_values(positions, quats)
+    return Trajectory(np.array(stamps, np.int64), positions, quat_conjugate(quats) if is_csv else quats)
+
+
+def _floats(rows: list[bytes], separator: str | None) -> FloatArray:
+    """Return columns 2 to 8; the reader of numpy is used for its speed, and refuses rows of unequal length."""
+    values = np.loadtxt(rows, dtype=np.float64, delimiter=separator, comments=None, ndmin=2, encoding="ascii")
+    if values.shape[1] != COLUMNS:
+        raise ValueError("wrong number of columns")
+    return np.asarray(values[:, 1:])
+
+
+def _check_values(positions: FloatArray, quats: FloatArray) -> None:
+    lengths = np.square(quats).sum(axis=1)
+    if not (np.isfinite(positions).all() and np.isfinite(lengths).all() and (lengths >= 1e-12).all()):
+        raise ValueError("a number is not finite or a quaternion has no length")
+
+
+def _fitting(stamp_ns: int) -> int:
+    if not -STAMP_LIMIT <= stamp_ns < STAMP_LIMIT:
+        raise ValueError("the stamp does not fit 64 bit")
+    return stamp_ns
+
+
+def _explain(path: Path, rows: list[bytes], numbers: list[int], is_csv: bool) -> InputError:
+    """Return the error that names the first line that is wrong."""
+    for row, number in zip(rows, numbers, strict=True):
+        problem = _problem(row.decode("utf-8", "replace"), is_csv)
+        if problem:
+            return InputError(f"'{path}' line {number + 1}: {problem}; correct or leave out the line")
+    return InputError(f"'{path}' cannot be read as a trajectory")
+
+
+def _problem(row: str, is_csv: bool) -> str:
+    words = row.split("," if is_csv else None)
+    if len(words) != COLUMNS:
+        form = CSV_HEADER if is_csv else TUM_HEADER.lstrip("# ")
+        return f"{len(words)} columns found where {COLUMNS} ({form}) are needed"
+    try:
+        _fitting(int(words[0])) if is_csv else parse_seconds(words[0])
+    except (ValueError, ArithmeticError):
+        return f"stamp '{words[0]}' is not {'whole nanoseconds' if is_csv else 'a number of seconds'}"
+    for word in words[1:]:
+        try:
+            value = float(word)
+        except ValueError:
+            return f"'{word}' is not a number"
+        if not math.isfinite(value):
+            return f"'{word.strip()}' is not a finite number"
+    if sum(float(word) ** 2 for word in words[4:]) < 1e-12:
+        return "the quaternion has no length"
+    return ""
