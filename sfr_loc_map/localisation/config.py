@@ -11,4 +11,22 @@ from sfr_loc_map.config import param
 class LocalisationConfig:
     """Parameters of the localiser; ROS parameters and configuration files have the same names."""
 
-    max_features: int = param(400, doc="Corners kept in a keyframe.", low=20, high=5000)
+    max_features: int = param(
+        400, doc="Landmarks tracked at a time; the picture is divided into as many cells.", low=50
+    )
+    window_keyframes: int = param(7, doc="Keyframes adjusted together.", low=2, high=20)
+    adjustment_rounds: int = param(3, doc="Gauss-Newton rounds of each window adjustment.", low=1, high=20)
+    keyframe_flow: float = param(
+        0.07,
+        doc="Median motion in the picture since the last keyframe, as a share of its width, for a new one.",
+        low=0.01,
+    )
+    keyframe_share: float = param(
+        0.65,
+        doc="Share of the last keyframe's landmarks that must be tracked, or a new one is made.",
+        low=0.1,
+        high=1.0,
+    )
+    min_depth_m: float = param(0.5, unit="m", doc="Nearest depth that stereo matching looks for.", low=0.01)
+    min_tracked: int = param(25, doc="Fewest landmarks that agree on a pose that is trusted.", low=8)
+    pixel_floor: float = param(0.03, unit="px", doc="Smallest standard deviation of a tracked position.", low=0.001)

@@ -2,10 +2,54 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import LocalisationError
+from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.alignment import align_pose, plane_homographies
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.localisation.corners import find_corners
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
+from sfr_loc_map.localisation.images import LEVELS, Pyramid, build_pyramid
+from sfr_loc_map.localisation.patches import HALF, track_patches
+from sfr_loc_map.localisation.pose_solver import solve_pose
+from sfr_loc_map.localisation.sparse_stereo import match_corners
+from sfr_loc_map.localisation.window import Window
+
+BORDER = HALF + 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """A pair tracked against the window.
+
+    Attributes:
+        rotation: `(3, 3)` left camera to world.
+        position: `(3,)` metres.
+        information: `(6, 6)` of the pose given the window.
+        landmarks: `(M,)` landmarks looked for.
+        observed: `(M, 4)` u, v left, u, v right; NaN where not seen.
+        variance: `(M, 2, 3)` uu, uv, vv, px^2.
+        chi: `(M,)` squared Mahalanobis residual a degree of freedom; NaN where not seen.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+    information: FloatArray
+    landmarks: NDArray[np.intp]
+    observed: FloatArray
+    variance: FloatArray
+    chi: FloatArray
+
+    @property
+    def inliers(self) -> NDArray[np.bool_]:
+        """Landmarks `(M,)` that agree with the pose."""
+        return np.nan_to_num(self.chi, nan=1e9) < 9.0
 
 
 class Localiser:
@@ -22,9 +66,38 @@ class Localiser:
         Raises:
             GeometryError: If the rig's place on the rover is not known.
         """
+        self._rig, self._config = rig, config
+        self._T_rb_left = rig.T_rb_left
+        self._camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy])
+        self._max_disparity = min(rig.fx * rig.baseline_m / config.min_depth_m, 0.5 * rig.width)
+        self.reset(T_ds_rb)
+
+    def reset(self, T_ds_rb: Transform) -> None:
+        """Forget everything and start anew at this pose."""
+        self._window = Window(self._camera, self._rig.baseline_m, self._config.window_keyframes)
+        self._T_ds_world = T_ds_rb @ self._T_rb_left
+        self._rotation, self._position = np.eye(3), np.zeros(3)
+        self._last_motion: tuple[FloatArray, FloatArray] = (np.eye(3), np.zeros(3))
+        self._last_stamp_ns: int | None = None
+        self._keyframe_count = 0
+        self._vertical_offset_px = 0.0
+
+    def set_pose(self, T_ds_rb: Transform) -> None:
+        """Let the next estimate start at this pose."""
+        current = Transform(self._rotation, self._position)
+        self._T_ds_world = T_ds_rb @ self._T_rb_left @ current.inverse()
 
     def warm_up(self) -> None:
         """Load or compile all machine code, so that no call pays for it; the state does not change."""
+        width, height = 320, 240
+        small = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
+        random = np.random.default_rng(0)
+        texture = random.integers(0, 255, (height, width + 40), np.uint8)
+        other = Localiser(small, self._config, Transform.identity())
+        for index, shift in enumerate((0, 1, 2, 25)):
+            left = np.ascontiguousarray(texture[:, shift : width + shift])
+            right = np.ascontiguousarray(texture[:, shift + 10 : width + shift + 10])
+            other.process(StereoPair(index, left, right))
 
     def process(self, pair: StereoPair) -> PoseEstimate:
         """Return the pose at one pair; pairs come in the order of their stamps.
@@ -32,12 +105,199 @@ class Localiser:
         Raises:
             LocalisationError: If the pair does not have the rig's size.
         """
-        raise NotImplementedError
+        if pair.left.shape != (self._rig.height, self._rig.width):
+            found = f"{pair.left.shape[1]} x {pair.left.shape[0]}"
+            wanted = f"{self._rig.width} x {self._rig.height}"
+            raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {wanted}: give pictures of the rig")
+        left, right = build_pyramid(pair.left), build_pyramid(pair.right)
+        if not len(self._window):
+            return self._initialise(pair.stamp_ns, left, right)
+        tracked = self._track(left, right)
+        inliers = int(tracked.inliers.sum()) if tracked else 0
+        if tracked is None or inliers < self._config.min_tracked:
+            return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"inliers": float(inliers)})
+        last = Transform(self._rotation, self._position)
+        now = Transform(tracked.rotation, tracked.position)
+        motion = last.inverse() @ now
+        self._last_motion = (motion.rotation, motion.translation)
+        self._rotation, self._position = tracked.rotation, tracked.position
+        covariance = np.linalg.inv(tracked.information) + self._window.last_covariance
+        if self._wants_keyframe(tracked):
+            self._add_keyframe(left, right, tracked)
+            self._rotation, self._position = self._window.rotations[-1], self._window.positions[-1]
+            covariance = self._window.last_covariance
+        statistics = {
+            "features": float(len(tracked.landmarks)),
+            "inliers": float(inliers),
+            "keyframes": float(self._keyframe_count),
+            "chi_median": float(np.nanmedian(tracked.chi)),
+        }
+        return self._estimate(pair.stamp_ns, TrackingState.TRACKING, covariance, statistics)
 
-    def set_pose(self, T_ds_rb: Transform) -> None:
-        """Let the next estimate start at this pose."""
-        raise NotImplementedError
+    def _initialise(self, stamp_ns: int, left: Pyramid, right: Pyramid) -> PoseEstimate:
+        self._window.add_keyframe(
+            self._rotation, self._position, np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3))
+        )
+        self._add_landmarks(left, right, np.zeros((0, 3)))
+        self._keyframe_count = 1
+        return self._estimate(
+            stamp_ns,
+            TrackingState.INITIALISING,
+            self._window.last_covariance,
+            {"features": float(len(self._window.host))},
+        )
 
-    def reset(self, T_ds_rb: Transform) -> None:
-        """Forget everything and start anew at this pose."""
-        raise NotImplementedError
+    def _track(self, left: Pyramid, right: Pyramid) -> Tracked | None:
+        window = self._window
+        which = np.flatnonzero(window.alive)
+        if len(which) < 8:
+            return None
+        rotation, position = self._align(left, which)
+        host_rotations, host_positions = window.hosts(which)
+        rays, rho = window.rays(which), window.uvrho[which, 2]
+        tracked = None
+        for limit, rounds in ((4.0, 6), (1.5, 6)):
+            observed = np.full((len(which), 4), np.nan)
+            variance = np.ones((len(which), 2, 3))
+            for side, pyramid in enumerate((left, right)):
+                homographies = plane_homographies(
+                    rotation,
+                    position,
+                    host_rotations,
+                    host_positions,
+                    window.uv[which],
+                    rho,
+                    window.slopes[which],
+                    self._camera,
+                    side * self._rig.baseline_m,
+                )
+                found = track_patches(
+                    pyramid.levels[0], window.patches[0][which], window.uv[which], homographies, limit, rounds
+                )
+                found[found[:, 6] < 0.6] = np.nan
+                observed[:, 2 * side : 2 * side + 2] = found[:, :2]
+                variance[:, side] = self._variance(found)
+            observed[:, 3] -= self._vertical_offset_px
+            rotation, position, information, chi = solve_pose(
+                rotation,
+                position,
+                host_rotations,
+                host_positions,
+                rays,
+                rho,
+                window.covariance[which],
+                observed,
+                variance,
+                self._camera,
+                self._rig.baseline_m,
+                8,
+                0.0,
+            )
+            tracked = Tracked(rotation, position, information, which, observed, variance, chi)
+            if tracked.inliers.sum() < self._config.min_tracked:
+                break
+        return tracked
+
+    def _variance(self, found: FloatArray) -> FloatArray:
+        """Return the variances `(N, 3)` of tracked positions, half of it the patch's and half the picture's."""
+        residual = found[:, 5:6]
+        typical = np.nanmedian(residual) if np.isfinite(residual).any() else 1.0
+        variance = found[:, 2:5] * (3.0 * np.maximum(residual, typical) ** 2)
+        variance[:, 0] += self._config.pixel_floor**2
+        variance[:, 2] += self._config.pixel_floor**2
+        return variance
+
+    def _align(self, left: Pyramid, which: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        window = self._window
+        host_rotations, host_positions = window.hosts(which)
+        moved, step = self._last_motion
+        starts = [
+            (self._rotation @ moved, self._position + self._rotation @ step),
+            (self._rotation, self._position),
+        ]
+        best = (starts[0][0], starts[0][1], -2.0, 0.0)
+        for rotation, position in starts:
+            result = align_pose(
+                left.levels[LEVELS - 1],
+                LEVELS - 1,
+                window.patches[LEVELS - 1][which],
+                rotation,
+                position,
+                host_rotations,
+                host_positions,
+                window.uv[which],
+                window.uvrho[which, 2],
+                window.slopes[which],
+                self._camera,
+                6,
+            )
+            if result[2] > best[2]:
+                best = result
+        for level in range(LEVELS - 2, 0, -1):
+            best = align_pose(
+                left.levels[level],
+                level,
+                window.patches[level][which],
+                best[0],
+                best[1],
+                host_rotations,
+                host_positions,
+                window.uv[which],
+                window.uvrho[which, 2],
+                window.slopes[which],
+                self._camera,
+                3,
+            )
+        return best[0], best[1]
+
+    def _wants_keyframe(self, tracked: Tracked) -> bool:
+        window = self._window
+        newest = len(window) - 1
+        hosts = tracked.inliers
+        landmarks = tracked.landmarks
+        before = window.observed[landmarks, newest, :2]
+        flow = np.linalg.norm(tracked.observed[:, :2] - before, axis=1)[hosts]
+        flow = flow[np.isfinite(flow)]
+        had = int(np.isfinite(window.observed[:, newest, 0]).sum())
+        if len(flow) < self._config.keyframe_share * had:
+            return True
+        return float(np.median(flow)) > self._config.keyframe_flow * self._rig.width
+
+    def _add_keyframe(self, left: Pyramid, right: Pyramid, tracked: Tracked) -> None:
+        window = self._window
+        good = tracked.inliers
+        window.alive[tracked.landmarks[~good]] = False
+        seen = tracked.landmarks[good]
+        full = len(window) == self._config.window_keyframes
+        gone = int((window.host == 0).sum()) if full else 0
+        window.add_keyframe(tracked.rotation, tracked.position, seen, tracked.observed[good], tracked.variance[good])
+        kept = seen >= gone
+        known = tracked.observed[good][kept]
+        known = np.column_stack((known[:, :2], known[:, 0] - known[:, 2]))
+        self._add_landmarks(left, right, known[np.isfinite(known).all(axis=1)])
+        self._keyframe_count += 1
+
+    def _add_landmarks(self, left: Pyramid, right: Pyramid, known: FloatArray) -> None:
+        corners = find_corners(left.levels[0], known[:, :2].copy(), self._config.max_features, BORDER)
+        if len(corners):
+            found = match_corners(left, right, corners, known, self._max_disparity, self._vertical_offset_px)
+            scale = 1.0 / (self._rig.fx * self._rig.baseline_m)
+            variance = self._variance(np.column_stack((found.right, found.covariance, found.residual)))
+            observed = np.column_stack((found.uv, found.right - [0.0, self._vertical_offset_px]))
+            self._window.add_landmarks(
+                left,
+                found.uv,
+                np.maximum(found.disparity, 1e-3) * scale,
+                found.slope * scale,
+                found.patches,
+                observed,
+                np.stack((variance, variance), axis=1),
+            )
+        self._window.adjust(self._config.adjustment_rounds)
+
+    def _estimate(
+        self, stamp_ns: int, state: TrackingState, covariance: FloatArray, statistics: dict[str, float]
+    ) -> PoseEstimate:
+        self._last_stamp_ns = stamp_ns
+        T_ds_left = self._T_ds_world @ Transform(self._rotation, self._position)
+        return PoseEstimate(stamp_ns, T_ds_left @ self._T_rb_left.inverse(), covariance, state, statistics)

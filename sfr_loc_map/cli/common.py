@@ -1,0 +1,101 @@
+"""What several subcommands share: options, configuration files, progress bars."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from sfr_loc_map.config import build, load_yaml
+from sfr_loc_map.errors import ConfigError
+
+C = TypeVar("C")
+
+SourceArgument = Annotated[
+    Path, typer.Argument(metavar="SRC", help="Data set folder, ROS 2 bag (mcap, sqlite3), KITTI or EuRoC sequence.")
+]
+ConfigOption = Annotated[Path | None, typer.Option("--config", help="YAML file with parameters.")]
+RemapOption = Annotated[
+    list[str] | None, typer.Option("--remap", help="Topic of a bag under another name, FOUND:=EXPECTED; repeatable.")
+]
+StartOption = Annotated[str, typer.Option("--start", help="First pose: identity, or truth for the truth's first pose.")]
+
+
+def check_start(start: str) -> str:
+    """Return a valid `--start`.
+
+    Raises:
+        ConfigError: If it is another word.
+    """
+    if start not in ("identity", "truth"):
+        raise ConfigError(f"'--start {start}': must be identity or truth")
+    return start
+
+
+def parse_remaps(remaps: list[str] | None) -> dict[str, str]:
+    """Return remappings `FOUND:=EXPECTED` as a mapping.
+
+    Raises:
+        ConfigError: If one has another form.
+    """
+    parsed: dict[str, str] = {}
+    for item in remaps or []:
+        found, separator, expected = item.partition(":=")
+        if not separator or not found or not expected:
+            raise ConfigError(
+                f"'--remap {item}': must have the form FOUND:=EXPECTED, as /cam0/image:=loc/left/image_rect"
+            )
+        parsed[found] = expected
+    return parsed
+
+
+def read_config(config_type: type[C], path: Path | None, section: str) -> C:
+    """Read the parameters of one part from a YAML file.
+
+    The file is either a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`), of which the keys of
+    this part are taken, or a plain mapping of parameter names, optionally below the part's name.
+
+    Args:
+        config_type: Configuration class.
+        path: File, or None for the defaults.
+        section: Name of the part: `localisation` or `mapping`.
+
+    Raises:
+        ConfigError: If the file or a value in it is not valid.
+    """
+    if path is None:
+        return config_type()
+    content = load_yaml(path)
+    values: dict[str, Any] = {}
+    plain = True
+    for key in ("/**", f"{section}_node", f"/{section}_node"):
+        block = content.get(key)
+        if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict):
+            plain = False
+            values.update(block["ros__parameters"].get(section, {}))
+    if plain:
+        other = {"localisation", "mapping"} - {section}
+        values = (
+            content[section]
+            if isinstance(content.get(section), dict)
+            else {name: value for name, value in content.items() if name not in other}
+        )
+    return build(config_type, values, origin=str(path))
+
+
+def progress_bar(unit: str) -> Progress:
+    """Return a progress bar on standard error; nothing is drawn where that is not a terminal."""
+    console = Console(stderr=True)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(unit),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        disable=not console.is_terminal,
+    )

@@ -1,0 +1,54 @@
+"""`sfr localise`: a drive to a trajectory, offline."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sfr_loc_map.cli.common import (
+    ConfigOption,
+    RemapOption,
+    SourceArgument,
+    StartOption,
+    check_start,
+    parse_remaps,
+    progress_bar,
+    read_config,
+)
+from sfr_loc_map.errors import InputError
+
+
+def localise(
+    source: SourceArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Trajectory: .csv, or TUM for .txt and .tum.")],
+    stats: Annotated[Path | None, typer.Option(help="CSV with a row for each call: time, memory, state, ...")] = None,
+    start: StartOption = "identity",
+    config: ConfigOption = None,
+    remap: RemapOption = None,
+) -> None:
+    """Estimate the trajectory of a drive, with the same code as the node."""
+    from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.io.trajectory_file import save_trajectory
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.pipeline.offline import localise as run
+    from sfr_loc_map.pipeline.offline import save_stats, start_pose, trajectory_of
+
+    check_start(start)
+    parameters = read_config(LocalisationConfig, config, "localisation")
+    sequence = open_source(source, parse_remaps(remap)).loc
+    if sequence is None:
+        raise InputError(f"no drive (localisation pairs) in '{source}': give a source that has one")
+    estimates, records = [], []
+    with progress_bar("pairs") as bar:
+        task = bar.add_task("localising", total=len(sequence))
+        for estimate, record in run(sequence, parameters, start_pose(sequence, start)):
+            estimates.append(estimate)
+            records.append(record)
+            bar.advance(task)
+    save_trajectory(output, trajectory_of(estimates))
+    if stats is not None:
+        save_stats(stats, records)
+    lost = sum(record.state == "lost" for record in records)
+    typer.echo(f"{len(estimates)} poses, {lost} lost: {output}", err=True)

@@ -1,0 +1,78 @@
+"""Corners, well spread: the strongest of each cell of a grid."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.localisation.images import FloatImage
+
+BLOCK = 7
+"""Side of the neighbourhood over which the gradients of a corner are summed, pixels."""
+
+
+def find_corners(
+    image: FloatImage,
+    occupied: FloatArray,
+    wanted: int,
+    border: int,
+    mask: NDArray[np.uint8] | None = None,
+) -> FloatArray:
+    """Return new corners, one for each cell that has no landmark yet.
+
+    The strength is the smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994).
+
+    Args:
+        image: `(H, W)` float32.
+        occupied: `(M, 2)` pixels that have landmarks.
+        wanted: Number of cells.
+        border: Pixels along the edges that are left out.
+        mask: `(H, W)` uint8, 0 where nothing may be found; None for everywhere.
+
+    Returns:
+        `(N, 2)` float64, whole pixels, the strongest first.
+    """
+    strength = cv2.cornerMinEigenVal(image, BLOCK, ksize=3)
+    if mask is not None:
+        strength[mask == 0] = 0.0
+    height, width = image.shape
+    side = max(8, int(np.sqrt(height * width / wanted)))
+    best = _strongest(strength, side, border)
+    best = best[_free(best, occupied, 0.6 * side)]
+    if not len(best):
+        return np.zeros((0, 2))
+    # a cell without texture answers with noise: a small share of what the ordinary cell has is asked for
+    floor = 0.04 * np.median(best[:, 2])
+    best = best[best[:, 2] > floor]
+    order = np.argsort(-best[:, 2], kind="stable")
+    return np.ascontiguousarray(best[order, :2])
+
+
+@njit(cache=True)
+def _strongest(strength: FloatImage, side: int, border: int) -> FloatArray:
+    height, width = strength.shape
+    rows, columns = -(-height // side), -(-width // side)
+    best = np.zeros((rows * columns, 3))
+    for row in range(rows):
+        for column in range(columns):
+            cell = row * columns + column
+            for y in range(max(border, row * side), min(height - border, row * side + side)):
+                for x in range(max(border, column * side), min(width - border, column * side + side)):
+                    if strength[y, x] > best[cell, 2]:
+                        best[cell, 0], best[cell, 1], best[cell, 2] = x, y, strength[y, x]
+    return best[best[:, 2] > 0.0]
+
+
+@njit(cache=True)
+def _free(found: FloatArray, occupied: FloatArray, distance: float) -> NDArray[np.bool_]:
+    free = np.ones(len(found), np.bool_)
+    for n in range(len(found)):
+        for m in range(len(occupied)):
+            du, dv = found[n, 0] - occupied[m, 0], found[n, 1] - occupied[m, 1]
+            if du * du + dv * dv < distance * distance:
+                free[n] = False
+                break
+    return free

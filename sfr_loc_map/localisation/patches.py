@@ -1,0 +1,279 @@
+"""Patches that are warped by their local plane and tracked by least squares.
+
+A patch is cut out of its host picture around a pixel. A plane in disparity, hence in inverse depth, is a plane in space,
+so the patch moves into another picture by a homography (Hartley and Zisserman 2004, section 13.1). Only the remaining
+shift is then estimated, by Gauss-Newton on the difference of the two patches, each brought to the same mean and
+contrast (Lucas and Kanade 1981; Baker and Matthews 2004).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.localisation.images import FloatImage
+
+HALF = 5
+"""Half width of a patch: 11 x 11 pixels."""
+SIDE = 2 * HALF + 1
+
+
+@njit(cache=True, inline="always")
+def sample(image, x, y):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inlined into machine code
+    """Return the bilinear value of a picture at a position that is known to lie inside it."""
+    xi = int(x)
+    yi = int(y)
+    fx = np.float32(x - xi)
+    fy = np.float32(y - yi)
+    top = image[yi, xi] + fx * (image[yi, xi + 1] - image[yi, xi])
+    bottom = image[yi + 1, xi] + fx * (image[yi + 1, xi + 1] - image[yi + 1, xi])
+    return top + fy * (bottom - top)
+
+
+@njit(cache=True)
+def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> NDArray[np.float32]:
+    """Cut patches with their gradients.
+
+    Args:
+        image: `(H, W)` float32.
+        uv: `(N, 2)` centres, pixels, at least half + 2 from the border.
+        half: Half width.
+
+    Returns:
+        `(N, 3, S * S)` float32: grey levels and their derivatives along x and y, grey levels a pixel.
+    """
+    side = 2 * half + 1
+    out = np.empty((len(uv), 3, side * side), np.float32)
+    for n in range(len(uv)):
+        k = 0
+        for j in range(-half, half + 1):
+            for i in range(-half, half + 1):
+                x = uv[n, 0] + i
+                y = uv[n, 1] + j
+                out[n, 0, k] = sample(image, x, y)
+                out[n, 1, k] = 0.5 * (sample(image, x + 1, y) - sample(image, x - 1, y))
+                out[n, 2, k] = 0.5 * (sample(image, x, y + 1) - sample(image, x, y - 1))
+                k += 1
+    return out
+
+
+@njit(cache=True)
+def homography(
+    rotation: FloatArray, translation: FloatArray, camera: FloatArray, uv: FloatArray, rho: float, slope: FloatArray
+) -> FloatArray:
+    """Return the homography `(3, 3)` of a local plane, from host pixels to target pixels.
+
+    `x' ~ R K^-1 (u, v, 1) + t rho(u, v)` with the inverse depth `rho` linear in the host pixel.
+
+    Args:
+        rotation: `(3, 3)`, host to target camera.
+        translation: `(3,)`, metres, host origin in the target camera.
+        camera: `(4,)` fx, fy, cx, cy.
+        uv: `(2,)` host pixel at which the inverse depth is rho.
+        rho: Inverse depth, 1/m.
+        slope: `(2,)` change of the inverse depth a pixel.
+    """
+    fx, fy, cx, cy = camera
+    h = np.empty((3, 3))
+    offset = rho - slope[0] * uv[0] - slope[1] * uv[1]
+    for r in range(3):
+        a = rotation[r, 0] / fx + translation[r] * slope[0]
+        b = rotation[r, 1] / fy + translation[r] * slope[1]
+        c = rotation[r, 2] - rotation[r, 0] * cx / fx - rotation[r, 1] * cy / fy + translation[r] * offset
+        h[r, 0], h[r, 1], h[r, 2] = a, b, c
+    for c in range(3):
+        z = h[2, c]
+        h[0, c] = fx * h[0, c] + cx * z
+        h[1, c] = fy * h[1, c] + cy * z
+    return h
+
+
+@njit(cache=True, inline="always")
+def _warp(h, u, v):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202 - inlined into machine code
+    w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
+    if w <= 1e-9:
+        return -1e9, -1e9
+    return (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w, (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w
+
+
+@njit(cache=True, inline="always")
+def _normalise(values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202 - inlined into machine code
+    mean = np.float32(0.0)
+    for k in range(values.size):
+        mean += values[k]
+    mean /= np.float32(values.size)
+    power = np.float32(0.0)
+    for k in range(values.size):
+        values[k] -= mean
+        power += values[k] * values[k]
+    return power
+
+
+@njit(cache=True)
+def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Warp the pixels of a patch and turn its gradients; all of it without the shift that is looked for.
+
+    Fills the warped pixels xs, ys, the template without its mean, and its derivatives in the target without what
+    a change of mean or contrast explains.
+
+    Returns:
+        Box of the warped pixels (x, y, x, y), power of the template, normal matrix (xx, xy, yy); the power is 0 where
+        the patch cannot be tracked.
+    """
+    half = (int(np.sqrt(patch.shape[1] + 0.5)) - 1) // 2
+    low_x, high_x, low_y, high_y = 1e9, -1e9, 1e9, -1e9
+    k = 0
+    for j in range(-half, half + 1):
+        for i in range(-half, half + 1):
+            x, y = _warp(h, u0 + i, v0 + j)
+            xs[k], ys[k] = x, y
+            low_x, high_x = min(low_x, x), max(high_x, x)
+            low_y, high_y = min(low_y, y), max(high_y, y)
+            k += 1
+    nothing = (low_x, low_y, high_x, high_y, np.float32(0.0), 0.0, 0.0, 0.0)
+    span = 12.0 * half
+    if low_x < -1e8 or high_x - low_x > span or high_y - low_y > span:
+        return nothing
+    # the target's gradients are the patch's, turned by the inverse transpose of the warp's derivative at the centre
+    cu, cv = _warp(h, u0, v0)
+    w = h[2, 0] * u0 + h[2, 1] * v0 + h[2, 2]
+    a00, a01 = (h[0, 0] - cu * h[2, 0]) / w, (h[0, 1] - cu * h[2, 1]) / w
+    a10, a11 = (h[1, 0] - cv * h[2, 0]) / w, (h[1, 1] - cv * h[2, 1]) / w
+    det = a00 * a11 - a01 * a10
+    if abs(det) < 0.05:
+        return nothing
+    template[:] = patch[0]
+    power = _normalise(template)
+    if power < 1e-3:
+        return nothing
+    b00, b01 = np.float32(a11 / det), np.float32(-a10 / det)
+    b10, b11 = np.float32(-a01 / det), np.float32(a00 / det)
+    for k in range(template.size):
+        jx[k] = b00 * patch[1, k] + b01 * patch[2, k]
+        jy[k] = b10 * patch[1, k] + b11 * patch[2, k]
+    _normalise(jx)
+    _normalise(jy)
+    tx, ty = np.float32(0.0), np.float32(0.0)
+    for k in range(template.size):
+        tx += template[k] * jx[k]
+        ty += template[k] * jy[k]
+    tx /= power
+    ty /= power
+    hxx, hxy, hyy = 0.0, 0.0, 0.0
+    for k in range(template.size):
+        jx[k] -= template[k] * tx
+        jy[k] -= template[k] * ty
+        hxx += jx[k] * jx[k]
+        hxy += jx[k] * jy[k]
+        hyy += jy[k] * jy[k]
+    if hxx * hyy - hxy * hxy <= 1e-6 * (hxx + hyy) ** 2:
+        return nothing
+    return low_x, low_y, high_x, high_y, power, hxx, hxy, hyy
+
+
+@njit(cache=True)
+def _compare(image, xs, ys, sx, sy, template, power, jx, jy, values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+    """Return the right side (x, y), the residual RMS and the correlation of a patch at a shift."""
+    for k in range(values.size):
+        values[k] = sample(image, xs[k] + np.float32(sx), ys[k] + np.float32(sy))
+    target_power = _normalise(values)
+    if target_power < 1e-3:
+        return 0.0, 0.0, 0.0, -1.0
+    gain = np.sqrt(power / target_power)
+    bx, by, dot = 0.0, 0.0, 0.0
+    for k in range(values.size):
+        difference = gain * values[k] - template[k]
+        bx += jx[k] * difference
+        by += jy[k] * difference
+        dot += values[k] * template[k]
+    correlation = dot / np.sqrt(power * target_power)
+    return bx, by, np.sqrt(max(2.0 * power * (1.0 - correlation), 0.0) / values.size), correlation
+
+
+@njit(cache=True, parallel=True)
+def patch_systems(
+    image: FloatImage, patches: NDArray[np.float32], host_uv: FloatArray, homographies: FloatArray
+) -> FloatArray:
+    """Return the normal equations of each patch's shift where its warp puts it.
+
+    Args: as `track_patches`.
+
+    Returns:
+        `(N, 7)`: normal matrix xx, xy, yy, right side x, y, residual RMS, correlation; NaN where not in view.
+    """
+    count = len(patches)
+    height, width = image.shape
+    out = np.full((count, 7), np.nan)
+    for n in prange(count):
+        xs, ys, template, jx, jy, values = np.empty((6, patches.shape[2]), np.float32)
+        low_x, low_y, high_x, high_y, power, hxx, hxy, hyy = _prepare(
+            patches[n], homographies[n], host_uv[n, 0], host_uv[n, 1], xs, ys, template, jx, jy
+        )
+        if power == 0.0 or low_x < 0.0 or low_y < 0.0 or high_x >= width - 1.001 or high_y >= height - 1.001:
+            continue
+        bx, by, residual, correlation = _compare(image, xs, ys, 0.0, 0.0, template, power, jx, jy, values)
+        if correlation > -1.0:
+            out[n] = np.array([hxx, hxy, hyy, bx, by, residual, correlation])
+    return out
+
+
+@njit(cache=True, parallel=True)
+def track_patches(
+    image: FloatImage,
+    patches: NDArray[np.float32],
+    host_uv: FloatArray,
+    homographies: FloatArray,
+    max_shift: float,
+    rounds: int,
+) -> FloatArray:
+    """Find warped patches in a picture.
+
+    Args:
+        image: `(H, W)` float32, the target.
+        patches: `(N, 3, S * S)` of `cut_patches`.
+        host_uv: `(N, 2)` host pixels of the patch centres.
+        homographies: `(N, 3, 3)` from host to target pixels.
+        max_shift: Largest shift that is believed, pixels.
+        rounds: Most Gauss-Newton rounds.
+
+    Returns:
+        `(N, 7)`: position u, v of the patch centre in the target, pixels; the covariance of that position for a
+        noise of one grey level (uu, uv, vv, px^2); residual RMS, grey levels of the patch; its correlation with the
+        target. NaN where the patch left the picture, has no texture, or did not converge.
+    """
+    count = len(patches)
+    out = np.full((count, 7), np.nan)
+    height, width = image.shape
+    for n in prange(count):
+        xs, ys, template, jx, jy, values = np.empty((6, patches.shape[2]), np.float32)
+        low_x, low_y, high_x, high_y, power, hxx, hxy, hyy = _prepare(
+            patches[n], homographies[n], host_uv[n, 0], host_uv[n, 1], xs, ys, template, jx, jy
+        )
+        if power == 0.0:
+            continue
+        det = hxx * hyy - hxy * hxy
+        sx, sy, residual, correlation = 0.0, 0.0, 0.0, -1.0
+        good = False
+        for _ in range(rounds):
+            good = False
+            if max(abs(sx), abs(sy)) > max_shift or low_x + sx < 0.0 or low_y + sy < 0.0:
+                break
+            if high_x + sx >= width - 1.001 or high_y + sy >= height - 1.001:
+                break
+            bx, by, residual, correlation = _compare(image, xs, ys, sx, sy, template, power, jx, jy, values)
+            if correlation <= -1.0:
+                break
+            dx, dy = (hyy * bx - hxy * by) / det, (hxx * by - hxy * bx) / det
+            step = max(abs(dx), abs(dy))
+            limit = 1.5 / step if step > 1.5 else 1.0
+            sx -= limit * dx
+            sy -= limit * dy
+            good = step < 0.03
+            if step < 0.004:
+                break
+        if good:
+            u, v = _warp(homographies[n], host_uv[n, 0], host_uv[n, 1])
+            out[n] = np.array([u + sx, v + sy, hyy / det, -hxy / det, hxx / det, residual, correlation])
+    return out

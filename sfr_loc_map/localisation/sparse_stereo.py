@@ -1,0 +1,217 @@
+"""Disparities of single corners: search along the row, then least squares with the slope of the local plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.localisation.images import FloatImage, Pyramid
+from sfr_loc_map.localisation.patches import cut_patches, track_patches
+
+SEARCH_LEVEL = 1
+SEARCH_HALF = 4
+NEIGHBOURS = 9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoMatches:
+    """Corners of the left picture with their places in the right one.
+
+    Attributes:
+        uv: `(N, 2)` left pixels.
+        right: `(N, 2)` right pixels.
+        covariance: `(N, 3)` uu, uv, vv of the right place for a noise of one grey level, px^2.
+        residual: `(N,)` RMS, grey levels.
+        slope: `(N, 2)` change of the disparity a pixel of the local plane.
+        patches: `(N, 3, S * S)` left patches with gradients.
+    """
+
+    uv: FloatArray
+    right: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+    slope: FloatArray
+    patches: NDArray[np.float32]
+
+    @property
+    def disparity(self) -> FloatArray:
+        """Disparities `(N,)`, pixels."""
+        return np.asarray(self.uv[:, 0] - self.right[:, 0])
+
+
+def match_corners(
+    left: Pyramid, right: Pyramid, uv: FloatArray, known: FloatArray, max_disparity: float, offset_v: float
+) -> StereoMatches:
+    """Match corners of the left picture in the right one.
+
+    Args:
+        left: Left pyramid.
+        right: Right pyramid.
+        uv: `(N, 2)` whole pixels.
+        known: `(M, 3)` u, v, disparity of landmarks around, which help to find the local planes.
+        max_disparity: Largest disparity looked for, pixels.
+        offset_v: Rows by which the right picture lies lower than rectified ones should, pixels.
+
+    Returns:
+        The corners that were matched, fewer than were given.
+    """
+    rough, found = _search(left, right, uv, max_disparity, offset_v)
+    uv, rough = uv[found], rough[found]
+    patches = cut_patches(left.levels[0], uv, 5)
+    points = np.column_stack((uv, rough))
+    slope = local_slopes(points, np.concatenate((points, known)))
+    for _ in range(2):
+        tracked = _refine(right.levels[0], patches, uv, rough, slope, offset_v)
+        good = np.isfinite(tracked[:, 0])
+        disparity = np.where(good, uv[:, 0] - tracked[:, 0], rough)
+        points = np.column_stack((uv, disparity))
+        slope = local_slopes(points, np.concatenate((points[good], known)))
+        rough = disparity
+    good &= (tracked[:, 6] > 0.7) & (np.abs(tracked[:, 1] - uv[:, 1] - offset_v) < 1.0) & (disparity > -0.5)
+    return StereoMatches(
+        uv[good],
+        tracked[good, :2],
+        tracked[good, 2:5],
+        tracked[good, 5],
+        slope[good],
+        np.ascontiguousarray(patches[good]),
+    )
+
+
+def _refine(
+    right: FloatImage, patches: NDArray[np.float32], uv: FloatArray, disparity: FloatArray, slope: FloatArray, dv: float
+) -> FloatArray:
+    homographies = np.zeros((len(uv), 3, 3))
+    homographies[:, 0, 0] = 1.0 - slope[:, 0]
+    homographies[:, 0, 1] = -slope[:, 1]
+    homographies[:, 0, 2] = slope[:, 0] * uv[:, 0] + slope[:, 1] * uv[:, 1] - disparity
+    homographies[:, 1, 1] = homographies[:, 2, 2] = 1.0
+    homographies[:, 1, 2] = dv
+    return track_patches(right, patches, uv, homographies, 2.5, 12)
+
+
+def _search(
+    left: Pyramid, right: Pyramid, uv: FloatArray, max_disparity: float, offset_v: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    scale = 2.0**SEARCH_LEVEL
+    small = np.round((uv + 0.5) / scale - 0.5)
+    patches = cut_patches(
+        left.levels[SEARCH_LEVEL], _inside(small, left.levels[SEARCH_LEVEL], SEARCH_HALF + 2), SEARCH_HALF
+    )
+    found = _scan(
+        right.levels[SEARCH_LEVEL],
+        patches[:, 0],
+        small,
+        int(np.ceil(max_disparity / scale)),
+        int(np.round(offset_v / scale)),
+    )
+    good = (found[:, 1] > 0.75) & (1.0 - found[:, 1] < 0.85 * (1.0 - found[:, 2]))
+    return found[:, 0] * scale, good
+
+
+def _inside(uv: FloatArray, image: FloatImage, margin: int) -> FloatArray:
+    height, width = image.shape
+    return np.clip(uv, margin, [width - 1 - margin, height - 1 - margin])
+
+
+@njit(cache=True, parallel=True)
+def _scan(
+    image: FloatImage, patches: NDArray[np.float32], uv: FloatArray, max_disparity: int, offset_v: int
+) -> FloatArray:
+    count = len(patches)
+    height, width = image.shape
+    half = (int(np.sqrt(patches.shape[1] + 0.5)) - 1) // 2
+    side = 2 * half + 1
+    out = np.zeros((count, 3))
+    for n in prange(count):
+        template = patches[n] - patches[n].mean()
+        power = (template * template).sum()
+        u, v = int(uv[n, 0]), int(uv[n, 1]) + offset_v
+        last = min(max_disparity, u - half)
+        if power < 1e-3 or v < half or v >= height - half or u >= width - half or last < 2:
+            continue
+        scores = np.full(last + 2, -1.0)
+        for d in range(-1, last + 1):
+            if u - d + half >= width:
+                continue
+            total, square, dot = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            k = 0
+            for j in range(v - half, v + half + 1):
+                for i in range(u - d - half, u - d + half + 1):
+                    value = image[j, i]
+                    total += value
+                    square += value * value
+                    dot += value * template[k]
+                    k += 1
+            variance = square - total * total / (side * side)
+            if variance > 1e-3:
+                scores[d + 1] = dot / np.sqrt(variance * power)
+        best = int(np.argmax(scores))
+        second = -1.0
+        for d in range(last + 2):
+            if abs(d - best) > 2 and scores[d] > second:
+                second = scores[d]
+        refined = float(best)
+        if 0 < best < last + 1:
+            curvature = scores[best - 1] - 2.0 * scores[best] + scores[best + 1]
+            if curvature < 0.0:
+                refined += 0.5 * (scores[best - 1] - scores[best + 1]) / curvature
+        out[n, 0], out[n, 1], out[n, 2] = refined - 1.0, scores[best], second
+    return out
+
+
+def local_slopes(points: FloatArray, support: FloatArray) -> FloatArray:
+    """Fit the local plane in disparity around each point.
+
+    Args:
+        points: `(N, 3)` u, v, disparity, pixels.
+        support: `(M, 3)` the same of the points around.
+
+    Returns:
+        `(N, 2)` change of the disparity along u and v.
+    """
+    if len(support) < 4 or not len(points):
+        return np.zeros((len(points), 2))
+    count = min(NEIGHBOURS, len(support))
+    distance, index = cKDTree(support[:, :2]).query(points[:, :2], k=count)
+    return _fit_slopes(points, support, index, distance)
+
+
+@njit(cache=True)
+def _fit_slopes(points: FloatArray, support: FloatArray, index: NDArray[np.intp], distance: FloatArray) -> FloatArray:
+    out = np.zeros((len(points), 2))
+    for n in range(len(points)):
+        reach = max(distance[n, -1], 1.0)
+        a, b, c = 0.0, 0.0, points[n, 2]
+        for _ in range(4):
+            h = np.zeros((3, 3))
+            g = np.zeros(3)
+            for k in range(index.shape[1]):
+                m = index[n, k]
+                du, dv = support[m, 0] - points[n, 0], support[m, 1] - points[n, 1]
+                r = support[m, 2] - (c + a * du + b * dv)
+                w = np.exp(-2.0 * (distance[n, k] / reach) ** 2) / (1.0 + (r / 0.3) ** 2)
+                row = (1.0, du, dv)
+                for i in range(3):
+                    g[i] += w * row[i] * r
+                    for j in range(3):
+                        h[i, j] += w * row[i] * row[j]
+            # a weak wish for a level patch keeps lonely points sane
+            h[0, 0] += 1.0
+            g[0] += points[n, 2] - c
+            h[1, 1] += 0.02 * reach * reach
+            g[1] -= 0.02 * reach * reach * a
+            h[2, 2] += 0.02 * reach * reach
+            g[2] -= 0.02 * reach * reach * b
+            step = np.linalg.solve(h, g)
+            c += step[0]
+            a += step[1]
+            b += step[2]
+        out[n, 0] = min(max(a, -0.7), 0.7)
+        out[n, 1] = min(max(b, -0.7), 0.7)
+    return out

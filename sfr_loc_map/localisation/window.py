@@ -1,0 +1,201 @@
+"""The window of keyframes: their poses, the landmarks they host, what was seen of them, and the prior."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.localisation.adjustment import adjust, linearise, pose_difference
+from sfr_loc_map.localisation.images import LEVELS, Pyramid
+from sfr_loc_map.localisation.patches import HALF, SIDE, cut_patches
+
+COARSE_HALF = 3
+START_VARIANCE = 1e-10
+"""Variance of the first pose (m^2, rad^2): it is given, not estimated."""
+
+
+class Window:
+    """Keyframes adjusted together, oldest first, and their landmarks.
+
+    Attributes:
+        rotations: `(K, 3, 3)` left cameras to world.
+        positions: `(K, 3)` metres, world.
+        host: `(N,)` int64 keyframe of each landmark.
+        uv: `(N, 2)` host pixel of its patch, whole pixels.
+        uvrho: `(N, 3)` its estimated host pixel and inverse depth (1/m).
+        slopes: `(N, 2)` change of the inverse depth a pixel, of its local plane.
+        covariance: `(N, 3, 3)` of uvrho given the poses.
+        alive: `(N,)` whether it is still looked for.
+        patches: Its patches, one array `(N, 3, S * S)` a level of the pyramid.
+        observed: `(N, K, 4)` where it was seen: u, v left, u, v right; NaN where not.
+        variance: `(N, K, 2, 3)` uu, uv, vv of these, px^2.
+        pose_covariance: `(6 K, 6 K)` of all poses, position and rotation about the world's axes.
+    """
+
+    def __init__(self, camera: FloatArray, baseline_m: float, size: int) -> None:
+        """Start empty; camera is fx, fy, cx, cy, size the most keyframes."""
+        self._camera, self._baseline, self._size = camera, baseline_m, size
+        self.rotations, self.positions = np.zeros((0, 3, 3)), np.zeros((0, 3))
+        self.host, self.alive = np.zeros(0, np.int64), np.zeros(0, np.bool_)
+        self.uv, self.uvrho, self.slopes = np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 2))
+        self.covariance = np.zeros((0, 3, 3))
+        self.patches = [
+            np.zeros((0, 3, SIDE**2 if i == 0 else (2 * COARSE_HALF + 1) ** 2), np.float32) for i in range(LEVELS)
+        ]
+        self.observed, self.variance = np.zeros((0, 0, 4)), np.zeros((0, 0, 2, 3))
+        self.pose_covariance = np.zeros((0, 0))
+        self._prior_h, self._prior_g = np.zeros((0, 0)), np.zeros(0)
+        self._linear_rotations, self._linear_positions = self.rotations, self.positions
+
+    def __len__(self) -> int:
+        """Return the number of keyframes."""
+        return len(self.rotations)
+
+    @property
+    def last_covariance(self) -> FloatArray:
+        """Covariance `(6, 6)` of the newest keyframe's pose."""
+        return self.pose_covariance[-6:, -6:]
+
+    def hosts(self, which: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return host rotations `(M, 3, 3)` and positions `(M, 3)` of landmarks."""
+        return self.rotations[self.host[which]], self.positions[self.host[which]]
+
+    def rays(self, which: NDArray[np.intp]) -> FloatArray:
+        """Return host rays `(M, 3)` of landmarks."""
+        fx, fy, cx, cy = self._camera
+        u, v = self.uvrho[which, 0], self.uvrho[which, 1]
+        return np.column_stack(((u - cx) / fx, (v - cy) / fy, np.ones(len(which))))
+
+    def add_keyframe(
+        self,
+        rotation: FloatArray,
+        position: FloatArray,
+        seen: NDArray[np.intp],
+        observed: FloatArray,
+        variance: FloatArray,
+    ) -> None:
+        """Append a keyframe with what it sees of the landmarks; the oldest leaves a full window.
+
+        Args:
+            rotation: `(3, 3)` camera to world.
+            position: `(3,)` metres.
+            seen: `(M,)` landmarks.
+            observed: `(M, 4)`.
+            variance: `(M, 2, 3)`.
+        """
+        count, window = self.observed.shape[:2]
+        self.observed = np.concatenate((self.observed, np.full((count, 1, 4), np.nan)), axis=1)
+        self.variance = np.concatenate((self.variance, np.ones((count, 1, 2, 3))), axis=1)
+        self.observed[seen, window], self.variance[seen, window] = observed, variance
+        self.rotations = np.concatenate((self.rotations, rotation[None]))
+        self.positions = np.concatenate((self.positions, position[None]))
+        self._linear_rotations = np.concatenate((self._linear_rotations, rotation[None]))
+        self._linear_positions = np.concatenate((self._linear_positions, position[None]))
+        self._prior_h = np.pad(self._prior_h, (0, 6))
+        self._prior_g = np.pad(self._prior_g, (0, 6))
+        if len(self) == 1:
+            self._prior_h[:] = np.eye(6) / START_VARIANCE
+        if len(self) > self._size:
+            self._marginalise_oldest()
+
+    def set_prior(self, variance: FloatArray) -> None:
+        """Let the only keyframe be known as well as its `(6,)` variances say."""
+        self._prior_h[:] = np.diag(1.0 / variance)
+
+    def add_landmarks(
+        self,
+        left: Pyramid,
+        uv: FloatArray,
+        rho: FloatArray,
+        slopes: FloatArray,
+        patches: NDArray[np.float32],
+        observed: FloatArray,
+        variance: FloatArray,
+    ) -> None:
+        """Add landmarks hosted by the newest keyframe.
+
+        Args:
+            left: Left pyramid of the keyframe.
+            uv: `(M, 2)` host pixels.
+            rho: `(M,)` 1/m.
+            slopes: `(M, 2)` 1/m a pixel.
+            patches: `(M, 3, S * S)` at full size.
+            observed: `(M, 4)` in the keyframe itself.
+            variance: `(M, 2, 3)`.
+        """
+        count, window = len(uv), len(self)
+        self.host = np.concatenate((self.host, np.full(count, window - 1, np.int64)))
+        self.alive = np.concatenate((self.alive, np.ones(count, np.bool_)))
+        self.uv = np.concatenate((self.uv, uv))
+        self.uvrho = np.concatenate((self.uvrho, np.column_stack((uv, rho))))
+        self.slopes = np.concatenate((self.slopes, slopes))
+        self.covariance = np.concatenate((self.covariance, np.zeros((count, 3, 3))))
+        for level in range(LEVELS):
+            cut = patches if level == 0 else _coarse_patches(left, uv, level)
+            self.patches[level] = np.concatenate((self.patches[level], cut))
+        all_observed, all_variance = np.full((count, window, 4), np.nan), np.ones((count, window, 2, 3))
+        all_observed[:, -1], all_variance[:, -1] = observed, variance
+        self.observed = np.concatenate((self.observed, all_observed))
+        self.variance = np.concatenate((self.variance, all_variance))
+
+    def adjust(self, rounds: int) -> None:
+        """Adjust all keyframes and landmarks together."""
+        self.rotations, self.positions, self.uvrho, self.covariance, self.pose_covariance = adjust(
+            self.rotations,
+            self.positions,
+            self.host,
+            self.uvrho,
+            self.observed,
+            self.variance,
+            self._camera,
+            self._baseline,
+            self._prior_h,
+            self._prior_g,
+            self._linear_rotations,
+            self._linear_positions,
+            rounds,
+        )
+
+    def _marginalise_oldest(self) -> None:
+        """Turn what the oldest keyframe and its landmarks say of the others into the prior."""
+        h, g, *_ = linearise(
+            self.rotations,
+            self.positions,
+            self.host,
+            self.uvrho,
+            self.observed,
+            self.variance,
+            self._camera,
+            self._baseline,
+            0,
+        )
+        moved = pose_difference(self.rotations, self.positions, self._linear_rotations, self._linear_positions)
+        h += self._prior_h
+        g += self._prior_g - self._prior_h @ moved
+        gain = np.linalg.solve(h[:6, :6], h[:6, 6:]).T
+        self._prior_h = h[6:, 6:] - gain @ h[:6, 6:]
+        self._prior_h = 0.5 * (self._prior_h + self._prior_h.T)
+        self._prior_g = g[6:] - gain @ g[:6]
+        self.rotations, self.positions = self.rotations[1:], self.positions[1:]
+        self._linear_rotations, self._linear_positions = self.rotations.copy(), self.positions.copy()
+        keep = self.host > 0
+        self.host = self.host[keep] - 1
+        for name in ("alive", "uv", "uvrho", "slopes", "covariance", "variance", "observed"):
+            setattr(self, name, getattr(self, name)[keep])
+        self.observed, self.variance = self.observed[:, 1:].copy(), self.variance[:, 1:].copy()
+        self.patches = [patches[keep] for patches in self.patches]
+
+
+def _coarse_patches(left: Pyramid, uv: FloatArray, level: int) -> NDArray[np.float32]:
+    image = left.levels[level]
+    height, width = image.shape
+    margin = COARSE_HALF + 2
+    small = (uv + 0.5) / 2.0**level - 0.5
+    inside = np.all((small >= margin) & (small <= [width - 1 - margin, height - 1 - margin]), axis=1)
+    cut = cut_patches(image, np.clip(small, margin, [width - 1 - margin, height - 1 - margin]), COARSE_HALF)
+    cut[~inside] = 0.0  # no texture: never in view
+    return cut
+
+
+__all__ = ["HALF", "Window"]

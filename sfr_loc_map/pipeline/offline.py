@@ -1,0 +1,171 @@
+"""Runs of localiser and mapper over a whole source, without ROS: the same `process` calls as the nodes make."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError, MappingError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.sequence import LocSequence, NavSequence
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import MAX_PAIRS, FusedMap, Mapper, PairMap
+from sfr_loc_map.metrics.resources import CallMeter
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class CallRecord:
+    """One call of a processing API.
+
+    Attributes:
+        stamp_ns: Stamp of the pair.
+        processing_time_s: Wall-clock time of the call on this host.
+        state: What the call said: initialising, tracking, lost; mapped, fused.
+        peak_rss_bytes: Peak resident memory of the process during the call, None where it cannot be measured.
+        above_idle_bytes: The same above the idle process, None where it cannot be measured.
+        statistics: Figures of the call by name.
+        covariance: `(6, 6)` of the pose (ROS order), None for mapping.
+    """
+
+    stamp_ns: int
+    processing_time_s: float
+    state: str
+    peak_rss_bytes: int | None
+    above_idle_bytes: int | None
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    covariance: FloatArray | None = None
+
+
+def localise(
+    sequence: LocSequence, config: LocalisationConfig, T_ds_rb: Transform
+) -> Iterator[tuple[PoseEstimate, CallRecord]]:
+    """Yield the estimate and the cost of each pair of a drive.
+
+    Args:
+        sequence: The drive.
+        config: Parameters of the localiser.
+        T_ds_rb: Pose of RB in DS at the first pair.
+    """
+    localiser = Localiser(sequence.rig, config, T_ds_rb)
+    localiser.warm_up()
+    meter = CallMeter()
+    for pair in sequence.pairs():
+        with meter.measure() as call:
+            estimate = localiser.process(pair)
+        yield (
+            estimate,
+            CallRecord(
+                pair.stamp_ns,
+                call.processing_time_s,
+                estimate.state.value,
+                call.peak_rss_bytes,
+                call.above_idle_bytes,
+                estimate.statistics,
+                estimate.covariance,
+            ),
+        )
+
+
+def start_pose(sequence: LocSequence, start: str) -> Transform:
+    """Return the pose at which a drive starts.
+
+    Args:
+        sequence: The drive.
+        start: `identity` (RB is DS at the first pair) or `truth` (the truth's first pose).
+
+    Raises:
+        InputError: If the truth is wanted and there is none.
+    """
+    if start == "identity":
+        return Transform.identity()
+    truth = sequence.ground_truth
+    if truth is None or not len(truth):
+        raise InputError(
+            "'--start truth' needs ground truth, the source has none: leave it out to start at the identity"
+        )
+    return truth.pose(0)
+
+
+@dataclass(frozen=True, slots=True)
+class MapRun:
+    """The map of a source.
+
+    Attributes:
+        maps: What each pair gave.
+        fused: All pairs in one cloud.
+        records: One a pair, then one for the fusion.
+    """
+
+    maps: list[PairMap]
+    fused: FusedMap
+    records: list[CallRecord]
+
+    @property
+    def unfused(self) -> PointCloud:
+        """The points of every pair."""
+        return PointCloud.concatenate([item.cloud for item in self.maps])
+
+
+def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress = lambda done: None) -> MapRun:
+    """Map the pairs of a source and fuse them.
+
+    Raises:
+        MappingError: If there are more pairs than a map may have, or none.
+    """
+    if not 1 <= len(sequence) <= MAX_PAIRS:
+        raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")
+    mapper = Mapper(sequence.rig, config)
+    mapper.warm_up()
+    meter = CallMeter()
+    maps: list[PairMap] = []
+    records: list[CallRecord] = []
+    for index, item in enumerate(sequence.pairs()):
+        with meter.measure() as call:
+            result = mapper.process(item.pair, item.T_lm_navsb, index)
+        maps.append(result)
+        cost = (call.processing_time_s, "mapped", call.peak_rss_bytes, call.above_idle_bytes)
+        records.append(CallRecord(item.pair.stamp_ns, *cost, result.statistics))
+        progress(index + 1)
+    with meter.measure() as call:
+        fused = mapper.fuse(maps)
+    cost = (call.processing_time_s, "fused", call.peak_rss_bytes, call.above_idle_bytes)
+    records.append(CallRecord(maps[-1].stamp_ns, *cost, fused.statistics))
+    return MapRun(maps, fused, records)
+
+
+def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
+    """Return the trajectory of estimates."""
+    return Trajectory.from_poses((estimate.stamp_ns, estimate.T_ds_rb) for estimate in estimates)
+
+
+def save_stats(path: Path, records: list[CallRecord]) -> None:
+    """Write one row a call: costs, state, statistics, and the upper triangle of the covariance where there is one."""
+    names = sorted({name for record in records for name in record.statistics})
+    upper = np.triu_indices(6)
+    with_covariance = any(record.covariance is not None for record in records)
+    covariance_names = [f"cov_{i}{j}" for i, j in zip(*upper, strict=True)] if with_covariance else []
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        header = ["stamp_ns", "processing_time_s", "state", "peak_rss_bytes", "above_idle_bytes"]
+        writer.writerow([*header, *names, *covariance_names])
+        for record in records:
+            memory = (record.peak_rss_bytes, record.above_idle_bytes)
+            row = [record.stamp_ns, repr(record.processing_time_s), record.state]
+            row += ["" if item is None else item for item in memory]
+            row += [repr(float(record.statistics[name])) if name in record.statistics else "" for name in names]
+            if record.covariance is not None:
+                row += [repr(float(value)) for value in record.covariance[upper]]
+            writer.writerow(row)
