@@ -1,0 +1,48 @@
+"""Settings of the score."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from sfr_loc_map.config import param
+
+
+@dataclass(frozen=True, slots=True)
+class AssociationConfig:
+    """How estimates find their truth; see `metrics.association`."""
+
+    truth: str = param(
+        "auto",
+        doc="Truth of an estimate: of the same stamp (match), between two true poses (interpolate), or whichever the "
+        "first stamps suit (auto).",
+        choices=("auto", "match", "interpolate"),
+    )
+    tolerance_s: float = param(1e-6, unit="s", doc="Stamps this close are the same.", low=0.0, high=1.0)
+    max_gap_s: float = param(1.0, unit="s", doc="Longest gap of the truth that is interpolated.", low=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryScoreConfig:
+    """Settings of the trajectory score."""
+
+    conditions: tuple[str, ...] = param(
+        ("distance=5",), doc="Ends of a sub-trajectory: distance=METRES, time=SECONDS or frames=NUMBER, each scored."
+    )
+    spacing: int = param(10, unit="frames", doc="Frames from one start of a sub-trajectory to the next.", low=1)
+    rebase: str = param(
+        "pose",
+        doc="What is taken from the estimate at the start: its whole pose, or its position only.",
+        choices=("pose", "position"),
+    )
+    association: AssociationConfig = field(default_factory=AssociationConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class MapScoreConfig:
+    """Settings of the map score."""
+
+    scored_from_m: float = param(0.0, unit="m", doc="Nearest truth that counts for coverage.", low=0.0)
+    scored_to_m: float = param(10.0, unit="m", doc="Farthest truth that counts for coverage.", low=0.1)
+    range_edges_m: tuple[float, ...] = param(
+        (0.0, 4.0, 10.0, 20.0, 40.0), unit="m", doc="Edges of the range bins.", low=0.0
+    )

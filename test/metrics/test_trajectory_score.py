@@ -1,0 +1,124 @@
+import math
+
+import numpy as np
+import pytest
+import reference
+from random_drives import Poses, drive, rows, spoilt, trajectory
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+
+CONDITIONS = (("distance", 5.0), ("distance", 0.3), ("time", 3.0), ("frames", 17))
+
+
+def compare(estimate: Poses, truth: Poses, kind: str, value: float, spacing: int, rebase: str) -> None:
+    config = TrajectoryScoreConfig(conditions=(f"{kind}={value:g}",), spacing=spacing, rebase=rebase)
+    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)["trajectory"]
+    wanted = reference.score(estimate, truth, kind, value, spacing, rebase)
+    assert got["count"] == wanted["count"]
+    assert got["matched"] == wanted["matched"]
+    for name in ("position_m", "attitude_deg", "heading_deg"):
+        for key, value_wanted in zip(("mean", "sigma", "mean_plus_3sigma"), wanted[name], strict=True):
+            if math.isnan(value_wanted):
+                assert got[name][key] is None
+            else:
+                assert got[name][key] == pytest.approx(value_wanted, abs=1e-9), (name, key)
+
+
+@pytest.mark.parametrize("rebase", ["pose", "position"])
+@pytest.mark.parametrize("seed", range(40))
+def test_agrees_with_the_plain_reference(seed: int, rebase: str) -> None:
+    truth, estimate = drive(seed, 40 + 5 * seed, turns=seed % 2 == 0, stand=seed % 3 == 0)
+    if seed % 4 == 1:
+        estimate, truth = spoilt(estimate, seed), spoilt(truth, seed + 1, keep=0.8)
+    if seed % 4 == 2:
+        estimate = rows(estimate, slice(7, -9))
+    if seed % 4 == 3:
+        truth = rows(truth, slice(None, None, 2))
+    kind, value = CONDITIONS[seed % len(CONDITIONS)]
+    compare(estimate, truth, kind, value, 1 + seed % 11, rebase)
+
+
+def test_a_distance_reached_exactly_ends_the_sub_trajectory() -> None:
+    count = 200
+    positions = np.column_stack((np.cumsum(np.full(count, 0.1)), np.zeros((count, 2))))
+    poses = (np.arange(count) * 100_000_000, positions, np.tile([0.0, 0, 0, 1], (count, 1)))
+    config = TrajectoryScoreConfig(spacing=1)
+    details = score_trajectory(Estimates.of(trajectory(poses)), trajectory(poses), config)["details"]["trajectory"]
+    found = details["sub_trajectories"][0]
+    assert set(np.subtract(found["end_frame"], found["start_frame"]).tolist()) == {50}
+    assert len(found["start_frame"]) == count - 50
+
+
+def test_golden_statistics_by_hand() -> None:
+    """Straight drive of 1 m steps; estimates stray by known vectors: mean (0.1, 0, 0) +- 0.1 along x."""
+    truth = (
+        np.arange(4) * 1_000_000_000,
+        np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]),
+        np.tile([0.0, 0, 0, 1], (4, 1)),
+    )
+    estimate = (truth[0], np.array([[0.0, 0, 0], [1.0, 0, 0], [2.1, 0, 0], [3.3, 0, 0]]), truth[2])
+    config = TrajectoryScoreConfig(conditions=("distance=1",), spacing=1)
+    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)["trajectory"]
+    assert got["count"] == 3
+    assert got["position_m"]["mean"] == pytest.approx(0.1)
+    assert got["position_m"]["sigma"] == pytest.approx(0.1)
+    assert got["position_m"]["mean_plus_3sigma"] == pytest.approx(0.4)
+    assert got["attitude_deg"] == {"mean": 0.0, "sigma": 0.0, "mean_plus_3sigma": 0.0, "mean_plus_3sigma_ci95": None}
+
+
+def test_heading_mean_is_signed_and_its_sum_is_not() -> None:
+    truth, _ = drive(3, 30)
+    turned = truth[2].copy()
+    half = np.radians(-0.5)
+    for k in range(len(turned)):
+        half = np.radians(-0.5 * k)
+        x, y, z, w = truth[2][k]
+        s, c = math.sin(half / 2), math.cos(half / 2)
+        turned[k] = (c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z)
+    config = TrajectoryScoreConfig(conditions=("frames=2",), spacing=1)
+    got = score_trajectory(Estimates.of(trajectory((truth[0], truth[1], turned))), trajectory(truth), config)
+    heading = got["trajectory"]["heading_deg"]
+    assert heading["mean"] == pytest.approx(-1.0, abs=1e-9)
+    assert heading["mean_plus_3sigma"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_one_sub_trajectory_has_a_mean_but_no_sigma() -> None:
+    truth, estimate = drive(1, 30)
+    config = TrajectoryScoreConfig(conditions=("frames=20", "frames=1000"))
+    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)["trajectory"]
+    assert got["count"] == 1
+    assert got["position_m"]["mean"] is not None
+    assert got["position_m"]["sigma"] is None
+    assert got["position_m"]["mean_plus_3sigma"] is None
+    assert got["conditions"][1]["count"] == 0
+    assert got["conditions"][1]["attitude_deg"]["mean"] is None
+
+
+def test_lost_stretch_counts_and_is_told() -> None:
+    truth, estimate = drive(2, 60)
+    lost = np.zeros(60, bool)
+    lost[20:35] = True
+    estimate[1][20:35] = estimate[1][19]
+    estimate[2][20:35] = estimate[2][19]
+    config = TrajectoryScoreConfig(conditions=("frames=10",), spacing=1)
+    got = score_trajectory(Estimates.of(trajectory(estimate), lost), trajectory(truth), config)["trajectory"]
+    assert (got["lost"], got["matched"], got["count"]) == (15, 60, 50)
+    compare(estimate, truth, "frames", 10, 1, "pose")
+
+
+def test_nothing_in_common_is_an_error() -> None:
+    truth, estimate = drive(5, 20)
+    later = (estimate[0] + 10**15, estimate[1], estimate[2])
+    with pytest.raises(MetricsError, match="no estimate has a truth"):
+        score_trajectory(Estimates.of(trajectory(later)), trajectory(truth), TrajectoryScoreConfig())
+
+
+@pytest.mark.parametrize("text", ["distance=0", "distance=-1", "distance", "time=nan", "frames=1.5", "speed=3"])
+def test_conditions_that_are_none(text: str) -> None:
+    with pytest.raises(MetricsError, match="no condition"):
+        score_trajectory(
+            Estimates.of(trajectory(drive(1)[0])), trajectory(drive(1)[0]), TrajectoryScoreConfig(conditions=(text,))
+        )
