@@ -6,18 +6,22 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.io.bag import is_bag
+from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.folder import is_folder, open_folder
 from sfr_loc_map.io.sequence import Source
 
-Opener = Callable[[Path], Source]
+Remap = Mapping[str, str] | None
+Opener = Callable[[Path, Remap], Source]
 
 READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
-    "sfr": (is_folder, open_folder),
+    "bag": (is_bag, open_bag),
+    "sfr": (is_folder, lambda path, _: open_folder(path)),
 }
 """Name of a format, and its test and opener, in the order of trying."""
 
 
-def open_source(path: Path, remap: Mapping[str, str] | None = None) -> Source:
+def open_source(path: Path, remap: Remap = None) -> Source:
     """Open a source of any format that is read.
 
     Nothing is held open: each pass over the pairs opens and closes its files itself.
@@ -34,5 +38,9 @@ def open_source(path: Path, remap: Mapping[str, str] | None = None) -> Source:
         raise InputError(f"there is no '{path}': give a data set folder, a ROS 2 bag, or a KITTI or EuRoC sequence")
     for matches, opener in READERS.values():
         if matches(path):
-            return opener(path)
-    raise InputError(f"'{path}' is of no format that is read")
+            return opener(path, remap)
+    found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
+    raise InputError(
+        f"'{path}' is of no format that is read ({', '.join(READERS)}): sought pairs.csv, loc/, nav/ (data set "
+        f"folder), metadata.yaml, *.mcap, *.db3 (ROS 2 bag); found {found}; give the folder that holds them"
+    )

@@ -1,0 +1,290 @@
+"""ROS 2 bags (sqlite3 and mcap): topics, raw messages and trajectories.
+
+The bag is opened for each pass and closed after it, so nothing is held open, and messages are read as a stream.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from sfr_loc_map.errors import GeometryError, InputError, SfrError
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.trajectory_file import check_order
+
+TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
+STORAGE_SUFFIXES = (".mcap", ".db3")
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+POSE = "geometry_msgs/msg/PoseStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
+POINTS = "sensor_msgs/msg/PointCloud2"
+TF = "tf2_msgs/msg/TFMessage"
+STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, "stereo_msgs/msg/DisparityImage"}
+"""Types whose first field is a header."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes:
+        name: Its name in the suite, relative (`loc/left/image_rect`).
+        bag_name: Its name in the bag.
+        msgtype: Its type (`sensor_msgs/msg/Image`).
+    """
+
+    name: str
+    bag_name: str
+    msgtype: str
+
+
+def is_bag(path: Path) -> bool:
+    """Tell whether a path looks like a ROS 2 bag: its folder, or a storage file."""
+    if path.is_dir():
+        return (path / "metadata.yaml").exists() or bool(_storage_files(path))
+    return path.suffix in STORAGE_SUFFIXES
+
+
+class Bag:
+    """A ROS 2 bag and the names of its topics."""
+
+    def __init__(self, path: Path, remap: Mapping[str, str] | None = None) -> None:
+        """Read the list of topics.
+
+        Args:
+            path: Folder of the bag, or one storage file (.mcap, .db3).
+            remap: New names by the names in the bag; leading slashes do not matter.
+
+        Raises:
+            InputError: If the bag is missing, empty or broken, or `remap` names a topic that is not there.
+        """
+        self.path = path
+        self._files = _reader_paths(path)
+        with self._reading() as reader:
+            self._types = {connection.topic: connection.msgtype for connection in reader.connections}
+            count = reader.message_count
+        if not count:
+            raise InputError(f"bag '{path}' holds no message: record it again")
+        self._names = self._renamed(remap or {})
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Types of all topics by their names in the bag."""
+        return dict(self._types)
+
+    def find(self, name: str, *msgtypes: str) -> Topic | None:
+        """Return the topic of a relative name, within any one namespace, or None.
+
+        Args:
+            name: Relative name of the suite; for images without `/compressed`.
+            msgtypes: Types it may have. With `COMPRESSED` among them, `name/compressed` is looked for too.
+
+        Raises:
+            InputError: If several namespaces have it, or its type is another one.
+        """
+        found = self._match(name)
+        if not found and COMPRESSED in msgtypes:
+            found = self._match(f"{name}/compressed")
+        if not found:
+            return None
+        if len(found) > 1:
+            raise InputError(
+                f"bag '{self.path}' has several topics '{name}': {', '.join(found)}; choose one by --remap"
+            )
+        msgtype = self._types[found[0]]
+        if msgtypes and msgtype not in msgtypes:
+            raise InputError(
+                f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is needed as '{name}'"
+            )
+        return Topic(f"{name}/compressed" if msgtype == COMPRESSED else name, found[0], msgtype)
+
+    def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
+        """Yield the messages of some of the suite's topics in the order of recording, as they are.
+
+        Args:
+            names: Relative names (`loc/left/image_rect`, also found as `.../compressed`); those that the bag does not
+                have are passed over.
+
+        Yields:
+            Relative name (with `/compressed` where it is), type, stamp as in `stream`, and serialised message (CDR).
+
+        Raises:
+            InputError: If the bag is broken, or a name stands for several topics.
+        """
+        types = {"image_rect": (IMAGE, COMPRESSED)}
+        found = [self.find(name, *types.get(name.rsplit("/", 1)[-1], ())) for name in names]
+        for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
+            yield topic.name, topic.msgtype, stamp_ns, raw
+
+    def stream(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, bytes]]:
+        """Yield the messages of topics in the order of recording, as they are.
+
+        Yields:
+            The topic, the header's stamp (time of recording where the type has no header) in nanoseconds, and the
+            serialised message (CDR).
+
+        Raises:
+            InputError: If the bag is broken, or holds fewer messages than it says.
+        """
+        by_name = {topic.bag_name: topic for topic in topics}
+        with self._reading() as reader:
+            connections = [c for c in reader.connections if c.topic in by_name]
+            expected, count = sum(c.msgcount for c in connections), 0
+            for connection, recorded_ns, raw in reader.messages(connections) if connections else ():
+                topic = by_name[connection.topic]
+                count += 1
+                yield topic, _header_stamp(raw) if topic.msgtype in STAMPED else recorded_ns, raw
+            if count < expected:
+                raise InputError(
+                    f"bag '{self.path}' is cut off: {count} of {expected} messages could be read; copy it again"
+                )
+
+    def messages(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, Any]]:
+        """Yield the messages of topics, deserialised; otherwise as `stream`."""
+        for topic, stamp_ns, raw in self.stream(topics):
+            yield topic, stamp_ns, self.deserialise(topic, raw)
+
+    def deserialise(self, topic: Topic, raw: bytes) -> Any:  # noqa: ANN401 - the type depends on the topic
+        """Return the message in its bytes.
+
+        Raises:
+            InputError: If they are broken.
+        """
+        try:
+            return TYPESTORE.deserialize_cdr(raw, topic.msgtype)
+        except Exception as error:
+            raise InputError(
+                f"a message on '{topic.bag_name}' of bag '{self.path}' is broken: {_line(error)}"
+            ) from error
+
+    def first(self, topics: Collection[Topic]) -> dict[str, Any]:
+        """Return the first message of each topic by the topic's name; topics without a message are left out."""
+        found: dict[str, Any] = {}
+        for topic, _, raw in self.stream(topics):
+            if topic.name not in found:
+                found[topic.name] = self.deserialise(topic, raw)
+                if len(found) == len(topics):
+                    break
+        return found
+
+    def odometry(self, name: str) -> Trajectory | None:
+        """Return the poses of an odometry topic, or None if the bag has none.
+
+        Args:
+            name: Relative name, as `ground_truth/odometry` or `localisation/odometry`.
+
+        Raises:
+            InputError: If a pose is not finite, its quaternion has no length, or stamps go backwards.
+        """
+        topic = self.find(name, ODOMETRY)
+        if topic is None:
+            return None
+        stamps, rows = [], []
+        for _, stamp_ns, message in self.messages([topic]):
+            position, quat = message.pose.pose.position, message.pose.pose.orientation
+            stamps.append(stamp_ns)
+            rows.append((position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w))
+        if not rows:
+            return None
+        check_order(stamps, f"'{topic.bag_name}' of bag '{self.path}'", strict=False)
+        values = np.array(rows, np.float64)
+        try:
+            return Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, 3:].copy())
+        except GeometryError as error:
+            raise InputError(f"'{topic.bag_name}' of bag '{self.path}': {error}") from error
+
+    def static_transform(self, parent: str, child: str) -> Transform | None:
+        """Return `T_parent_child` of `/tf_static`, over frames between where there are some, or None."""
+        topic = self.find("tf_static", TF)
+        if topic is None:
+            return None
+        edges: dict[str, tuple[str, Transform]] = {}
+        for _, _, message in self.messages([topic]):
+            for item in message.transforms:
+                place, quat = item.transform.translation, item.transform.rotation
+                try:
+                    pose = Transform.from_quat((place.x, place.y, place.z), (quat.x, quat.y, quat.z, quat.w))
+                except GeometryError as error:
+                    raise InputError(f"/tf_static of bag '{self.path}': '{item.child_frame_id}': {error}") from error
+                edges[item.child_frame_id.strip("/")] = (item.header.frame_id.strip("/"), pose)
+        return _chain(edges, parent, child)
+
+    def _match(self, name: str) -> list[str]:
+        exact = [topic for topic, new in self._names.items() if new == name]
+        return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
+
+    def _renamed(self, remap: Mapping[str, str]) -> dict[str, str]:
+        wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
+        names = {topic: topic.strip("/") for topic in self._types}
+        unknown = sorted(set(wanted) - set(names.values()))
+        if unknown:
+            raise InputError(
+                f"bag '{self.path}' has no topic '{unknown[0]}' to remap: it has {', '.join(sorted(self._types))}"
+            )
+        return {topic: wanted.get(name, name) for topic, name in names.items()}
+
+    @contextmanager
+    def _reading(self) -> Iterator[AnyReader]:
+        """Open the bag; whatever goes wrong within becomes one `InputError` with the path.
+
+        The reader raises many kinds of exceptions for broken data (its own, those of sqlite and zstd, KeyError, ...).
+        """
+        try:
+            with AnyReader(self._files, default_typestore=TYPESTORE) as reader:
+                yield reader
+        except SfrError:
+            raise
+        except Exception as error:
+            raise InputError(
+                f"bag '{self.path}' cannot be read: {_line(error)}; it is broken or cut off: record or copy it again"
+            ) from error
+
+
+def _storage_files(folder: Path) -> list[Path]:
+    return sorted(file for suffix in STORAGE_SUFFIXES for file in folder.glob(f"*{suffix}"))
+
+
+def _reader_paths(path: Path) -> list[Path]:
+    """Return what the reader shall open: the folder, or the storage files where metadata.yaml is missing."""
+    if not path.exists():
+        raise InputError(f"there is no bag '{path}': give its folder or its .mcap or .db3 file")
+    if not path.is_dir() or (path / "metadata.yaml").exists():
+        return [path]
+    files = _storage_files(path)
+    if not files:
+        raise InputError(f"folder '{path}' is no bag: neither metadata.yaml nor a .mcap or .db3 file is in it")
+    return files
+
+
+def _header_stamp(raw: bytes) -> int:
+    """Return the stamp of a message that begins with a header, without deserialising it (CDR, XTypes 1.3, 7.4)."""
+    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def _chain(edges: Mapping[str, tuple[str, Transform]], parent: str, child: str) -> Transform | None:
+    result, frame = None, child
+    for _ in range(len(edges)):
+        if frame not in edges:
+            return None
+        frame, step = edges[frame]
+        result = step if result is None else step @ result
+        if frame == parent:
+            return result
+    return None
+
+
+def _line(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}"[:300] if text else type(error).__name__

@@ -1,0 +1,280 @@
+"""The drive and the mapping pairs of a ROS 2 bag, as sequences.
+
+A first pass reads stamps only and says which pairs are whole; a second one joins what belongs to a stamp as it comes
+by. Left and right are joined by equal stamps.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.geometry.stereo import GreyImage, NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, POINTS, POSE, Bag, Topic
+from sfr_loc_map.io.camera_info import rig_from_camera_info
+from sfr_loc_map.io.folder import check_size
+from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message
+from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.io.trajectory_file import check_order
+
+LOOK_AHEAD = 32
+"""Most stamps whose messages are waited for at a time: bounds the memory whatever the order in the bag."""
+RB_FRAME = "rb"
+LOCSB_FRAME = "locsb"
+Task = Literal["loc", "nav"]
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Pairs:
+    """What the first pass found: the stamps of whole pairs, and the topics that have a message for each."""
+
+    stamps_ns: tuple[int, ...]
+    parts: Mapping[int, int]
+
+
+class _PairTopics:
+    """The topics of one pair of cameras."""
+
+    def __init__(self, bag: Bag, task: Task) -> None:
+        self.bag = bag
+        self.task = task
+        self.left = _require(bag, f"{task}/left/image_rect", IMAGE, COMPRESSED)
+        self.right = _require(bag, f"{task}/right/image_rect", IMAGE, COMPRESSED)
+        self.points = bag.find("ground_truth/points", POINTS) if task == "nav" else None
+        self._found: _Pairs | None = None
+
+    @property
+    def topics(self) -> list[Topic]:
+        return [self.left, self.right] + ([self.points] if self.points else [])
+
+    def rig(self) -> StereoRig:
+        """Return the rig of the two camera_info topics."""
+        infos = [_require(self.bag, f"{self.task}/{side}/camera_info", CAMERA_INFO) for side in ("left", "right")]
+        first = self.bag.first(infos)
+        for topic in infos:
+            if topic.name not in first:
+                raise InputError(f"bag '{self.bag.path}' has no message on '{topic.bag_name}': the rig is not known")
+        place = self.bag.static_transform(RB_FRAME, LOCSB_FRAME) if self.task == "loc" else None
+        try:
+            return rig_from_camera_info(first[infos[0].name], first[infos[1].name], self.task, place)
+        except InputError as error:
+            raise InputError(f"bag '{self.bag.path}': {error}") from error
+
+    def found(self) -> _Pairs:
+        """Return the whole pairs; reads stamps only, once."""
+        if self._found is None:
+            self._found = self._scan()
+        return self._found
+
+    def joined(self) -> Iterator[tuple[int, dict[str, bytes]]]:
+        """Yield the stamp and the raw messages by topic of each whole pair, in the order of stamps."""
+        found = self.found()
+        waiting: dict[int, dict[str, bytes]] = {}
+        order = iter(found.stamps_ns)
+        stamp = next(order, None)
+        for topic, stamp_ns, raw in self.bag.stream(self.topics):
+            if stamp_ns not in found.parts:
+                continue
+            waiting.setdefault(stamp_ns, {})[topic.name] = raw
+            while stamp is not None and len(waiting.get(stamp, ())) == found.parts[stamp]:
+                yield stamp, waiting.pop(stamp)
+                stamp = next(order, None)
+            if len(waiting) > LOOK_AHEAD:
+                raise InputError(
+                    f"bag '{self.bag.path}': messages of {self.task} stamp {stamp} lie more than {LOOK_AHEAD} pairs "
+                    f"apart; sort the bag by time"
+                )
+
+    def image(self, topic: Topic, raw: bytes, rig: StereoRig) -> GreyImage:
+        """Return the picture of a raw message."""
+        message = self.bag.deserialise(topic, raw)
+        decode = image_from_compressed_message if topic.msgtype == COMPRESSED else image_from_message
+        try:
+            picture = decode(message)
+        except InputError as error:
+            raise InputError(f"bag '{self.bag.path}', '{topic.bag_name}': {error}") from error
+        stamp = int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+        check_size(picture, rig, f"bag '{self.bag.path}', '{topic.bag_name}': picture of stamp {stamp}")
+        return picture
+
+    def pair(self, stamp_ns: int, raw: Mapping[str, bytes], rig: StereoRig) -> StereoPair:
+        """Return the decoded pair of a stamp."""
+        return StereoPair(stamp_ns, *(self.image(topic, raw[topic.name], rig) for topic in (self.left, self.right)))
+
+    def _scan(self) -> _Pairs:
+        stamps: dict[str, list[int]] = {topic.name: [] for topic in self.topics}
+        for topic, stamp_ns, _ in self.bag.stream(self.topics):
+            stamps[topic.name].append(stamp_ns)
+        for topic in self.topics:
+            check_order(stamps[topic.name], f"bag '{self.bag.path}', '{topic.bag_name}'", strict=True)
+        left, right = (set(stamps[topic.name]) for topic in (self.left, self.right))
+        whole = sorted(left & right)
+        if not whole:
+            raise InputError(
+                f"bag '{self.bag.path}': none of {len(left)} left and {len(right)} right pictures of '{self.task}' "
+                f"have equal stamps: record both from one trigger"
+            )
+        single = len(left ^ right)
+        if single:
+            _log.warning(
+                "bag '%s': %d pictures of '%s' without the other side left out", self.bag.path, single, self.task
+            )
+        truth = set(stamps[self.points.name]) if self.points else set()
+        return _Pairs(tuple(whole), {stamp: 2 + (stamp in truth) for stamp in whole})
+
+
+class BagLocSequence:
+    """The drive of a bag."""
+
+    def __init__(self, bag: Bag) -> None:
+        """Find the topics and read the rig.
+
+        Raises:
+            InputError: If a topic is missing, or the rig is not rectified.
+        """
+        self._topics = _PairTopics(bag, "loc")
+        self._rig = self._topics.rig()
+        self._truth: Trajectory | None = None
+        self._truth_read = False
+
+    @property
+    def rig(self) -> StereoRig:
+        """Rig of the localisation cameras, with its place in RB where `/tf_static` has rb -> locsb."""
+        return self._rig
+
+    @property
+    def ground_truth(self) -> Trajectory | None:
+        """Poses on `ground_truth/odometry`, or None; read at the first use."""
+        if not self._truth_read:
+            self._truth, self._truth_read = self._topics.bag.odometry("ground_truth/odometry"), True
+        return self._truth
+
+    def __len__(self) -> int:
+        """Return the number of whole pairs (reads all stamps at the first use, decodes nothing)."""
+        return len(self._topics.found().stamps_ns)
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs in the order of stamps.
+
+        Raises:
+            InputError: If the bag or a picture is broken or not of the rig's size.
+        """
+        for stamp_ns, raw in self._topics.joined():
+            yield self._topics.pair(stamp_ns, raw, self._rig)
+
+
+class BagNavSequence:
+    """The mapping pairs of a bag."""
+
+    def __init__(self, bag: Bag) -> None:
+        """Find the topics and read the rig and the poses.
+
+        Raises:
+            InputError: If a topic is missing, the rig is not rectified or a pose not finite.
+        """
+        self._topics = _PairTopics(bag, "nav")
+        self._rig = self._topics.rig()
+        self._poses = _load_poses(bag)
+
+    @property
+    def rig(self) -> StereoRig:
+        """Rig of the navigation cameras."""
+        return self._rig
+
+    def __len__(self) -> int:
+        """Return the number of whole pairs."""
+        return len(self._topics.found().stamps_ns)
+
+    def pairs(self) -> Iterator[NavPair]:
+        """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp.
+
+        Raises:
+            InputError: If the bag or a picture is broken, or a pair has no pose of its stamp.
+        """
+        topics = self._topics
+        for stamp_ns, raw in topics.joined():
+            if stamp_ns not in self._poses:
+                raise InputError(
+                    f"bag '{topics.bag.path}': no message on 'nav/pose' has the stamp {stamp_ns} of a pair"
+                )
+            truth = None
+            if topics.points and topics.points.name in raw:
+                truth = points_image(topics.bag.deserialise(topics.points, raw[topics.points.name]), self._rig)
+            yield NavPair(topics.pair(stamp_ns, raw, self._rig), self._poses[stamp_ns], truth)
+
+
+def points_image(message: Any, rig: StereoRig) -> NDArray[np.float32]:  # noqa: ANN401 - a PointCloud2 of any library
+    """Return an organised sensor_msgs/PointCloud2 as `(H, W, 3)` float32, metres.
+
+    Raises:
+        InputError: If it is not of the rig's size or has no float32 x, y, z.
+    """
+    offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == 7}
+    shape, step, row = (int(message.height), int(message.width)), int(message.point_step), int(message.row_step)
+    size_ok = shape == (rig.height, rig.width) and row >= step * shape[1] and len(message.data) >= row * shape[0]
+    if not size_ok or any(name not in offsets or offsets[name] + 4 > step for name in "xyz"):
+        raise InputError(
+            f"ground_truth/points is {shape[1]} x {shape[0]} with float32 fields {sorted(offsets)}: an organised cloud "
+            f"of {rig.width} x {rig.height} with x, y, z is needed"
+        )
+    order = ">f4" if message.is_bigendian else "<f4"
+    layout = np.dtype(
+        {"names": list("xyz"), "formats": [order] * 3, "offsets": [offsets[n] for n in "xyz"], "itemsize": step}
+    )
+    records = np.ndarray(shape, layout, np.frombuffer(message.data, np.uint8), strides=(row, step))
+    return np.stack([records[name] for name in "xyz"], axis=-1).astype(np.float32, copy=False)
+
+
+def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:
+    """Open a ROS 2 bag as a source.
+
+    Args:
+        path: Folder of the bag, or a .mcap or .db3 file.
+        remap: New names of topics by the names in the bag.
+
+    Raises:
+        InputError: If it is broken, or has the pictures of neither task.
+    """
+    bag = Bag(path, remap)
+    has = {task: bag.find(f"{task}/left/image_rect", IMAGE, COMPRESSED) for task in ("loc", "nav")}
+    if not any(has.values()):
+        raise InputError(
+            f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
+            f"{', '.join(sorted(bag.topics))}; name the topics by --remap old:=new"
+        )
+    loc: LocSequence | None = BagLocSequence(bag) if has["loc"] else None
+    nav: NavSequence | None = BagNavSequence(bag) if has["nav"] else None
+    return Source(path, "bag", loc, nav)
+
+
+def _require(bag: Bag, name: str, *msgtypes: str) -> Topic:
+    topic = bag.find(name, *msgtypes)
+    if topic is None:
+        raise InputError(
+            f"bag '{bag.path}' has no topic '{name}': it has {', '.join(sorted(bag.topics))}; record it, or name it by "
+            f"--remap old:=new"
+        )
+    return topic
+
+
+def _load_poses(bag: Bag) -> dict[int, Transform]:
+    topic = _require(bag, "nav/pose", POSE)
+    poses = {}
+    for _, stamp_ns, message in bag.messages([topic]):
+        place, quat = message.pose.position, message.pose.orientation
+        try:
+            poses[stamp_ns] = Transform.from_quat((place.x, place.y, place.z), (quat.x, quat.y, quat.z, quat.w))
+        except GeometryError as error:
+            raise InputError(f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}: {error}") from error
+    return poses
