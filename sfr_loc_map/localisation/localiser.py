@@ -11,12 +11,12 @@ from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.alignment import align_pose, plane_homographies
+from sfr_loc_map.localisation.alignment import align_pose
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.corners import find_corners
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.localisation.images import LEVELS, Pyramid, build_pyramid
-from sfr_loc_map.localisation.patches import HALF, track_patches
+from sfr_loc_map.localisation.patches import HALF, plane_homographies, track_patches
 from sfr_loc_map.localisation.pose_solver import solve_pose
 from sfr_loc_map.localisation.sparse_stereo import match_corners
 from sfr_loc_map.localisation.window import Window
@@ -191,7 +191,6 @@ class Localiser:
                 self._camera,
                 self._rig.baseline_m,
                 8,
-                0.0,
             )
             tracked = Tracked(rotation, position, information, which, observed, variance, chi)
             if tracked.inliers.sum() < self._config.min_tracked:
@@ -208,47 +207,44 @@ class Localiser:
         return variance
 
     def _align(self, left: Pyramid, which: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        window = self._window
-        host_rotations, host_positions = window.hosts(which)
         moved, step = self._last_motion
-        starts = [
+        top = LEVELS - 1
+        starts = (
             (self._rotation @ moved, self._position + self._rotation @ step),
             (self._rotation, self._position),
-        ]
-        best = (starts[0][0], starts[0][1], -2.0, 0.0)
-        for rotation, position in starts:
-            result = align_pose(
-                left.levels[LEVELS - 1],
-                LEVELS - 1,
-                window.patches[LEVELS - 1][which],
-                rotation,
-                position,
-                host_rotations,
-                host_positions,
-                window.uv[which],
-                window.uvrho[which, 2],
-                window.slopes[which],
-                self._camera,
-                6,
-            )
-            if result[2] > best[2]:
-                best = result
-        for level in range(LEVELS - 2, 0, -1):
-            best = align_pose(
-                left.levels[level],
-                level,
-                window.patches[level][which],
-                best[0],
-                best[1],
-                host_rotations,
-                host_positions,
-                window.uv[which],
-                window.uvrho[which, 2],
-                window.slopes[which],
-                self._camera,
-                3,
-            )
+        )
+        results = [self._align_level(left, top, which, *start, 6) for start in starts]
+        best = max(results, key=lambda result: result[2])
+        for level in range(top - 1, 0, -1):
+            best = self._align_level(left, level, which, best[0], best[1], 4)
         return best[0], best[1]
+
+    def _align_level(
+        self,
+        left: Pyramid,
+        level: int,
+        which: NDArray[np.intp],
+        rotation: FloatArray,
+        position: FloatArray,
+        rounds: int,
+    ) -> tuple[FloatArray, FloatArray, float, float]:
+        window = self._window
+        hosts = window.hosts(which)
+        uv, rho = window.uv[which], window.uvrho[which, 2]
+        homographies = plane_homographies(rotation, position, *hosts, uv, rho, window.slopes[which], self._camera, 0.0)
+        return align_pose(
+            left.levels[level],
+            level,
+            window.patches[level][which],
+            homographies,
+            rotation,
+            position,
+            *hosts,
+            uv,
+            rho,
+            self._camera,
+            rounds,
+        )
 
     def _wants_keyframe(self, tracked: Tracked) -> bool:
         window = self._window

@@ -1,7 +1,7 @@
 """Patches that are warped by their local plane and tracked by least squares.
 
-A patch is cut out of its host picture around a pixel. A plane in disparity, hence in inverse depth, is a plane in space,
-so the patch moves into another picture by a homography (Hartley and Zisserman 2004, section 13.1). Only the remaining
+A patch is cut out of its host picture around a pixel. A plane in disparity, hence in inverse depth, is one in space, so
+the patch moves into another picture by a homography (Hartley and Zisserman 2004, section 13.1). Only the remaining
 shift is then estimated, by Gauss-Newton on the difference of the two patches, each brought to the same mean and
 contrast (Lucas and Kanade 1981; Baker and Matthews 2004).
 """
@@ -9,18 +9,19 @@ contrast (Lucas and Kanade 1981; Baker and Matthews 2004).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.images import FloatImage
+from sfr_loc_map.localisation.machine import FAST
 
 HALF = 5
 """Half width of a patch: 11 x 11 pixels."""
 SIDE = 2 * HALF + 1
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, inline="always", fastmath=FAST)
 def sample(image, x, y):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inlined into machine code
     """Return the bilinear value of a picture at a position that is known to lie inside it."""
     xi = int(x)
@@ -32,7 +33,7 @@ def sample(image, x, y):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 
     return top + fy * (bottom - top)
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=FAST)
 def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> NDArray[np.float32]:
     """Cut patches with their gradients.
 
@@ -59,47 +60,70 @@ def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> NDArray[np.floa
     return out
 
 
-@njit(cache=True)
-def homography(
-    rotation: FloatArray, translation: FloatArray, camera: FloatArray, uv: FloatArray, rho: float, slope: FloatArray
+@njit(cache=True, fastmath=FAST)
+def plane_homographies(
+    rotation: FloatArray,
+    position: FloatArray,
+    host_rotations: FloatArray,
+    host_positions: FloatArray,
+    uv: FloatArray,
+    rho: FloatArray,
+    slopes: FloatArray,
+    camera: FloatArray,
+    shift: float,
 ) -> FloatArray:
-    """Return the homography `(3, 3)` of a local plane, from host pixels to target pixels.
+    """Return the homographies of local planes, from host pixels to pixels of one picture.
 
-    `x' ~ R K^-1 (u, v, 1) + t rho(u, v)` with the inverse depth `rho` linear in the host pixel.
+    `x' ~ K (R K^-1 (u, v, 1) + t rho(u, v))` with the inverse depth `rho` linear in the host pixel.
 
     Args:
-        rotation: `(3, 3)`, host to target camera.
-        translation: `(3,)`, metres, host origin in the target camera.
+        rotation: `(3, 3)` target camera to world.
+        position: `(3,)` metres.
+        host_rotations: `(N, 3, 3)` host cameras to world.
+        host_positions: `(N, 3)` metres.
+        uv: `(N, 2)` host pixels.
+        rho: `(N,)` inverse depths there, 1/m.
+        slopes: `(N, 2)` their change a pixel.
         camera: `(4,)` fx, fy, cx, cy.
-        uv: `(2,)` host pixel at which the inverse depth is rho.
-        rho: Inverse depth, 1/m.
-        slope: `(2,)` change of the inverse depth a pixel.
+        shift: Place of the target camera along x of the left one: 0 or the baseline, metres.
+
+    Returns:
+        `(N, 3, 3)`.
     """
     fx, fy, cx, cy = camera
-    h = np.empty((3, 3))
-    offset = rho - slope[0] * uv[0] - slope[1] * uv[1]
-    for r in range(3):
-        a = rotation[r, 0] / fx + translation[r] * slope[0]
-        b = rotation[r, 1] / fy + translation[r] * slope[1]
-        c = rotation[r, 2] - rotation[r, 0] * cx / fx - rotation[r, 1] * cy / fy + translation[r] * offset
-        h[r, 0], h[r, 1], h[r, 2] = a, b, c
-    for c in range(3):
-        z = h[2, c]
-        h[0, c] = fx * h[0, c] + cx * z
-        h[1, c] = fy * h[1, c] + cy * z
-    return h
+    out = np.empty((len(rho), 3, 3))
+    for n in range(len(rho)):
+        h, r_wh, p_h = out[n], host_rotations[n], host_positions[n]
+        offset = rho[n] - slopes[n, 0] * uv[n, 0] - slopes[n, 1] * uv[n, 1]
+        d0, d1, d2 = p_h[0] - position[0], p_h[1] - position[1], p_h[2] - position[2]
+        for r in range(3):
+            r0 = rotation[0, r] * r_wh[0, 0] + rotation[1, r] * r_wh[1, 0] + rotation[2, r] * r_wh[2, 0]
+            r1 = rotation[0, r] * r_wh[0, 1] + rotation[1, r] * r_wh[1, 1] + rotation[2, r] * r_wh[2, 1]
+            r2 = rotation[0, r] * r_wh[0, 2] + rotation[1, r] * r_wh[1, 2] + rotation[2, r] * r_wh[2, 2]
+            t = rotation[0, r] * d0 + rotation[1, r] * d1 + rotation[2, r] * d2
+            if r == 0:
+                t -= shift
+            h[r, 0] = r0 / fx + t * slopes[n, 0]
+            h[r, 1] = r1 / fy + t * slopes[n, 1]
+            h[r, 2] = r2 - r0 * cx / fx - r1 * cy / fy + t * offset
+        for c in range(3):
+            h[0, c] = fx * h[0, c] + cx * h[2, c]
+            h[1, c] = fy * h[1, c] + cy * h[2, c]
+    return out
 
 
-@njit(cache=True, inline="always")
-def _warp(h, u, v):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202 - inlined into machine code
+@njit(cache=True, inline="always", fastmath=FAST)
+def warp(h, u, v):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inlined into machine code
+    """Return where a homography takes a pixel; far outside where that is behind the camera."""
     w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
     if w <= 1e-9:
         return -1e9, -1e9
     return (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w, (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w
 
 
-@njit(cache=True, inline="always")
-def _normalise(values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202 - inlined into machine code
+@njit(cache=True, inline="always", fastmath=FAST)
+def normalise(values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inlined into machine code
+    """Take the mean off values in place; return the sum of their squares."""
     mean = np.float32(0.0)
     for k in range(values.size):
         mean += values[k]
@@ -111,7 +135,7 @@ def _normalise(values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202 -
     return power
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=FAST)
 def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     """Warp the pixels of a patch and turn its gradients; all of it without the shift that is looked for.
 
@@ -127,7 +151,7 @@ def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-unt
     k = 0
     for j in range(-half, half + 1):
         for i in range(-half, half + 1):
-            x, y = _warp(h, u0 + i, v0 + j)
+            x, y = warp(h, u0 + i, v0 + j)
             xs[k], ys[k] = x, y
             low_x, high_x = min(low_x, x), max(high_x, x)
             low_y, high_y = min(low_y, y), max(high_y, y)
@@ -137,7 +161,7 @@ def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-unt
     if low_x < -1e8 or high_x - low_x > span or high_y - low_y > span:
         return nothing
     # the target's gradients are the patch's, turned by the inverse transpose of the warp's derivative at the centre
-    cu, cv = _warp(h, u0, v0)
+    cu, cv = warp(h, u0, v0)
     w = h[2, 0] * u0 + h[2, 1] * v0 + h[2, 2]
     a00, a01 = (h[0, 0] - cu * h[2, 0]) / w, (h[0, 1] - cu * h[2, 1]) / w
     a10, a11 = (h[1, 0] - cv * h[2, 0]) / w, (h[1, 1] - cv * h[2, 1]) / w
@@ -145,7 +169,7 @@ def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-unt
     if abs(det) < 0.05:
         return nothing
     template[:] = patch[0]
-    power = _normalise(template)
+    power = normalise(template)
     if power < 1e-3:
         return nothing
     b00, b01 = np.float32(a11 / det), np.float32(-a10 / det)
@@ -153,15 +177,15 @@ def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-unt
     for k in range(template.size):
         jx[k] = b00 * patch[1, k] + b01 * patch[2, k]
         jy[k] = b10 * patch[1, k] + b11 * patch[2, k]
-    _normalise(jx)
-    _normalise(jy)
+    normalise(jx)
+    normalise(jy)
     tx, ty = np.float32(0.0), np.float32(0.0)
     for k in range(template.size):
         tx += template[k] * jx[k]
         ty += template[k] * jy[k]
     tx /= power
     ty /= power
-    hxx, hxy, hyy = 0.0, 0.0, 0.0
+    hxx, hxy, hyy = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for k in range(template.size):
         jx[k] -= template[k] * tx
         jy[k] -= template[k] * ty
@@ -173,53 +197,27 @@ def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-unt
     return low_x, low_y, high_x, high_y, power, hxx, hxy, hyy
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=FAST)
 def _compare(image, xs, ys, sx, sy, template, power, jx, jy, values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     """Return the right side (x, y), the residual RMS and the correlation of a patch at a shift."""
     for k in range(values.size):
         values[k] = sample(image, xs[k] + np.float32(sx), ys[k] + np.float32(sy))
-    target_power = _normalise(values)
+    target_power = normalise(values)
     if target_power < 1e-3:
         return 0.0, 0.0, 0.0, -1.0
+    # jx and jy are orthogonal to the template, so only the target enters
     gain = np.sqrt(power / target_power)
-    bx, by, dot = 0.0, 0.0, 0.0
+    bx, by, dot = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for k in range(values.size):
-        difference = gain * values[k] - template[k]
-        bx += jx[k] * difference
-        by += jy[k] * difference
+        bx += jx[k] * values[k]
+        by += jy[k] * values[k]
         dot += values[k] * template[k]
+    bx, by = gain * bx, gain * by
     correlation = dot / np.sqrt(power * target_power)
     return bx, by, np.sqrt(max(2.0 * power * (1.0 - correlation), 0.0) / values.size), correlation
 
 
-@njit(cache=True, parallel=True)
-def patch_systems(
-    image: FloatImage, patches: NDArray[np.float32], host_uv: FloatArray, homographies: FloatArray
-) -> FloatArray:
-    """Return the normal equations of each patch's shift where its warp puts it.
-
-    Args: as `track_patches`.
-
-    Returns:
-        `(N, 7)`: normal matrix xx, xy, yy, right side x, y, residual RMS, correlation; NaN where not in view.
-    """
-    count = len(patches)
-    height, width = image.shape
-    out = np.full((count, 7), np.nan)
-    for n in prange(count):
-        xs, ys, template, jx, jy, values = np.empty((6, patches.shape[2]), np.float32)
-        low_x, low_y, high_x, high_y, power, hxx, hxy, hyy = _prepare(
-            patches[n], homographies[n], host_uv[n, 0], host_uv[n, 1], xs, ys, template, jx, jy
-        )
-        if power == 0.0 or low_x < 0.0 or low_y < 0.0 or high_x >= width - 1.001 or high_y >= height - 1.001:
-            continue
-        bx, by, residual, correlation = _compare(image, xs, ys, 0.0, 0.0, template, power, jx, jy, values)
-        if correlation > -1.0:
-            out[n] = np.array([hxx, hxy, hyy, bx, by, residual, correlation])
-    return out
-
-
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def track_patches(
     image: FloatImage,
     patches: NDArray[np.float32],
@@ -246,8 +244,8 @@ def track_patches(
     count = len(patches)
     out = np.full((count, 7), np.nan)
     height, width = image.shape
-    for n in prange(count):
-        xs, ys, template, jx, jy, values = np.empty((6, patches.shape[2]), np.float32)
+    xs, ys, template, jx, jy, values = np.empty((6, patches.shape[2]), np.float32)
+    for n in range(count):
         low_x, low_y, high_x, high_y, power, hxx, hxy, hyy = _prepare(
             patches[n], homographies[n], host_uv[n, 0], host_uv[n, 1], xs, ys, template, jx, jy
         )
@@ -274,6 +272,8 @@ def track_patches(
             if step < 0.004:
                 break
         if good:
-            u, v = _warp(homographies[n], host_uv[n, 0], host_uv[n, 1])
-            out[n] = np.array([u + sx, v + sy, hyy / det, -hxy / det, hxx / det, residual, correlation])
+            u, v = warp(homographies[n], host_uv[n, 0], host_uv[n, 1])
+            out[n, 0], out[n, 1] = u + sx, v + sy
+            out[n, 2], out[n, 3], out[n, 4] = hyy / det, -hxy / det, hxx / det
+            out[n, 5], out[n, 6] = residual, correlation
     return out

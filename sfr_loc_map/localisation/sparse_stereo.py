@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.images import FloatImage, Pyramid
+from sfr_loc_map.localisation.machine import FAST
 from sfr_loc_map.localisation.patches import cut_patches, track_patches
 
 SEARCH_LEVEL = 1
@@ -119,7 +120,7 @@ def _inside(uv: FloatArray, image: FloatImage, margin: int) -> FloatArray:
     return np.clip(uv, margin, [width - 1 - margin, height - 1 - margin])
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _scan(
     image: FloatImage, patches: NDArray[np.float32], uv: FloatArray, max_disparity: int, offset_v: int
 ) -> FloatArray:
@@ -128,7 +129,7 @@ def _scan(
     half = (int(np.sqrt(patches.shape[1] + 0.5)) - 1) // 2
     side = 2 * half + 1
     out = np.zeros((count, 3))
-    for n in prange(count):
+    for n in range(count):
         template = patches[n] - patches[n].mean()
         power = (template * template).sum()
         u, v = int(uv[n, 0]), int(uv[n, 1]) + offset_v
