@@ -1,0 +1,129 @@
+"""What one call of the processing API took and said, on /diagnostics and back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.metrics.resources import CallMeter, CallUsage
+from sfr_loc_map.nodes.conversions import header_msg
+from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
+from sfr_loc_map.pipeline.offline import CallRecord
+
+QUEUE_DEPTH = 100
+STATISTIC = "statistic."
+"""What the names of a call's own figures begin with."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskRecord:
+    """A call and the task it belongs to.
+
+    Attributes:
+        task: `localisation` or `mapping`.
+        record: The call.
+        memory_method: How the memory was measured.
+    """
+
+    task: str
+    record: CallRecord
+    memory_method: str
+
+
+class CallReporter:
+    """Measures the calls of one node and publishes what they took."""
+
+    def __init__(self, node: Node, task: str) -> None:
+        """Take the present memory as that of the idle process.
+
+        Args:
+            node: The node.
+            task: `localisation` or `mapping`.
+        """
+        self._node, self._task = node, task
+        self._meter = CallMeter()
+        self._publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
+        self.topic = str(self._publisher.topic_name)
+
+    @contextmanager
+    def measure(self) -> Iterator[CallUsage]:
+        """Measure what is done in the `with` block."""
+        with self._meter.measure() as usage:
+            yield usage
+
+    def publish(
+        self,
+        stamp_ns: int,
+        usage: CallUsage,
+        state: str,
+        statistics: Mapping[str, float],
+        counts: Mapping[str, int],
+        level: Level,
+    ) -> None:
+        """Publish one call.
+
+        Args:
+            stamp_ns: Stamp of the pair.
+            usage: What it took.
+            state: What the call said (tracking, lost, mapped, ...).
+            statistics: Figures of the call.
+            counts: Counts since the start of the node.
+            level: How good it is.
+        """
+        values: dict[str, Value] = {
+            "task": self._task,
+            "stamp_ns": stamp_ns,
+            "state": state,
+            "processing_time_s": usage.processing_time_s,
+            "memory_method": self._meter.method,
+        }
+        if usage.peak_rss_bytes is not None and usage.above_idle_bytes is not None:
+            values |= {"peak_rss_bytes": usage.peak_rss_bytes, "above_idle_bytes": usage.above_idle_bytes}
+        values |= {STATISTIC + name: float(value) for name, value in statistics.items()}
+        values |= dict(counts)
+        name = call_name(self._node.get_fully_qualified_name())
+        status = status_msg(name, level, state, values)
+        self._publisher.publish(array_msg(header_msg(stamp_ns, ""), status))
+
+    def publish_problem(self, text: str, counts: Mapping[str, int]) -> None:
+        """Publish that something keeps the node from working."""
+        values: dict[str, Value] = {"task": self._task, **counts}
+        name = f"{self._node.get_fully_qualified_name().lstrip('/')}: input"
+        now_ns = self._node.get_clock().now().nanoseconds
+        self._publisher.publish(array_msg(header_msg(now_ns, ""), status_msg(name, Level.ERROR, text, values)))
+
+
+def task_record(status: DiagnosticStatus) -> TaskRecord | None:
+    """Return the call that a status describes, None where it describes something else.
+
+    Raises:
+        InputError: If it is such a status but a value is missing or no number.
+    """
+    values = values_of(status)
+    if "task" not in values or "processing_time_s" not in values:
+        return None
+    try:
+        statistics = {
+            name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)
+        }
+        record = CallRecord(
+            stamp_ns=int(values["stamp_ns"]),
+            processing_time_s=float(values["processing_time_s"]),
+            state=values["state"],
+            peak_rss_bytes=_optional(values, "peak_rss_bytes"),
+            above_idle_bytes=_optional(values, "above_idle_bytes"),
+            statistics=statistics,
+        )
+        return TaskRecord(values["task"], record, values.get("memory_method", ""))
+    except (KeyError, ValueError) as error:
+        raise InputError(f"status '{status.name}' on {TOPIC} cannot be read: {error}") from error
+
+
+def _optional(values: Mapping[str, str], name: str) -> int | None:
+    return int(values[name]) if name in values else None
