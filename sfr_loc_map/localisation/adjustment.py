@@ -12,10 +12,15 @@ from numba import njit
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.lie import exp_so3, orthonormal
+from sfr_loc_map.localisation.machine import FAST
+from sfr_loc_map.localisation.projection import linearise_landmark
+
+KERNEL = 6.0
+"""Squared Mahalanobis residual of a position at which its weight has fallen to a quarter (Geman-McClure)."""
 
 
-@njit(cache=True)
-def linearise(
+@njit(cache=True, fastmath=FAST)
+def linearise(  # noqa: C901 - one loop of machine code
     rotations: FloatArray,
     positions: FloatArray,
     host: FloatArray,
@@ -44,110 +49,81 @@ def linearise(
         `(N, 3, 3)`, its right side `(N, 3)` and its coupling `(N, 3, 6 K)`; the robust cost.
     """
     count, window = observed.shape[0], observed.shape[1]
-    h = np.zeros((6 * window, 6 * window))
-    g = np.zeros(6 * window)
-    inverse = np.zeros((count, 3, 3))
-    right_side = np.zeros((count, 3))
+    h, g = np.zeros((6 * window, 6 * window)), np.zeros(6 * window)
+    inverse, right_side = np.zeros((count, 3, 3)), np.zeros((count, 3))
     coupling = np.zeros((count, 3, 6 * window))
     cost = 0.0
-    jacobian = np.zeros((2, 15))
+    j_all, j_mark, out = np.zeros((4, 12)), np.zeros((4, 3)), np.zeros(4)
+    j_pose, j_host = np.zeros((4, 6)), np.zeros((4, 6))
+    ray, slots, residual = np.ones(3), np.zeros(window, np.int64), np.zeros(2)
+    weighted = np.zeros((2, 15))
+    reduced = np.zeros((3, 6 * window))
     for n in range(count):
         hk = host[n]
-        if hk < 0 or (only_host >= 0 and hk != only_host):
+        if only_host >= 0 and hk != only_host:
             continue
-        ll = np.zeros((3, 3))
-        # a wish of one pixel for the host pixel keeps a landmark seen only once solvable
-        ll[2, 2] += 1e-6
-        rl = np.zeros(3)
-        cl = np.zeros((3, 6 * window))
-        ray = np.array([(uvrho[n, 0] - camera[2]) / camera[0], (uvrho[n, 1] - camera[3]) / camera[1], 1.0])
-        rho = uvrho[n, 2]
-        turned = rotations[hk] @ ray
+        ll, rl, cl = np.zeros((3, 3)), right_side[n], coupling[n]
+        ll[2, 2] = 1e-6  # a landmark that nothing is known of stays where it is
+        ray[0], ray[1] = (uvrho[n, 0] - camera[2]) / camera[0], (uvrho[n, 1] - camera[3]) / camera[1]
+        used = 1
+        slots[0] = hk
         for k in range(window):
-            if np.isnan(observed[n, k, 0]) and np.isnan(observed[n, k, 2]):
+            left, right = not np.isnan(observed[n, k, 0]), not np.isnan(observed[n, k, 2])
+            if not (left or right):
                 continue
-            r_wc = rotations[k].T.copy()
-            between = positions[hk] - positions[k]
-            w = turned + rho * between
-            y = r_wc @ w
-            if y[2] < 1e-6:
+            z = linearise_landmark(
+                rotations[k], positions[k], rotations[hk], positions[hk], ray, uvrho[n, 2], camera, baseline,
+                out, j_pose, j_host, j_mark,
+            )  # fmt: skip
+            if z <= 0.0:
                 continue
-            relative = r_wc @ rotations[hk]
-            offset = r_wc @ between
+            if k != hk:
+                slots[used] = k
+                used += 1
+            j_all[:, :6], j_all[:, 6:] = j_pose, j_host
             for side in range(2):
-                if np.isnan(observed[n, k, 2 * side]):
+                if not (left if side == 0 else right):
                     continue
-                shift = baseline if side == 1 else 0.0
-                x_n, y_n = (y[0] - shift * rho) / y[2], y[1] / y[2]
-                residual = np.array(
-                    [
-                        observed[n, k, 2 * side] - (camera[0] * x_n + camera[2]),
-                        observed[n, k, 2 * side + 1] - (camera[1] * y_n + camera[3]),
-                    ]
-                )
-                for i in range(2):
-                    f = camera[i] / y[2]
-                    d = (f, 0.0, -f * x_n) if i == 0 else (0.0, f, -f * y_n)
-                    dw = np.zeros(3)
-                    for c in range(3):
-                        dw[c] = d[0] * r_wc[0, c] + d[1] * r_wc[1, c] + d[2] * r_wc[2, c]
-                    # target: position, rotation about the world's axes
-                    for c in range(3):
-                        jacobian[i, c] = -rho * dw[c]
-                        jacobian[i, 6 + c] = rho * dw[c]
-                    jacobian[i, 3] = dw[1] * w[2] - dw[2] * w[1]
-                    jacobian[i, 4] = dw[2] * w[0] - dw[0] * w[2]
-                    jacobian[i, 5] = dw[0] * w[1] - dw[1] * w[0]
-                    # host: turning it by theta turns the ray in the world
-                    jacobian[i, 9] = dw[2] * turned[1] - dw[1] * turned[2]
-                    jacobian[i, 10] = dw[0] * turned[2] - dw[2] * turned[0]
-                    jacobian[i, 11] = dw[1] * turned[0] - dw[0] * turned[1]
-                    # landmark
-                    for c in range(2):
-                        jacobian[i, 12 + c] = (
-                            d[0] * relative[0, c] + d[1] * relative[1, c] + d[2] * relative[2, c]
-                        ) / camera[c]
-                    jacobian[i, 14] = d[0] * (offset[0] - shift) + d[1] * offset[1] + d[2] * offset[2]
-                uu, uv, vv = variance[n, k, side, 0], variance[n, k, side, 1], variance[n, k, side, 2]
+                i = 2 * side
+                residual[0], residual[1] = observed[n, k, i] - out[i], observed[n, k, i + 1] - out[i + 1]
+                uu, uv, vv = variance[n, k, side]
                 det = uu * vv - uv * uv
                 i00, i01, i11 = vv / det, -uv / det, uu / det
                 chi = i00 * residual[0] ** 2 + 2.0 * i01 * residual[0] * residual[1] + i11 * residual[1] ** 2
-                weight = 1.0 / (1.0 + chi / 6.0) ** 2
-                cost += 6.0 * chi / (6.0 + chi)
-                for a in range(15):
-                    wa0 = weight * (i00 * jacobian[0, a] + i01 * jacobian[1, a])
-                    wa1 = weight * (i01 * jacobian[0, a] + i11 * jacobian[1, a])
-                    value = wa0 * residual[0] + wa1 * residual[1]
-                    if a >= 12:
-                        rl[a - 12] += value
-                        for b in range(12, 15):
-                            ll[a - 12, b - 12] += wa0 * jacobian[0, b] + wa1 * jacobian[1, b]
-                        if k != hk:
-                            for b in range(12):
-                                column = (6 * k + b) if b < 6 else (6 * hk + b - 6)
-                                cl[a - 12, column] += wa0 * jacobian[0, b] + wa1 * jacobian[1, b]
-                    elif k != hk:
-                        row = (6 * k + a) if a < 6 else (6 * hk + a - 6)
-                        g[row] += value
-                        for b in range(12):
-                            column = (6 * k + b) if b < 6 else (6 * hk + b - 6)
-                            h[row, column] += wa0 * jacobian[0, b] + wa1 * jacobian[1, b]
+                weight = 1.0 / (1.0 + chi / KERNEL) ** 2
+                cost += KERNEL * chi / (KERNEL + chi)
+                for a in range(3):
+                    p, q = weight * j_mark[i, a], weight * j_mark[i + 1, a]
+                    weighted[0, 12 + a], weighted[1, 12 + a] = i00 * p + i01 * q, i01 * p + i11 * q
+                    rl[a] += weighted[0, 12 + a] * residual[0] + weighted[1, 12 + a] * residual[1]
+                    for b in range(3):
+                        ll[a, b] += weighted[0, 12 + a] * j_mark[i, b] + weighted[1, 12 + a] * j_mark[i + 1, b]
+                if k == hk:
+                    continue  # the host sees its landmarks where they are, wherever it is
+                for a in range(12):
+                    row = 6 * k + a if a < 6 else 6 * hk + a - 6
+                    p, q = weight * j_all[i, a], weight * j_all[i + 1, a]
+                    p, q = i00 * p + i01 * q, i01 * p + i11 * q
+                    g[row] += p * residual[0] + q * residual[1]
+                    for b in range(3):
+                        cl[b, row] += p * j_mark[i, b] + q * j_mark[i + 1, b]
+                    for b in range(6):
+                        h[row, 6 * k + b] += p * j_all[i, b] + q * j_all[i + 1, b]
+                        h[row, 6 * hk + b] += p * j_all[i, 6 + b] + q * j_all[i + 1, 6 + b]
         li = np.linalg.inv(ll)
         inverse[n] = li
-        right_side[n] = rl
-        coupling[n] = cl
-        reduced = li @ cl
-        step = li @ rl
-        for k in range(window):
-            if k != hk and np.isnan(observed[n, k, 0]) and np.isnan(observed[n, k, 2]):
-                continue
-            for a in range(6 * k, 6 * k + 6):
+        if used == 1:
+            continue
+        for m in range(used):
+            for a in range(6 * slots[m], 6 * slots[m] + 6):
                 for i in range(3):
-                    g[a] -= cl[i, a] * step[i]
-                for m in range(window):
-                    if m != hk and np.isnan(observed[n, m, 0]) and np.isnan(observed[n, m, 2]):
-                        continue
-                    for b in range(6 * m, 6 * m + 6):
+                    reduced[i, a] = li[i, 0] * cl[0, a] + li[i, 1] * cl[1, a] + li[i, 2] * cl[2, a]
+        for m in range(used):
+            for a in range(6 * slots[m], 6 * slots[m] + 6):
+                g[a] -= reduced[0, a] * rl[0] + reduced[1, a] * rl[1] + reduced[2, a] * rl[2]
+                for o in range(used):
+                    first = 6 * slots[o]
+                    for b in range(first, first + 6):
                         h[a, b] -= cl[0, a] * reduced[0, b] + cl[1, a] * reduced[1, b] + cl[2, a] * reduced[2, b]
     return h, g, inverse, right_side, coupling, cost
 
@@ -203,8 +179,7 @@ def adjust(
         g += prior_g - prior_h @ pose_difference(rotations, positions, rotations_0, positions_0)
         update = np.linalg.solve(h, g)
         for n in range(len(host)):
-            if host[n] >= 0:
-                uvrho[n] += inverse[n] @ (right_side[n] - coupling[n] @ update)
+            uvrho[n] += inverse[n] @ (right_side[n] - coupling[n] @ update)
         for k in range(len(rotations)):
             positions[k] += update[6 * k : 6 * k + 3]
             rotations[k] = orthonormal(exp_so3(update[6 * k + 3 : 6 * k + 6]) @ rotations[k])
