@@ -256,10 +256,13 @@ def _storage_files(folder: Path) -> list[Path]:
 
 
 def _reader_paths(path: Path) -> list[Path]:
-    """Return what the reader shall open: the folder, or the storage files where metadata.yaml is missing."""
+    """Return what the reader shall open: the folder, or the storage files where metadata.yaml is missing.
+
+    The reader takes anything named *.bag for a file of ROS 1, so of such folders the storage files are given too.
+    """
     if not path.exists():
         raise InputError(f"there is no bag '{path}': give its folder or its .mcap or .db3 file")
-    if not path.is_dir() or (path / "metadata.yaml").exists():
+    if not path.is_dir() or ((path / "metadata.yaml").exists() and path.suffix != ".bag"):
         return [path]
     files = _storage_files(path)
     if not files:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal
@@ -13,8 +12,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.rosbag2.storage_mcap import McapWriter
 
 from sfr_loc_map.errors import OutputError
+from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import GreyImage, NavPair, StereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io import bag_messages as messages
 from sfr_loc_map.io.bag import TYPESTORE
 
@@ -78,7 +77,7 @@ class BagWriter:
         self._truth_grid_m = truth_grid_m
         self._connections: dict[str, Any] = {}
         self._rigs: dict[str, StereoRig] = {}
-        self._static: Mapping[str, Any] | None = None
+        self._static_written = False
 
     def __enter__(self) -> BagWriter:
         """Open the bag."""
@@ -101,7 +100,7 @@ class BagWriter:
 
     def write_loc_pair(self, pair: StereoPair) -> None:
         """Write a pair of the drive, with its camera_info, and `/tf_static` before the first."""
-        if self._static is None:
+        if not self._static_written:
             self._write_static(pair.stamp_ns)
         self._write_pair("loc", pair)
 
@@ -113,11 +112,9 @@ class BagWriter:
         if nav.truth is not None:
             self._write("ground_truth/points", stamp, messages.points(stamp, nav.truth, self._truth_grid_m))
 
-    def write_truth(self, trajectory: Trajectory, index: int) -> None:
-        """Write one pose of the true trajectory."""
-        stamp = int(trajectory.stamps_ns[index])
-        pose = messages.odometry(stamp, trajectory.positions[index], trajectory.quats_xyzw[index])
-        self._write("ground_truth/odometry", stamp, pose)
+    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
+        """Write one true pose of RB in DS."""
+        self._write("ground_truth/odometry", stamp_ns, messages.odometry(stamp_ns, position, quat_xyzw))
 
     def _write_pair(self, task: str, pair: StereoPair) -> None:
         rig = self._rigs[task]
@@ -135,8 +132,8 @@ class BagWriter:
             self._write(f"{topic}/compressed", stamp_ns, message)
 
     def _write_static(self, stamp_ns: int) -> None:
-        self._static = messages.static_transforms(stamp_ns, self._rigs["loc"])
-        self._write("/tf_static", stamp_ns, self._static, (_latched(),))
+        self._write("/tf_static", stamp_ns, messages.static_transforms(stamp_ns, self._rigs["loc"]), (_latched(),))
+        self._static_written = True
 
     def _write(self, topic: str, stamp_ns: int, message: Any, qos: tuple[Qos, ...] = ()) -> None:  # noqa: ANN401
         name = "/" + topic.lstrip("/")

@@ -8,7 +8,9 @@ from pathlib import Path
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import is_bag
 from sfr_loc_map.io.bag_sequence import open_bag
+from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import is_folder, open_folder
+from sfr_loc_map.io.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source
 
 Remap = Mapping[str, str] | None
@@ -17,6 +19,8 @@ Opener = Callable[[Path, Remap], Source]
 READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
     "bag": (is_bag, open_bag),
     "sfr": (is_folder, lambda path, _: open_folder(path)),
+    "kitti": (is_kitti, lambda path, _: open_kitti(path)),
+    "euroc": (is_euroc, lambda path, _: open_euroc(path)),
 }
 """Name of a format, and its test and opener, in the order of trying."""
 
@@ -41,6 +45,7 @@ def open_source(path: Path, remap: Remap = None) -> Source:
             return opener(path, remap)
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
-        f"'{path}' is of no format that is read ({', '.join(READERS)}): sought pairs.csv, loc/, nav/ (data set "
-        f"folder), metadata.yaml, *.mcap, *.db3 (ROS 2 bag); found {found}; give the folder that holds them"
+        f"'{path}' is of no format that is read: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
+        f"*.mcap, *.db3 (ROS 2 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC); found {found}; give the "
+        f"folder that holds them"
     )

@@ -83,6 +83,11 @@ def trajectory_text(trajectory: Trajectory, *, tum: bool) -> str:
     return "\n".join([TUM_HEADER if tum else CSV_HEADER, *body]) + "\n"
 
 
+def csv_row(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> str:
+    """Return one line of the csv, without its end: the pose of RB in DS, orientation given as in ROS messages."""
+    return ",".join([str(stamp_ns), *map(repr, (*position.tolist(), *quat_conjugate(quat_xyzw).tolist()))])
+
+
 def seconds_text(stamp_ns: int) -> str:
     """Return nanoseconds as seconds with nine decimals, exactly."""
     whole, rest = divmod(abs(stamp_ns), 1_000_000_000)

@@ -1,0 +1,172 @@
+"""The layout of the EuRoC MAV data sets (Burri et al. 2016).
+
+    mav0/cam0/{sensor.yaml,data.csv,data/*.png}   left camera: pinhole, radial-tangential distortion, T_BS
+    mav0/cam1/...                                 right camera
+    mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
+
+Pictures are rectified here. RB is the body frame B, DS the world frame of the truth, whose rate is kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.stereo import GreyImage, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.camera_info import baseline_from_projection
+from sfr_loc_map.io.picture_pairs import PictureLocSequence, PicturePair, numbers_of, read_lines
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.trajectory_file import check_order
+
+Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
+TRUTH = "state_groundtruth_estimate0"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Camera:
+    """A camera as its sensor.yaml gives it."""
+
+    size: tuple[int, int]
+    k: FloatArray
+    distortion: FloatArray
+    T_body_cam: Transform
+
+
+def is_euroc(path: Path) -> bool:
+    """Tell whether a path looks like an EuRoC sequence: the folder `mav0` or the one that holds it."""
+    return (path / "mav0" / "cam0").is_dir() or (path / "cam0" / "sensor.yaml").exists()
+
+
+def open_euroc(path: Path) -> Source:
+    """Open an EuRoC sequence.
+
+    Raises:
+        InputError: If a file is missing or broken, or the cameras cannot be rectified side by side.
+    """
+    folder = path / "mav0" if (path / "mav0").is_dir() else path
+    left, right = (_load_camera(folder / name / "sensor.yaml") for name in ("cam0", "cam1"))
+    if left.size != right.size:
+        raise InputError(f"'{folder}': cam0 is {left.size}, cam1 {right.size}: both pictures need one size")
+    rig, maps = _rectification(folder, left, right)
+
+    def rectify(a: GreyImage, b: GreyImage) -> tuple[GreyImage, GreyImage]:
+        pictures = [
+            cv2.remap(image, column, row, cv2.INTER_LINEAR) for image, (column, row) in zip((a, b), maps, strict=True)
+        ]
+        return np.asarray(pictures[0], np.uint8), np.asarray(pictures[1], np.uint8)
+
+    sequence = PictureLocSequence(rig, _load_truth(folder / TRUTH / "data.csv"), _pairs(folder), left.size, rectify)
+    return Source(path, "euroc", sequence, None)
+
+
+def _load_camera(path: Path) -> _Camera:
+    try:
+        content: dict[str, Any] = yaml.safe_load("\n".join(line for line in read_lines(path) if line[:1] != "%"))
+        values = {
+            "resolution": (2, content["resolution"]),
+            "intrinsics": (4, content["intrinsics"]),
+            "distortion_coefficients": (4, content["distortion_coefficients"]),
+            "T_BS": (16, content["T_BS"]["data"]),
+        }
+        models = (content["camera_model"], content["distortion_model"])
+    except (yaml.YAMLError, KeyError, TypeError) as error:
+        raise InputError(f"'{path}' is no sensor.yaml of an EuRoC camera: {' '.join(str(error).split())}") from error
+    if models not in (("pinhole", "radial-tangential"), ("pinhole", "radtan")):
+        raise InputError(f"'{path}' has the camera model {models}: pinhole with radial-tangential distortion is read")
+    numbers = {name: numbers_of([str(v) for v in item], n, f"'{path}' {name}") for name, (n, item) in values.items()}
+    fx, fy, cx, cy = numbers["intrinsics"]
+    pose = np.array(numbers["T_BS"]).reshape(4, 4)
+    return _Camera(
+        (int(numbers["resolution"][0]), int(numbers["resolution"][1])),
+        np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
+        np.array(numbers["distortion_coefficients"]),
+        Transform(pose[:3, :3].copy(), pose[:3, 3].copy()),
+    )
+
+
+def _rectification(folder: Path, left: _Camera, right: _Camera) -> tuple[StereoRig, list[Maps]]:
+    """Return the rectified rig and, for left and right, the maps for `cv2.remap` (Bouguet's method, no black rim)."""
+    T_right_left = right.T_body_cam.inverse() @ left.T_body_cam
+    rotations_and_projections = cv2.stereoRectify(
+        *(left.k, left.distortion, right.k, right.distortion, left.size),
+        *(T_right_left.rotation, T_right_left.translation),
+        flags=cv2.CALIB_ZERO_DISPARITY,
+        alpha=0,
+    )
+    r_left, r_right, p_left, p_right = (np.asarray(m, np.float64) for m in rotations_and_projections[:4])
+    if not p_right[0, 3] < 0 or p_right[1, 3] != 0:
+        raise InputError(
+            f"'{folder}': cam1 is not to the right of cam0; are the cameras swapped or one above the other?"
+        )
+    fx, fy, cx, cy = (float(p_left[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    baseline = baseline_from_projection(fx, float(p_right[0, 3]))
+    T_body_left = Transform(left.T_body_cam.rotation @ r_left.T, left.T_body_cam.translation)
+    try:
+        rig = StereoRig(*left.size, fx, fy, cx, cy, baseline)
+        T_rb_sb = T_body_left @ rig.T_sb_left.inverse()
+        rig = StereoRig(
+            *left.size, fx, fy, cx, cy, baseline, Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw)
+        )
+    except GeometryError as error:
+        raise InputError(f"'{folder}': the cameras cannot be rectified: {error}") from error
+    cameras = ((left, r_left, p_left), (right, r_right, p_right))
+    return rig, [_maps(*camera) for camera in cameras]
+
+
+def _maps(camera: _Camera, rotation: FloatArray, projection: FloatArray) -> Maps:
+    """Return the column and row, in the picture as taken, of each pixel of the rectified one."""
+    args = (camera.k, camera.distortion, rotation, projection[:, :3], camera.size, cv2.CV_32FC1)
+    columns, rows = cv2.initUndistortRectifyMap(*args)
+    return np.asarray(columns, np.float32), np.asarray(rows, np.float32)
+
+
+def _pairs(folder: Path) -> list[PicturePair]:
+    left, right = (_load_list(folder / name / "data.csv") for name in ("cam0", "cam1"))
+    entries = [PicturePair(stamp, left[stamp], right[stamp]) for stamp in sorted(left.keys() & right.keys())]
+    if not entries:
+        raise InputError(f"'{folder}': none of {len(left)} pictures of cam0 and {len(right)} of cam1 have equal stamps")
+    return entries
+
+
+def _load_list(path: Path) -> dict[int, Path]:
+    files = {}
+    for number, line in enumerate(read_lines(path), start=1):
+        stamp, _, name = line.partition(",")
+        files[_stamp(stamp, f"'{path}' entry {number}")] = path.parent / "data" / name.strip()
+    check_order(list(files), f"'{path}'", strict=True)
+    return files
+
+
+def _load_truth(path: Path) -> Trajectory | None:
+    if not path.exists():
+        return None
+    stamps, rows = [], []
+    for number, line in enumerate(read_lines(path), start=1):
+        words = line.split(",")
+        stamps.append(_stamp(words[0], f"'{path}' entry {number}"))
+        rows.append(numbers_of(words[1:8], 7, f"'{path}' entry {number}"))
+    if not rows:
+        return None
+    check_order(stamps, f"'{path}'", strict=False)
+    values = np.array(rows)
+    try:
+        return Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, [4, 5, 6, 3]])
+    except GeometryError as error:
+        raise InputError(f"'{path}': {error}") from error
+
+
+def _stamp(text: str, where: str) -> int:
+    try:
+        return int(text)
+    except ValueError as error:
+        raise InputError(f"{where}: stamp '{text[:40]}' is not whole nanoseconds") from error

@@ -1,0 +1,136 @@
+"""Any source to a ROS 2 bag or a data set folder, as a stream."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from sfr_loc_map.errors import OutputError
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX, BagWriter
+from sfr_loc_map.io.folder_writer import FolderWriter
+from sfr_loc_map.io.sequence import Source
+
+
+@dataclass(frozen=True, slots=True)
+class ConvertOptions:
+    """How a bag is written; folders are always exact.
+
+    Attributes:
+        jpeg_quality: Pictures as JPEG of this quality, 1 to 100; None: raw, exact.
+        zstd: Whether chunks are compressed (mcap only).
+        truth_grid_m: Rounding of true points, a power of two, metres; None: exact.
+    """
+
+    jpeg_quality: int | None = None
+    zstd: bool = False
+    truth_grid_m: float | None = None
+
+
+class SourceWriter(Protocol):
+    """What takes the parts of a source: a bag or a folder being written."""
+
+    def write_loc_rig(self, rig: StereoRig) -> None:
+        """Take the rig of the drive."""
+        ...
+
+    def write_nav_rig(self, rig: StereoRig) -> None:
+        """Take the rig of the mapping pairs."""
+        ...
+
+    def write_loc_pair(self, pair: StereoPair) -> None:
+        """Take a pair of the drive."""
+        ...
+
+    def write_nav_pair(self, nav: NavPair) -> None:
+        """Take a mapping pair."""
+        ...
+
+    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
+        """Take a true pose."""
+        ...
+
+
+Event = tuple[int, Callable[[], None], bool]
+"""Stamp, what writes it, whether it is a pair."""
+
+
+def convert(
+    source: Source, destination: Path, options: ConvertOptions, progress: Callable[[int], None] = lambda _: None
+) -> int:
+    """Write a source as a ROS 2 bag (*.mcap, *.db3, *.bag) or as a data set folder (any other name).
+
+    The output takes its name only when it is whole.
+
+    Args:
+        source: What to write.
+        destination: Where to; must not exist, or be an empty folder.
+        options: How.
+        progress: Called with the number of pairs written so far.
+
+    Returns:
+        The number of pairs.
+
+    Raises:
+        InputError: If the source is broken.
+        OutputError: If the output cannot be written, or the options do not fit it.
+    """
+    destination = Path(destination)
+    if destination.exists() and not destination.is_dir():
+        raise OutputError(f"cannot write '{destination}': a file is there; remove it or choose another name")
+    with atomic_path(destination) as temporary, _writer(temporary, source, options) as writer:
+        return _copy(source, writer, progress)
+
+
+def _writer(path: Path, source: Source, options: ConvertOptions) -> BagWriter | FolderWriter:
+    storage = STORAGE_BY_SUFFIX.get(path.suffix)
+    if storage is not None:
+        return BagWriter(
+            path,
+            storage,
+            jpeg_quality=options.jpeg_quality,
+            zstd=options.zstd,
+            truth_grid_m=options.truth_grid_m,
+        )
+    if options != ConvertOptions():
+        raise OutputError(f"'{path.name}' will be a data set folder, which is exact: JPEG, zstd and grid are for bags")
+    return FolderWriter(path, loc=source.loc is not None, nav=source.nav is not None)
+
+
+def _copy(source: Source, writer: SourceWriter, progress: Callable[[int], None]) -> int:
+    count = 0
+    streams = []
+    if source.loc is not None:
+        writer.write_loc_rig(source.loc.rig)
+        if source.loc.ground_truth is not None:
+            streams.append(_truth_events(source.loc.ground_truth, writer))
+        streams.append(_loc_events(source.loc.pairs(), writer))
+    if source.nav is not None:
+        writer.write_nav_rig(source.nav.rig)
+        streams.append(_nav_events(source.nav.pairs(), writer))
+    for _, write, is_pair in heapq.merge(*streams, key=lambda event: event[0]):
+        write()
+        count += is_pair
+        progress(count)
+    return count
+
+
+def _loc_events(pairs: Iterator[StereoPair], writer: SourceWriter) -> Iterator[Event]:
+    for pair in pairs:
+        yield pair.stamp_ns, lambda pair=pair: writer.write_loc_pair(pair), True  # type: ignore[misc]
+
+
+def _nav_events(pairs: Iterator[NavPair], writer: SourceWriter) -> Iterator[Event]:
+    for nav in pairs:
+        yield nav.pair.stamp_ns, lambda nav=nav: writer.write_nav_pair(nav), True  # type: ignore[misc]
+
+
+def _truth_events(truth: Trajectory, writer: SourceWriter) -> Iterator[Event]:
+    for i, stamp_ns in enumerate(truth.stamps_ns.tolist()):
+        yield stamp_ns, lambda i=i, s=stamp_ns: writer.write_truth(s, truth.positions[i], truth.quats_xyzw[i]), False  # type: ignore[misc]
