@@ -46,3 +46,11 @@ class MapScoreConfig:
     range_edges_m: tuple[float, ...] = param(
         (0.0, 4.0, 10.0, 20.0, 40.0), unit="m", doc="Edges of the range bins.", low=0.0
     )
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreConfig:
+    """Settings of the whole score."""
+
+    trajectory: TrajectoryScoreConfig = field(default_factory=TrajectoryScoreConfig)
+    map: MapScoreConfig = field(default_factory=MapScoreConfig)

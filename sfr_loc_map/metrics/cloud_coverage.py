@@ -1,0 +1,91 @@
+"""How much of what could be seen is in the cloud.
+
+Of a cloud of single pairs: of the left pixels whose truth lies in the range, the share that has a point. Of a fused
+cloud: the share of those true points with a cloud point nearer than two pixel footprints, 2 Z / f.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.metrics.cloud_truth import PairTruth
+
+BoolImage = NDArray[np.bool_]
+FOOTPRINTS = 2.0
+SEEN_TWICE_STEP = 4
+"""Every n-th pixel each way is looked at to find out whether a cloud is fused."""
+SEEN_TWICE_MIN = 100
+FUSED_BELOW = 0.5
+BATCH = 262144
+
+
+def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[BoolImage]:
+    """Return for each pair which pixels `(H, W)` have a point."""
+    covered = []
+    for number, truth in enumerate(truths):
+        image = np.zeros(truth.points.shape[:2], np.bool_)
+        mine = cloud.pair == number
+        image[cloud.v[mine], cloud.u[mine]] = True
+        covered.append(image)
+    return covered
+
+
+def footprint_coverage(
+    cloud: PointCloud, truths: Sequence[PairTruth], ranges: Sequence[FloatArray], farthest_m: float
+) -> list[BoolImage]:
+    """Return for each pair which true points `(H, W)` up to a range have a cloud point within two footprints."""
+    tree = cKDTree(cloud.xyz.astype(np.float64), balanced_tree=False, compact_nodes=False) if len(cloud) else None
+    covered = []
+    for number, (truth, distance) in enumerate(zip(truths, ranges, strict=True)):
+        image = np.zeros(distance.shape, np.bool_)
+        radius = FOOTPRINTS * truth.depths_m(truth.points) / truth.rig.fx
+        mine = np.flatnonzero(cloud.pair == number)
+        v, u = cloud.v[mine], cloud.u[mine]
+        own = np.sqrt(np.square(cloud.xyz[mine].astype(np.float64) - truth.points[v, u]).sum(axis=1))
+        image[v[own < radius[v, u]], u[own < radius[v, u]]] = True  # spares most of the search
+        rows, columns = np.nonzero((distance <= farthest_m) & ~image)
+        if tree is not None:
+            image[rows, columns] = _near(tree, truth.points[rows, columns].astype(np.float64), radius[rows, columns])
+        covered.append(image)
+    return covered
+
+
+def _near(tree: cKDTree, points: FloatArray, radius: FloatArray) -> NDArray[np.bool_]:
+    order = np.argsort(radius, kind="stable")
+    near = np.zeros(len(points), np.bool_)
+    for first in range(0, len(order), BATCH):
+        batch = order[first : first + BATCH]
+        distance, _ = tree.query(points[batch], distance_upper_bound=float(radius[batch[-1]]), workers=-1)
+        near[batch] = distance < radius[batch]
+    return near
+
+
+def looks_fused(covered: Sequence[BoolImage], truths: Sequence[PairTruth]) -> bool:
+    """Tell whether points that two pairs see are in the cloud only once.
+
+    Of the pixels that have a point and whose surface another pair sees as well, a cloud of single pairs has the other
+    pair's point too for nearly all, a fused cloud for few.
+    """
+    twice, both = 0, 0
+    for number, truth in enumerate(truths):
+        step = slice(None, None, SEEN_TWICE_STEP)
+        points = truth.points[step, step][covered[number][step, step]].astype(np.float64)
+        points = points[np.isfinite(points).all(axis=1)]
+        for other, (there, seen) in enumerate(zip(truths, covered, strict=True)):
+            if other == number:
+                continue
+            u, v, depth = there.pixels(points)
+            size_v, size_u = seen.shape
+            inside = (depth > 0) & (u > -0.5) & (u < size_u - 0.5) & (v > -0.5) & (v < size_v - 0.5)
+            column, row = np.rint(u[inside]).astype(int), np.rint(v[inside]).astype(int)
+            apart = np.sqrt(np.square(points[inside] - there.points[row, column]).sum(axis=1))
+            same = apart < FOOTPRINTS * depth[inside] / there.rig.fx
+            twice += int(np.count_nonzero(same))
+            both += int(np.count_nonzero(seen[row[same], column[same]]))
+    return twice >= SEEN_TWICE_MIN and both < FUSED_BELOW * twice

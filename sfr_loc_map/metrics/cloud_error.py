@@ -1,0 +1,256 @@
+"""The map score: error of every point against the surface that its pixel sees, with the coverage [4.3.4]."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import chi2
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.metrics.cloud_coverage import BoolImage, footprint_coverage, looks_fused, pixel_coverage
+from sfr_loc_map.metrics.cloud_truth import PairTruth
+from sfr_loc_map.metrics.config import MapScoreConfig
+from sfr_loc_map.metrics.statistics import summary
+
+NEES_BLOCK_PX = 32
+"""One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""
+IMAGE_WIDTH = 128
+CLOUD_ROWS = 8000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointErrors:
+    """The errors of points that have a truth.
+
+    Attributes:
+        index: `(N,)` which points of the cloud.
+        error_m: `(N,)` distance from the truth [4.3.4].
+        range_m: `(N,)` distance of the truth from the left optical centre.
+        along_m: `(N,)` part of the error along the ray, positive if too far.
+        disparity_px: `(N,)` disparity that the depth amounts to, less the true one.
+    """
+
+    index: NDArray[np.intp]
+    error_m: FloatArray
+    range_m: FloatArray
+    along_m: FloatArray
+    disparity_px: FloatArray
+
+
+def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
+    """Return the errors of all points whose pixel has a truth, in the order of the cloud.
+
+    A disparity error is `f b / Z - f b / Z_true`, Z the depth along the left optical axis of the point's pair.
+
+    Raises:
+        MetricsError: If a point names a pair or pixel that is not there.
+    """
+    _check_pixels(cloud, truths)
+    parts = []
+    for number, truth in enumerate(truths):
+        index = np.flatnonzero(cloud.pair == number)
+        true = truth.points[cloud.v[index], cloud.u[index]].astype(np.float64)
+        known = np.isfinite(true).all(axis=1)
+        index, true = index[known], true[known]
+        estimated = cloud.xyz[index].astype(np.float64)
+        difference, ray = estimated - true, true - truth.T_lm_left.translation
+        distance = np.sqrt(np.einsum("ij,ij->i", ray, ray))
+        scale = truth.rig.fx * truth.rig.baseline_m
+        disparity = scale / truth.depths_m(estimated) - scale / truth.depths_m(true)
+        error = np.sqrt(np.einsum("ij,ij->i", difference, difference))
+        along = np.einsum("ij,ij->i", difference, ray) / distance
+        parts.append((index, error, distance, along, disparity))
+    index, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(index, kind="stable")
+    return PointErrors(index[order], *(column[order] for column in rest))
+
+
+def score_map(
+    cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig, *, fused: bool | None = None
+) -> dict[str, Any]:
+    """Return `{"map": ..., "details": {"map": ...}}`, plain values ready for JSON.
+
+    Args:
+        cloud: Points in LM with pixel and pair.
+        truths: Truth of the pairs 0, 1, ... of the cloud.
+        config: Settings.
+        fused: Whether the cloud is fused; None to find out from points that two pairs see.
+
+    Raises:
+        MetricsError: If a point names a pair or pixel that is not there, or a point is not finite.
+    """
+    errors = point_errors(cloud, truths)
+    ranges = [truth.ranges_m() for truth in truths]
+    covered = pixel_coverage(cloud, truths)
+    fused = looks_fused(covered, truths) if fused is None else fused
+    if fused:
+        farthest = max(config.scored_to_m, *config.range_edges_m)
+        covered = footprint_coverage(cloud, truths, ranges, farthest)
+    scored = _coverage(covered, ranges, config.scored_from_m, config.scored_to_m)
+    score = {
+        "pairs": len(truths),
+        "points": len(cloud),
+        "cloud": "fused" if fused else "single pairs",
+        "coverage": scored,
+        "coverage_range_m": [config.scored_from_m, config.scored_to_m],
+        "nearest_only": False,
+        "points_without_truth": len(cloud) - len(errors.index),
+        "point_error_m": summary(errors.error_m),
+        "disparity_error_px": _disparity(errors.disparity_px),
+        "sigma_nees": _consistency(cloud, errors),
+        "by_range": _by_range(errors, covered, ranges, config),
+        "by_pair": _by_pair(cloud, errors, covered, ranges, config),
+    }
+    return {"map": score, "details": {"map": _details(cloud, errors, truths)}}
+
+
+def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config: MapScoreConfig) -> dict[str, Any]:
+    """Return the score of points whose pixels are not known: distance to the nearest true point, under its own name.
+
+    It reads low, because the nearest true point is seldom the one that was seen.
+    """
+    true = [truth.points[np.isfinite(truth.points).all(axis=2)] for truth in truths]
+    tree = cKDTree(np.concatenate(true).astype(np.float64), balanced_tree=False, compact_nodes=False)
+    distance = np.asarray(tree.query(np.asarray(xyz, np.float64), workers=-1)[0])
+    cloud = _without_pixels(xyz)
+    ranges = [truth.ranges_m() for truth in truths]
+    covered = footprint_coverage(cloud, truths, ranges, config.scored_to_m)
+    score = {
+        "pairs": len(truths),
+        "points": len(xyz),
+        "coverage": _coverage(covered, ranges, config.scored_from_m, config.scored_to_m),
+        "coverage_range_m": [config.scored_from_m, config.scored_to_m],
+        "nearest_only": True,
+        "nearest_distance_m": summary(distance),
+    }
+    return {"map": score, "details": {}}
+
+
+def _without_pixels(xyz: NDArray[np.floating]) -> PointCloud:
+    """Return a cloud whose points belong to no pair."""
+    records = np.zeros(len(xyz), PointCloud.dtype())
+    for axis, name in enumerate("xyz"):
+        records[name] = xyz[:, axis]
+    records["pair"] = 255
+    return PointCloud.from_structured(records)
+
+
+def _check_pixels(cloud: PointCloud, truths: Sequence[PairTruth]) -> None:
+    if not np.isfinite(cloud.xyz).all():
+        raise MetricsError("the cloud has points that are not finite: leave them out")
+    if len(cloud) and int(cloud.pair.max()) >= len(truths):
+        raise MetricsError(
+            f"the cloud has points of pair {int(cloud.pair.max())} but the truth has {len(truths)} pairs (0 to "
+            f"{len(truths) - 1}): give the source that the cloud was made from"
+        )
+    for number, truth in enumerate(truths):
+        mine = cloud.pair == number
+        if (cloud.u[mine] >= truth.rig.width).any() or (cloud.v[mine] >= truth.rig.height).any():
+            raise MetricsError(
+                f"the cloud has pixels outside the {truth.rig.width} x {truth.rig.height} of pair {number}: "
+                "give the source that the cloud was made from"
+            )
+
+
+def _coverage(covered: Sequence[BoolImage], ranges: Sequence[FloatArray], low: float, high: float) -> float | None:
+    """Return the share of the true points at ranges in [low, high) that are covered."""
+    inside = [(distance >= low) & (distance < high) for distance in ranges]
+    total = sum(int(np.count_nonzero(which)) for which in inside)
+    have = sum(int(np.count_nonzero(image[which])) for image, which in zip(covered, inside, strict=True))
+    return have / total if total else None
+
+
+def _by_range(
+    errors: PointErrors, covered: Sequence[BoolImage], ranges: Sequence[FloatArray], config: MapScoreConfig
+) -> list[dict[str, Any]]:
+    bins = []
+    for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
+        which = (errors.range_m >= low) & (errors.range_m < high)
+        head = {"from_m": low, "to_m": high, "coverage": _coverage(covered, ranges, low, high)}
+        disparity = {"disparity_error_px": _disparity(errors.disparity_px[which])}
+        bins.append(head | summary(errors.error_m[which]) | disparity)
+    return bins
+
+
+def _by_pair(
+    cloud: PointCloud,
+    errors: PointErrors,
+    covered: Sequence[BoolImage],
+    ranges: Sequence[FloatArray],
+    config: MapScoreConfig,
+) -> list[dict[str, Any]]:
+    numbers = cloud.pair[errors.index]
+    return [
+        {
+            "pair": number,
+            "coverage": _coverage([image], [distance], config.scored_from_m, config.scored_to_m),
+            "point_error_m": summary(errors.error_m[numbers == number]),
+        }
+        for number, (image, distance) in enumerate(zip(covered, ranges, strict=True))
+    ]
+
+
+def _disparity(error_px: FloatArray) -> dict[str, Any]:
+    known = error_px[np.isfinite(error_px)]
+    signed, size = summary(known), summary(np.abs(known))
+    return {"mean": signed["mean"], "sigma": signed["sigma"], "p50_abs": size["p50"], "p95_abs": size["p95"]}
+
+
+def _consistency(cloud: PointCloud, errors: PointErrors) -> dict[str, Any] | None:
+    """Return the mean of (error along the ray / sigma)^2 over one point of each block, and where it should lie.
+
+    If sigma is right the sum over n independent points is chi-square distributed with n degrees of freedom
+    (Bar-Shalom, Li, Kirubarajan 2001, section 5.4), so the mean lies in the interval in 95 % of all cases.
+    """
+    sigma = cloud.sigma[errors.index].astype(np.float64)
+    usable = np.flatnonzero(np.isfinite(sigma) & (sigma > 0))
+    points = errors.index[usable]
+    block_u, block_v = (
+        cloud.u[points].astype(np.int64) // NEES_BLOCK_PX,
+        cloud.v[points].astype(np.int64) // NEES_BLOCK_PX,
+    )
+    block = (cloud.pair[points].astype(np.int64) << 32) + (block_v << 16) + block_u
+    chosen = usable[np.unique(block, return_index=True)[1]]
+    count = len(chosen)
+    if count < 2:
+        return None
+    squares = np.square(errors.along_m[chosen] / sigma[chosen])
+    return {
+        "count": count,
+        "mean": float(np.mean(squares)),
+        "median": float(np.median(squares)),
+        "expected": 1.0,
+        "expected_median": float(chi2.ppf(0.5, 1)),
+        "interval95": [float(chi2.ppf(p, count) / count) for p in (0.025, 0.975)],
+    }
+
+
+def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]) -> dict[str, Any]:
+    step = max(1, -(-len(errors.index) // CLOUD_ROWS))
+    some = errors.index[::step]
+    sample = {
+        name: np.round(cloud.xyz[some, k].astype(float), 3).tolist() for k, name in enumerate(("x_m", "y_m", "z_m"))
+    }
+    sample["error_m"] = np.round(errors.error_m[::step], 4).tolist()
+    images = [_error_image(cloud, errors, number, truth) for number, truth in enumerate(truths)]
+    return {"cloud": sample, "error_images": images}
+
+
+def _error_image(cloud: PointCloud, errors: PointErrors, number: int, truth: PairTruth) -> dict[str, Any]:
+    """Return the mean error of blocks of pixels, tenths of a millimetre, -1 where there is no point."""
+    block = max(1, -(-truth.rig.width // IMAGE_WIDTH))
+    shape = -(-truth.rig.height // block), -(-truth.rig.width // block)
+    mine = cloud.pair[errors.index] == number
+    points = errors.index[mine]
+    place = (cloud.v[points].astype(np.int64) // block) * shape[1] + cloud.u[points].astype(np.int64) // block
+    count = np.bincount(place, minlength=shape[0] * shape[1])
+    total = np.bincount(place, weights=errors.error_m[mine], minlength=shape[0] * shape[1])
+    mean = np.where(count > 0, np.rint(1e4 * total / np.maximum(count, 1)), -1).astype(int)
+    return {"pair": number, "block_px": block, "error_0p1mm": mean.reshape(shape).tolist()}

@@ -1,0 +1,92 @@
+"""The CSV with one row for each call, as `sfr localise --stats` and `sfr map --stats` write it."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.trajectory import IntArray
+from sfr_loc_map.metrics.costs import Calls
+
+COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), strict=True))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CallStats:
+    """What the file says.
+
+    Attributes:
+        calls: Times, states and memory.
+        covariance: `(N, 21)` upper triangles, NaN where not known; None if the file has none.
+    """
+
+    calls: Calls
+    covariance: FloatArray | None
+
+    def lost_at(self, stamps_ns: IntArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Return for each stamp whether the call of that stamp said lost."""
+        states = dict(zip(self.calls.stamps_ns.tolist(), self.calls.states, strict=True))
+        return np.array([states.get(stamp) == "lost" for stamp in stamps_ns.tolist()], np.bool_)
+
+    def covariance_at(self, stamps_ns: IntArray) -> FloatArray | None:
+        """Return the covariance `(N, 21)` of each stamp, NaN where there is none; None if the file has none."""
+        if self.covariance is None:
+            return None
+        rows = {stamp: row for row, stamp in enumerate(self.calls.stamps_ns.tolist())}
+        unknown = np.full(len(COVARIANCE_NAMES), np.nan)
+        chosen = [rows.get(stamp) for stamp in stamps_ns.tolist()]
+        return np.array([unknown if row is None else self.covariance[row] for row in chosen]).reshape(-1, 21)
+
+
+def load_call_stats(path: Path) -> CallStats:
+    """Read the file; columns are found by name, all but `stamp_ns` are optional, others are ignored.
+
+    Raises:
+        InputError: If it cannot be read, has no `stamp_ns`, or a number in it is none; names the line.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot read statistics '{path}': {reason}; give a CSV with one row for each call") from error
+    if not rows or "stamp_ns" not in rows[0]:
+        found = ", ".join(list(rows[0])[:5]) if rows else "no row"
+        raise InputError(f"statistics '{path}' need a column stamp_ns and at least one row: found {found}")
+    seconds = _column(path, rows, "processing_time_s")
+    calls = Calls(
+        _stamps(path, rows),
+        seconds,
+        [row.get("state") or "" for row in rows],
+        _column(path, rows, "peak_rss_bytes"),
+        _column(path, rows, "above_idle_bytes"),
+    )
+    covariance = None
+    if all(name in rows[0] for name in COVARIANCE_NAMES):
+        covariance = np.column_stack([_column(path, rows, name) for name in COVARIANCE_NAMES])
+    return CallStats(calls, covariance)
+
+
+def _stamps(path: Path, rows: list[dict[str, str]]) -> IntArray:
+    try:
+        return np.array([int(row["stamp_ns"]) for row in rows], np.int64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"statistics '{path}': a stamp is no whole number of nanoseconds ({error})") from error
+
+
+def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
+    values = np.full(len(rows), np.nan)
+    for number, row in enumerate(rows):
+        text = row.get(name)
+        if not text:
+            continue
+        try:
+            values[number] = float(text)
+        except ValueError as error:
+            raise InputError(f"statistics '{path}' line {number + 2}: {name} is '{text}', no number") from error
+    return values

@@ -1,0 +1,207 @@
+"""From files to a score: trajectory, map, time, memory, verdicts, provenance."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map import __version__
+from sfr_loc_map.config import flatten
+from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.bag import ODOMETRY, Bag, is_bag
+from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
+from sfr_loc_map.io.hashing import hash_path
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.trajectory_file import load_trajectory
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
+from sfr_loc_map.metrics.cloud_truth import PairTruth, truths_of
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.costs import merge_parts, score_calls
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.results import build_score
+from sfr_loc_map.metrics.sub_trajectories import Condition
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
+
+CLOUD_SUFFIXES = (".ply", ".pcd", ".npz")
+LOST_VARIANCE = 9999.0
+UPPER = np.triu_indices(6)
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreInputs:
+    """What a score is made of; what is None is left out.
+
+    Attributes:
+        estimate: Estimated trajectory (TUM, csv or bag).
+        truth: True trajectory (TUM, csv, bag or data set folder).
+        cloud: Cloud file.
+        map_truth: Source with mapping pairs and their truth.
+        stats: CSV files with the calls of localiser and mapper.
+    """
+
+    estimate: Path | None = None
+    truth: Path | None = None
+    cloud: Path | None = None
+    map_truth: Path | None = None
+    stats: tuple[Path, ...] = ()
+
+    @classmethod
+    def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] = ()) -> ScoreInputs:
+        """Return the inputs of one estimate, a cloud by its ending or a trajectory, and its truth."""
+        if estimate.suffix in CLOUD_SUFFIXES:
+            return cls(cloud=estimate, map_truth=truth, stats=tuple(stats))
+        return cls(estimate=estimate, truth=truth, stats=tuple(stats))
+
+
+def score_files(
+    inputs: ScoreInputs, config: ScoreConfig, limits: Limits | None = None, *, fused: bool | None = None
+) -> dict[str, Any]:
+    """Return the score of files.
+
+    Args:
+        inputs: Files.
+        config: Settings; conditions that only the limits name are scored as well.
+        limits: Limits to judge by.
+        fused: Whether the cloud is fused, None to find out.
+
+    Raises:
+        SfrError: If a file cannot be read, or nothing can be scored.
+    """
+    config = with_conditions(config, limits)
+    stats = [load_call_stats(path) for path in inputs.stats]
+    parts: list[dict[str, Any]] = [score_calls(item.calls) for item in stats]
+    if inputs.estimate is not None and inputs.truth is not None:
+        estimates = load_estimates(inputs.estimate, stats)
+        parts.append(score_trajectory(estimates, load_truth(inputs.truth), config.trajectory))
+    if inputs.cloud is not None and inputs.map_truth is not None:
+        cloud, truths = load_cloud(inputs.cloud), load_map_truth(inputs.map_truth)
+        parts.append(score_cloud(cloud, truths, config, fused=fused))
+    return build_score(merge_parts(*parts), limits=limits, provenance=provenance(inputs, config))
+
+
+def score_cloud(
+    loaded: LoadedCloud, truths: Sequence[PairTruth], config: ScoreConfig, *, fused: bool | None = None
+) -> dict[str, Any]:
+    """Return the map parts of the score of a cloud, by pixels where it has them."""
+    if loaded.cloud is None:
+        return score_nearest(loaded.xyz, truths, config.map)
+    return score_map(loaded.cloud, truths, config.map, fused=fused)
+
+
+def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
+    """Return the settings with the conditions that the limits name added at the end."""
+    if limits is None:
+        return config
+    present = [Condition.parse(text) for text in config.trajectory.conditions]
+    missing = tuple(f"{c.kind}={c.value!r}" for c in limits.conditions if c not in present)
+    conditions = (*config.trajectory.conditions, *missing)
+    return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
+
+
+def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
+    """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls.
+
+    Raises:
+        InputError: If there are none.
+    """
+    if is_bag(path):
+        return _bag_estimates(path)
+    trajectory = load_trajectory(path)
+    stamps = set(trajectory.stamps_ns.tolist())
+    for item in stats:
+        if stamps & set(item.calls.stamps_ns.tolist()):
+            stamps_ns = trajectory.stamps_ns
+            return Estimates.of(trajectory, item.lost_at(stamps_ns), item.covariance_at(stamps_ns))
+    return Estimates.of(trajectory)
+
+
+def _bag_estimates(path: Path) -> Estimates:
+    bag = Bag(path)
+    topic = bag.find("localisation/odometry", ODOMETRY)
+    if topic is None:
+        raise InputError(
+            f"bag '{path}' has no topic localisation/odometry: it has {', '.join(list(bag.topics)[:8])}; give a bag "
+            "with estimates, or a TUM or csv file"
+        )
+    stamps, rows, covariances = [], [], []
+    for _, stamp_ns, message in bag.messages([topic]):
+        position, quat = message.pose.pose.position, message.pose.pose.orientation
+        stamps.append(stamp_ns)
+        rows.append((position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w))
+        covariances.append(np.asarray(message.pose.covariance, np.float64).reshape(6, 6)[UPPER])
+    values = np.array(rows, np.float64).reshape(-1, 7)
+    covariance = np.array(covariances).reshape(-1, len(UPPER[0]))
+    try:
+        trajectory = Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, 3:].copy())
+    except GeometryError as error:
+        raise InputError(f"localisation/odometry of bag '{path}': {error}") from error
+    return Estimates.of(trajectory, lost_by_covariance(covariance), covariance if covariance.any() else None)
+
+
+def lost_by_covariance(covariance: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Return which covariances `(N, 21)` say that the pose is not known: 9999 on the whole diagonal."""
+    diagonal = np.flatnonzero(UPPER[0] == UPPER[1])
+    return np.asarray((covariance[:, diagonal] >= LOST_VARIANCE).all(axis=1))
+
+
+def load_truth(path: Path) -> Trajectory:
+    """Read true poses of RB in DS from a trajectory file, a bag or a data set folder.
+
+    Raises:
+        InputError: If there are none.
+    """
+    if path.is_file() and not is_bag(path):
+        return load_trajectory(path)
+    if is_bag(path):
+        truth = Bag(path).odometry("ground_truth/odometry")
+    else:
+        source = open_source(path)
+        truth = None if source.loc is None else source.loc.ground_truth
+    if truth is None or not len(truth):
+        raise InputError(
+            f"'{path}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
+        )
+    return truth
+
+
+def load_map_truth(path: Path) -> list[PairTruth]:
+    """Read the truth of the mapping pairs of a source.
+
+    Raises:
+        InputError: If the source has no mapping pairs.
+        MetricsError: If a pair has no truth.
+    """
+    nav = open_source(path).nav
+    if nav is None:
+        raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
+    return truths_of(list(nav.pairs()), nav.rig)
+
+
+def provenance(inputs: ScoreInputs, config: ScoreConfig) -> dict[str, Any]:
+    """Return what the score was made of: version, inputs with hashes, settings, host, time."""
+    named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
+    named |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
+    return {
+        "version": __version__,
+        "inputs": {name: _input(name, path) for name, path in named.items() if path is not None},
+        "configuration": {key: list(v) if isinstance(v, tuple) else v for key, v in flatten(config).items()},
+        "host": {"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _input(name: str, path: Path) -> dict[str, str]:
+    """Return name and hash of an input; of a data set folder that gives a true trajectory only that file counts."""
+    if name == "truth" and path.is_dir() and not is_bag(path):
+        found = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
+        path = found[0] if found else path
+    return {"path": str(path), "sha256": hash_path(path)}

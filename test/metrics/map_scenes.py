@@ -1,0 +1,43 @@
+"""Small scenes with known surfaces for tests of the map score."""
+
+import numpy as np
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.metrics.cloud_truth import PairTruth
+
+RIG = StereoRig(64, 48, 60.0, 60.0, 31.5, 23.5, 0.2)
+
+
+def wall(distance_m: float = 5.0, shift_m: float = 0.0, rig: StereoRig = RIG) -> PairTruth:
+    """A wall across the view, the camera shifted sideways along it; the upper quarter is sky."""
+    T_lm_left = Transform(np.eye(3), np.array([shift_m, 0.0, 0.0]))
+    u, v = np.meshgrid(np.arange(rig.width), np.arange(rig.height))
+    points = np.stack(((u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy, np.ones(u.shape)), axis=-1) * distance_m
+    points = (points + T_lm_left.translation).astype(np.float32)
+    points[: rig.height // 4] = np.nan
+    return PairTruth(points, T_lm_left, rig)
+
+
+def cloud_of(truths: list[PairTruth], stretch: float = 1.0, keep: float = 1.0, sigma: float = 0.05) -> PointCloud:
+    """All true points, their distance from the camera stretched; of each pair a share is kept."""
+    rng = np.random.default_rng(1)
+    clouds = []
+    for number, truth in enumerate(truths):
+        known = np.isfinite(truth.points).all(axis=2) & (rng.random(truth.points.shape[:2]) < keep)
+        v, u = np.nonzero(known)
+        centre = truth.T_lm_left.translation
+        xyz = (truth.points[v, u] - centre) * stretch + centre
+        count = len(u)
+        clouds.append(
+            PointCloud(
+                xyz.astype(np.float32),
+                np.full(count, sigma, np.float32),
+                np.zeros(count, np.float32),
+                u.astype(np.uint16),
+                v.astype(np.uint16),
+                np.full(count, number, np.uint8),
+            )
+        )
+    return PointCloud.concatenate(clouds)

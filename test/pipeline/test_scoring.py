@@ -1,0 +1,168 @@
+"""The command `sfr score` and what lies behind it, on small files with known answers."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from sfr_loc_map.cli.main import main
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.cloud_file import save_cloud
+from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.pipeline.scoring import lost_by_covariance
+
+WIDTH, HEIGHT, FOCAL = 64, 48, 60.0
+
+
+def straight(count: int = 300, scale: float = 1.0) -> Trajectory:
+    positions = np.column_stack((0.1 * scale * np.arange(count), np.zeros((count, 2))))
+    return Trajectory(np.arange(count) * 100_000_000, positions, np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """An estimate that is 1 % short, and the truth."""
+    estimate, truth = tmp_path / "estimate.txt", tmp_path / "truth.csv"
+    save_trajectory(estimate, straight(scale=0.99))
+    save_trajectory(truth, straight())
+    return estimate, truth
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
+    return main()
+
+
+def scored(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *arguments: object) -> dict[str, Any]:
+    assert run(monkeypatch, "score", *arguments, "--json", tmp_path / "score.json") == 0
+    return dict(json.loads((tmp_path / "score.json").read_text()))
+
+
+def test_score_of_trajectory_files(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    score = scored(monkeypatch, tmp_path, *files)
+    trajectory = score["trajectory"]
+    assert score["schema"] == "sfr-score/1"
+    assert (trajectory["count"], trajectory["matched"], trajectory["estimate_poses"]) == (25, 300, 300)
+    assert trajectory["condition"] == {"distance_m": 5.0}
+    assert trajectory["position_m"]["mean"] == pytest.approx(0.05)
+    assert trajectory["position_m"]["sigma"] == pytest.approx(0.0, abs=1e-12)
+    assert set(score["provenance"]["inputs"]) == {"estimate", "truth"}
+    assert "position, m, over 5 m" in capsys.readouterr().out
+
+
+def test_json_to_standard_output_is_json_alone(
+    files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(monkeypatch, "score", *files, "--condition", "time=3", "--condition", "frames=7", "--json", "-") == 0
+    conditions = json.loads(capsys.readouterr().out)["trajectory"]["conditions"]
+    assert [item["condition"] for item in conditions] == [{"time_s": 3.0}, {"frames": 7}]
+
+
+@pytest.mark.parametrize(("limit", "code"), [(0.06, 0), (0.04, 1)])
+def test_exit_code_is_the_verdict(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: float, code: int
+) -> None:
+    limits = tmp_path / "limits.yaml"
+    limits.write_text(f"trajectory:\n  - condition: distance=2\n    position_mean_plus_3sigma_m: {limit / 2.5}\n")
+    assert run(monkeypatch, "score", *files, "--limits", limits, "--json", tmp_path / "s.json") == code
+    score = json.loads((tmp_path / "s.json").read_text())
+    assert score["verdicts"][0]["verdict"] == ("fail" if code else "pass")
+    assert score["trajectory"]["condition"] == {"distance_m": 5.0}
+
+
+def test_statistics_bring_lost_flags_times_and_memory(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stats = tmp_path / "stats.csv"
+    lines = ["stamp_ns,processing_time_s,state,peak_rss_bytes"]
+    lines += [f"{k * 100_000_000},0.0{k % 3 + 1},{'lost' if 50 <= k < 60 else 'tracking'},1000" for k in range(300)]
+    stats.write_text("\n".join(lines) + "\n")
+    score = scored(monkeypatch, tmp_path, *files, "--stats", stats)
+    assert score["trajectory"]["lost"] == 10
+    assert score["timing"]["localisation_s"]["max"] == 0.03
+    assert score["memory"]["localisation_peak_bytes"] == 1000
+    assert score["memory"]["localisation_above_idle_bytes"] is None
+
+
+@pytest.fixture
+def nav_set(tmp_path: Path) -> tuple[Path, PointCloud]:
+    """A data set with one pair that looks at a wall 5 m away, and the cloud of the wall at 5.1 m."""
+    folder = tmp_path / "nav"
+    for name in ("left", "right", "truth"):
+        (folder / name).mkdir(parents=True)
+    cv2.imwrite(str(folder / "left/0.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    cv2.imwrite(str(folder / "right/0.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    k = [FOCAL, 0, 31.5, 0, FOCAL, 23.5, 0, 0, 1]
+    (folder / "rig.json").write_text(json.dumps({"width": WIDTH, "height": HEIGHT, "k": k, "baseline_m": 0.2}))
+    pose = [f"navsbOriginPos_m_Lm_{a}" for a in "xyz"] + [f"att_q_LmToNavsb_{i}" for i in (1, 2, 3, 4)]
+    header = ",".join(["stamp_ns", "left", "right", *pose, "truth"])
+    (folder / "pairs.csv").write_text(f"{header}\n5,left/0.png,right/0.png,0,0,0,0,0,0,1,truth/0.npy\n")
+    u, v = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    forward = np.full(u.shape, 5.0)
+    wall = np.stack((forward, 0.1 - (u - 31.5) / FOCAL * 5.0, -(v - 23.5) / FOCAL * 5.0), axis=-1).astype(np.float32)
+    np.save(folder / "truth/0.npy", wall)
+    records = np.zeros(u.size, PointCloud.dtype())
+    for axis, name in enumerate("xyz"):
+        records[name] = wall[..., axis].ravel()
+    records["x"] += np.float32(0.1)
+    records["sigma"] = 0.1
+    records["u"], records["v"] = u.ravel(), v.ravel()
+    return folder, PointCloud.from_structured(records)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
+def test_score_of_cloud_files(
+    nav_set: tuple[Path, PointCloud], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    folder, cloud = nav_set
+    save_cloud(tmp_path / f"cloud{suffix}", cloud)
+    part = scored(monkeypatch, tmp_path, tmp_path / f"cloud{suffix}", folder)["map"]
+    assert (part["pairs"], part["points"], part["coverage"]) == (1, WIDTH * HEIGHT, 1.0)
+    assert part["point_error_m"]["mean"] == pytest.approx(0.1, abs=1e-6)
+
+
+def test_bad_input_is_one_line_and_leaves_nothing(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = tmp_path / "broken.txt"
+    broken.write_text("0 0 0 0 0 0 0 nan\n")
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("position: 3\n")
+    other = tmp_path / "other.txt"
+    save_trajectory(other, Trajectory(np.array([10**18]), np.zeros((1, 3)), np.array([[0.0, 0, 0, 1]])))
+    for arguments in (
+        (broken, files[1]),
+        (tmp_path / "missing.txt", files[1]),
+        (other, files[1]),
+        (*files, "--condition", "5m"),
+        (*files, "--spacing", "0"),
+        (*files, "--rebase", "se3"),
+        (*files, "--limits", limits),
+        (*files, "--stats", files[1].with_name("none.csv")),
+    ):
+        capsys.readouterr()
+        assert run(monkeypatch, "score", *arguments, "--json", tmp_path / "s.json") == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert error.startswith("sfr: ")
+        assert not (tmp_path / "s.json").exists()
+
+
+def test_lost_is_told_by_the_whole_diagonal() -> None:
+    upper = np.triu_indices(6)
+    lost, half = np.eye(6) * 9999.0, np.diag([9999.0] * 3 + [1.0] * 3)
+    assert lost_by_covariance(np.array([lost[upper], half[upper]])).tolist() == [True, False]
+
+
+@pytest.mark.shared
+def test_truth_against_itself_is_perfect(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    score = scored(monkeypatch, tmp_path, shared_data / "dev-loc/groundtruth.csv", shared_data / "dev-loc")
+    assert score["trajectory"]["position_m"]["mean_plus_3sigma"] < 1e-12
+    assert score["trajectory"]["attitude_deg"]["mean_plus_3sigma"] < 1e-6
