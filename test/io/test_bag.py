@@ -1,0 +1,356 @@
+"""Bags: round trips, foreign bags, corrupt bags."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+import tracemalloc
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_worlds import (
+    START_NS,
+    World,
+    assert_is_world,
+    assert_same_pairs,
+    assert_same_trajectory,
+    make_world,
+    write_bag,
+)
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from sfr_loc_map.errors import InputError, OutputError, SfrError
+from sfr_loc_map.io import bag_messages as messages
+from sfr_loc_map.io.bag import TYPESTORE, Bag
+from sfr_loc_map.io.bag_sequence import open_bag
+from sfr_loc_map.io.registry import open_source
+
+
+def write_messages(path: Path, entries: list[tuple[str, int, Any]], *, mcap: bool = True) -> Path:
+    """Write any messages as another program would, by the bag library alone."""
+    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
+        connections: dict[str, Any] = {}
+        for topic, recorded_ns, message in entries:
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=TYPESTORE)
+            writer.write(connections[topic], recorded_ns, TYPESTORE.serialize_cdr(message, kind))
+    return path
+
+
+def loc_entries(world: World, prefix: str = "/") -> list[tuple[str, int, Any]]:
+    """Return the messages of a drive: recorded times a little after the stamps, as in life."""
+    entries: list[tuple[str, int, Any]] = []
+    for pair in world.pairs:
+        stamp = pair.stamp_ns
+        for side, picture in (("left", pair.left), ("right", pair.right)):
+            entries += [
+                (f"{prefix}loc/{side}/image_rect", stamp + 5000, messages.image(stamp, picture, "loc", side)),
+                (
+                    f"{prefix}loc/{side}/camera_info",
+                    stamp + 6000,
+                    messages.camera_info(stamp, world.loc_rig, "loc", side),
+                ),
+            ]
+    return entries
+
+
+@pytest.mark.parametrize("name", ["x.mcap", "x.db3", "x.bag"])
+def test_round_trip_is_exact(tmp_path: Path, world: World, name: str) -> None:
+    assert_is_world(open_source(write_bag(tmp_path / name, world)), world)
+
+
+def test_zstd_round_trip_is_exact_and_smaller(tmp_path: Path) -> None:
+    world = make_world()
+    flat = replace(world, pairs=tuple(replace(p, left=p.left * 0, right=p.right * 0) for p in world.pairs))
+    plain, packed = (write_bag(tmp_path / f"{z}.mcap", flat, zstd=z) for z in (False, True))
+    assert_is_world(open_source(packed), flat)
+    sizes = [sum(f.stat().st_size for f in bag.glob("*.mcap")) for bag in (plain, packed)]
+    assert sizes[1] < 0.7 * sizes[0]
+
+
+def test_each_pass_starts_anew(tmp_path: Path, world: World) -> None:
+    loc = open_source(write_bag(tmp_path / "x.mcap", world)).loc
+    assert loc is not None
+    first = loc.pairs()
+    next(first)
+    assert_same_pairs(loc.pairs(), world.pairs)
+
+
+def test_rosbags_own_reader_opens_what_is_written(tmp_path: Path, world: World) -> None:
+    with AnyReader([write_bag(tmp_path / "x.db3", world)]) as reader:
+        topics = {name: (info.msgtype, info.msgcount) for name, info in reader.topics.items()}
+    assert topics["/loc/left/image_rect"] == ("sensor_msgs/msg/Image", 4)
+    assert topics["/loc/right/camera_info"] == ("sensor_msgs/msg/CameraInfo", 4)
+    assert topics["/nav/pose"] == ("geometry_msgs/msg/PoseStamped", 2)
+    assert topics["/ground_truth/points"] == ("sensor_msgs/msg/PointCloud2", 1)
+    assert topics["/ground_truth/odometry"] == ("nav_msgs/msg/Odometry", 4)
+    assert topics["/tf_static"] == ("tf2_msgs/msg/TFMessage", 1)
+
+
+def test_jpeg_is_close_and_needs_no_other_topic(tmp_path: Path) -> None:
+    world = make_world(count=2)
+    smooth = np.add.outer(np.arange(16) * 4, np.arange(24) * 6).astype(np.uint8)
+    world = replace(world, pairs=tuple(replace(p, left=smooth, right=smooth) for p in world.pairs))
+    source = open_source(write_bag(tmp_path / "x.mcap", world, nav=False, jpeg_quality=95))
+    assert source.loc is not None
+    for pair in source.loc.pairs():
+        assert np.abs(pair.left.astype(int) - smooth).max() <= 4
+
+
+def test_truth_grid_rounds_to_its_half(tmp_path: Path, world: World) -> None:
+    source = open_source(write_bag(tmp_path / "x.mcap", world, loc=False, truth_grid_m=2.0**-10))
+    assert source.nav is not None
+    found, exact = next(source.nav.pairs()).truth, world.navs[0].truth
+    assert found is not None
+    assert exact is not None
+    np.testing.assert_allclose(found, exact, atol=2.0**-11 * 1.001, rtol=0)
+    assert np.array_equal(np.mod(found[1:], 2.0**-10), np.zeros_like(found[1:]))
+    with pytest.raises(OutputError, match="power of two"):
+        write_bag(tmp_path / "y.mcap", world, loc=False, truth_grid_m=0.001)
+
+
+def test_foreign_topics_by_remap_and_namespace(tmp_path: Path, world: World) -> None:
+    entries = [(topic.replace("/loc/left/image_rect", "/front_l/pic"), *rest) for topic, *rest in loc_entries(world)]
+    bag = write_messages(tmp_path / "foreign", entries)
+    with pytest.raises(InputError, match=r"neither loc/left/image_rect.*'?/front_l/pic.*--remap"):
+        open_source(bag)
+    for old, new in (("/front_l/pic", "/loc/left/image_rect"), ("front_l/pic", "loc/left/image_rect")):
+        loc = open_source(bag, {old: new}).loc
+        assert loc is not None
+        assert_same_pairs(loc.pairs(), world.pairs)
+        assert loc.ground_truth is None
+        assert loc.rig.T_rb_sb is None
+    spaced = open_source(write_messages(tmp_path / "spaced", loc_entries(world, "/rover_1/"))).loc
+    assert spaced is not None
+    assert_same_pairs(spaced.pairs(), world.pairs)
+
+
+def test_two_namespaces_are_ambiguous(tmp_path: Path, world: World) -> None:
+    bag = write_messages(tmp_path / "b", loc_entries(world, "/a/") + loc_entries(world, "/b/"))
+    with pytest.raises(InputError, match=r"several topics.*/a/loc.*/b/loc"):
+        open_source(bag)
+
+
+def test_unknown_remap_names_the_topics(tmp_path: Path, world: World) -> None:
+    with pytest.raises(InputError, match=r"no topic 'nope'.*/loc/left/camera_info"):
+        open_source(write_bag(tmp_path / "x.mcap", world), {"nope": "loc/left/image_rect"})
+
+
+def test_bag_without_metadata_or_as_storage_file(tmp_path: Path, world: World) -> None:
+    for name in ("x.mcap", "x.db3"):
+        bag = write_bag(tmp_path / name, world)
+        (storage,) = (f for f in bag.iterdir() if f.name != "metadata.yaml")
+        assert_is_world(open_source(storage), world)
+        (bag / "metadata.yaml").unlink()
+        assert_is_world(open_source(bag), world)
+
+
+def test_raw_messages_are_the_bytes_in_order(tmp_path: Path, world: World) -> None:
+    bag = Bag(write_bag(tmp_path / "x.mcap", world, nav=False, jpeg_quality=90))
+    found = list(bag.raw_messages(["loc/left/image_rect", "loc/left/camera_info", "nav/pose"]))
+    assert [name for name, *_ in found[:2]] == ["loc/left/image_rect/compressed", "loc/left/camera_info"]
+    assert {kind for _, kind, *_ in found} == {"sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"}
+    assert [stamp for _, _, stamp, _ in found[::2]] == [pair.stamp_ns for pair in world.pairs]
+    info = TYPESTORE.deserialize_cdr(found[1][3], found[1][1])
+    assert info.p[0] == world.loc_rig.fx
+
+
+def test_odometry_of_an_estimate(tmp_path: Path, world: World) -> None:
+    truth = world.truth
+    poses = [
+        messages.odometry(s, truth.positions[i], truth.quats_xyzw[i]) for i, s in enumerate(truth.stamps_ns.tolist())
+    ]
+    path = write_messages(tmp_path / "e", [("/x/localisation/odometry", i + 1, pose) for i, pose in enumerate(poses)])
+    assert_same_trajectory(Bag(path).odometry("localisation/odometry"), truth)
+    assert Bag(path).odometry("ground_truth/odometry") is None
+
+
+def test_single_pictures_are_left_out_with_a_warning(
+    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    entries = [e for i, e in enumerate(loc_entries(world)) if i != 4]  # the left picture of the second pair
+    loc = open_source(write_messages(tmp_path / "b", entries)).loc
+    assert loc is not None
+    with caplog.at_level(logging.WARNING):
+        assert len(loc) == 3
+    assert "1 pictures" in caplog.text
+    assert_same_pairs(loc.pairs(), (world.pairs[0], *world.pairs[2:]))
+
+
+def change(entries: list[tuple[str, int, Any]], topic: str, **changes: Any) -> list[tuple[str, int, Any]]:
+    return [(t, s, replace(m, **changes) if t == topic else m) for t, s, m in entries]
+
+
+def with_p3(world: World, value: float) -> Any:
+    p = messages.camera_info(START_NS, world.loc_rig, "loc", "right").p.copy()
+    p[3] = value
+    return p
+
+
+@pytest.mark.parametrize(
+    ("topic", "make", "words"),
+    [
+        ("loc/left/camera_info", lambda w: {"d": np.array([0.1, 0, 0, 0, 0])}, "non-rectified .*distortion"),
+        ("loc/left/camera_info", lambda w: {"r": np.eye(3)[[1, 0, 2]].reshape(-1)}, "non-rectified .*rotation"),
+        ("loc/right/camera_info", lambda w: {"p": np.zeros(12)}, "non-rectified .*projection"),
+        ("loc/right/camera_info", lambda w: {"k": 2 * w.loc_rig.k.reshape(-1)}, "non-rectified .*k and p"),
+        ("loc/right/camera_info", lambda w: {"p": with_p3(w, 2.4)}, "swapped"),
+        ("loc/right/camera_info", lambda w: {"p": with_p3(w, 0.0)}, "baseline"),
+        ("loc/right/camera_info", lambda w: {"width": 25}, "24 x 16 and 25 x 16"),
+    ],
+)
+def test_camera_info_that_is_not_of_a_rectified_pair(
+    tmp_path: Path, world: World, topic: str, make: Any, words: str
+) -> None:
+    bag = write_messages(tmp_path / "b", change(loc_entries(world), "/" + topic, **make(world)))
+    with pytest.raises(InputError, match=f"(?s){bag}.*{words}"):
+        open_source(bag)
+
+
+def test_missing_camera_info_is_named(tmp_path: Path, world: World) -> None:
+    entries = [e for e in loc_entries(world) if e[0] != "/loc/right/camera_info"]
+    with pytest.raises(InputError, match=r"no topic 'loc/right/camera_info'"):
+        open_source(write_messages(tmp_path / "b", entries))
+
+
+def test_picture_of_another_size(tmp_path: Path, world: World) -> None:
+    entries = loc_entries(world)
+    small = messages.image(START_NS, np.zeros((16, 20), np.uint8), "loc", "right")
+    entries[2] = (entries[2][0], entries[2][1], small)
+    loc = open_source(write_messages(tmp_path / "b", entries)).loc
+    assert loc is not None
+    with pytest.raises(InputError, match=rf"stamp {START_NS} is 20 x 16.*24 x 16"):
+        list(loc.pairs())
+
+
+def test_stamps_going_backwards(tmp_path: Path, world: World) -> None:
+    late = replace(world, pairs=(*world.pairs[::-1],))
+    entries = [(topic, i + 1, message) for i, (topic, _, message) in enumerate(loc_entries(late))]
+    loc = open_source(write_messages(tmp_path / "b", entries)).loc
+    assert loc is not None
+    with pytest.raises(InputError, match="must be in order"):
+        len(loc)
+
+
+def test_no_equal_stamps(tmp_path: Path, world: World) -> None:
+    entries = [
+        (t, s, messages.image(s + 1, world.pairs[0].right, "loc", "right") if t == "/loc/right/image_rect" else m)
+        for t, s, m in loc_entries(world)
+    ]
+    loc = open_source(write_messages(tmp_path / "b", entries)).loc
+    assert loc is not None
+    with pytest.raises(InputError, match="4 left and 4 right"):
+        len(loc)
+
+
+def test_nan_in_poses(tmp_path: Path, world: World) -> None:
+    bad = messages.odometry(START_NS, np.array([np.nan, 0, 0]), np.array([0.0, 0, 0, 1]))
+    loc = open_source(
+        write_messages(tmp_path / "b", [*loc_entries(world), ("/ground_truth/odometry", START_NS, bad)])
+    ).loc
+    assert loc is not None
+    with pytest.raises(InputError, match=rf"ground_truth/odometry.*pose 0 \(stamp {START_NS}\)"):
+        _ = loc.ground_truth
+
+
+def read_all(path: Path) -> None:
+    """Read everything that a bag has."""
+    source = open_bag(path)
+    assert source.loc is not None
+    assert source.nav is not None
+    len(source.loc), list(source.loc.pairs()), list(source.nav.pairs())
+    _ = source.loc.ground_truth
+
+
+@pytest.mark.parametrize("name", ["x.mcap", "x.db3"])
+@pytest.mark.parametrize("keep", [0.0, 0.02, 0.3, 0.9, 0.999])
+@pytest.mark.parametrize("metadata", [True, False])
+def test_truncated_bag_is_one_error(tmp_path: Path, world: World, name: str, keep: float, metadata: bool) -> None:
+    bag = write_bag(tmp_path / name, world)
+    (storage,) = (f for f in bag.iterdir() if f.name != "metadata.yaml")
+    data = storage.read_bytes()
+    storage.write_bytes(data[: int(keep * len(data))])
+    if not metadata:
+        (bag / "metadata.yaml").unlink()
+    with pytest.raises(InputError, match=str(bag)) as caught:
+        read_all(bag)
+    assert "\n" not in str(caught.value)
+
+
+def test_flipped_bytes_in_mcap_are_noticed_wherever_they_are(tmp_path: Path, world: World) -> None:
+    bag = write_bag(tmp_path / "x.mcap", world)
+    (storage,) = bag.glob("*.mcap")
+    data = storage.read_bytes()
+    chunk_end = data.index(b"serialized_metadata")  # what follows is an index and statistics
+    for place in np.random.default_rng(1).integers(60, chunk_end - 2000, 25):
+        broken = bytearray(data)
+        broken[place] ^= 0x55
+        storage.write_bytes(broken)
+        with pytest.raises(InputError, match=str(bag)):
+            read_all(bag)
+
+
+def test_flipped_bytes_in_sqlite_never_give_another_error(tmp_path: Path, world: World) -> None:
+    bag = write_bag(tmp_path / "x.db3", world)
+    (storage,) = bag.glob("*.db3")
+    data = storage.read_bytes()
+    rng = np.random.default_rng(2)
+    errors = 0
+    for _ in range(25):
+        broken = bytearray(data)
+        for place in rng.integers(0, len(data), 40):
+            broken[place] ^= 0x55
+        storage.write_bytes(broken)
+        try:
+            read_all(bag)
+        except SfrError as error:
+            errors += 1
+            assert str(bag) in str(error)  # noqa: PT017 - which error comes is open, its form is not
+    assert errors > 10
+
+
+def test_broken_jpeg_names_the_stamp(tmp_path: Path, world: World) -> None:
+    entries = loc_entries(world)
+    for i in (0, 4, 8, 12):
+        good = messages.jpeg_image(entries[i][2].header.stamp.sec, world.pairs[0].left, "loc", "left", 90)
+        good = replace(good, header=entries[i][2].header)
+        entries[i] = ("/loc/left/image_rect/compressed", entries[i][1], good)
+    cut = entries[4][2].data[:150]
+    entries[4] = (*entries[4][:2], replace(entries[4][2], data=cut))
+    loc = open_source(write_messages(tmp_path / "b", entries, mcap=False)).loc
+    assert loc is not None
+    with pytest.raises(InputError, match=rf"stamp {world.pairs[1].stamp_ns}.*JPEG"):
+        list(loc.pairs())
+
+
+def test_empty_bag_and_metadata_that_is_no_yaml(tmp_path: Path, world: World) -> None:
+    with pytest.raises(InputError, match="holds no message"):
+        open_source(write_messages(tmp_path / "empty", []))
+    bag = write_bag(tmp_path / "x.mcap", world)
+    (bag / "metadata.yaml").write_text(": [")
+    with pytest.raises(InputError, match=str(bag)):
+        open_source(bag)
+    shutil.rmtree(bag)
+
+
+def test_memory_does_not_grow_with_length(tmp_path: Path) -> None:
+    def peak(count: int, name: str) -> int:
+        world = make_world(count=count, width=256, height=256)
+        path = write_bag(tmp_path / name, world, nav=False)
+        del world
+        loc = open_source(path).loc
+        assert loc is not None
+        tracemalloc.start()
+        assert sum(1 for _ in loc.pairs()) == count
+        value = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return value
+
+    for suffix in ("mcap", "db3"):
+        assert peak(120, f"long.{suffix}") < peak(20, f"short.{suffix}") + 2_000_000  # the long bag holds 15 MB more
