@@ -18,7 +18,7 @@ from sfr_loc_map.localisation.machine import FAST
 from sfr_loc_map.localisation.patches import normalise, sample, warp
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _shapes(homographies: FloatArray, uv: FloatArray) -> FloatArray:
     """Return the derivatives `(N, 4)` of the warps at the patch centres; zero behind the camera."""
     out = np.zeros((len(uv), 4))
@@ -34,7 +34,7 @@ def _shapes(homographies: FloatArray, uv: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _prepare(
     patches: NDArray[np.float32], shapes: FloatArray
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], FloatArray]:
@@ -66,7 +66,7 @@ def _prepare(
     return templates, jacobians, normal
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def align_pose(  # noqa: C901 - one loop of machine code
     image: FloatImage,
     level: int,

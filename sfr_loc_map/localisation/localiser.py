@@ -16,10 +16,11 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.corners import find_corners
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.localisation.images import LEVELS, Pyramid, build_pyramid
+from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.patches import HALF, plane_homographies, track_patches
 from sfr_loc_map.localisation.pose_solver import solve_pose
 from sfr_loc_map.localisation.sparse_stereo import match_corners
-from sfr_loc_map.localisation.window import Window
+from sfr_loc_map.localisation.window import Landmarks, Window
 
 BORDER = HALF + 4
 
@@ -32,7 +33,7 @@ class Tracked:
         rotation: `(3, 3)` left camera to world.
         position: `(3,)` metres.
         information: `(6, 6)` of the pose given the window.
-        landmarks: `(M,)` landmarks looked for.
+        landmarks: The M landmarks looked for.
         observed: `(M, 4)` u, v left, u, v right; NaN where not seen.
         variance: `(M, 2, 3)` uu, uv, vv, px^2.
         chi: `(M,)` squared Mahalanobis residual a degree of freedom; NaN where not seen.
@@ -41,7 +42,7 @@ class Tracked:
     rotation: FloatArray
     position: FloatArray
     information: FloatArray
-    landmarks: NDArray[np.intp]
+    landmarks: Landmarks
     observed: FloatArray
     variance: FloatArray
     chi: FloatArray
@@ -109,7 +110,7 @@ class Localiser:
             found = f"{pair.left.shape[1]} x {pair.left.shape[0]}"
             wanted = f"{self._rig.width} x {self._rig.height}"
             raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {wanted}: give pictures of the rig")
-        left, right = build_pyramid(pair.left), build_pyramid(pair.right)
+        left, right = both(build_pyramid, (pair.left,), (pair.right,))
         if not len(self._window):
             return self._initialise(pair.stamp_ns, left, right)
         tracked = self._track(left, right)
@@ -148,54 +149,38 @@ class Localiser:
         )
 
     def _track(self, left: Pyramid, right: Pyramid) -> Tracked | None:
-        window = self._window
-        which = np.flatnonzero(window.alive)
-        if len(which) < 8:
+        marks = self._landmarks
+        if len(marks) < 8:
             return None
-        rotation, position = self._align(left, which)
-        host_rotations, host_positions = window.hosts(which)
-        rays, rho = window.rays(which), window.uvrho[which, 2]
-        tracked = None
-        for limit, rounds in ((4.0, 6), (1.5, 6)):
-            observed = np.full((len(which), 4), np.nan)
-            variance = np.ones((len(which), 2, 3))
-            for side, pyramid in enumerate((left, right)):
-                homographies = plane_homographies(
-                    rotation,
-                    position,
-                    host_rotations,
-                    host_positions,
-                    window.uv[which],
-                    rho,
-                    window.slopes[which],
-                    self._camera,
-                    side * self._rig.baseline_m,
-                )
-                found = track_patches(
-                    pyramid.levels[0], window.patches[0][which], window.uv[which], homographies, limit, rounds
-                )
-                found[found[:, 6] < 0.6] = np.nan
-                observed[:, 2 * side : 2 * side + 2] = found[:, :2]
-                variance[:, side] = self._variance(found)
-            observed[:, 3] -= self._vertical_offset_px
-            rotation, position, information, chi = solve_pose(
-                rotation,
-                position,
-                host_rotations,
-                host_positions,
-                rays,
-                rho,
-                window.covariance[which],
-                observed,
-                variance,
-                self._camera,
-                self._rig.baseline_m,
-                8,
-            )
-            tracked = Tracked(rotation, position, information, which, observed, variance, chi)
-            if tracked.inliers.sum() < self._config.min_tracked:
-                break
-        return tracked
+        rotation, position = self._align(left, marks)
+        baseline = self._rig.baseline_m
+        places = (rotation, position, marks.host_rotations, marks.host_positions, marks.uv, marks.rho, marks.slopes)
+        found = both(
+            track_patches,
+            *(
+                (image.levels[0], marks.patches[0], marks.uv, plane_homographies(*places, self._camera, shift), 2.5, 6)
+                for image, shift in ((left, 0.0), (right, baseline))
+            ),
+        )
+        for side in found:
+            side[side[:, 6] < 0.6] = np.nan
+        observed = np.column_stack((found[0][:, :2], found[1][:, :2] - [0.0, self._vertical_offset_px]))
+        variance = np.stack((self._variance(found[0]), self._variance(found[1])), axis=1)
+        rotation, position, information, chi = solve_pose(
+            rotation,
+            position,
+            marks.host_rotations,
+            marks.host_positions,
+            marks.rays,
+            marks.rho,
+            marks.covariance,
+            observed,
+            variance,
+            self._camera,
+            baseline,
+            10,
+        )
+        return Tracked(rotation, position, information, marks, observed, variance, chi)
 
     def _variance(self, found: FloatArray) -> FloatArray:
         """Return the variances `(N, 3)` of tracked positions, half of it the patch's and half the picture's."""
@@ -206,69 +191,46 @@ class Localiser:
         variance[:, 2] += self._config.pixel_floor**2
         return variance
 
-    def _align(self, left: Pyramid, which: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    def _align(self, left: Pyramid, marks: Landmarks) -> tuple[FloatArray, FloatArray]:
         moved, step = self._last_motion
         top = LEVELS - 1
         starts = (
             (self._rotation @ moved, self._position + self._rotation @ step),
             (self._rotation, self._position),
         )
-        results = [self._align_level(left, top, which, *start, 6) for start in starts]
+        results = [self._align_level(left, top, marks, *start, 6) for start in starts]
         best = max(results, key=lambda result: result[2])
-        for level in range(top - 1, 0, -1):
-            best = self._align_level(left, level, which, best[0], best[1], 4)
+        for level in range(top - 1, -1, -1):
+            best = self._align_level(left, level, marks, best[0], best[1], 4)
         return best[0], best[1]
 
     def _align_level(
-        self,
-        left: Pyramid,
-        level: int,
-        which: NDArray[np.intp],
-        rotation: FloatArray,
-        position: FloatArray,
-        rounds: int,
+        self, left: Pyramid, level: int, marks: Landmarks, rotation: FloatArray, position: FloatArray, rounds: int
     ) -> tuple[FloatArray, FloatArray, float, float]:
-        window = self._window
-        hosts = window.hosts(which)
-        uv, rho = window.uv[which], window.uvrho[which, 2]
-        homographies = plane_homographies(rotation, position, *hosts, uv, rho, window.slopes[which], self._camera, 0.0)
-        return align_pose(
-            left.levels[level],
-            level,
-            window.patches[level][which],
-            homographies,
-            rotation,
-            position,
-            *hosts,
-            uv,
-            rho,
-            self._camera,
-            rounds,
-        )
+        places = (rotation, position, marks.host_rotations, marks.host_positions, marks.uv, marks.rho)
+        homographies = plane_homographies(*places, marks.slopes, self._camera, 0.0)
+        return align_pose(left.levels[level], level, marks.patches[level], homographies, *places, self._camera, rounds)
 
     def _wants_keyframe(self, tracked: Tracked) -> bool:
-        window = self._window
-        newest = len(window) - 1
-        hosts = tracked.inliers
-        landmarks = tracked.landmarks
-        before = window.observed[landmarks, newest, :2]
-        flow = np.linalg.norm(tracked.observed[:, :2] - before, axis=1)[hosts]
+        before = tracked.landmarks.last_seen[:, :2]
+        flow = np.linalg.norm(tracked.observed[:, :2] - before, axis=1)[tracked.inliers]
         flow = flow[np.isfinite(flow)]
-        had = int(np.isfinite(window.observed[:, newest, 0]).sum())
-        if len(flow) < self._config.keyframe_share * had:
+        if len(flow) < self._config.keyframe_share * self._seen_by_keyframe:
             return True
         return float(np.median(flow)) > self._config.keyframe_flow * self._rig.width
 
     def _add_keyframe(self, left: Pyramid, right: Pyramid, tracked: Tracked) -> None:
         window = self._window
         good = tracked.inliers
-        window.alive[tracked.landmarks[~good]] = False
-        seen = tracked.landmarks[good]
-        full = len(window) == self._config.window_keyframes
-        gone = int((window.host == 0).sum()) if full else 0
-        window.add_keyframe(tracked.rotation, tracked.position, seen, tracked.observed[good], tracked.variance[good])
-        kept = seen >= gone
-        known = tracked.observed[good][kept]
+        window.alive[tracked.landmarks.index[~good]] = False
+        window.add_keyframe(
+            tracked.rotation,
+            tracked.position,
+            tracked.landmarks.index[good],
+            tracked.observed[good],
+            tracked.variance[good],
+        )
+        known = window.observed[window.alive, -1]
         known = np.column_stack((known[:, :2], known[:, 0] - known[:, 2]))
         self._add_landmarks(left, right, known[np.isfinite(known).all(axis=1)])
         self._keyframe_count += 1
@@ -290,6 +252,8 @@ class Localiser:
                 np.stack((variance, variance), axis=1),
             )
         self._window.adjust(self._config.adjustment_rounds)
+        self._landmarks = self._window.landmarks()
+        self._seen_by_keyframe = int(np.isfinite(self._landmarks.last_seen[:, 0]).sum())
 
     def _estimate(
         self, stamp_ns: int, state: TrackingState, covariance: FloatArray, statistics: dict[str, float]

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.images import FloatImage, Pyramid
 from sfr_loc_map.localisation.machine import FAST
-from sfr_loc_map.localisation.patches import cut_patches, track_patches
+from sfr_loc_map.localisation.patches import HALF, cut_patches, track_patches
 
 SEARCH_LEVEL = 1
 SEARCH_HALF = 4
@@ -63,7 +63,7 @@ def match_corners(
     """
     rough, found = _search(left, right, uv, max_disparity, offset_v)
     uv, rough = uv[found], rough[found]
-    patches = cut_patches(left.levels[0], uv, 5)
+    patches = cut_patches(left.levels[0], uv, HALF)
     points = np.column_stack((uv, rough))
     slope = local_slopes(points, np.concatenate((points, known)))
     for _ in range(2):

@@ -2,17 +2,52 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.adjustment import adjust, linearise, pose_difference
 from sfr_loc_map.localisation.images import LEVELS, Pyramid
-from sfr_loc_map.localisation.patches import HALF, SIDE, cut_patches
+from sfr_loc_map.localisation.patches import SIDE, cut_patches
 
 COARSE_HALF = 3
 START_VARIANCE = 1e-10
 """Variance of the first pose (m^2, rad^2): it is given, not estimated."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Landmarks:
+    """The landmarks that are looked for, as arrays for the machine code; fields as in `Window`.
+
+    Attributes:
+        index: `(M,)` their places in the window.
+        host_rotations: `(M, 3, 3)` host cameras to world.
+        host_positions: `(M, 3)` metres.
+        uv: `(M, 2)` host pixels.
+        rays: `(M, 3)` host rays of the estimated host pixels.
+        rho: `(M,)` 1/m.
+        slopes: `(M, 2)` 1/m a pixel.
+        covariance: `(M, 3, 3)`.
+        patches: One array `(M, 3, S * S)` a level.
+        last_seen: `(M, 4)` where the newest keyframe saw them.
+    """
+
+    index: NDArray[np.intp]
+    host_rotations: FloatArray
+    host_positions: FloatArray
+    uv: FloatArray
+    rays: FloatArray
+    rho: FloatArray
+    slopes: FloatArray
+    covariance: FloatArray
+    patches: list[NDArray[np.float32]]
+    last_seen: FloatArray
+
+    def __len__(self) -> int:
+        """Return their number."""
+        return len(self.index)
 
 
 class Window:
@@ -57,15 +92,23 @@ class Window:
         """Covariance `(6, 6)` of the newest keyframe's pose."""
         return self.pose_covariance[-6:, -6:]
 
-    def hosts(self, which: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Return host rotations `(M, 3, 3)` and positions `(M, 3)` of landmarks."""
-        return self.rotations[self.host[which]], self.positions[self.host[which]]
-
-    def rays(self, which: NDArray[np.intp]) -> FloatArray:
-        """Return host rays `(M, 3)` of landmarks."""
+    def landmarks(self) -> Landmarks:
+        """Return the landmarks that are looked for."""
+        which = np.flatnonzero(self.alive)
         fx, fy, cx, cy = self._camera
         u, v = self.uvrho[which, 0], self.uvrho[which, 1]
-        return np.column_stack(((u - cx) / fx, (v - cy) / fy, np.ones(len(which))))
+        return Landmarks(
+            which,
+            self.rotations[self.host[which]],
+            self.positions[self.host[which]],
+            self.uv[which],
+            np.column_stack(((u - cx) / fx, (v - cy) / fy, np.ones(len(which)))),
+            self.uvrho[which, 2].copy(),
+            self.slopes[which],
+            self.covariance[which],
+            [patches[which] for patches in self.patches],
+            self.observed[which, -1],
+        )
 
     def add_keyframe(
         self,
@@ -196,6 +239,3 @@ def _coarse_patches(left: Pyramid, uv: FloatArray, level: int) -> NDArray[np.flo
     cut = cut_patches(image, np.clip(small, margin, [width - 1 - margin, height - 1 - margin]), COARSE_HALF)
     cut[~inside] = 0.0  # no texture: never in view
     return cut
-
-
-__all__ = ["HALF", "Window"]
