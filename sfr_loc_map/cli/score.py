@@ -89,6 +89,8 @@ def present(result: dict[str, Any], json_path: str | None, html: Path | None) ->
         from rich.console import Console
 
         console = Console()
+        if not console.is_terminal:
+            console = Console(width=120)
         for table in score_tables(result):
             console.print(table)
     missed = failed(result)

@@ -1,0 +1,105 @@
+"""A live run gives the bits of the file."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from random_drives import Poses, drive, rows, spoilt, trajectory
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.live import LiveTrajectoryScore
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+
+CONFIG = TrajectoryScoreConfig(conditions=("distance=5", "time=7", "frames=31", "distance=1e9"), spacing=3)
+
+
+def offline(estimate: Poses, truth: Poses) -> str:
+    return json.dumps(score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), CONFIG))
+
+
+def live(events: list[tuple[str, Any]], ask_every: int = 0) -> str:
+    score = LiveTrajectoryScore(CONFIG)
+    for number, (kind, (stamp, position, quat)) in enumerate(events):
+        add = score.add_estimate if kind == "estimate" else score.add_truth
+        add(int(stamp), position, quat)
+        if ask_every and number % ask_every == 0:
+            score.result()
+    return json.dumps(score.result())
+
+
+def stream(estimate: Poses, truth: Poses, *, truth_late_ns: int = 0, jitter_ns: int = 0, seed: int = 0) -> Any:
+    """Both in the order they come: the truth late, everything with jitter."""
+    rng = np.random.default_rng(seed)
+    events = [("estimate", (s, p, q), s) for s, p, q in zip(*estimate, strict=True)]
+    events += [("truth", (s, p, q), s + truth_late_ns) for s, p, q in zip(*truth, strict=True)]
+    order = np.argsort([e[2] + rng.integers(0, jitter_ns + 1) for e in events], kind="stable")
+    return [events[k][:2] for k in order]
+
+
+def in_order_of(events: list[tuple[str, Any]], kind: str) -> Poses:
+    """The poses of one kind in the order they came, as a recording has them."""
+    poses = [pose for name, pose in events if name == kind]
+    return tuple(np.array(part) for part in zip(*poses, strict=True))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("late", [0, 3_000_000_000])
+@pytest.mark.parametrize("seed", range(6))
+def test_live_equals_offline_bit_by_bit(seed: int, late: int) -> None:
+    truth, estimate = drive(seed, 700, turns=seed % 2 == 0, stand=seed % 3 == 0)
+    if seed % 2:
+        estimate = spoilt(estimate, seed, duplicates=0, shuffle=False)
+    if seed == 4:
+        truth = rows(truth, slice(None, None, 3))
+    events = stream(estimate, truth, truth_late_ns=late, jitter_ns=1_000_000_000 if seed % 3 == 1 else 0, seed=seed)
+    assert live(events, ask_every=97) == offline(in_order_of(events, "estimate"), in_order_of(events, "truth"))
+
+
+@pytest.mark.parametrize("shift", [37_000_000, 400])
+def test_live_equals_offline_with_truth_at_another_rate(shift: int) -> None:
+    truth, estimate = drive(11, 600)
+    truth = (truth[0] + shift, truth[1], truth[2])
+    events = stream(estimate, truth)
+    got = live(events, ask_every=50)
+    assert got == offline(estimate, truth)
+    association = json.loads(got)["trajectory"]["association"]
+    assert association["interpolated" if shift > 1000 else "near"] > 500
+
+
+def test_live_equals_offline_with_duplicates() -> None:
+    truth, estimate = drive(12, 500)
+    events = stream(spoilt(estimate, 1, duplicates=20, shuffle=False), spoilt(truth, 2, duplicates=20, shuffle=False))
+    assert live(events) == offline(in_order_of(events, "estimate"), in_order_of(events, "truth"))
+
+
+def test_what_comes_after_its_time_was_scored_is_left_out_and_counted() -> None:
+    truth, estimate = drive(13, 400)
+    events = stream(estimate, truth)
+    events.append(("estimate", tuple(part[5] for part in estimate)))
+    association = json.loads(live(events))["trajectory"]["association"]
+    assert (association["late"], association["estimate_poses"]) == (1, 401)
+
+
+def test_before_anything_came_there_are_no_figures() -> None:
+    score = LiveTrajectoryScore(CONFIG)
+    score.add_estimate(5, [0.0, 0, 0], [0.0, 0, 0, 1])
+    got = score.result()["trajectory"]
+    assert (got["count"], got["matched"], got["estimate_poses"]) == (0, 0, 1)
+    assert got["position_m"]["mean"] is None
+
+
+def test_estimates_without_truth_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfr_loc_map.metrics.live.MAX_WAITING_POSES", 500)
+    score = LiveTrajectoryScore(CONFIG)
+    for k in range(3000):
+        score.add_estimate(k, [0.0, 0, 0], [0.0, 0, 0, 1])
+    assert len(score._estimates.stamps) <= 501
+    assert score.result()["trajectory"]["estimate_poses"] == 3000
+
+
+def test_poses_that_are_none_are_refused() -> None:
+    score = LiveTrajectoryScore(CONFIG)
+    with pytest.raises(GeometryError, match="not finite"):
+        score.add_truth(1, [0.0, float("nan"), 0], [0.0, 0, 0, 1])
