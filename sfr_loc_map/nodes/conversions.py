@@ -13,10 +13,10 @@ from typing import Any, Literal
 import numpy as np
 import simplejpeg
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from geometry_msgs.msg import Point, Pose, Quaternion
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2, PointField, RegionOfInterest
+from sensor_msgs.msg import CompressedImage, Image, PointCloud2, PointField, RegionOfInterest
 from std_msgs.msg import Header
 from stereo_msgs.msg import DisparityImage
 
@@ -25,7 +25,6 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import GreyImage, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.camera_info import projection
 from sfr_loc_map.io.image_codec import (
     JPEG_MAGIC,
     PNG_MAGIC,
@@ -90,31 +89,12 @@ def transform_from_pose(pose: Pose, name: str) -> Transform:
     return Transform.from_quat(position, quat)
 
 
-def pose_stamped_msg(stamp_ns: int, pose: Transform, frame_id: str) -> PoseStamped:
-    """Return a stamped pose with the quaternion that the pose was made of, so that it comes out unchanged."""
-    return PoseStamped(header=header_msg(stamp_ns, frame_id), pose=pose_msg(pose, pose.file_quat_xyzw))
-
-
 def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:
     """Return an estimate as odometry; the velocity is not estimated and says so by its covariance."""
     message = Odometry(header=header_msg(estimate.stamp_ns, parent), child_frame_id=child)
     message.pose.pose = pose_msg(estimate.T_ds_rb, estimate.T_ds_rb.quat_xyzw)
     message.pose.covariance = np.array(estimate.covariance, dtype=np.float64).reshape(36)
     message.twist.covariance = (np.eye(6) * LOST_VARIANCE).reshape(36)
-    return message
-
-
-def true_odometry_msg(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray, frames: tuple[str, str]) -> Odometry:
-    """Return a true pose as odometry, numbers as given.
-
-    Args:
-        stamp_ns: Its time.
-        position: `(3,)` m, RB origin in DS.
-        quat_xyzw: `(4,)`, orientation of RB in DS as in ROS messages.
-        frames: Names of DS and RB.
-    """
-    message = Odometry(header=header_msg(stamp_ns, frames[0]), child_frame_id=frames[1])
-    message.pose.pose = pose_msg(Transform(np.eye(3), position), quat_xyzw)
     return message
 
 
@@ -128,14 +108,6 @@ def odometry_row(message: Odometry) -> tuple[int, tuple[float, float, float], tu
     transform_from_pose(message.pose.pose, f"odometry of stamp {stamp}")
     p, q = message.pose.pose.position, message.pose.pose.orientation
     return stamp, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
-
-
-def image_msg(image: GreyImage, stamp_ns: int, frame_id: str) -> Image:
-    """Return a grey picture as mono8."""
-    height, width = image.shape
-    message = Image(header=header_msg(stamp_ns, frame_id), height=height, width=width, encoding="mono8", step=width)
-    message.data = _bytes(image)
-    return message
 
 
 def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> GreyImage:
@@ -176,18 +148,6 @@ def compressed_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def camera_info_msg(rig: StereoRig, side: Literal["left", "right"], stamp_ns: int, frame_id: str) -> CameraInfo:
-    """Return the camera_info of one rectified camera; the baseline is in P of the right one."""
-    message = CameraInfo(header=header_msg(stamp_ns, frame_id), height=int(rig.height), width=int(rig.width))
-    message.distortion_model = "plumb_bob"
-    message.d = [0.0] * 5
-    message.k = rig.k.reshape(9)
-    message.r = np.eye(3).reshape(9)
-    message.p = projection(rig, side)
-    message.roi = RegionOfInterest()
-    return message
-
-
 def cloud_msg(cloud: PointCloud, stamp_ns: int, frame_id: str) -> PointCloud2:
     """Return a cloud with the fields x y z sigma intensity u v pair, one row."""
     message = _packed_cloud(cloud.to_structured(), stamp_ns, frame_id)
@@ -203,15 +163,6 @@ def cloud_from_msg(message: PointCloud2) -> PointCloud:
     """
     records = _records(message, FIELD_TYPES)
     return PointCloud.from_structured(records.reshape(-1))
-
-
-def point_image_msg(points: NDArray[np.float32], stamp_ns: int, frame_id: str) -> PointCloud2:
-    """Return a point image `(H, W, 3)` float32, metres, as an organised cloud; NaN where there is none."""
-    height, width, _ = points.shape
-    records = np.ascontiguousarray(points, np.float32).view(np.dtype([(axis, np.float32) for axis in "xyz"]))
-    message = _packed_cloud(records.reshape(height * width), stamp_ns, frame_id)
-    message.height, message.width, message.row_step = height, width, width * message.point_step
-    return message
 
 
 def disparity_msg(

@@ -115,6 +115,7 @@ class LocalisationNode(Node):
             on_pair=self._on_pair,
             on_rig=self._on_rig,
             on_jump_back=self._on_jump_back,
+            on_problem=self._report,
         )
         service = self.create_service(Trigger, "~/reset", self._on_reset)
         publishes = [self._odometry.topic_name, self._calls.topic, *(["/tf"] if self._tf else [])]
@@ -176,8 +177,7 @@ class LocalisationNode(Node):
                 estimate = localiser.process(pair)
         except SfrError as error:
             self._input.counts.rejected += 1
-            self.get_logger().error(str(error), throttle_duration_sec=WARN_EVERY_S)
-            self._calls.publish_problem(str(error), self._input.statistics())
+            self._report(str(error))
             return
         self._next_pose = estimate.T_ds_rb
         self._publish(estimate)
@@ -189,6 +189,10 @@ class LocalisationNode(Node):
             self._input.statistics(),
             LEVELS[estimate.state],
         )
+
+    def _report(self, text: str) -> None:
+        self.get_logger().error(text, throttle_duration_sec=WARN_EVERY_S)
+        self._calls.publish_problem(text, self._input.statistics())
 
     def _begin(self) -> Localiser:
         """Make the localiser for the rig, at the pose due."""

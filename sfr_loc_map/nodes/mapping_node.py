@@ -81,6 +81,7 @@ class MappingNode(Node):
             on_pair=self._on_pair,
             on_rig=self._on_rig,
             on_jump_back=self._on_jump_back,
+            on_problem=self._report,
         )
         services = [
             self.create_service(Trigger, "~/finish", self._on_finish),

@@ -16,9 +16,8 @@ from rclpy.utilities import ok, try_shutdown
 
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.supervisor import SUPERVISOR_VARIABLE
 
-SUPERVISOR_VARIABLE = "SFR_SUPERVISOR_PID"
-"""Process that started this one and without which it shall not live."""
 _PR_SET_PDEATHSIG = 1
 
 

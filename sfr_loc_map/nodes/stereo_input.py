@@ -70,6 +70,7 @@ class StereoInput:
         on_pair: Callable[[StereoPair], None],
         on_rig: Callable[[StereoRig], None],
         on_jump_back: Callable[[], None],
+        on_problem: Callable[[str], None],
     ) -> None:
         """Subscribe.
 
@@ -80,11 +81,13 @@ class StereoInput:
             on_pair: Called with each pair, in the order of the stamps.
             on_rig: Called with the rig before the first pair, and when it changes.
             on_jump_back: Called before the first pair of a new run, when stamps have gone back.
+            on_problem: Called with what is wrong when messages cannot be used.
         """
         self.rig: StereoRig | None = None
         self.counts = InputCounts()
         self._node, self._bench = node, bench
-        self._on_pair, self._on_rig, self._on_jump_back = on_pair, on_rig, on_jump_back
+        self._on_pair, self._on_rig = on_pair, on_rig
+        self._on_jump_back, self._on_problem = on_jump_back, on_problem
         self._infos: dict[str, CameraInfo] = {}
         self._pairing: StampPairing[Any] = StampPairing(round(config.stamp_tolerance_s * NS), config.queue_depth)
         self._waiting: deque[tuple[Any, Any]] = deque()
@@ -157,7 +160,7 @@ class StereoInput:
         try:
             rig = rig_from_camera_info(self._infos["left"], self._infos["right"], self._bench)
         except InputError as error:
-            self._warn(str(error))
+            self._on_problem(str(error))
             return
         if self.rig is None or not self.rig.same_cameras(rig):
             self.rig = rig
@@ -173,7 +176,7 @@ class StereoInput:
         if len(self._waiting) > self._depth:
             self._waiting.popleft()
             self.counts.without_camera_info += 1
-            self._warn(f"pictures of '{self._bench}' come without a usable camera_info of both cameras: dropped")
+            self._on_problem(f"pictures of '{self._bench}' come without a usable camera_info of both cameras: dropped")
 
     def _hand_over(self, rig: StereoRig, messages: tuple[Any, Any]) -> None:
         stamp_ns = stamp_of(messages[0])
@@ -186,13 +189,10 @@ class StereoInput:
             left, right = (_grey(message, rig) for message in messages)
         except InputError as error:
             self.counts.rejected += 1
-            self._warn(str(error))
+            self._on_problem(str(error))
             return
         self._last_ns = stamp_ns
         self._on_pair(StereoPair(stamp_ns, left, right))
-
-    def _warn(self, text: str) -> None:
-        self._node.get_logger().warning(text, throttle_duration_sec=WARN_EVERY_S)
 
 
 def _grey(message: Any, rig: StereoRig) -> GreyImage:  # noqa: ANN401 - Image or CompressedImage

