@@ -5,15 +5,16 @@ The bag is opened for each pass and closed after it, so nothing is held open, an
 
 from __future__ import annotations
 
+import heapq
 import struct
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.errors import GeometryError, InputError, SfrError
@@ -71,9 +72,9 @@ class Bag:
         """
         self.path = path
         self._files = _reader_paths(path)
-        with self._reading() as reader:
-            self._types = {connection.topic: connection.msgtype for connection in reader.connections}
-            count = reader.message_count
+        with self._reading() as readers:
+            self._types = {c.topic: c.msgtype for reader in readers for c in reader.connections}
+            count = sum(reader.message_count for reader in readers)
         if not count:
             raise InputError(f"bag '{path}' holds no message: record it again")
         self._names = self._renamed(remap or {})
@@ -138,10 +139,11 @@ class Bag:
             InputError: If the bag is broken, or holds fewer messages than it says.
         """
         by_name = {topic.bag_name: topic for topic in topics}
-        with self._reading() as reader:
-            connections = [c for c in reader.connections if c.topic in by_name]
-            expected, count = sum(c.msgcount for c in connections), 0
-            for connection, recorded_ns, raw in reader.messages(connections) if connections else ():
+        with self._reading() as readers:
+            wanted = [(reader, [c for c in reader.connections if c.topic in by_name]) for reader in readers]
+            expected, count = sum(c.msgcount for _, connections in wanted for c in connections), 0
+            streams = [reader.messages(connections) for reader, connections in wanted if connections]
+            for connection, recorded_ns, raw in heapq.merge(*streams, key=lambda message: message[1]):
                 topic = by_name[connection.topic]
                 count += 1
                 yield topic, _header_stamp(raw) if topic.msgtype in STAMPED else recorded_ns, raw
@@ -235,14 +237,14 @@ class Bag:
         return {topic: wanted.get(name, name) for topic, name in names.items()}
 
     @contextmanager
-    def _reading(self) -> Iterator[AnyReader]:
-        """Open the bag; whatever goes wrong within becomes one `InputError` with the path.
+    def _reading(self) -> Iterator[list[Reader]]:
+        """Open the files of the bag; whatever goes wrong within becomes one `InputError` with the path.
 
         The reader raises many kinds of exceptions for broken data (its own, those of sqlite and zstd, KeyError, ...).
         """
         try:
-            with AnyReader(self._files, default_typestore=TYPESTORE) as reader:
-                yield reader
+            with ExitStack() as stack:
+                yield [stack.enter_context(Reader(file)) for file in self._files]
         except SfrError:
             raise
         except Exception as error:
@@ -256,13 +258,10 @@ def _storage_files(folder: Path) -> list[Path]:
 
 
 def _reader_paths(path: Path) -> list[Path]:
-    """Return what the reader shall open: the folder, or the storage files where metadata.yaml is missing.
-
-    The reader takes anything named *.bag for a file of ROS 1, so of such folders the storage files are given too.
-    """
+    """Return what the reader shall open: the folder, or the storage files where metadata.yaml is missing."""
     if not path.exists():
         raise InputError(f"there is no bag '{path}': give its folder or its .mcap or .db3 file")
-    if not path.is_dir() or ((path / "metadata.yaml").exists() and path.suffix != ".bag"):
+    if not path.is_dir() or (path / "metadata.yaml").exists():
         return [path]
     files = _storage_files(path)
     if not files:

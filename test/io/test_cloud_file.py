@@ -1,0 +1,147 @@
+"""Clouds as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
+
+
+def random_cloud(count: int, seed: int = 0) -> PointCloud:
+    rng = np.random.default_rng(seed)
+    records = np.zeros(count, PointCloud.dtype())
+    for name in ("x", "y", "z", "sigma", "intensity"):
+        records[name] = rng.normal(size=count)
+    records["u"], records["v"], records["pair"] = rng.integers(0, [65536, 65536, 256], (count, 3)).T
+    return PointCloud.from_structured(records)
+
+
+@given(st.integers(0, 20), st.integers(0, 5))
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
+def test_round_trip_is_exact(tmp_path_factory: pytest.TempPathFactory, suffix: str, count: int, seed: int) -> None:
+    path, cloud = tmp_path_factory.mktemp("c") / f"c{suffix}", random_cloud(count, seed)
+    save_cloud(path, cloud)
+    loaded = load_cloud(path)
+    assert loaded.cloud is not None
+    assert loaded.cloud.to_structured().tobytes() == cloud.to_structured().tobytes()
+    np.testing.assert_array_equal(loaded.xyz, cloud.xyz)
+
+
+def test_files_are_what_others_expect(tmp_path: Path) -> None:
+    cloud = random_cloud(3)
+    for suffix in (".ply", ".pcd", ".npz"):
+        save_cloud(tmp_path / f"c{suffix}", cloud)
+    head, body = (tmp_path / "c.ply").read_bytes().split(b"end_header\n", 1)
+    assert head.decode().splitlines()[:4] == [
+        "ply",
+        "format binary_little_endian 1.0",
+        "element vertex 3",
+        "property float x",
+    ]
+    assert np.frombuffer(body[:12], "<f4").tolist() == cloud.xyz[0].tolist()
+    assert len(body) == 3 * (5 * 4 + 2 * 2 + 1)
+    assert b"FIELDS x y z sigma intensity u v pair\n" in (tmp_path / "c.pcd").read_bytes()
+    with np.load(tmp_path / "c.npz") as arrays:
+        assert list(arrays.files) == ["x", "y", "z", "sigma", "intensity", "u", "v", "pair"]
+        assert (arrays["u"].dtype, arrays["pair"].dtype) == (np.uint16, np.uint8)
+
+
+def test_ply_of_others(tmp_path: Path) -> None:
+    path = tmp_path / "c.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\ncomment x\nelement vertex 2\nproperty double z\nproperty uchar red\nproperty double x\n"
+        "property double y\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "3 255 1.00000000001 2\nnan 0 1 1\n3 0 1 1\n"
+    )
+    loaded = load_cloud(path)
+    assert loaded.cloud is None
+    assert loaded.xyz.tolist() == [[1.00000000001, 2, 3]]  # the point that is not finite is left out
+    head = b"ply\nformat binary_big_endian 1.0\nelement vertex 1\n" + b"".join(
+        b"property %s %s\n" % pair
+        for pair in (
+            (b"float64", b"x"),
+            (b"int", b"pair"),
+            (b"float", b"y"),
+            (b"float", b"z"),
+            (b"int32", b"u"),
+            (b"short", b"v"),
+        )
+    )
+    record = np.array([(1.5, 2, 2.5, 3.5, 700, 400)], ">f8,>i4,>f4,>f4,>i4,>i2").tobytes()
+    path.write_bytes(head + b"end_header\n" + record)
+    cloud = load_cloud(path).cloud
+    assert cloud is not None
+    assert (cloud.xyz.tolist(), int(cloud.u[0]), int(cloud.v[0]), int(cloud.pair[0])) == (
+        [[1.5, 2.5, 3.5]],
+        700,
+        400,
+        2,
+    )
+    assert np.isnan(cloud.sigma[0])
+
+
+def test_pcd_of_others(tmp_path: Path) -> None:
+    path = tmp_path / "c.pcd"
+    head = "VERSION .7\nFIELDS x y z _ \nSIZE 4 4 4 1\nTYPE F F F U\nCOUNT 1 1 1 4\nWIDTH 2\nHEIGHT 2\nPOINTS 4\nDATA "
+    numbers = np.arange(12.0).reshape(4, 3)
+    path.write_text(head + "ascii\n" + "\n".join(" ".join(map(str, [*row, 0, 0, 0, 0])) for row in numbers) + "\n")
+    cloud = load_cloud(path).cloud
+    assert cloud is not None
+    assert (cloud.u.tolist(), cloud.v.tolist(), cloud.pair.tolist()) == ([0, 1, 0, 1], [0, 0, 1, 1], [0] * 4)
+    np.testing.assert_array_equal(cloud.xyz, numbers)
+    path.write_bytes(
+        (head + "binary\n").encode() + b"".join(row.astype("<f4").tobytes() + b"\0\0\0\0" for row in numbers)
+    )
+    np.testing.assert_array_equal(load_cloud(path).xyz, numbers)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("c.ply", b"", "no PLY header"),
+        ("c.ply", b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n1\n", "found where"),
+        ("c.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "no field y, z"),
+        ("c.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1\n", "'list'"),
+        ("c.ply", b"ply\nformat weird 1.0\nelement vertex 1\nend_header\n", "no known format"),
+        ("c.ply", b"ply\nformat ascii 1.0\nelement face 1\nend_header\n", "'face'"),
+        ("c.pcd", b"VERSION .7\n", "no PCD header"),
+        ("c.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 1\nHEIGHT 1\nDATA binary_compressed\n", "binary_compressed"),
+        ("c.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 9\nHEIGHT 1\nDATA binary\n1234", "4 bytes found where 9 points"),
+        ("c.npz", b"PK nonsense", "cannot be read"),
+        ("c.xyz", b"", "ends in '.xyz'"),
+    ],
+)
+def test_broken_files(tmp_path: Path, name: str, data: bytes, words: str) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError, match=words) as caught:
+        load_cloud(tmp_path / name)
+    assert str(tmp_path) in str(caught.value)
+
+
+def test_cut_off_files(tmp_path: Path) -> None:
+    for suffix in (".ply", ".pcd", ".npz"):
+        path = tmp_path / f"c{suffix}"
+        save_cloud(path, random_cloud(50))
+        path.write_bytes(path.read_bytes()[:-200])
+        with pytest.raises(InputError, match=f"c{suffix}"):
+            load_cloud(path)
+
+
+def test_pixels_must_be_whole_and_endings_known(tmp_path: Path) -> None:
+    np.savez(tmp_path / "c.npz", x=[1.0], y=[1.0], z=[1.0], u=[1.5], v=[2.0], pair=[0])
+    with pytest.raises(InputError, match="field u must hold whole numbers"):
+        load_cloud(tmp_path / "c.npz")
+    np.savez(tmp_path / "d.npz", x=[1.0], y=[1.0, 2.0], z=[1.0])
+    with pytest.raises(InputError, match="differ in length"):
+        load_cloud(tmp_path / "d.npz")
+    with pytest.raises(OutputError, match=r"\.ply, \.pcd, \.npz"):
+        save_cloud(tmp_path / "c.las", random_cloud(1))
+    with pytest.raises(InputError, match="No such file"):
+        load_cloud(tmp_path / "none.ply")

@@ -1,0 +1,210 @@
+"""KITTI and EuRoC layouts with known answers."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
+from sfr_loc_map.io.registry import open_source
+
+# Columns of P: fx = fy = 700, cx = 10, cy = 8, and -fx b with b = 0.54 m.
+KITTI_CALIB = """P0: 7.0e+02 0 1.0e+01 0 0 7.0e+02 8 0 0 0 1 0
+P1: 7.0e+02 0 1.0e+01 -3.78e+02 0 7.0e+02 8 0 0 0 1 0
+P2: 7.0e+02 0 1.0e+01 4.2e+01 0 7.0e+02 8 0 0 0 1 0
+P3: 7.0e+02 0 1.0e+01 -3.36e+02 0 7.0e+02 8 0 0 0 1 0
+"""
+
+
+def write_kitti(folder: Path, cameras: tuple[int, int] = (0, 1)) -> Path:
+    for i, camera in enumerate(cameras):
+        (folder / f"image_{camera}").mkdir(parents=True)
+        for frame in range(3):
+            picture = np.full((16, 20), 10 * frame + i, np.uint8)
+            cv2.imwrite(str(folder / f"image_{camera}" / f"{frame:06d}.png"), picture)
+    (folder / "calib.txt").write_text(KITTI_CALIB)
+    (folder / "times.txt").write_text("0.000000e+00\n1.036224e-01\n2.072911e-01\n")
+    turn = matrix_from_rotvec([0, -0.5, 0])  # about y of the camera (down) by -0.5: a turn to the left
+    poses = [
+        np.eye(3, 4),
+        np.hstack((np.eye(3), [[0.0], [0.0], [2.0]])),
+        np.hstack((turn, [[-1.0], [-0.25], [4.0]])),
+    ]
+    (folder / "poses.txt").write_text("\n".join(" ".join(map(repr, p.reshape(-1).tolist())) for p in poses) + "\n")
+    return folder
+
+
+def test_kitti_has_the_known_answer(tmp_path: Path) -> None:
+    source = open_source(write_kitti(tmp_path / "00"))
+    loc = source.loc
+    assert (source.format, source.nav) == ("kitti", None)
+    assert loc is not None
+    assert (loc.rig.width, loc.rig.height, loc.rig.fx, loc.rig.cx, loc.rig.cy) == (20, 16, 700, 10, 8)
+    assert loc.rig.baseline_m == 0.54
+    assert [(p.stamp_ns, p.left[0, 0], p.right[0, 0]) for p in loc.pairs()] == [
+        (0, 0, 1),
+        (103_622_400, 10, 11),
+        (207_291_100, 20, 21),
+    ]
+    truth = loc.ground_truth
+    assert truth is not None
+    np.testing.assert_allclose(truth.positions[0], 0, atol=1e-15)
+    np.testing.assert_allclose(truth.positions[1], [2, 0, 0], atol=1e-15)  # z of the camera is x of RB
+    # The left camera is at (0, b/2, 0) in SB. Turned by +0.5 about z, the SB origin is at c - R (0, b/2, 0).
+    centre = np.array([4.0, 1.0 + 0.27, 0.25])
+    wanted = centre - matrix_from_rotvec([0, 0, 0.5]) @ [0, 0.27, 0]
+    np.testing.assert_allclose(truth.positions[2], wanted, atol=1e-14)
+    np.testing.assert_allclose(truth.pose(2).rotation, matrix_from_rotvec([0, 0, 0.5]), atol=1e-14)
+
+
+def test_kitti_colour_cameras_and_poses_folder(tmp_path: Path) -> None:
+    folder = write_kitti(tmp_path / "sequences" / "07", (2, 3))
+    (tmp_path / "poses").mkdir()
+    (folder / "poses.txt").rename(tmp_path / "poses" / "07.txt")
+    loc = open_source(folder).loc
+    assert loc is not None
+    assert loc.rig.baseline_m == 0.54
+    assert loc.ground_truth is not None
+    # Camera 2 is 0.06 m left of camera 0 (P2[3] = 42 = -700 * -0.06): the bench turns about another point.
+    turn, to_left, half = matrix_from_rotvec([0, 0, 0.5]), np.array([0, 0.06, 0]), np.array([0, 0.27, 0])
+    left = np.array([4.0, 1.0, 0.25]) + turn @ to_left - to_left
+    wanted = left + half - turn @ half
+    np.testing.assert_allclose(loc.ground_truth.positions[2], wanted, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("times.txt", "0\nx\n", "line 2: 'x'"),
+        ("times.txt", "", "no time"),
+        ("times.txt", "0\n2\n1\n", "in order"),
+        ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 times"),
+        ("poses.txt", "1 0 0\n" * 3, "12 finite numbers"),
+        ("poses.txt", "1 0 0 nan 0 1 0 0 0 0 1 0\n" * 3, "finite"),
+        ("calib.txt", "P0: 1 2 3\n", "12 finite numbers"),
+        ("calib.txt", KITTI_CALIB.splitlines()[0], r"P0 and P1 are needed"),
+        ("calib.txt", KITTI_CALIB.replace("-3.78", "3.78"), "swapped"),
+        ("calib.txt", KITTI_CALIB.replace("P1: 7.0e+02", "P1: 7.1e+02"), "differ"),
+    ],
+)
+def test_broken_kitti(tmp_path: Path, name: str, text: str, words: str) -> None:
+    folder = write_kitti(tmp_path / "00")
+    (folder / name).write_text(text)
+    with pytest.raises(InputError, match=words) as caught:
+        open_source(folder)
+    assert str(folder) in str(caught.value)
+
+
+def sensor_yaml(x_m: float, y_m: float, width: int = 64) -> str:
+    """Return a camera at (x, y, 0) in B, looking along z of B, pinhole with barrel distortion."""
+    return f"""%YAML:1.0
+# a comment
+sensor_type: camera
+T_BS:
+  cols: 4
+  rows: 4
+  data: [1.0, 0.0, 0.0, {x_m}, 0.0, 1.0, 0.0, {y_m}, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 1.0]
+rate_hz: 20
+resolution: [{width}, 48]
+camera_model: pinhole
+intrinsics: [60.0, 61.0, 31.0, 24.5]
+distortion_model: radial-tangential
+distortion_coefficients: [-0.28, 0.07, 0.0002, 1.8e-05]
+"""
+
+
+def write_euroc(folder: Path) -> Path:
+    for camera, x_m in (("cam0", 0.05), ("cam1", 0.16)):
+        data = folder / "mav0" / camera / "data"
+        data.mkdir(parents=True)
+        (data.parent / "sensor.yaml").write_text(sensor_yaml(x_m, -0.02))
+        stamps = [1403636579763555584, 1403636579813555456, 1403636579863555584]
+        if camera == "cam1":
+            stamps[1] += 1
+        (data.parent / "data.csv").write_text(
+            "#timestamp [ns],filename\r\n" + "".join(f"{stamp},{stamp}.png\r\n" for stamp in stamps)
+        )
+        for stamp in stamps:
+            cv2.imwrite(str(data / f"{stamp}.png"), np.full((48, 64), 90, np.uint8))
+    truth = folder / "mav0" / "state_groundtruth_estimate0"
+    truth.mkdir()
+    quat = quat_from_matrix(matrix_from_rotvec([0.1, 0.2, 0.3])).tolist()
+    rest = ",".join(["0.0"] * 9)
+    (truth / "data.csv").write_text(
+        "#timestamp, p_RS_R_x [m], ...\n"
+        f"1403636579763555585,1,2,3,{quat[3]!r},{quat[0]!r},{quat[1]!r},{quat[2]!r},{rest}\n"
+        f"1403636579768555585,1,2,4,1,0,0,0,{rest}\n"
+    )
+    return folder
+
+
+def test_euroc_has_the_known_answer(tmp_path: Path) -> None:
+    source = open_source(write_euroc(tmp_path / "V1"))
+    loc = source.loc
+    assert source.format == "euroc"
+    assert loc is not None
+    assert len(loc) == 2  # the middle stamps differ by a nanosecond
+    assert loc.rig.baseline_m == pytest.approx(0.11, abs=1e-12)
+    assert loc.rig.fx == loc.rig.fy
+    # The bench is midway between the cameras; its x is along their view (z of B), its y to the left (-x of B).
+    assert loc.rig.T_rb_sb is not None
+    np.testing.assert_allclose(loc.rig.T_rb_sb.apply([0, 0, 0]), [0.105, -0.02, 0.5], atol=1e-12)
+    np.testing.assert_allclose(loc.rig.T_rb_sb.apply([1, 0, 0]), [0.105, -0.02, 1.5], atol=1e-9)
+    np.testing.assert_allclose(loc.rig.T_rb_sb.apply([0, 0.055, 0]), [0.05, -0.02, 0.5], atol=1e-9)
+    truth = loc.ground_truth
+    assert truth is not None
+    assert truth.stamps_ns.tolist() == [1403636579763555585, 1403636579768555585]
+    np.testing.assert_allclose(truth.pose(0).rotation, matrix_from_rotvec([0.1, 0.2, 0.3]), atol=1e-14)
+    assert all((pair.left == 90).all() and (pair.right == 90).all() for pair in loc.pairs())  # alpha 0: no black rim
+
+
+def test_euroc_pictures_are_rectified(tmp_path: Path) -> None:
+    """A point of the world, put where the distorted camera sees it, must come out where the rectified one does."""
+    folder = write_euroc(tmp_path / "V1")
+    rig = open_source(folder).loc.rig  # type: ignore[union-attr]
+    k = np.array([[60.0, 0, 31.0], [0, 61.0, 24.5], [0, 0, 1]])
+    for camera, x_m in (("cam0", 0.05), ("cam1", 0.16)):
+        point = np.array([0.3, 0.25, 2.0]) - [x_m, -0.02, 0.5]
+        distortion = np.array([-0.28, 0.07, 0.0002, 1.8e-05])
+        u, v = cv2.projectPoints(point, np.zeros(3), np.zeros(3), k, distortion)[0].reshape(2)
+        rows, columns = np.mgrid[:48, :64]
+        blob = np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / 8.0)
+        for path in (folder / "mav0" / camera / "data").iterdir():
+            cv2.imwrite(str(path), np.round(250 * blob).astype(np.uint8))
+    pair = next(open_source(folder).loc.pairs())  # type: ignore[union-attr]
+    assert rig.T_rb_sb is not None
+    seen = rig.T_rb_left.inverse().apply([0.3, 0.25, 2.0])
+    u, v, _ = rig.k @ seen / seen[2]
+    for picture, column in ((pair.left, u), (pair.right, u - rig.fx * rig.baseline_m / seen[2])):
+        weights = np.where(picture > 20, picture, 0).astype(float)
+        rows, columns = np.mgrid[:48, :64]
+        centre = [(weights * columns).sum() / weights.sum(), (weights * rows).sum() / weights.sum()]
+        np.testing.assert_allclose(centre, [column, v], atol=0.15)
+
+
+def test_broken_euroc(tmp_path: Path) -> None:
+    folder = write_euroc(tmp_path / "V1")
+    yaml, listing = folder / "mav0/cam1/sensor.yaml", folder / "mav0/cam0/data.csv"
+    good = yaml.read_text(), listing.read_text()
+    cases = [
+        (yaml, good[0].replace("radial-tangential", "equidistant"), "equidistant"),
+        (yaml, good[0].replace("intrinsics", "other"), "intrinsics"),
+        (yaml, sensor_yaml(0.16, -0.02, width=63), "one size"),
+        (yaml, sensor_yaml(-0.16, -0.02), "swapped"),
+        (yaml, sensor_yaml(0.05, 0.2), "one above the other"),
+        (listing, "#x\n12,a.png\n", "equal stamps"),
+        (listing, "#x\n1.5,a.png\n", "'1.5'"),
+    ]
+    for path, text, words in cases:
+        path.write_text(text)
+        with pytest.raises(InputError, match=words):
+            open_source(folder)
+        path.write_text(good[0] if path is yaml else good[1])
+    shutil.rmtree(folder / "mav0/cam1")
+    with pytest.raises(InputError, match="cam1"):
+        open_source(folder)

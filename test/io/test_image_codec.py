@@ -1,0 +1,108 @@
+"""Pictures of messages and files as 8-bit grey."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.io.image_codec import (
+    decode_grey,
+    encode_jpeg,
+    encode_png,
+    image_from_compressed_message,
+    image_from_message,
+)
+
+pictures = hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))
+HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=34))
+
+
+def message(array: np.ndarray, coding: str, padding: int = 0, *, big: bool = False, **changes: Any) -> Any:
+    """Return an image message with padded rows."""
+    array = array.astype(array.dtype.newbyteorder(">" if big else "<"))
+    rows = array.reshape(len(array), -1).view(np.uint8)
+    rows = np.hstack((rows, np.full((len(rows), padding), 77, np.uint8)))
+    fields = {"header": HEADER, "height": len(array), "width": array.shape[1], "encoding": coding}
+    fields |= {"is_bigendian": int(big), "step": rows.shape[1], "data": rows.reshape(-1)}
+    return SimpleNamespace(**fields | changes)
+
+
+@given(pictures, st.integers(0, 5))
+def test_mono8_with_padding(picture: np.ndarray, padding: int) -> None:
+    np.testing.assert_array_equal(image_from_message(message(picture, "mono8", padding)), picture)
+
+
+@given(pictures, st.integers(0, 3), st.booleans())
+def test_mono16_of_either_byte_order(picture: np.ndarray, padding: int, big: bool) -> None:
+    sixteen = picture.astype(np.uint16) * 257  # 0 .. 255 spread to 0 .. 65535
+    np.testing.assert_array_equal(image_from_message(message(sixteen, "mono16", padding, big=big)), picture)
+    nearest = np.clip(sixteen.astype(int) + 128, 0, 65535).astype(np.uint16)
+    np.testing.assert_array_equal(image_from_message(message(nearest, "16UC1", padding, big=big)), picture)
+
+
+@given(pictures)
+def test_rgb_and_bgr_differ_in_order_only(picture: np.ndarray) -> None:
+    rgb = np.dstack((picture, picture // 2, 255 - picture))
+    luma = 0.299 * rgb[..., 0] + 0.587 * rgb[..., 1] + 0.114 * rgb[..., 2]  # ITU-R BT.601
+    first, second = (image_from_message(message(a, e)) for a, e in ((rgb, "rgb8"), (rgb[..., ::-1], "bgr8")))
+    np.testing.assert_array_equal(first, second)
+    assert np.abs(first - luma).max() <= 0.6
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"encoding": "bayer_rggb8"}, "encoding 'bayer_rggb8'.*mono8"),
+        ({"step": 3}, "step 3"),
+        ({"height": 5}, "too few"),
+        ({"width": 0}, "0 x 4"),
+    ],
+)
+def test_broken_messages_name_the_stamp(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=f"stamp 12000000034 .*{words}"):
+        image_from_message(message(np.zeros((4, 4), np.uint8), "mono8", **changes))
+
+
+@given(pictures)
+def test_png_is_lossless(picture: np.ndarray) -> None:
+    np.testing.assert_array_equal(decode_grey(encode_png(picture)), picture)
+
+
+def smooth_picture() -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return cv2.GaussianBlur(rng.integers(0, 256, (64, 64), dtype=np.uint8), (0, 0), 2)
+
+
+def test_any_flipped_byte_of_a_png_is_noticed() -> None:
+    data = encode_png(smooth_picture())
+    for place in np.random.default_rng(1).integers(8, len(data), 100):
+        broken = bytearray(data)
+        broken[place] ^= 0x10
+        with pytest.raises(InputError):
+            decode_grey(bytes(broken))
+
+
+def test_jpeg_is_close_and_a_cut_or_garbled_one_is_refused() -> None:
+    picture = smooth_picture()
+    data = encode_jpeg(picture, 95)
+    assert np.abs(decode_grey(data).astype(int) - picture).max() <= 6
+    np.testing.assert_array_equal(decode_grey(data), cv2.imdecode(np.frombuffer(data, np.uint8), 0))
+    garbled = bytearray(data)
+    garbled[300:500:5] = b"\xd9" * 40
+    for broken in (data[:-300], data[:100], bytes(garbled), b"\xff\xd8", b""):
+        with pytest.raises(InputError, match="stamp 12000000034"):
+            image_from_compressed_message(SimpleNamespace(header=HEADER, data=np.frombuffer(broken, np.uint8)))
+
+
+def test_colour_jpeg_gives_its_luma() -> None:
+    colour = np.zeros((32, 32, 3), np.uint8)
+    colour[..., 2] = 200  # red in BGR: 0.299 * 200 = 60
+    assert np.abs(decode_grey(bytes(cv2.imencode(".jpg", colour)[1])).astype(int) - 60).max() <= 2
