@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.alignment import align_pose
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -19,10 +19,14 @@ from sfr_loc_map.localisation.images import LEVELS, Pyramid, build_pyramid
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.patches import HALF, plane_homographies, track_patches
 from sfr_loc_map.localisation.pose_solver import solve_pose
+from sfr_loc_map.localisation.relocation import pose_by_flow
 from sfr_loc_map.localisation.sparse_stereo import match_corners
-from sfr_loc_map.localisation.window import Landmarks, Window
+from sfr_loc_map.localisation.window import START_VARIANCE, Landmarks, Window
 
 BORDER = HALF + 4
+"""Pixels along the edges where no corner is taken: a patch with its gradients must fit."""
+PATIENCE = 2
+"""Good pictures that are tried against the old window before a new one is begun."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +83,11 @@ class Localiser:
         self._T_ds_world = T_ds_rb @ self._T_rb_left
         self._rotation, self._position = np.eye(3), np.zeros(3)
         self._last_motion: tuple[FloatArray, FloatArray] = (np.eye(3), np.zeros(3))
-        self._last_stamp_ns: int | None = None
+        self._landmarks: Landmarks
+        self._last_left: GreyImage
+        self._last_seen: FloatArray
+        self._seen_by_keyframe: int
+        self._good_while_lost = 0
         self._keyframe_count = 0
         self._vertical_offset_px = 0.0
 
@@ -112,47 +120,82 @@ class Localiser:
             raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {wanted}: give pictures of the rig")
         left, right = both(build_pyramid, (pair.left,), (pair.right,))
         if not len(self._window):
-            return self._initialise(pair.stamp_ns, left, right)
-        tracked = self._track(left, right)
-        inliers = int(tracked.inliers.sum()) if tracked else 0
-        if tracked is None or inliers < self._config.min_tracked:
-            return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"inliers": float(inliers)})
-        last = Transform(self._rotation, self._position)
-        now = Transform(tracked.rotation, tracked.position)
-        motion = last.inverse() @ now
+            return self._start(pair, left, right, np.full(6, START_VARIANCE))
+        tracked = self._track(pair, left, right)
+        if tracked is None:
+            return self._lost(pair, left, right)
+        motion = Transform(self._rotation, self._position).inverse() @ Transform(tracked.rotation, tracked.position)
         self._last_motion = (motion.rotation, motion.translation)
         self._rotation, self._position = tracked.rotation, tracked.position
         covariance = np.linalg.inv(tracked.information) + self._window.last_covariance
+        self._last_left, self._last_seen = pair.left, tracked.observed[:, :2]
+        self._good_while_lost = 0
         if self._wants_keyframe(tracked):
             self._add_keyframe(left, right, tracked)
             self._rotation, self._position = self._window.rotations[-1], self._window.positions[-1]
             covariance = self._window.last_covariance
         statistics = {
             "features": float(len(tracked.landmarks)),
-            "inliers": float(inliers),
+            "inliers": float(tracked.inliers.sum()),
             "keyframes": float(self._keyframe_count),
             "chi_median": float(np.nanmedian(tracked.chi)),
         }
         return self._estimate(pair.stamp_ns, TrackingState.TRACKING, covariance, statistics)
 
-    def _initialise(self, stamp_ns: int, left: Pyramid, right: Pyramid) -> PoseEstimate:
-        self._window.add_keyframe(
-            self._rotation, self._position, np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3))
-        )
+    def _start(self, pair: StereoPair, left: Pyramid, right: Pyramid, variance: FloatArray) -> PoseEstimate:
+        """Begin a window at the pose known last, as well known as its `(6,)` variances say."""
+        window = Window(self._camera, self._rig.baseline_m, self._config.window_keyframes)
+        window.add_keyframe(self._rotation, self._position, np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3)))
+        window.set_prior(variance)
+        before, self._window = self._window, window
         self._add_landmarks(left, right, np.zeros((0, 3)))
-        self._keyframe_count = 1
-        return self._estimate(
-            stamp_ns,
-            TrackingState.INITIALISING,
-            self._window.last_covariance,
-            {"features": float(len(self._window.host))},
-        )
+        if len(self._landmarks) < self._config.min_tracked:
+            features = float(len(self._landmarks))
+            self._window = before
+            if len(before):
+                self._refresh()
+            return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"features": features})
+        self._last_left, self._last_motion = pair.left, (np.eye(3), np.zeros(3))
+        self._good_while_lost = 0
+        self._keyframe_count += 1
+        state = TrackingState.INITIALISING if self._keyframe_count == 1 else TrackingState.TRACKING
+        features = float(len(self._landmarks))
+        return self._estimate(pair.stamp_ns, state, window.last_covariance, {"features": features})
 
-    def _track(self, left: Pyramid, right: Pyramid) -> Tracked | None:
+    def _lost(self, pair: StereoPair, left: Pyramid, right: Pyramid) -> PoseEstimate:
+        """Say that the pose is not known; begin anew where good pictures come and none is recognised."""
+        self._last_motion = (np.eye(3), np.zeros(3))
+        corners = find_corners(left.levels[0], np.zeros((0, 2)), self._config.max_features, BORDER)
+        self._good_while_lost += len(corners) >= self._config.min_tracked and float(np.std(right.levels[-1])) > 1.0
+        if self._good_while_lost > PATIENCE:
+            # what was driven meanwhile is not known: as far as the rover may have come, in any direction
+            spread = np.array([1.0, 1.0, 0.3, 0.1, 0.1, 0.5])
+            return self._start(pair, left, right, np.maximum(np.diag(self._window.last_covariance), 0.0) + spread**2)
+        return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"inliers": 0.0})
+
+    def _track(self, pair: StereoPair, left: Pyramid, right: Pyramid) -> Tracked | None:
         marks = self._landmarks
-        if len(marks) < 8:
+        if len(marks) < self._config.min_tracked:
             return None
-        rotation, position = self._align(left, marks)
+        tracked = self._refine(left, right, marks, *self._align(left, marks))
+        if self._trusted(tracked):
+            return tracked
+        start = pose_by_flow(
+            self._last_left, pair.left, self._last_seen, marks.points, self._camera, self._config.min_tracked
+        )
+        if start is None:
+            return None
+        again = self._refine(left, right, marks, *self._align_level(left, 0, marks, *start, 6)[:2])
+        return again if self._trusted(again) else None
+
+    def _trusted(self, tracked: Tracked) -> bool:
+        """Tell whether enough landmarks agree on the pose, of all and of those that were found."""
+        agree, found = int(tracked.inliers.sum()), int(np.isfinite(tracked.chi).sum())
+        return agree >= self._config.min_tracked and agree > 0.5 * found and found > 0.2 * len(tracked.landmarks)
+
+    def _refine(
+        self, left: Pyramid, right: Pyramid, marks: Landmarks, rotation: FloatArray, position: FloatArray
+    ) -> Tracked:
         baseline = self._rig.baseline_m
         places = (rotation, position, marks.host_rotations, marks.host_positions, marks.uv, marks.rho, marks.slopes)
         found = both(
@@ -252,12 +295,16 @@ class Localiser:
                 np.stack((variance, variance), axis=1),
             )
         self._window.adjust(self._config.adjustment_rounds)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        """Take the landmarks that are looked for from the window."""
         self._landmarks = self._window.landmarks()
-        self._seen_by_keyframe = int(np.isfinite(self._landmarks.last_seen[:, 0]).sum())
+        self._last_seen = self._landmarks.last_seen[:, :2]
+        self._seen_by_keyframe = int(np.isfinite(self._last_seen[:, 0]).sum())
 
     def _estimate(
         self, stamp_ns: int, state: TrackingState, covariance: FloatArray, statistics: dict[str, float]
     ) -> PoseEstimate:
-        self._last_stamp_ns = stamp_ns
         T_ds_left = self._T_ds_world @ Transform(self._rotation, self._position)
         return PoseEstimate(stamp_ns, T_ds_left @ self._T_rb_left.inverse(), covariance, state, statistics)

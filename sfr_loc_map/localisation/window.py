@@ -49,6 +49,12 @@ class Landmarks:
         """Return their number."""
         return len(self.index)
 
+    @property
+    def points(self) -> FloatArray:
+        """Their places `(M, 3)`, metres, world; NaN where too far to have one."""
+        rho = np.where(self.rho > 1e-6, self.rho, np.nan)
+        return np.asarray(np.einsum("nij,nj->ni", self.host_rotations, self.rays) / rho[:, None] + self.host_positions)
+
 
 class Window:
     """Keyframes adjusted together, oldest first, and their landmarks.
