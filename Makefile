@@ -1,0 +1,48 @@
+# One command each; all work in a fresh clone. The environment is made once and reused.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+OUT ?= out/demo
+STAMP := $(VENV)/.installed
+DEV_STAMP := $(VENV)/.installed-dev
+SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
+
+.PHONY: help demo test sample lint types format check clean
+
+help:  ## Show the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
+
+demo: $(STAMP)  ## Replay the sample bag through the three nodes and score it
+	$(BIN)/sfr replay sample/sample.mcap --start truth --out $(OUT)
+
+test: $(DEV_STAMP)  ## Run all tests
+	$(BIN)/python -m pytest
+
+lint: $(DEV_STAMP)  ## Check style
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(DEV_STAMP)  ## Check types
+	$(BIN)/mypy
+
+format: $(DEV_STAMP)  ## Format the code
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+check: lint types test  ## All checks
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+# setuptools copies what it finds in build/, also what is gone from the sources
+$(STAMP): $(BIN)/python $(SOURCES)
+	rm -rf build
+	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros]"
+	@touch $@
+
+$(DEV_STAMP): $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,sim,dev]"
+	@touch $@
+
+clean:  ## Remove what was made here
+	rm -rf $(VENV) out build install log *.egg-info
