@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -42,6 +43,7 @@ START_TIMEOUT_S = 300.0
 ANSWER_TIMEOUT_S = 120.0
 QUIET_S = 5.0
 """At a rate, answers are awaited for so long after the last one."""
+REPORT_TIMEOUT_S = 20.0
 SETTLE_S = 0.3
 QUEUE_DEPTH = 1000
 SOURCE_DEPTH = 20
@@ -188,6 +190,24 @@ class Player:
         while not complete() and (count != self._answers() or time.monotonic() < deadline):
             if count != self._answers():
                 count, deadline = self._answers(), time.monotonic() + QUIET_S
+            self._spin_for(COLLECT_S)
+        self._await_report(clouds > 0)
+
+    def _await_report(self, with_map: bool) -> None:
+        """Wait for the report that has everything; without it the score is made of the recording all the same."""
+        deadline = time.monotonic() + REPORT_TIMEOUT_S
+        while time.monotonic() < deadline:
+            report = json.loads(self.recording.report or "{}")
+            poses = report.get("trajectory", {}).get("estimate_poses", len(self.recording.rows))
+            calls = sum(report.get("timing", {}).get(f"{n}_s", {}).get("count", 0) for n in ("localisation", "mapping"))
+            done = len(self.recording.localisation) + sum(kind == "mapped" for kind, _ in self.recording.mapping)
+            has_truth = "ground_truth/points" in self._publishers
+            if (
+                poses >= len(self.recording.rows)
+                and calls >= done
+                and ("map" in report or not (with_map and has_truth))
+            ):
+                return
             self._spin_for(COLLECT_S)
 
     def _subscribe(self) -> None:

@@ -1,0 +1,263 @@
+"""The monitor node: scores a run while it goes on and publishes the figures."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from std_msgs.msg import Float64, String
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.config import param
+from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.bag_sequence import points_image
+from sfr_loc_map.io.camera_info import rig_from_camera_info
+from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.mapping.mapper import MAX_PAIRS
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.limits import FAIL, PASS, load_limits
+from sfr_loc_map.metrics.results import to_json
+from sfr_loc_map.nodes.calls import task_record
+from sfr_loc_map.nodes.conversions import cloud_from_msg, header_msg, odometry_row, transform_from_pose
+from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, status_msg
+from sfr_loc_map.nodes.monitor_score import MonitorScore, warm_up
+from sfr_loc_map.nodes.parameters import declare
+from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.stereo_input import WARN_EVERY_S
+
+NAME = "monitor_node"
+FIGURES = {
+    "position": ("trajectory", "position_m"),
+    "attitude": ("trajectory", "attitude_deg"),
+    "heading": ("trajectory", "heading_deg"),
+    "point": ("map", "point_error_m"),
+}
+"""Topics below `metrics/` and where in the score their figures are."""
+STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
+VERDICT_LEVELS = {PASS: Level.OK, FAIL: Level.ERROR}
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorNodeConfig:
+    """Parameters of the monitor node."""
+
+    publish_period_s: float = param(
+        1.0, unit="s", doc="How often figures are published, if anything has come.", low=0.05, high=3600.0
+    )
+    limits_file: str = param("", doc="YAML file with limits to judge by; empty for none.")
+    save_file: str = param("", doc="JSON file that ~/save writes the report to.")
+    input_depth: int = param(1000, unit="messages", doc="Depth of the queues of poses and calls.", low=1, high=100000)
+    score: ScoreConfig = field(default_factory=ScoreConfig)
+
+
+class MonitorNode(Node):
+    """Listens to estimates, truth, clouds and calls and publishes the score."""
+
+    def __init__(self) -> None:
+        """Declare the parameters, subscribe.
+
+        Raises:
+            ConfigError: If a parameter or the file of limits is not valid.
+        """
+        super().__init__(NAME)
+        (self._config,) = declare(self, MonitorNodeConfig)
+        limits = load_limits(Path(self._config.limits_file)) if self._config.limits_file else None
+        self._score = MonitorScore(self._config.score, limits)
+        self._infos: dict[str, CameraInfo] = {}
+        self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
+        self._changed = False
+        self._last_ns = 0
+        warm_up(self._config.score)
+        topics = self._advertise()
+        self._listen(topics)
+
+    def _advertise(self) -> list[str]:
+        depth = QoSProfile(depth=10)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._metrics = self.create_publisher(DiagnosticArray, "metrics", depth)
+        self._report = self.create_publisher(String, "metrics/report", latched)
+        self._figures = {
+            (name, statistic): self.create_publisher(Float64, f"metrics/{name}/{statistic}", depth)
+            for name in FIGURES
+            for statistic in STATISTICS
+        }
+        self._diagnostics = self.create_publisher(DiagnosticArray, TOPIC, depth)
+        return [p.topic_name for p in (self._metrics, self._report, *self._figures.values(), self._diagnostics)]
+
+    def _listen(self, publishes: list[str]) -> None:
+        many = QoSProfile(depth=self._config.input_depth)
+        few = QoSProfile(depth=10)
+        inputs: list[tuple[type[Any], str, Callable[[Any], None], QoSProfile]] = [
+            (Odometry, "localisation/odometry", self._on_estimate, many),
+            (Odometry, "ground_truth/odometry", self._on_truth, many),
+            (DiagnosticArray, TOPIC, self._on_calls, many),
+            (PoseStamped, "nav/pose", self._on_pose, many),
+            (CameraInfo, "nav/left/camera_info", lambda message: self._on_info("left", message), few),
+            (CameraInfo, "nav/right/camera_info", lambda message: self._on_info("right", message), few),
+            (PointCloud2, "ground_truth/points", self._on_true_points, few),
+            (PointCloud2, "mapping/points", self._on_cloud, few),
+        ]
+        topics = [
+            self.create_subscription(kind, topic, self._guarded(callback), qos).topic_name
+            for kind, topic, callback, qos in inputs
+        ]
+        services = [
+            self.create_service(Trigger, "~/save", self._on_save),
+            self.create_service(Trigger, "~/reset", self._on_reset),
+        ]
+        self._timer = self.create_timer(self._config.publish_period_s, self._publish)
+        names = [self.resolve_service_name(service.srv_name) for service in services]
+        self.get_logger().info(
+            f"listens to {', '.join(topics)}; publishes {', '.join(publishes)}; offers {', '.join(names)}"
+        )
+
+    def _guarded(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return the callback with bad messages reported instead of raised."""
+
+        def received(message: Any) -> None:  # noqa: ANN401 - any message
+            try:
+                callback(message)
+            except SfrError as error:
+                self.get_logger().error(str(error), throttle_duration_sec=WARN_EVERY_S)
+                name = f"{self.get_fully_qualified_name().lstrip('/')}: input"
+                status = status_msg(name, Level.ERROR, str(error), {})
+                self._diagnostics.publish(array_msg(header_msg(self._last_ns, ""), status))
+
+        return received
+
+    def _on_estimate(self, message: Odometry) -> None:
+        stamp_ns, position, quat = odometry_row(message)
+        self._restart_if_back("estimate", stamp_ns)
+        covariance = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+        self._score.add_estimate(stamp_ns, position, quat, covariance)
+        self._note(stamp_ns)
+
+    def _on_truth(self, message: Odometry) -> None:
+        stamp_ns, position, quat = odometry_row(message)
+        self._restart_if_back("truth", stamp_ns)
+        self._score.add_truth(stamp_ns, position, quat)
+        self._note(stamp_ns)
+
+    def _restart_if_back(self, kind: str, stamp_ns: int) -> None:
+        if self._score.goes_back(kind, stamp_ns):
+            self.get_logger().warning(f"stamps of the {kind} have gone back: the score starts anew")
+            self._score.restart()
+
+    def _on_calls(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if not self._is_ours(status):
+                continue
+            found = task_record(status)
+            if found is not None:
+                self._score.add_call(found.record)
+                self._score.score_maps()
+                self._note(found.record.stamp_ns)
+
+    def _is_ours(self, status: DiagnosticStatus) -> bool:
+        """Tell whether a status comes from a node of this namespace; /diagnostics is one for all."""
+        namespace = self.get_namespace().strip("/")
+        return bool(status.name.split(":")[0].rpartition("/")[0] == namespace)
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        stamp_ns = stamp_of(message)
+        self._score.add_pose(stamp_ns, transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}"))
+        self._try_maps()
+
+    def _on_info(self, side: str, message: CameraInfo) -> None:
+        self._infos[side] = message
+        if len(self._infos) == 2:
+            self._score.set_rig(rig_from_camera_info(self._infos["left"], self._infos["right"], "nav"))
+            while self._early_points:
+                self._on_true_points(self._early_points.popleft())
+            self._try_maps()
+
+    def _on_true_points(self, message: PointCloud2) -> None:
+        rig = self._score.rig
+        if rig is None:
+            self._early_points.append(message)
+            return
+        self._score.add_true_points(stamp_of(message), points_image(message, rig))
+        self._try_maps()
+
+    def _on_cloud(self, message: PointCloud2) -> None:
+        self._score.add_cloud(stamp_of(message), cloud_from_msg(message))
+        self._try_maps()
+
+    def _try_maps(self) -> None:
+        self._changed |= self._score.score_maps()
+
+    def _note(self, stamp_ns: int) -> None:
+        self._changed = True
+        self._last_ns = max(self._last_ns, stamp_ns)
+
+    def _publish(self) -> None:
+        if not self._changed:
+            return
+        self._changed = False
+        score = self._score.result()
+        score.pop("details", None)
+        self._report.publish(String(data=to_json(score)))
+        for (name, statistic), publisher in self._figures.items():
+            part, figure = FIGURES[name]
+            value = score.get(part, {}).get(figure, {}).get(statistic)
+            if value is not None:
+                publisher.publish(Float64(data=float(value)))
+        self._metrics.publish(array_msg(header_msg(self._last_ns, ""), *metric_statuses(score)))
+
+    def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        path = Path(self._config.save_file)
+        try:
+            if not self._config.save_file:
+                raise InputError("the parameter save_file is empty: start the node with a path")
+            with atomic_path(path) as temporary:
+                temporary.write_text(to_json(self._score.result()), encoding="utf-8")
+            response.success, response.message = True, str(path)
+        except SfrError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._score.restart()
+        self._changed = True
+        response.success, response.message = True, "the score starts anew"
+        return response
+
+
+def metric_statuses(score: dict[str, Any]) -> list[DiagnosticStatus]:
+    """Return a score as diagnostics: one status for each group of figures, one for each verdict as its level."""
+    statuses = []
+    for part in ("trajectory", "map", "timing", "memory"):
+        content = score.get(part, {})
+        plain: dict[str, Value] = {k: v for k, v in content.items() if isinstance(v, (int, float, str))}
+        if plain:
+            statuses.append(status_msg(part, Level.OK, "", plain))
+        for name, figure in content.items():
+            if isinstance(figure, dict) and "mean" in figure:
+                values = {k: v for k, v in figure.items() if isinstance(v, (int, float, str))}
+                level = Level.OK if values.get("mean_plus_3sigma") is not None else Level.WARN
+                statuses.append(status_msg(f"{part}/{name}", level, "" if values else "not enough data", values))
+    for item in score.get("verdicts", []):
+        values = {k: v for k, v in item.items() if isinstance(v, (int, float, str))}
+        level = VERDICT_LEVELS.get(item["verdict"], Level.WARN)
+        statuses.append(status_msg(f"verdict/{item['metric']}", level, item["verdict"], values))
+    return statuses
+
+
+def main() -> int:
+    """Run the node."""
+    return run(MonitorNode)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,183 @@
+"""The score of a run from what comes over topics, without ROS: what the monitor node knows."""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.estimate import LOST_VARIANCE
+from sfr_loc_map.mapping.mapper import MAX_PAIRS
+from sfr_loc_map.metrics.cloud_error import score_map
+from sfr_loc_map.metrics.cloud_truth import PairTruth
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.costs import Calls, merge_parts, score_calls
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.live import LiveTrajectoryScore
+from sfr_loc_map.metrics.results import build_score
+from sfr_loc_map.pipeline.offline import CallRecord
+
+MAX_CALLS = 100_000
+"""Calls that times and memory are summarised over, the last ones."""
+MAX_TRUTHS = 2 * MAX_PAIRS
+"""True point images and poses kept for clouds to come."""
+JUMP_BACK_NS = 1_000_000_000
+
+PointImage = NDArray[np.float32]
+
+
+@dataclass(slots=True)
+class _MapInputs:
+    """What a map score is made of, until all of it is there."""
+
+    rig: StereoRig | None = None
+    points: OrderedDict[int, PointImage] = field(default_factory=OrderedDict)
+    poses: OrderedDict[int, Transform] = field(default_factory=OrderedDict)
+    mapped_ns: list[int] = field(default_factory=list)
+    sets_ns: OrderedDict[int, list[int]] = field(default_factory=OrderedDict)
+    clouds: OrderedDict[int, PointCloud] = field(default_factory=OrderedDict)
+
+
+class MonitorScore:
+    """Collects poses, truth, clouds and calls, and scores them."""
+
+    def __init__(self, config: ScoreConfig, limits: Limits | None) -> None:
+        """Start a run.
+
+        Args:
+            config: Settings of the score.
+            limits: Limits to judge by.
+        """
+        self._config, self._limits = config, limits
+        self._trajectory = LiveTrajectoryScore(config.trajectory)
+        self._calls: deque[CallRecord] = deque(maxlen=MAX_CALLS)
+        self._map = _MapInputs()
+        self._map_score: dict[str, Any] = {}
+        self._estimates = self._truths = 0
+        self._latest_ns: dict[str, int] = {}
+
+    @property
+    def rig(self) -> StereoRig | None:
+        """Rig of the navigation cameras, None until it is known."""
+        return self._map.rig
+
+    def restart(self) -> None:
+        """Forget everything but the rig and what belongs to maps to come."""
+        self._trajectory = LiveTrajectoryScore(self._config.trajectory)
+        self._calls.clear()
+        self._map_score = {}
+        self._estimates = self._truths = 0
+        self._latest_ns.clear()
+
+    def goes_back(self, kind: str, stamp_ns: int) -> bool:
+        """Tell whether a stamp lies so far behind the last one of its kind that a new run must have begun."""
+        latest = self._latest_ns.get(kind, stamp_ns)
+        self._latest_ns[kind] = max(latest, stamp_ns)
+        return latest - stamp_ns > JUMP_BACK_NS
+
+    def add_estimate(
+        self, stamp_ns: int, position: tuple[float, ...], quat_xyzw: tuple[float, ...], covariance: FloatArray
+    ) -> None:
+        """Add an estimated pose of RB in DS; see `LiveTrajectoryScore.add_estimate`."""
+        lost = bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
+        self._trajectory.add_estimate(stamp_ns, position, quat_xyzw, covariance, lost)
+        self._estimates += 1
+
+    def add_truth(self, stamp_ns: int, position: tuple[float, ...], quat_xyzw: tuple[float, ...]) -> None:
+        """Add a true pose of RB in DS."""
+        self._trajectory.add_truth(stamp_ns, position, quat_xyzw)
+        self._truths += 1
+
+    def add_call(self, record: CallRecord) -> None:
+        """Add a call; calls of the mapper say which pairs a cloud is made of."""
+        self._calls.append(record)
+        if record.state == "mapped":
+            self._map.mapped_ns.append(record.stamp_ns)
+        elif record.state == "fused":
+            _keep(self._map.sets_ns, record.stamp_ns, self._map.mapped_ns)
+            self._map.mapped_ns = []
+
+    def set_rig(self, rig: StereoRig) -> None:
+        """Set the rig of the navigation cameras."""
+        self._map.rig = rig
+
+    def add_true_points(self, stamp_ns: int, points: PointImage) -> None:
+        """Add the true points `(H, W, 3)` of a pair, metres, LM."""
+        _keep(self._map.points, stamp_ns, points)
+
+    def add_pose(self, stamp_ns: int, T_lm_navsb: Transform) -> None:
+        """Add the pose of a pair."""
+        _keep(self._map.poses, stamp_ns, T_lm_navsb)
+
+    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
+        """Add a fused cloud; its stamp is that of its last pair."""
+        _keep(self._map.clouds, stamp_ns, cloud)
+
+    def score_maps(self) -> bool:
+        """Score the clouds for which everything is there; the last one counts. Return whether there was one.
+
+        Raises:
+            SfrError: If a cloud does not fit its truth; it is dropped.
+        """
+        parts, scored = self._map, False
+        for stamp_ns in list(parts.clouds):
+            stamps = parts.sets_ns.get(stamp_ns)
+            truths = [self._truth_of(stamp) for stamp in stamps or ()]
+            known = [truth for truth in truths if truth is not None]
+            if stamps is None or len(known) < len(stamps):
+                continue
+            cloud = parts.clouds.pop(stamp_ns)
+            self._map_score = score_map(cloud, known, self._config.map, fused=len(known) > 1)
+            scored = True
+        return scored
+
+    def result(self) -> dict[str, Any]:
+        """Return the score so far (schema of the suite), without provenance."""
+        parts = [score_calls(_calls(self._calls))] if self._calls else []
+        if self._estimates and self._truths:
+            parts.append(self._trajectory.result())
+        if self._map_score:
+            parts.append(self._map_score)
+        return build_score(merge_parts(*parts), limits=self._limits)
+
+    def _truth_of(self, stamp_ns: int) -> PairTruth | None:
+        rig, points, pose = self._map.rig, self._map.points.get(stamp_ns), self._map.poses.get(stamp_ns)
+        if rig is None or points is None or pose is None:
+            return None
+        return PairTruth(points, pose @ rig.T_sb_left, rig)
+
+
+def warm_up(config: ScoreConfig) -> None:
+    """Load all machine code of the trajectory score."""
+    live = LiveTrajectoryScore(config.trajectory)
+    for stamp in range(3):
+        live.add_truth(stamp, (float(stamp), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        live.add_estimate(stamp, (float(stamp), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), np.eye(6))
+    live.result()
+
+
+def _keep(kept: OrderedDict[int, Any], stamp_ns: int, value: Any) -> None:  # noqa: ANN401 - any of the map's inputs
+    kept[stamp_ns] = value
+    while len(kept) > MAX_TRUTHS:
+        kept.popitem(last=False)
+
+
+def _calls(records: deque[CallRecord]) -> Calls:
+    def memory(name: str) -> FloatArray:
+        values = [getattr(record, name) for record in records]
+        return np.array([np.nan if value is None else value for value in values], np.float64)
+
+    return Calls(
+        np.array([record.stamp_ns for record in records], np.int64),
+        np.array([record.processing_time_s for record in records]),
+        [record.state for record in records],
+        memory("peak_rss_bytes"),
+        memory("above_idle_bytes"),
+    )
