@@ -38,12 +38,13 @@ setup(
         "psutil>=5.9,<8",  # BSD-3
         "pyyaml>=6,<7",  # MIT
         "rich>=13,<16",  # MIT
-        "rosbags>=0.10.10,<0.12",  # Apache-2.0
+        "rosbags>=0.11.9,<0.12",  # Apache-2.0; from 0.11.9 on it checks the CRC of mcap chunks
         "scipy>=1.11,<2",  # BSD-3
         "simplejpeg>=1.7,<2",  # MIT; refuses broken JPEG data that OpenCV decodes without a word
         "typer>=0.12,<1",  # MIT
     ],
     extras_require={
+        "sim": ["embreex>=4.4,<5"],  # MIT; bundles Embree, Apache-2.0
         # ROS 2 Jazzy as wheels, for machines without a ROS install
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<7.2", "ros-jazzy-common-interfaces>=5.3,<5.4"],
         "test": TEST,

@@ -14,6 +14,7 @@ from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.rotation import FloatArray, quat_conjugate
@@ -102,8 +103,8 @@ def parse_seconds(text: str) -> int:
         decimal.InvalidOperation: The same.
     """
     whole, _, fraction = text.partition(".")
-    if whole.isdigit() and len(whole) < 10 + len("0") and len(fraction) <= 9 and (fraction or "0").isdigit():
-        return int(whole) * 1_000_000_000 + int(fraction.ljust(9, "0"))
+    if whole.isdigit() and len(fraction) <= 9 and (fraction or "0").isdigit():
+        return _fitting(int(whole) * 1_000_000_000 + int(fraction.ljust(9, "0")))
     stamp = Decimal(text).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN)
     return _fitting(int(stamp))
 
@@ -137,12 +138,27 @@ def check_stamp(stamp_ns: int) -> None:
 
 def _parse(rows: list[bytes], is_csv: bool) -> Trajectory:
     separator = b"," if is_csv else None
-    first = [row.split(separator, 1)[0].decode() for row in rows]
-    stamps = [_fitting(int(text)) for text in first] if is_csv else [parse_seconds(text) for text in first]
+    first = [row.split(separator, 1)[0] for row in rows]
+    stamps = np.array([_fitting(int(text)) for text in first], np.int64) if is_csv else _parse_stamps(first)
     values = _floats(rows, "," if is_csv else None)
     positions, quats = np.ascontiguousarray(values[:, :3]), np.ascontiguousarray(values[:, 3:])
     _check_values(positions, quats)
-    return Trajectory(np.array(stamps, np.int64), positions, quat_conjugate(quats) if is_csv else quats)
+    return Trajectory(stamps, positions, quat_conjugate(quats) if is_csv else quats)
+
+
+def _parse_stamps(texts: list[bytes]) -> NDArray[np.int64]:
+    """Return the nanoseconds of decimal seconds; all at once where they have one form (`1700000000.123456789`)."""
+    width, dot = len(texts[0]), texts[0].find(b".")
+    if 0 < dot <= 10 and width - dot <= 10 and all(len(text) == width for text in texts):
+        letters = np.frombuffer(b"".join(texts), np.uint8).reshape(-1, width)
+        digits = np.delete(letters, dot, axis=1) - ord("0")  # what is below "0" becomes large
+        if (
+            (letters[:, dot] == ord(".")).all()
+            and digits.max() <= 9
+            and digits[:, : max(dot - 9, 0)].max(initial=0) < 9
+        ):
+            return digits.astype(np.int64) @ (10 ** np.arange(dot + 8, dot + 8 - digits.shape[1], -1, dtype=np.int64))
+    return np.array([parse_seconds(text.decode()) for text in texts], np.int64)
 
 
 def _floats(rows: list[bytes], separator: str | None) -> FloatArray:

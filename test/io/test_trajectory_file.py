@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +82,19 @@ def test_seconds_text_inverts(stamp_ns: int) -> None:
     assert parse_seconds(seconds_text(stamp_ns)) == stamp_ns
 
 
+@given(st.integers(0, 10), st.integers(0, 9), st.data())
+def test_many_stamps_of_one_form_are_exact(whole: int, decimals: int, data: st.DataObject) -> None:
+    digits = st.text("0123456789", min_size=whole, max_size=whole)
+    rest = st.text("0123456789", min_size=decimals, max_size=decimals)
+    texts = [f"{'8' if whole == 10 else ''}{data.draw(digits)[:9]}.{data.draw(rest)}" for _ in range(3)]
+    texts = [text if text != "." else "0." for text in texts]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "t.txt"
+        path.write_text("".join(f"{text} 1 2 3 0 0 0 1\n" for text in texts))
+        found = load_trajectory(path).stamps_ns.tolist()
+    assert found == [int(Decimal(text) * 10**9) for text in texts]
+
+
 GOOD = "1.0 1 2 3 0 0 0 1"
 
 
@@ -96,6 +111,9 @@ GOOD = "1.0 1 2 3 0 0 0 1"
         (f"{GOOD}\n2.0 1 2 x 0 0 0 1\n", "line 2: 'x' is not a number"),
         (f"{GOOD}\nt 1 2 3 0 0 0 1\n", "line 2: stamp 't'"),
         (f"{GOOD}\nnan 1 2 3 0 0 0 1\n", "line 2: stamp 'nan'"),
+        (f"{GOOD}\n9999999999.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
+        ("9999999999.0 1 2 3 0 0 0 1\n", "line 1: stamp"),
+        ("1.0/ 1 2 3 0 0 0 1\n", "line 1: stamp"),
         (f"{GOOD}\n99999999999.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
         (f"{GOOD}\n2.0 1 2 3 0 0 0 0\n", "line 2: the quaternion has no length"),
         ("\x00\xff\xfe binary", "line 1: "),
