@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.rotation import FloatArray, skew
 from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.alignment import align_pose
@@ -99,14 +99,16 @@ class Localiser:
     def warm_up(self) -> None:
         """Load or compile all machine code, so that no call pays for it; the state does not change."""
         width, height = 320, 240
-        small = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
+        rig = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
         random = np.random.default_rng(0)
-        texture = random.integers(0, 255, (height, width + 40), np.uint8)
-        other = Localiser(small, self._config, Transform.identity())
-        for index, shift in enumerate((0, 1, 2, 25)):
-            left = np.ascontiguousarray(texture[:, shift : width + shift])
-            right = np.ascontiguousarray(texture[:, shift + 10 : width + shift + 10])
-            other.process(StereoPair(index, left, right))
+        texture = random.integers(0, 255, (height, width + 200), np.uint8)
+        config = replace(self._config, window_keyframes=2, max_features=100, min_tracked=8)
+        other = Localiser(rig, config, Transform.identity())
+        # small steps are tracked until a keyframe leaves the window, a leap is found again by flow, black is lost
+        for stamp_ns, shift in enumerate((0, 4, 30, 60, 90, 150)):
+            left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
+            other.process(StereoPair(stamp_ns, left, right))
+        other.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
 
     def process(self, pair: StereoPair) -> PoseEstimate:
         """Return the pose at one pair; pairs come in the order of their stamps.
@@ -307,4 +309,16 @@ class Localiser:
         self, stamp_ns: int, state: TrackingState, covariance: FloatArray, statistics: dict[str, float]
     ) -> PoseEstimate:
         T_ds_left = self._T_ds_world @ Transform(self._rotation, self._position)
-        return PoseEstimate(stamp_ns, T_ds_left @ self._T_rb_left.inverse(), covariance, state, statistics)
+        T_ds_rb = T_ds_left @ self._T_rb_left.inverse()
+        if state is not TrackingState.LOST:
+            covariance = self._covariance_of_rb(covariance, T_ds_rb.translation - T_ds_left.translation)
+        return PoseEstimate(stamp_ns, T_ds_rb, covariance, state, statistics)
+
+    def _covariance_of_rb(self, covariance: FloatArray, lever: FloatArray) -> FloatArray:
+        """Turn the covariance of the left camera in the world into that of RB in DS (lever `(3,)` metres in DS)."""
+        turn = self._T_ds_world.rotation
+        jacobian = np.zeros((6, 6))
+        jacobian[:3, :3] = jacobian[3:, 3:] = turn
+        jacobian[:3, 3:] = -skew(lever) @ turn
+        result = jacobian @ covariance @ jacobian.T
+        return np.asarray(0.5 * (result + result.T))
