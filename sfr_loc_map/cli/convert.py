@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from sfr_loc_map.cli.common import RemapOption, SourceArgument, parse_remaps, progress_bar
+from sfr_loc_map.errors import InputError
 
 
 class Compression(StrEnum):
@@ -20,7 +21,13 @@ class Compression(StrEnum):
 
 def convert(
     source: SourceArgument,
-    destination: Annotated[Path, typer.Argument(help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")],
+    destination: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DST",
+            help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.csv, *.txt, *.tum: the true trajectory; else a folder.",
+        ),
+    ],
     remap: RemapOption = None,
     jpeg_quality: Annotated[int | None, typer.Option(min=1, max=100, help="Pictures as JPEG (bags only).")] = None,
     compression: Annotated[Compression, typer.Option(help="Of a bag's chunks (mcap only).")] = Compression.NONE,
@@ -28,12 +35,22 @@ def convert(
         float | None, typer.Option(help="Round true points to this power of two, m (bags only).")
     ] = None,
 ) -> None:
-    """Convert a data set folder, ROS 2 bag, KITTI or EuRoC sequence to a bag or a folder."""
+    """Convert a data set folder, ROS 2 bag, KITTI or EuRoC sequence, or TUM trajectory to a bag or a folder."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.pipeline.convert import ConvertOptions
+    from sfr_loc_map.io.trajectory_file import load_trajectory
+    from sfr_loc_map.pipeline.convert import ConvertOptions, convert_trajectory, is_trajectory
     from sfr_loc_map.pipeline.convert import convert as run
 
+    if is_trajectory(source) and not source.is_dir():
+        typer.echo(f"{convert_trajectory(load_trajectory(source), destination)} poses: {destination}", err=True)
+        return
     opened = open_source(source, parse_remaps(remap))
+    if is_trajectory(destination):
+        truth = opened.loc.ground_truth if opened.loc is not None else None
+        if truth is None:
+            raise InputError(f"'{source}' has no true trajectory to write as '{destination}'")
+        typer.echo(f"{convert_trajectory(truth, destination)} poses: {destination}", err=True)
+        return
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid)
     with progress_bar("pairs") as bar:

@@ -16,6 +16,7 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX, BagWriter
 from sfr_loc_map.io.folder_writer import FolderWriter
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.trajectory_file import TUM_SUFFIXES, save_trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +87,35 @@ def convert(
         raise OutputError(f"cannot write '{destination}': a file is there; remove it or choose another name")
     with atomic_path(destination) as temporary, _writer(temporary, source, options) as writer:
         return _copy(source, writer, progress)
+
+
+def is_trajectory(path: Path) -> bool:
+    """Tell whether a name is that of a trajectory file (csv, TUM)."""
+    return path.suffix in (".csv", *TUM_SUFFIXES)
+
+
+def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
+    """Write a trajectory: as csv or TUM by the ending, to a bag (`ground_truth/odometry`) or a folder otherwise.
+
+    Returns:
+        The number of poses.
+
+    Raises:
+        OutputError: If the output cannot be written.
+    """
+    destination = Path(destination)
+    if is_trajectory(destination):
+        save_trajectory(destination, trajectory)
+    elif destination.suffix in STORAGE_BY_SUFFIX:
+        storage = STORAGE_BY_SUFFIX[destination.suffix]
+        with atomic_path(destination) as temporary, BagWriter(temporary, storage) as writer:
+            for _, write, _ in _truth_events(trajectory, writer):
+                write()
+    else:
+        with atomic_path(destination) as temporary:
+            temporary.mkdir()
+            save_trajectory(temporary / "groundtruth.csv", trajectory)
+    return len(trajectory)
 
 
 def _writer(path: Path, source: Source, options: ConvertOptions) -> BagWriter | FolderWriter:

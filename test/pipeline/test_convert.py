@@ -13,7 +13,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "io"))
 
-from made_worlds import World, assert_is_world, make_world, write_folder
+from made_worlds import World, assert_is_world, assert_same_trajectory, make_world, write_folder
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.bag import Bag
@@ -115,6 +115,19 @@ def test_command_line(tmp_path: Path, world: World) -> None:
     wrong = run(tmp_path / "x.mcap", tmp_path / "y", "--remap", "a:=b")
     assert wrong.returncode == 2
     assert "no topic 'a'" in wrong.stderr
+
+
+def test_trajectories(tmp_path: Path, world: World) -> None:
+    folder = write_folder(tmp_path / "a", world, nav=False)
+    assert run(folder, tmp_path / "t.tum").returncode == 0
+    assert_same_trajectory(load_trajectory(tmp_path / "t.tum"), world.truth)
+    assert convert_trajectory(world.truth, tmp_path / "t.mcap") == 4
+    assert_same_trajectory(Bag(tmp_path / "t.mcap").odometry("ground_truth/odometry"), world.truth)
+    assert run(tmp_path / "t.tum", tmp_path / "t").returncode == 0
+    assert_same_trajectory(load_trajectory(tmp_path / "t" / "groundtruth.csv"), world.truth)
+    no_truth = run(write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
+    assert no_truth.returncode == 2
+    assert "no true trajectory" in no_truth.stderr
 
 
 @pytest.mark.shared
