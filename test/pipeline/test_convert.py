@@ -19,7 +19,8 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.pipeline.convert import ConvertOptions, convert
+from sfr_loc_map.io.trajectory_file import load_trajectory
+from sfr_loc_map.pipeline.convert import ConvertOptions, convert, convert_trajectory
 
 EXACT = ConvertOptions()
 
