@@ -12,9 +12,11 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.confidence import sigma_of, trusted
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.fusion import merged
 from sfr_loc_map.mapping.matching import match, search_range
+from sfr_loc_map.mapping.refinement import refine
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 
 MAX_PAIRS = 3
@@ -67,6 +69,13 @@ class Mapper:
 
     def warm_up(self) -> None:
         """Load or compile all machine code, so that no call pays for it."""
+        side = 64
+        noise = np.random.default_rng(0).integers(0, 256, (side, side + 8), dtype=np.uint8)
+        left, right = noise[:, :side].copy(), noise[:, 8:].copy()
+        initial = np.full(left.shape, 8.0, np.float32)
+        initial[:, side // 2 :] = 4.0
+        refined = refine(left.astype(np.float32), right.astype(np.float32), initial)
+        trusted(left.astype(np.float32), refined, initial)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
         """Return the points that one pair sees.
@@ -86,11 +95,20 @@ class Mapper:
             )
         if not 0 <= index < MAX_PAIRS:
             raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
-        disparity = match(pair.left, pair.right, self._search.count)
-        disparity[disparity < self._search.farthest] = np.nan
-        sigma = np.full(disparity.shape, 0.25, np.float32)
-        cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_navsb, index)
-        statistics = {"points": float(len(cloud)), "density": len(cloud) / disparity.size}
+        left, right = pair.left.astype(np.float32), pair.right.astype(np.float32)
+        initial = match(pair.left, pair.right, self._search.count)
+        refined = refine(left, right, initial)
+        usable = trusted(left, refined, initial) & (refined.disparity_px >= self._search.farthest)
+        disparity = np.where(usable, refined.disparity_px, np.float32(np.nan))
+        cloud = cloud_from_disparity(disparity, sigma_of(refined), pair.left, self._rig, T_lm_navsb, index)
+        statistics = {
+            "points": float(len(cloud)),
+            "density": len(cloud) / disparity.size,
+            "noise_grey": refined.noise,
+            "gain": refined.alignment.gain,
+            "offset_grey": refined.alignment.offset,
+            "vertical_offset_px": refined.alignment.rows_px[0],
+        }
         return PairMap(pair.stamp_ns, T_lm_navsb, disparity, cloud, statistics)
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
