@@ -7,13 +7,16 @@ their information stays (Leutenegger et al. 2015).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.localisation.lie import exp_so3, orthonormal
 from sfr_loc_map.localisation.machine import FAST
 from sfr_loc_map.localisation.projection import linearise_landmark
+from sfr_loc_map.localisation.small import inverse, turned
 
 KERNEL = 6.0
 """Squared Mahalanobis residual of a position at which its weight has fallen to a quarter (Geman-McClure)."""
@@ -23,7 +26,7 @@ KERNEL = 6.0
 def linearise(  # noqa: C901 - one loop of machine code
     rotations: FloatArray,
     positions: FloatArray,
-    host: FloatArray,
+    host: NDArray[np.int64],
     uvrho: FloatArray,
     observed: FloatArray,
     variance: FloatArray,
@@ -50,7 +53,7 @@ def linearise(  # noqa: C901 - one loop of machine code
     """
     count, window = observed.shape[0], observed.shape[1]
     h, g = np.zeros((6 * window, 6 * window)), np.zeros(6 * window)
-    inverse, right_side = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    inverses, right_side = np.zeros((count, 3, 3)), np.zeros((count, 3))
     coupling = np.zeros((count, 3, 6 * window))
     cost = 0.0
     j_all, j_mark, out = np.zeros((4, 12)), np.zeros((4, 3)), np.zeros(4)
@@ -80,13 +83,15 @@ def linearise(  # noqa: C901 - one loop of machine code
             if k != hk:
                 slots[used] = k
                 used += 1
-            j_all[:, :6], j_all[:, 6:] = j_pose, j_host
+            for i in range(4):
+                for a in range(6):
+                    j_all[i, a], j_all[i, 6 + a] = j_pose[i, a], j_host[i, a]
             for side in range(2):
                 if not (left if side == 0 else right):
                     continue
                 i = 2 * side
                 residual[0], residual[1] = observed[n, k, i] - out[i], observed[n, k, i + 1] - out[i + 1]
-                uu, uv, vv = variance[n, k, side]
+                uu, uv, vv = variance[n, k, side, 0], variance[n, k, side, 1], variance[n, k, side, 2]
                 det = uu * vv - uv * uv
                 i00, i01, i11 = vv / det, -uv / det, uu / det
                 chi = i00 * residual[0] ** 2 + 2.0 * i01 * residual[0] * residual[1] + i11 * residual[1] ** 2
@@ -110,8 +115,10 @@ def linearise(  # noqa: C901 - one loop of machine code
                     for b in range(6):
                         h[row, 6 * k + b] += p * j_all[i, b] + q * j_all[i + 1, b]
                         h[row, 6 * hk + b] += p * j_all[i, 6 + b] + q * j_all[i + 1, 6 + b]
-        li = np.linalg.inv(ll)
-        inverse[n] = li
+        li = inverse(ll)
+        for i in range(3):
+            for j in range(3):
+                inverses[n, i, j] = li[i, j]
         if used == 1:
             continue
         for m in range(used):
@@ -125,64 +132,86 @@ def linearise(  # noqa: C901 - one loop of machine code
                     first = 6 * slots[o]
                     for b in range(first, first + 6):
                         h[a, b] -= cl[0, a] * reduced[0, b] + cl[1, a] * reduced[1, b] + cl[2, a] * reduced[2, b]
-    return h, g, inverse, right_side, coupling, cost
+    return h, g, inverses, right_side, coupling, cost
 
 
-@njit(cache=True)
 def pose_difference(
     rotations: FloatArray, positions: FloatArray, rotations_0: FloatArray, positions_0: FloatArray
 ) -> FloatArray:
     """Return how far poses are from where a prior was linearised, `(6 K,)`: metres and radians, world axes."""
-    count = len(rotations)
-    out = np.zeros(6 * count)
-    for k in range(count):
-        out[6 * k : 6 * k + 3] = positions[k] - positions_0[k]
-        turn = rotations[k] @ rotations_0[k].T
-        out[6 * k + 3] = 0.5 * (turn[2, 1] - turn[1, 2])
-        out[6 * k + 4] = 0.5 * (turn[0, 2] - turn[2, 0])
-        out[6 * k + 5] = 0.5 * (turn[1, 0] - turn[0, 1])
-    return out
+    turn = rotations @ rotations_0.transpose(0, 2, 1)
+    angles = 0.5 * np.stack(
+        (turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]), axis=1
+    )
+    return np.concatenate((positions - positions_0, angles), axis=1).ravel()
 
 
-@njit(cache=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    """Keyframes and landmarks after an adjustment.
+
+    Attributes:
+        rotations: `(K, 3, 3)` cameras to world.
+        positions: `(K, 3)` metres.
+        uvrho: `(N, 3)` host pixels and inverse depths.
+        covariance: `(N, 3, 3)` of them, given the poses.
+        pose_covariance: `(6 K, 6 K)` of all poses.
+    """
+
+    rotations: FloatArray
+    positions: FloatArray
+    uvrho: FloatArray
+    covariance: FloatArray
+    pose_covariance: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """What is known of the poses besides the landmarks in the window.
+
+    Attributes:
+        h: Normal matrix `(6 K, 6 K)`.
+        g: Right side `(6 K,)` at the poses it was linearised at.
+        rotations: `(K, 3, 3)` of these poses.
+        positions: `(K, 3)` of these poses, metres.
+    """
+
+    h: FloatArray
+    g: FloatArray
+    rotations: FloatArray
+    positions: FloatArray
+
+    def right_side(self, rotations: FloatArray, positions: FloatArray) -> FloatArray:
+        """Return the right side `(6 K,)` at other poses."""
+        moved = pose_difference(rotations, positions, self.rotations, self.positions)
+        return np.asarray(self.g - self.h @ moved)
+
+
 def adjust(
     rotations: FloatArray,
     positions: FloatArray,
-    host: FloatArray,
+    host: NDArray[np.int64],
     uvrho: FloatArray,
     observed: FloatArray,
     variance: FloatArray,
     camera: FloatArray,
     baseline: float,
-    prior_h: FloatArray,
-    prior_g: FloatArray,
-    rotations_0: FloatArray,
-    positions_0: FloatArray,
+    prior: Prior,
     rounds: int,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Adjust keyframes and landmarks by Gauss-Newton with robust weights.
-
-    Args: as `linearise`, and the prior's normal matrix `(6 K, 6 K)` and right side `(6 K,)` at the poses with `_0`.
-
-    Returns:
-        New rotations, positions, landmarks `(N, 3)`, their covariances given the poses `(N, 3, 3)`, and the
-        covariance of all poses `(6 K, 6 K)`.
-    """
-    rotations, positions, uvrho = rotations.copy(), positions.copy(), uvrho.copy()
-    h = prior_h.copy()
-    inverse = np.zeros((len(host), 3, 3))
+) -> Adjusted:
+    """Adjust keyframes and landmarks by Gauss-Newton with robust weights; arguments as `linearise`."""
+    inverses = np.zeros((len(host), 3, 3))
+    h = prior.h
     for _ in range(rounds):
-        h, g, inverse, right_side, coupling, _cost = linearise(
+        h, g, inverses, right_side, coupling, _cost = linearise(
             rotations, positions, host, uvrho, observed, variance, camera, baseline, -1
         )
-        h += prior_h
-        g += prior_g - prior_h @ pose_difference(rotations, positions, rotations_0, positions_0)
-        update = np.linalg.solve(h, g)
-        for n in range(len(host)):
-            uvrho[n] += inverse[n] @ (right_side[n] - coupling[n] @ update)
-        for k in range(len(rotations)):
-            positions[k] += update[6 * k : 6 * k + 3]
-            rotations[k] = orthonormal(exp_so3(update[6 * k + 3 : 6 * k + 6]) @ rotations[k])
+        h = h + prior.h
+        update = np.linalg.solve(h, g + prior.right_side(rotations, positions))
+        uvrho = uvrho + np.einsum("nij,nj->ni", inverses, right_side - coupling @ update)
+        step = update.reshape(-1, 6)
+        positions = positions + step[:, :3]
+        rotations = np.stack([turned(old, *angles) for old, angles in zip(rotations, step[:, 3:], strict=True)])
         if np.abs(update).max() < 1e-6:
             break
-    return rotations, positions, uvrho, inverse, np.linalg.inv(h)
+    return Adjusted(rotations, positions, uvrho, inverses, np.asarray(np.linalg.inv(h), dtype=np.float64))

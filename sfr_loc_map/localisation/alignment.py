@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.images import FloatImage
-from sfr_loc_map.localisation.lie import exp_so3, orthonormal
 from sfr_loc_map.localisation.machine import FAST
 from sfr_loc_map.localisation.patches import normalise, sample, warp
+from sfr_loc_map.localisation.small import solve, turned
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
@@ -44,7 +44,7 @@ def _prepare(
     jacobians = np.zeros((count, 2, size), np.float32)
     normal = np.zeros((count, 4))
     for n in range(count):
-        a00, a01, a10, a11 = shapes[n]
+        a00, a01, a10, a11 = shapes[n, 0], shapes[n, 1], shapes[n, 2], shapes[n, 3]
         det = a00 * a11 - a01 * a10
         power = normalise(templates[n])
         if power < 1e-3 or abs(det) < 0.05 or abs(det) > 20.0:
@@ -102,7 +102,11 @@ def align_pose(  # noqa: C901 - one loop of machine code
         share of the patches in view there.
     """
     scale = 2.0**level
-    fx, fy, cx, cy = camera
+    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
+    depth = 0.0
+    for n in range(len(rho)):
+        depth += rho[n]
+    depth /= len(rho)
     height, width = image.shape
     half = (int(np.sqrt(patches.shape[2] + 0.5)) - 1) // 2
     shapes = _shapes(homographies, uv)
@@ -112,11 +116,13 @@ def align_pose(  # noqa: C901 - one loop of machine code
     best_rotation, best_position, best_score, best_share = rotation.copy(), position.copy(), -1.0, 0.0
     rotation, position = rotation.copy(), position.copy()
     for _ in range(rounds + 1):
-        h = np.eye(6) * 1e-6
+        h = np.zeros((6, 6))
         g = np.zeros(6)
+        for i in range(6):
+            h[i, i] = 1e-6
         seen, total = 0, 0.0
         for n in range(len(rho)):
-            power, xx, xy, yy = normal[n]
+            power, xx, xy, yy = normal[n, 0], normal[n, 1], normal[n, 2], normal[n, 3]
             if power <= 0.0:
                 continue
             rx, ry = (uv[n, 0] - cx) / fx, (uv[n, 1] - cy) / fy
@@ -131,7 +137,7 @@ def align_pose(  # noqa: C901 - one loop of machine code
             y_n = (rotation[0, 1] * wx + rotation[1, 1] * wy + rotation[2, 1] * wz) / z
             u = (fx * x_n + cx + 0.5) / scale - 0.5
             v = (fy * y_n + cy + 0.5) / scale - 0.5
-            a00, a01, a10, a11 = shapes[n]
+            a00, a01, a10, a11 = shapes[n, 0], shapes[n, 1], shapes[n, 2], shapes[n, 3]
             reach_x, reach_y = half * (abs(a00) + abs(a01)), half * (abs(a10) + abs(a11))
             if u < reach_x or v < reach_y or u + reach_x >= width - 1.01 or v + reach_y >= height - 1.01:
                 continue
@@ -178,13 +184,14 @@ def align_pose(  # noqa: C901 - one loop of machine code
         for i in range(6):
             for j in range(i):
                 h[i, j] = h[j, i]
-        update = np.linalg.solve(h, g)
-        position = position + update[:3]
-        rotation = orthonormal(exp_so3(update[3:]) @ rotation)
+        update = solve(h, g)
+        position = position.copy()
+        largest = 0.0
+        for i in range(3):
+            position[i] += update[i]
+            largest = max(largest, abs(update[i]) * depth, abs(update[3 + i]))
+        rotation = turned(rotation, update[3], update[4], update[5])
         # a hundredth of a pixel of this level is enough
-        if (
-            np.abs(update[3:]).max() * fx < 0.02 * scale
-            and np.abs(update[:3]).max() * fx * np.median(rho) < 0.02 * scale
-        ):
+        if largest * fx < 0.02 * scale:
             break
     return best_rotation, best_position, best_score, best_share

@@ -35,7 +35,7 @@ def find_corners(
     Returns:
         `(N, 2)` float64, whole pixels, the strongest first.
     """
-    strength = cv2.cornerMinEigenVal(image, BLOCK, ksize=3)
+    strength = np.asarray(cv2.cornerMinEigenVal(image, BLOCK, ksize=3), dtype=np.float32)
     if mask is not None:
         strength[mask == 0] = 0.0
     height, width = image.shape

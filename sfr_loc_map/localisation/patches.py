@@ -90,7 +90,7 @@ def plane_homographies(
     Returns:
         `(N, 3, 3)`.
     """
-    fx, fy, cx, cy = camera
+    fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
     out = np.empty((len(rho), 3, 3))
     for n in range(len(rho)):
         h, r_wh, p_h = out[n], host_rotations[n], host_positions[n]
@@ -136,7 +136,7 @@ def normalise(values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - 
 
 
 @njit(cache=True, fastmath=FAST)
-def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202, C901
     """Warp the pixels of a patch and turn its gradients; all of it without the shift that is looked for.
 
     Fills the warped pixels xs, ys, the template without its mean, and its derivatives in the target without what
@@ -168,7 +168,8 @@ def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-unt
     det = a00 * a11 - a01 * a10
     if abs(det) < 0.05:
         return nothing
-    template[:] = patch[0]
+    for k in range(template.size):
+        template[k] = patch[0, k]
     power = normalise(template)
     if power < 1e-3:
         return nothing
@@ -244,7 +245,9 @@ def track_patches(
     count = len(patches)
     out = np.full((count, 7), np.nan)
     height, width = image.shape
-    xs, ys, template, jx, jy, values = np.empty((6, patches.shape[2]), np.float32)
+    size = patches.shape[2]
+    xs, ys, template = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(size, np.float32)
+    jx, jy, values = np.empty(size, np.float32), np.empty(size, np.float32), np.empty(size, np.float32)
     for n in range(count):
         low_x, low_y, high_x, high_y, power, hxx, hxy, hyy = _prepare(
             patches[n], homographies[n], host_uv[n, 0], host_uv[n, 1], xs, ys, template, jx, jy

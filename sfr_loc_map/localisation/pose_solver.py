@@ -6,9 +6,9 @@ import numpy as np
 from numba import njit
 
 from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.localisation.lie import exp_so3, orthonormal
 from sfr_loc_map.localisation.machine import FAST
 from sfr_loc_map.localisation.projection import linearise_landmark
+from sfr_loc_map.localisation.small import inverse, solve, turned
 
 
 @njit(cache=True, fastmath=FAST)
@@ -100,7 +100,10 @@ def solve_pose(  # noqa: C901 - one loop of machine code
                     else:
                         s[i, i] += 1e8
                         s[i + 1, i + 1] += 1e8
-                whitening[n] = np.linalg.inv(s)
+                white = inverse(s)
+                for i in range(4):
+                    for j in range(4):
+                        whitening[n, i, j] = white[i, j]
             total = 0.0
             for i in range(4):
                 for j in range(4):
@@ -110,8 +113,7 @@ def solve_pose(  # noqa: C901 - one loop of machine code
         if len(used) < 6:
             break
         scale = max(1.0, np.median(used) * 1.5) * (4.0 if step == 0 else 1.0)
-        h[:] = 0.0
-        g[:] = 0.0
+        h, g = np.zeros((6, 6)), np.zeros(6)
         for n in range(count):
             if np.isnan(chi[n]):
                 continue
@@ -130,9 +132,13 @@ def solve_pose(  # noqa: C901 - one loop of machine code
         for a in range(6):
             for b in range(a):
                 h[a, b] = h[b, a]
-        update = np.linalg.solve(h, g)
-        p_c = p_c + update[:3]
-        r_cw = orthonormal(exp_so3(update[3:]) @ r_cw)
-        if np.abs(update).max() < 1e-6:
+        update = solve(h, g)
+        largest = 0.0
+        for i in range(6):
+            largest = max(largest, abs(update[i]))
+        for i in range(3):
+            p_c[i] += update[i]
+        r_cw = turned(r_cw, update[3], update[4], update[5])
+        if largest < 1e-6:
             break
     return r_cw, p_c, h, chi

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import GreyImage
@@ -32,8 +33,8 @@ def pose_by_flow(
         return None
     start = seen[known].astype(np.float32)[:, None]
     window, levels = (21, 21), int(np.clip(np.log2(min(now.shape) / 16), 2, 6))
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, start, None, winSize=window, maxLevel=levels)
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(now, before, moved, None, winSize=window, maxLevel=levels)
+    moved, found = _flow(before, now, start, window, levels)
+    back, found_back = _flow(now, before, moved, window, levels)
     good = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (np.abs(back - start).max(axis=(1, 2)) < 1.0)
     if good.sum() < fewest:
         return None
@@ -43,5 +44,12 @@ def pose_by_flow(
     )
     if not ok or inliers is None or len(inliers) < max(fewest, 0.3 * good.sum()):
         return None
-    r_cw = cv2.Rodrigues(rotvec)[0]
-    return np.ascontiguousarray(r_cw.T), -(r_cw.T @ translation[:, 0])
+    r_cw = np.asarray(cv2.Rodrigues(rotvec)[0], dtype=np.float64)
+    return np.ascontiguousarray(r_cw.T), np.asarray(-(r_cw.T @ translation[:, 0]), dtype=np.float64)
+
+
+def _flow(
+    before: GreyImage, now: GreyImage, start: NDArray[np.float32], window: tuple[int, int], levels: int
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, start, start.copy(), winSize=window, maxLevel=levels)
+    return np.asarray(moved, dtype=np.float32), np.asarray(found, dtype=np.uint8)

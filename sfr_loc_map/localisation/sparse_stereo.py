@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -12,11 +13,14 @@ from scipy.spatial import cKDTree
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.images import FloatImage, Pyramid
 from sfr_loc_map.localisation.machine import FAST
-from sfr_loc_map.localisation.patches import HALF, cut_patches, track_patches
+from sfr_loc_map.localisation.patches import HALF, cut_patches, normalise, track_patches
 
 SEARCH_LEVEL = 1
 SEARCH_HALF = 4
 NEIGHBOURS = 9
+"""Points that a local plane is fitted to."""
+MAX_SLOPE = 0.7
+"""Steepest plane, pixels of disparity a pixel: beyond, the right camera hardly sees it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +125,7 @@ def _inside(uv: FloatArray, image: FloatImage, margin: int) -> FloatArray:
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _scan(
+def _scan(  # noqa: C901 - one loop of machine code
     image: FloatImage, patches: NDArray[np.float32], uv: FloatArray, max_disparity: int, offset_v: int
 ) -> FloatArray:
     count = len(patches)
@@ -130,13 +134,14 @@ def _scan(
     side = 2 * half + 1
     out = np.zeros((count, 3))
     for n in range(count):
-        template = patches[n] - patches[n].mean()
-        power = (template * template).sum()
+        template = patches[n].copy()
+        power = normalise(template)
         u, v = int(uv[n, 0]), int(uv[n, 1]) + offset_v
         last = min(max_disparity, u - half)
         if power < 1e-3 or v < half or v >= height - half or u >= width - half or last < 2:
             continue
-        scores = np.full(last + 2, -1.0)
+        scores = np.empty(last + 2)
+        scores[:] = -1.0
         for d in range(-1, last + 1):
             if u - d + half >= width:
                 continue
@@ -152,11 +157,13 @@ def _scan(
             variance = square - total * total / (side * side)
             if variance > 1e-3:
                 scores[d + 1] = dot / np.sqrt(variance * power)
-        best = int(np.argmax(scores))
-        second = -1.0
+        best, second = 0, -1.0
+        for d in range(1, last + 2):
+            if scores[d] > scores[best]:
+                best = d
         for d in range(last + 2):
-            if abs(d - best) > 2 and scores[d] > second:
-                second = scores[d]
+            if abs(d - best) > 2:
+                second = max(second, scores[d])
         refined = float(best)
         if 0 < best < last + 1:
             curvature = scores[best - 1] - 2.0 * scores[best] + scores[best + 1]
@@ -180,39 +187,21 @@ def local_slopes(points: FloatArray, support: FloatArray) -> FloatArray:
         return np.zeros((len(points), 2))
     count = min(NEIGHBOURS, len(support))
     distance, index = cKDTree(support[:, :2]).query(points[:, :2], k=count)
-    return _fit_slopes(points, support, index, distance)
+    return _fit_slopes(points, support, np.asarray(index), np.asarray(distance))
 
 
-@njit(cache=True)
 def _fit_slopes(points: FloatArray, support: FloatArray, index: NDArray[np.intp], distance: FloatArray) -> FloatArray:
-    out = np.zeros((len(points), 2))
-    for n in range(len(points)):
-        reach = max(distance[n, -1], 1.0)
-        a, b, c = 0.0, 0.0, points[n, 2]
-        for _ in range(4):
-            h = np.zeros((3, 3))
-            g = np.zeros(3)
-            for k in range(index.shape[1]):
-                m = index[n, k]
-                du, dv = support[m, 0] - points[n, 0], support[m, 1] - points[n, 1]
-                r = support[m, 2] - (c + a * du + b * dv)
-                w = np.exp(-2.0 * (distance[n, k] / reach) ** 2) / (1.0 + (r / 0.3) ** 2)
-                row = (1.0, du, dv)
-                for i in range(3):
-                    g[i] += w * row[i] * r
-                    for j in range(3):
-                        h[i, j] += w * row[i] * row[j]
-            # a weak wish for a level patch keeps lonely points sane
-            h[0, 0] += 1.0
-            g[0] += points[n, 2] - c
-            h[1, 1] += 0.02 * reach * reach
-            g[1] -= 0.02 * reach * reach * a
-            h[2, 2] += 0.02 * reach * reach
-            g[2] -= 0.02 * reach * reach * b
-            step = np.linalg.solve(h, g)
-            c += step[0]
-            a += step[1]
-            b += step[2]
-        out[n, 0] = min(max(a, -0.7), 0.7)
-        out[n, 1] = min(max(b, -0.7), 0.7)
-    return out
+    reach = np.maximum(distance[:, -1:], 1.0)
+    near = np.exp(-2.0 * (distance / reach) ** 2)
+    rows = np.concatenate((np.ones((*index.shape, 1)), support[index, :2] - points[:, None, :2]), axis=2)
+    level = support[index, 2] - points[:, 2:3]
+    # a weak wish for a level patch keeps lonely points sane
+    wish = np.concatenate((np.ones_like(reach), 0.02 * reach**2, 0.02 * reach**2), axis=1)
+    plane = np.zeros((len(points), 3))
+    for _ in range(4):
+        residual = level - np.einsum("nki,ni->nk", rows, plane)
+        weighted = rows * (near / (1.0 + (residual / 0.3) ** 2))[:, :, None]
+        h = np.swapaxes(weighted, 1, 2) @ rows
+        h[:, (0, 1, 2), (0, 1, 2)] += wish
+        plane = np.linalg.solve(h, np.einsum("nki,nk->ni", weighted, level)[:, :, None])[:, :, 0]
+    return np.clip(plane[:, 1:], -MAX_SLOPE, MAX_SLOPE)

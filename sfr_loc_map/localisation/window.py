@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.localisation.adjustment import adjust, linearise, pose_difference
+from sfr_loc_map.localisation.adjustment import Prior, adjust, linearise
 from sfr_loc_map.localisation.images import LEVELS, Pyramid
 from sfr_loc_map.localisation.patches import SIDE, cut_patches
 
@@ -86,8 +86,7 @@ class Window:
         ]
         self.observed, self.variance = np.zeros((0, 0, 4)), np.zeros((0, 0, 2, 3))
         self.pose_covariance = np.zeros((0, 0))
-        self._prior_h, self._prior_g = np.zeros((0, 0)), np.zeros(0)
-        self._linear_rotations, self._linear_positions = self.rotations, self.positions
+        self._prior = Prior(np.zeros((0, 0)), np.zeros(0), self.rotations, self.positions)
 
     def __len__(self) -> int:
         """Return the number of keyframes."""
@@ -139,18 +138,20 @@ class Window:
         self.observed[seen, window], self.variance[seen, window] = observed, variance
         self.rotations = np.concatenate((self.rotations, rotation[None]))
         self.positions = np.concatenate((self.positions, position[None]))
-        self._linear_rotations = np.concatenate((self._linear_rotations, rotation[None]))
-        self._linear_positions = np.concatenate((self._linear_positions, position[None]))
-        self._prior_h = np.pad(self._prior_h, (0, 6))
-        self._prior_g = np.pad(self._prior_g, (0, 6))
+        self._prior = Prior(
+            np.pad(self._prior.h, (0, 6)),
+            np.pad(self._prior.g, (0, 6)),
+            np.concatenate((self._prior.rotations, rotation[None])),
+            np.concatenate((self._prior.positions, position[None])),
+        )
         if len(self) == 1:
-            self._prior_h[:] = np.eye(6) / START_VARIANCE
+            self.set_prior(np.full(6, START_VARIANCE))
         if len(self) > self._size:
             self._marginalise_oldest()
 
     def set_prior(self, variance: FloatArray) -> None:
         """Let the only keyframe be known as well as its `(6,)` variances say."""
-        self._prior_h[:] = np.diag(1.0 / variance)
+        self._prior = replace(self._prior, h=np.diag(1.0 / variance))
 
     def add_landmarks(
         self,
@@ -190,44 +191,26 @@ class Window:
 
     def adjust(self, rounds: int) -> None:
         """Adjust all keyframes and landmarks together."""
-        self.rotations, self.positions, self.uvrho, self.covariance, self.pose_covariance = adjust(
-            self.rotations,
-            self.positions,
-            self.host,
-            self.uvrho,
-            self.observed,
-            self.variance,
-            self._camera,
-            self._baseline,
-            self._prior_h,
-            self._prior_g,
-            self._linear_rotations,
-            self._linear_positions,
-            rounds,
-        )
+        result = adjust(*self._system(), self._prior, rounds)
+        self.rotations, self.positions = result.rotations, result.positions
+        self.uvrho, self.covariance = result.uvrho, result.covariance
+        self.pose_covariance = result.pose_covariance
+
+    def _system(
+        self,
+    ) -> tuple[FloatArray, FloatArray, NDArray[np.int64], FloatArray, FloatArray, FloatArray, FloatArray, float]:
+        poses = (self.rotations, self.positions)
+        return *poses, self.host, self.uvrho, self.observed, self.variance, self._camera, self._baseline
 
     def _marginalise_oldest(self) -> None:
         """Turn what the oldest keyframe and its landmarks say of the others into the prior."""
-        h, g, *_ = linearise(
-            self.rotations,
-            self.positions,
-            self.host,
-            self.uvrho,
-            self.observed,
-            self.variance,
-            self._camera,
-            self._baseline,
-            0,
-        )
-        moved = pose_difference(self.rotations, self.positions, self._linear_rotations, self._linear_positions)
-        h += self._prior_h
-        g += self._prior_g - self._prior_h @ moved
+        h, g, *_ = linearise(*self._system(), 0)
+        h = h + self._prior.h
+        g = g + self._prior.right_side(self.rotations, self.positions)
         gain = np.linalg.solve(h[:6, :6], h[:6, 6:]).T
-        self._prior_h = h[6:, 6:] - gain @ h[:6, 6:]
-        self._prior_h = 0.5 * (self._prior_h + self._prior_h.T)
-        self._prior_g = g[6:] - gain @ g[:6]
-        self.rotations, self.positions = self.rotations[1:], self.positions[1:]
-        self._linear_rotations, self._linear_positions = self.rotations.copy(), self.positions.copy()
+        rest = h[6:, 6:] - gain @ h[:6, 6:]
+        self.rotations, self.positions = self.rotations[1:].copy(), self.positions[1:].copy()
+        self._prior = Prior(0.5 * (rest + rest.T), g[6:] - gain @ g[:6], self.rotations, self.positions)
         keep = self.host > 0
         self.host = self.host[keep] - 1
         for name in ("alive", "uv", "uvrho", "slopes", "covariance", "variance", "observed"):
