@@ -1,12 +1,207 @@
-"""One cloud from up to three pairs."""
+"""One cloud from up to three pairs.
+
+Every point is looked up in the disparity pictures of the other pairs. Where both agree within their errors the point
+moves along its own ray to the mean weighted by inverse variance, and the pair that weighs most keeps it; where another
+pair sees through it, the surer of the two stays. What a pair says counts less and less towards the border of its
+picture, so that no seam shows where it ends.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.machine_code import by_rows
+
+FloatImage = NDArray[np.float32]
+FloatArray = NDArray[np.float64]
+F = np.float32
+
+AGREE_SIGMAS = 3.0
+"""Differences up to so many standard deviations are taken as noise."""
+FEATHER_PX = 48.0
+"""Distance from the border of a picture from which on its points have full weight."""
+JUMP_PX = F(1.0)
+POSE_WARNING = 2.5
+"""Ratio of found to expected disagreement beyond which the poses of two pairs contradict each other."""
 
 
-def merged(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Return the points of all pairs."""
-    return PointCloud.concatenate(clouds)
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One pair as the fusion sees it.
+
+    Attributes:
+        cloud: Its points in LM.
+        disparity_px: `(H, W)` float32, pixels, NaN where none.
+        T_lm_left: Takes points in its left optical frame to LM.
+    """
+
+    cloud: PointCloud
+    disparity_px: FloatImage
+    T_lm_left: Transform
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fusion:
+    """A fused cloud and how well its parts agreed."""
+
+    cloud: PointCloud
+    statistics: dict[str, float]
+    warnings: tuple[str, ...]
+
+
+def fused(views: Sequence[View], rig: StereoRig) -> Fusion:
+    """Return one cloud of all pairs.
+
+    Args:
+        views: One per pair, in the order of their points' `pair`.
+        rig: Rig of all pairs.
+    """
+    weights = [_weight_picture(view) for view in views]
+    statistics = {"points_in": float(sum(len(view.cloud) for view in views)), "merged": 0.0, "dropped_conflict": 0.0}
+    warnings: list[str] = []
+    clouds = []
+    for i, view in enumerate(views):
+        tally = _Tally(view, weights[i])
+        for j, other in enumerate(views):
+            if j != i:
+                seen = _looked_up(view.cloud.xyz, other, weights[j], rig)
+                ratio = tally.add(seen, before=j < i)
+                _describe(statistics, warnings, (i, j), seen, ratio)
+        clouds.append(tally.cloud())
+        statistics["merged"] += float((tally.partners > 0).sum())
+        statistics["dropped_conflict"] += float(tally.conflict.sum())
+    cloud = PointCloud.concatenate(clouds)
+    statistics["points"] = float(len(cloud))
+    return Fusion(cloud, statistics, tuple(warnings))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """What another pair says of points: all `(N,)`, difference NaN where it says nothing."""
+
+    difference: FloatImage
+    deviation: FloatImage
+    weight: FloatImage
+
+
+class _Tally:
+    """Points of one pair and what the others say of them."""
+
+    def __init__(self, view: View, weight: FloatImage) -> None:
+        self._view = view
+        cloud = view.cloud
+        self._own = weight[cloud.v, cloud.u]
+        self._sum = self._own.copy()
+        self._pull = np.zeros_like(self._own)
+        self.partners = np.zeros(len(cloud), np.uint8)
+        self.conflict = np.zeros(len(cloud), np.bool_)
+        self._kept = np.ones(len(cloud), np.bool_)
+
+    def add(self, seen: _Seen, *, before: bool) -> float:
+        """Take in what another pair says; return the ratio of found to expected disagreement (1 for honest sigmas)."""
+        spread = np.sqrt(np.square(self._view.cloud.sigma) + np.square(seen.deviation))
+        known = np.isfinite(seen.difference)
+        normalised = np.abs(seen.difference) / spread
+        agree = known & (normalised <= AGREE_SIGMAS)
+        through = known & (seen.difference > AGREE_SIGMAS * spread)
+        weight = np.where(agree, seen.weight, F(0.0))
+        self._sum += weight
+        self._pull += weight * np.where(agree, seen.difference, F(0.0))
+        self.partners += agree
+        heavier = (seen.weight > self._own) | ((seen.weight == self._own) & before)
+        self._kept &= ~(agree & heavier)
+        self.conflict |= through & heavier
+        return float(np.median(normalised[known]) / 0.6745) if known.any() else float("nan")
+
+    def cloud(self) -> PointCloud:
+        """Return the points that this pair keeps, moved along their rays."""
+        kept = self._kept & ~self.conflict
+        cloud = self._view.cloud.select(kept)
+        rays = cloud.xyz - self._view.T_lm_left.translation.astype(F)
+        rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
+        moved = cloud.xyz + rays * (self._pull[kept] / self._sum[kept])[:, None]
+        sigma = np.where(self.partners[kept] > 0, 1.0 / np.sqrt(self._sum[kept]), cloud.sigma).astype(F)
+        return PointCloud(moved.astype(F), sigma, cloud.intensity, cloud.u, cloud.v, cloud.pair)
+
+
+def _describe(
+    statistics: dict[str, float], warnings: list[str], pairs: tuple[int, int], seen: _Seen, ratio: float
+) -> None:
+    i, j = pairs
+    known = seen.difference[np.isfinite(seen.difference)]
+    statistics[f"overlap_{i}_{j}"] = len(known) / max(len(seen.difference), 1)
+    if len(known) == 0:
+        return
+    statistics[f"difference_median_m_{i}_{j}"] = float(np.median(known))
+    statistics[f"difference_spread_m_{i}_{j}"] = 1.4826 * float(np.median(np.abs(known - np.median(known))))
+    statistics[f"difference_over_sigma_{i}_{j}"] = ratio
+    if i < j and ratio > POSE_WARNING and len(known) > 1000:
+        warnings.append(
+            f"pairs {i} and {j} disagree where they overlap: {ratio:.1f} times what is expected; check their poses"
+        )
+
+
+def _weight_picture(view: View) -> FloatImage:
+    """Return the weight of each pixel, `feather / sigma^2`, 1 / m^2; 0 where there is no point."""
+    height, width = view.disparity_px.shape
+    sigma = np.full((height, width), np.inf, F)
+    sigma[view.cloud.v, view.cloud.u] = view.cloud.sigma
+    y, x = np.arange(height, dtype=F), np.arange(width, dtype=F)
+    edge_y, edge_x = np.minimum(y, height - 1 - y) + F(1.0), np.minimum(x, width - 1 - x) + F(1.0)
+    feather = np.minimum(np.minimum(edge_y[:, None], edge_x[None]) / F(FEATHER_PX), F(1.0))
+    return np.asarray(feather / np.square(sigma), F)
+
+
+def _looked_up(xyz: FloatImage, other: View, weight: FloatImage, rig: StereoRig) -> _Seen:
+    T_left_lm = other.T_lm_left.inverse()
+    out = np.empty((3, len(xyz)), F)
+    camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.fx * rig.baseline_m])
+    _look_up(xyz, T_left_lm.rotation, T_left_lm.translation, camera, other.disparity_px, weight, out)
+    return _Seen(out[0], out[1], out[2])
+
+
+@by_rows
+def _look_up(
+    xyz: FloatImage,
+    rotation: FloatArray,
+    translation: FloatArray,
+    camera: FloatArray,
+    disparity: FloatImage,
+    weight: FloatImage,
+    out: FloatImage,
+) -> None:
+    """Fill `out` `(3, N)`: how much farther along its ray another pair sees it, that one's sigma and weight."""
+    rows, cols = disparity.shape
+    fx, fy, cx, cy, scale = camera
+    for n in prange(len(xyz)):
+        out[0, n], out[1, n], out[2, n] = F(np.nan), F(np.nan), F(0.0)
+        x0, y0, z0 = np.float64(xyz[n, 0]), np.float64(xyz[n, 1]), np.float64(xyz[n, 2])
+        x = rotation[0, 0] * x0 + rotation[0, 1] * y0 + rotation[0, 2] * z0 + translation[0]
+        y = rotation[1, 0] * x0 + rotation[1, 1] * y0 + rotation[1, 2] * z0 + translation[1]
+        z = rotation[2, 0] * x0 + rotation[2, 1] * y0 + rotation[2, 2] * z0 + translation[2]
+        if z < 1e-3:
+            continue
+        u, v = fx * x / z + cx, fy * y / z + cy
+        if not (u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1):
+            continue
+        j, i = int(u), int(v)
+        s, t = u - j, v - i
+        a, b, c, d = disparity[i, j], disparity[i, j + 1], disparity[i + 1, j], disparity[i + 1, j + 1]
+        if not (max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) < JUMP_PX):
+            continue
+        between = (1 - t) * ((1 - s) * a + s * b) + t * ((1 - s) * c + s * d)
+        near = weight[i + (1 if t > 0.5 else 0), j + (1 if s > 0.5 else 0)]
+        if not (between > 0.0 and near > 0.0):
+            continue
+        length = np.sqrt(x * x + y * y + z * z) / z
+        out[0, n] = (scale / between - z) * length
+        out[1, n] = 1.0 / np.sqrt(near)
+        out[2, n] = near

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.confidence import sigma_of, trusted
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.fusion import merged
+from sfr_loc_map.mapping.fusion import View, fused
 from sfr_loc_map.mapping.matching import match, search_range
 from sfr_loc_map.mapping.refinement import refine
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
@@ -49,10 +49,12 @@ class FusedMap:
     Attributes:
         cloud: Points in LM; each names the pair and pixel that weigh most in it.
         statistics: Figures of the fusion by name (overlap and disagreement per pair, ...).
+        warnings: What is suspicious, one line each.
     """
 
     cloud: PointCloud
     statistics: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 class Mapper:
@@ -119,5 +121,6 @@ class Mapper:
         """
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
-        cloud = merged([item.cloud for item in maps])
-        return FusedMap(cloud, {"points": float(len(cloud))})
+        views = [View(item.cloud, item.disparity_px, item.T_lm_navsb @ self._rig.T_sb_left) for item in maps]
+        result = fused(views, self._rig)
+        return FusedMap(result.cloud, result.statistics, result.warnings)
