@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -13,6 +12,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.trajectory import IntArray, Trajectory
 from sfr_loc_map.metrics.association import NS, AssociationCounts, Estimates, Frames, associate
+from sfr_loc_map.metrics.confidence import Grains, interval95
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.statistics import Moments, RowQueue, Thinned, norm
 from sfr_loc_map.metrics.sub_trajectories import KINDS, Condition, find_ends, path_lengths
@@ -25,6 +25,9 @@ DETAIL_ROWS = 1000
 PATH_ROWS = 2000
 """Frames that are kept for figures."""
 CHUNK_FRAMES = 65536
+FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
+"""Figures of the score and the columns of the errors that they are made of."""
+INTERVAL_COLUMNS = 5
 
 
 class ConditionScore:
@@ -33,6 +36,8 @@ class ConditionScore:
     def __init__(self, condition: Condition) -> None:
         self.condition = condition
         self.moments = Moments(len(COLUMNS))
+        self._grains = Grains(INTERVAL_COLUMNS)
+        self._overlaps = 0
         self.kept_errors = Thinned(len(COLUMNS), DETAIL_ROWS)
         self.kept_places = Thinned(4, DETAIL_ROWS, np.int64)
         self.given_up = 0
@@ -68,14 +73,16 @@ class ConditionScore:
         )
         ends = ends[: np.searchsorted(ends, len(frames))]
         if len(ends):
-            self._score(frames, lengths, first_frame, ends, config.rebase == "pose")
+            self._score(frames, lengths, first_frame, ends, config)
             starts.drop(len(ends))
         too_many = max(len(starts) - MAX_WAITING_STARTS, 0)
         starts.drop(too_many)
         self.given_up += too_many
 
-    def _score(self, frames: Frames, lengths: FloatArray, first_frame: int, ends: IntArray, whole_pose: bool) -> None:
-        starts, count = self._starts, len(ends)
+    def _score(
+        self, frames: Frames, lengths: FloatArray, first_frame: int, ends: IntArray, config: TrajectoryScoreConfig
+    ) -> None:
+        starts, count, spacing = self._starts, len(ends), config.spacing
         errors = sub_trajectory_errors(
             starts["gt_pos"],
             starts["gt_quat"],
@@ -89,9 +96,11 @@ class ConditionScore:
             frames.est_quat,
             lengths,
             ends,
-            whole_pose,
+            config.rebase == "pose",
         )
         self.moments.push(errors)
+        self._grains.push(errors[:, :INTERVAL_COLUMNS])
+        self._overlaps += int(np.sum(-(-(first_frame + ends - starts["frame"][:count]) // spacing)))
         self.kept_errors.push(errors)
         places = (starts["frame"][:count], first_frame + ends, starts["stamp"][:count], frames.stamps_ns[ends])
         self.kept_places.push(np.column_stack(places))
@@ -104,7 +113,16 @@ class ConditionScore:
             "spacing_frames": config.spacing,
             "rebase": config.rebase,
         }
-        return head | figures(self.moments)
+        return head | self._figures()
+
+    def _figures(self) -> dict[str, Any]:
+        result: dict[str, Any] = dict(figures(self.moments))
+        overlap = self._overlaps / max(self.moments.count, 1)
+        for name, columns in FIGURES.items():
+            result[name]["mean_plus_3sigma_ci95"] = interval95(self._grains, columns, overlap)
+        result["overlap"] = overlap
+        result["components"] = components(self.moments)
+        return result
 
     def details(self) -> dict[str, Any]:
         """Return the sub-trajectories, or every n-th of them, column by column."""
@@ -125,27 +143,30 @@ def rounded(values: FloatArray) -> list[float]:
 
 
 def figures(moments: Moments) -> dict[str, dict[str, Any]]:
-    """Return position, attitude and heading error over all sub-trajectories [4.2.3]; None where undefined."""
-    mean = moments.mean if moments.count else None
-    sigma = moments.sigma
-    return {
-        "position_m": _figure(_part(mean, norm, slice(0, 3)), _part(sigma, norm, slice(0, 3))),
-        "attitude_deg": _figure(_part(mean, _only, slice(3, 4)), _part(sigma, _only, slice(3, 4))),
-        "heading_deg": _figure(_part(mean, _only, slice(4, 5)), _part(sigma, _only, slice(4, 5))),
-    }
+    """Return position, attitude and heading error over all sub-trajectories [4.2.3]; None where undefined.
+
+    The mean of position is the norm of the mean vector and its sigma the norm of the sigmas of the axes of DS; the mean
+    of heading has its sign, which is left out in mean + 3 sigma.
+    """
+    return {name: _figure(moments, columns) | {"mean_plus_3sigma_ci95": None} for name, columns in FIGURES.items()}
 
 
-def _only(values: FloatArray) -> float:
-    return float(values[0])
+def components(moments: Moments) -> dict[str, dict[str, Any]]:
+    """Return the position error by axes of DS, and along and across the true way, m; means with their signs."""
+    names = [name for name in COLUMNS if name in ("x", "y", "z", "along", "cross", "vertical")]
+    return {f"{name}_m": _figure(moments, slice(k := COLUMNS.index(name), k + 1)) for name in names}
 
 
-def _part(values: FloatArray | None, reduce: Callable[[FloatArray], float], which: slice) -> float | None:
-    return None if values is None else reduce(values[which])
-
-
-def _figure(mean: float | None, sigma: float | None) -> dict[str, Any]:
+def _figure(moments: Moments, columns: slice) -> dict[str, Any]:
+    mean = reduced(moments.mean[columns]) if moments.count else None
+    sigma = None if moments.sigma is None else reduced(moments.sigma[columns])
     total = None if mean is None or sigma is None else abs(mean) + 3.0 * sigma
-    return {"mean": mean, "sigma": sigma, "mean_plus_3sigma": total, "mean_plus_3sigma_ci95": None}
+    return {"mean": mean, "sigma": sigma, "mean_plus_3sigma": total}
+
+
+def reduced(values: FloatArray) -> float:
+    """Return the norm of a vector, a single number as it is."""
+    return float(values[0]) if len(values) == 1 else norm(values)
 
 
 class TrajectoryScore:

@@ -1,0 +1,91 @@
+"""How often the 95 % interval of mean + 3 sigma holds the true value: `python interval_coverage.py [RUNS]`.
+
+Drives whose odometry drifts by a known law: every step adds an error of position and of attitude. The true value comes
+from many independent drives. The result is kept in docs/metrics.md.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+
+STEP_M = 0.1
+DISTANCE_M = 5.0
+FIGURES = ("position_m", "attitude_deg", "heading_deg")
+LAWS = {
+    "white steps": {"bias": 0.0, "memory": 0.0},
+    "biased steps": {"bias": 0.002, "memory": 0.0},
+    "steps with memory": {"bias": 0.0, "memory": 0.9},
+}
+
+
+def run(
+    rng: np.random.Generator, frames: int, bias: float, memory: float, curved: bool
+) -> tuple[Trajectory, Trajectory]:
+    """One drive: truth and estimate."""
+    yaw = np.cumsum(rng.normal(0, 0.02, frames)) if curved else np.zeros(frames)
+    true = Rotation.from_rotvec(np.column_stack((0 * yaw, 0 * yaw, yaw)))
+    moves = true.apply(np.tile([STEP_M, 0.0, 0.0], (frames, 1)))
+    noise = rng.normal(0, 1.0, (frames, 6)) * [2e-3, 1e-3, 1e-3, 2e-4, 2e-4, 4e-4]
+    for k in range(1, frames):
+        noise[k] = memory * noise[k - 1] + np.sqrt(1 - memory**2) * noise[k]
+    turned = Rotation.from_rotvec(np.cumsum(noise[:, 3:], axis=0))
+    estimated = turned.apply(moves * (1 + bias / STEP_M) + noise[:, :3])
+    stamps = np.arange(frames) * 100_000_000
+    truth = Trajectory(stamps, np.cumsum(moves, axis=0), true.as_quat())
+    return truth, Trajectory(stamps, np.cumsum(estimated, axis=0), (turned * true).as_quat())
+
+
+def true_values(rng: np.random.Generator, frames: int, law: str, curved: bool) -> dict[str, float]:
+    """Figures over the sub-trajectories of very many drives."""
+    config = TrajectoryScoreConfig(conditions=(f"distance={DISTANCE_M}",), spacing=10)
+    errors = []
+    for _ in range(max(300, 120_000 // frames)):
+        truth, estimate = run(rng, frames, **LAWS[law], curved=curved)
+        found = score_trajectory(Estimates.of(estimate), truth, config)["details"]["trajectory"]["sub_trajectories"][0]
+        errors.append(np.column_stack([found[n] for n in ("x_m", "y_m", "z_m", "attitude_deg", "heading_deg")]))
+    pooled = np.concatenate(errors)
+    mean, sigma = pooled.mean(axis=0), pooled.std(axis=0)
+    values = (np.linalg.norm(mean[:3]) + 3 * np.linalg.norm(sigma[:3]), *(np.abs(mean[3:]) + 3 * sigma[3:]))
+    return dict(zip(FIGURES, map(float, values), strict=True))
+
+
+def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, seed: int = 0) -> dict[str, float]:
+    """Share of runs whose interval holds the true value, for each figure; NaN where there is no interval."""
+    rng = np.random.default_rng(seed)
+    config = TrajectoryScoreConfig(conditions=(f"distance={DISTANCE_M}",), spacing=spacing)
+    frames = round(length_m / STEP_M) + 1
+    target = true_values(rng, frames, law, curved)
+    held: dict[str, list[bool]] = {name: [] for name in FIGURES}
+    for _ in range(runs):
+        truth, estimate = run(rng, frames, **LAWS[law], curved=curved)
+        got = score_trajectory(Estimates.of(estimate), truth, config)["trajectory"]
+        for name in FIGURES:
+            interval = got[name]["mean_plus_3sigma_ci95"]
+            if interval is not None:
+                held[name].append(interval[0] <= target[name] <= interval[1])
+    return {name: float(np.mean(values)) if values else float("nan") for name, values in held.items()}
+
+
+if __name__ == "__main__":
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    print("| length, m | spacing | steps | path | " + " | ".join(FIGURES) + " |")
+    print("|---" * 7 + "|")
+    for length in (15.0, 30.0, 60.0, 200.0):
+        for spacing in (1, 10):
+            for law in LAWS:
+                for curved in (False, True):
+                    shares = coverage(count, length, spacing, law, curved)
+                    words = " | ".join(f"{100 * shares[name]:.0f} %" for name in FIGURES)
+                    print(
+                        f"| {length:g} | {spacing} | {law} | {'curved' if curved else 'straight'} | {words} |",
+                        flush=True,
+                    )
