@@ -1,0 +1,150 @@
+"""Figures of the map: its error over the pictures, over range and in space."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from sfr_loc_map.report.plots import Plot, Trace, axis, line, marks, scaled
+from sfr_loc_map.report.tables import dig
+
+LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
+SCATTER_ROWS = 3000
+LAW_STEPS = 40
+
+
+def map_figures(score: Mapping[str, Any]) -> list[Plot]:
+    """Return the figures of the map, as far as the score has their data."""
+    figures = [_image(item) for item in dig(score, "details.map.error_images") or []]
+    if dig(score, "map.by_range"):
+        figures.append(_over_range(score))
+    cloud = dig(score, "details.map.cloud")
+    if cloud and cloud.get("x_m"):
+        figures.append(_in_space(cloud))
+    return figures
+
+
+def _logarithm(error_mm: float) -> float | None:
+    return round(math.log10(max(error_mm, 0.1)), 3) if error_mm >= 0 else None
+
+
+def _log_bar(values: list[float | None]) -> dict[str, Any]:
+    """Return colours and colour bar of logarithms of errors in millimetres."""
+    known = sorted(value for value in values if value is not None) or [0.0]
+    low, high = known[len(known) // 50], known[-1 - len(known) // 50]
+    ticks = {"tickvals": [round(math.log10(t), 3) for t in LOG_TICKS_MM], "ticktext": [f"{t:g}" for t in LOG_TICKS_MM]}
+    bar = {"title": {"text": "point error, mm", "side": "right"}, "thickness": 12, **ticks}
+    return {"colorscale": "@sequential", "colorbar": bar, "low": low, "high": max(high, low + 0.1)}
+
+
+def _image(item: Mapping[str, Any]) -> Plot:
+    block, rows = item["block_px"], item["error_0p1mm"]
+    z = [[_logarithm(value / 10) for value in row] for row in rows]
+    colors = _log_bar([value for row in z for value in row])
+    values = [[None if value < 0 else value / 10 for value in row] for row in rows]
+    heat = {
+        "type": "heatmap",
+        "z": z,
+        "x0": (block - 1) / 2,
+        "dx": block,
+        "y0": (block - 1) / 2,
+        "dy": block,
+        "zmin": colors["low"],
+        "zmax": colors["high"],
+        "colorscale": colors["colorscale"],
+        "colorbar": colors["colorbar"],
+        "customdata": values,
+        "hoverongaps": False,
+        "hovertemplate": "u %{x:.0f}, v %{y:.0f} px: %{customdata:.4g} mm<extra></extra>",
+    }
+    layout = {
+        "xaxis": axis("u of the left picture, px", constrain="domain", showgrid=False),
+        "yaxis": axis("v, px", autorange="reversed", scaleanchor="x", constrain="domain", showgrid=False),
+    }
+    title = f"Point error over the picture of pair {item['pair']}"
+    caption = f"Mean of blocks of {block} x {block} pixels; blank where there is no point with a truth."
+    return Plot(f"image-{item['pair']}", title, caption, [heat], layout, height=460)
+
+
+def _over_range(score: Mapping[str, Any]) -> Plot:
+    bins = score["map"]["by_range"]
+    data: list[Trace] = []
+    cloud = dig(score, "details.map.cloud") or {}
+    if cloud.get("range_m"):
+        step = -(-len(cloud["range_m"]) // SCATTER_ROWS)
+        ranges, errors = cloud["range_m"][::step], scaled(cloud["error_m"][::step], 1e3)
+        data.append(marks("points (some)", (ranges, errors), "@faint", size=3, hoverinfo="skip"))
+    styles = (
+        ("p50", "p50", "@one", "solid"),
+        ("p95", "p95", "@two", "solid"),
+        ("mean_plus_3sigma", "mean + 3 sigma", "@five", "dash"),
+    )
+    low_edge = min((value for value in cloud.get("range_m") or [] if value), default=0.5)
+    for key, name, color, dash in styles:
+        x: list[float | None] = []
+        y: list[float | None] = []
+        for item in bins:
+            x += [max(item["from_m"], low_edge), item["to_m"], None]
+            y += [*scaled([item[key]] * 2, 1e3), None]
+        data.append(line(name, (x, y), color, dash=dash, width=3))
+    data += _law(score, low_edge)
+    layout = {
+        "xaxis": axis("range from the left camera, m", type="log", dtick="D2"),
+        "yaxis": axis("point error, mm", type="log", dtick=1),
+    }
+    caption = (
+        "The law of triangulation: an error d of the disparity moves a point by Z² d / (f b) along its ray (f focal "
+    )
+    caption += "length, b baseline; the range stands for the depth Z). Its lines are what the named disparity errors "
+    caption += "amount to, the bold one for the median that was measured."
+    return Plot("over-range", "Point error over range", caption, data, layout, height=480, wide=True)
+
+
+def _law(score: Mapping[str, Any], low: float) -> list[Trace]:
+    law = dig(score, "details.map.triangulation")
+    if not law:
+        return []
+    scale, high = law["focal_px"] * law["baseline_m"], score["map"]["by_range"][-1]["to_m"]
+    ratio = (high / low) ** (1 / LAW_STEPS)
+    ranges = [low * ratio**k for k in range(LAW_STEPS + 1)]
+    measured = dig(score, "map.disparity_error_px.p50_abs")
+    steps = [(d, f"law, {d:g} px", 1.0) for d in (0.1, 0.25, 1.0)]
+    if measured is not None:
+        steps.append((measured, f"law, {measured:.2g} px (measured median)", 2.5))
+    return [
+        line(
+            name,
+            (scaled(ranges, 1.0), scaled([r * r * d / scale for r in ranges], 1e3)),
+            "@truth",
+            dash="dot",
+            width=width,
+        )
+        for d, name, width in steps
+    ]
+
+
+def _in_space(cloud: Mapping[str, Any]) -> Plot:
+    logs = [_logarithm(error * 1e3) for error in cloud["error_m"]]
+    colors = _log_bar(logs)
+    style = {
+        "color": logs,
+        "size": 2,
+        "cmin": colors["low"],
+        "cmax": colors["high"],
+        "colorscale": colors["colorscale"],
+        "colorbar": colors["colorbar"],
+    }
+    points = {
+        "type": "scatter3d",
+        "mode": "markers",
+        "x": cloud["x_m"],
+        "y": cloud["y_m"],
+        "z": cloud["z_m"],
+        "marker": style,
+        "customdata": scaled(cloud["error_m"], 1e3),
+        "hovertemplate": "%{x:.2f}, %{y:.2f}, %{z:.2f} m: %{customdata:.4g} mm<extra></extra>",
+    }
+    scene = {"aspectmode": "data"} | {f"{a}axis": {"title": {"text": f"{a} of LM, m"}} for a in "xyz"}
+    caption = f"{len(logs)} points of the cloud. Equal axes."
+    return Plot("cloud", "Cloud coloured by error", caption, [points], {"scene": scene}, height=560, wide=True)

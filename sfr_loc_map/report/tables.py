@@ -1,0 +1,378 @@
+"""The figures of a score as tables: for the page, for print, as Markdown and as CSV.
+
+A table is made once, from the JSON alone, and written in each form. Every figure keeps the place in the JSON that it
+comes from, so that a reader, or a test, can go back to it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+NOT_ENOUGH = "not enough data"
+UNKNOWN = "unknown"
+MIB = 2**20
+VERDICT_ICONS = {"pass": "✔", "fail": "✖", NOT_ENOUGH: "?"}
+"""A verdict is told by word and sign; colour only repeats it."""
+
+_STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
+_CONDITION_UNITS = {"distance_m": "m", "time_s": "s", "frames": "frames"}
+_LEFT_OUT = {
+    "estimate_duplicates": "estimates with the stamp of another one",
+    "truth_duplicates": "true poses with the stamp of another one",
+    "estimate_unordered": "estimates out of order (put in order)",
+    "truth_unordered": "true poses out of order (put in order)",
+    "late": "estimates that came too late to be scored",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One place of a table.
+
+    Attributes:
+        text: What is shown.
+        value: The same exactly; None for words and for what is undefined.
+        key: Where it comes from, in the form `trajectory.position_m.mean`; empty for words.
+        kind: `verdict` for a verdict, `head` for the first of a row, otherwise empty.
+    """
+
+    text: str
+    value: float | int | None = None
+    key: str = ""
+    kind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One table.
+
+    Attributes:
+        name: Short name, used as an anchor.
+        title: What it shows.
+        columns: Heads of the columns.
+        rows: As many cells as columns in each.
+        note: How the figures are to be read.
+    """
+
+    name: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+
+def dig(value: Any, key: str) -> Any:  # noqa: ANN401 - any value of JSON
+    """Return what a key in the form `map.by_range.0.mean` leads to, None where there is nothing."""
+    for part in key.split("."):
+        if isinstance(value, Mapping):
+            value = value.get(part)
+        elif isinstance(value, Sequence) and not isinstance(value, str) and part.isdigit() and int(part) < len(value):
+            value = value[int(part)]
+        else:
+            return None
+    return value
+
+
+def number(value: float | int | None, undefined: str = UNKNOWN) -> str:
+    """Return a figure with four significant digits, or the words for one that is not defined."""
+    if value is None:
+        return undefined
+    if isinstance(value, int) or (1e4 <= abs(value) < 1e7):
+        return f"{value:.0f}"
+    return f"{value:.4g}"
+
+
+def condition_text(condition: Mapping[str, float] | None) -> str:
+    """Return a condition in words: `5 m`."""
+    return " ".join(f"{value:g} {_CONDITION_UNITS.get(key, '')}".strip() for key, value in (condition or {}).items())
+
+
+def conditions_of(score: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return all conditions of the trajectory's score with the key that leads to each."""
+    trajectory = score.get("trajectory")
+    if not trajectory:
+        return []
+    several = trajectory.get("conditions")
+    if several:
+        return [(f"trajectory.conditions.{k}", part) for k, part in enumerate(several)]
+    return [("trajectory", trajectory)]
+
+
+def score_tables(score: Mapping[str, Any]) -> list[Table]:
+    """Return all tables of a score that have something to show, the most important first."""
+    makers = (
+        verdict_table,
+        headline_table,
+        component_table,
+        map_table,
+        time_table,
+        memory_table,
+        association_table,
+    )
+    return [table for maker in makers if (table := maker(score)) is not None]
+
+
+def verdict_table(score: Mapping[str, Any]) -> Table | None:
+    """Return the verdicts on the limits, None if no limits were given."""
+    rows = []
+    for k, item in enumerate(score.get("verdicts") or []):
+        key, metric = f"verdicts.{k}", str(item.get("metric"))
+        unit, scale = unit_of(metric)
+        sign = "≥" if metric.endswith("_min") else "≤"
+        over = condition_text(item.get("condition"))
+        rows.append(
+            (
+                Cell(str(item.get("verdict")), kind="verdict"),
+                Cell(f"{limit_name(metric)}{', over ' + over if over else ''}", kind="head"),
+                Cell(unit),
+                Cell(f"{sign} {number(_scaled(item.get('limit'), scale))}", item.get("limit"), f"{key}.limit"),
+                _cell(score, f"{key}.value", NOT_ENOUGH, scale),
+                _interval(score, f"{key}.ci95", scale),
+                _cell(score, f"{key}.count", "-"),
+                Cell({True: "yes", False: "no: the interval spans the limit"}.get(item.get("certain"), "-")),
+            )
+        )
+    if not rows:
+        return None
+    columns = ("verdict", "figure", "unit", "limit", "value", "95 % interval", "n", "whole interval on one side")
+    return Table("verdicts", "Verdicts", columns, tuple(rows))
+
+
+def limit_name(metric: str) -> str:
+    """Return the name of a limit in words, without its unit: `position mean + 3 sigma`."""
+    if metric == "coverage_min":
+        return "map coverage"
+    words = re.sub(r"_(m|deg|s|bytes)$", "", metric).replace("mean_plus_3sigma", "mean + 3 sigma")
+    return re.sub(r"\b(localisation|mapping|fusion) (?!peak|above)", r"\1 time ", words.replace("_", " "))
+
+
+def unit_of(metric: str) -> tuple[str, float]:
+    """Return the unit to show a figure in and what its value is divided by, from the name with its unit."""
+    if metric.endswith("_bytes"):
+        return "MiB", MIB
+    if metric == "coverage_min":
+        return "share", 1.0
+    return metric.rsplit("_", 1)[-1], 1.0
+
+
+def headline_table(score: Mapping[str, Any]) -> Table | None:
+    """Return the figures of the specification with their 95 % intervals."""
+    rows = []
+    for key, part in conditions_of(score):
+        for name, unit in (("position_m", "m"), ("attitude_deg", "deg"), ("heading_deg", "deg")):
+            title = f"{name.split('_')[0]} error over {condition_text(part.get('condition'))}"
+            rows.append(_statistics_row(score, title, unit, f"{key}.{name}", f"{key}.count"))
+    name, title = map_figure(score)
+    if name:
+        rows.append(_statistics_row(score, title, "m", f"map.{name}", f"map.{name}.count"))
+    for kind in ("localisation", "mapping", "fusion"):
+        if dig(score, f"timing.{kind}_s"):
+            label = f"{kind} time per call"
+            rows.append(_statistics_row(score, label, "s", f"timing.{kind}_s", f"timing.{kind}_s.count"))
+    if not rows:
+        return None
+    columns = ("figure", "unit", "mean", "sigma", "mean + 3 sigma", "95 % interval", "n")
+    note = "Interval: of mean + 3 sigma. n: sub-trajectories, map points or calls. " + clock_text(score)
+    return Table("headline", "Figures", columns, tuple(rows), note)
+
+
+def map_figure(score: Mapping[str, Any]) -> tuple[str, str]:
+    """Return key and name of the map's error: by pixel, or only to the nearest true point; empty without a map."""
+    if not score.get("map"):
+        return "", ""
+    if dig(score, "map.nearest_only"):
+        return "nearest_distance_m", "map: distance to the nearest true point"
+    return "point_error_m", "map: point error"
+
+
+def clock_text(score: Mapping[str, Any]) -> str:
+    """Return which clock the times were measured with, and that a host time is no other time."""
+    clocks = sorted({str(item.get("clock", UNKNOWN)) for item in (score.get("timing") or {}).values()})
+    if not clocks:
+        return "Not measured."
+    text = f"Clock: {', '.join(clocks)}."
+    if any(clock.startswith("host") for clock in clocks):
+        text += " Host times are of the machine the run was made on, not of the target (GR740)."
+    return text
+
+
+def component_table(score: Mapping[str, Any]) -> Table | None:
+    """Return the position error by axes, and along, across and above the way."""
+    names = {"x_m": "x (east)", "y_m": "y (north)", "z_m": "z (up)"}
+    names |= {"along_m": "along the way", "cross_m": "across the way, to the left", "vertical_m": "vertical"}
+    rows = []
+    for key, part in conditions_of(score):
+        over = condition_text(part.get("condition"))
+        for name in part.get("components") or {}:
+            place = f"{key}.components.{name}"
+            head = Cell(f"{names.get(name, name)}, over {over}", kind="head")
+            rows.append((head, Cell("m"), *(_cell(score, f"{place}.{s}", NOT_ENOUGH) for s in _STATISTICS)))
+    if not rows:
+        return None
+    columns = ("position error", "unit", "mean", "sigma", "mean + 3 sigma")
+    return Table("components", "Position error by direction", columns, tuple(rows), "Means with their signs.")
+
+
+def map_table(score: Mapping[str, Any]) -> Table | None:
+    """Return the error and the coverage of the map: all, by range, by pair."""
+    name, title = map_figure(score)
+    if not name:
+        return None
+    low, high = dig(score, "map.coverage_range_m") or (None, None)
+    rows = [_map_row(score, "all points", f"map.{name}", "map.coverage")]
+    for k, item in enumerate(dig(score, "map.by_range") or []):
+        place = f"map.by_range.{k}"
+        rows.append(_map_row(score, f"{item['from_m']:g} to {item['to_m']:g} m", place, f"{place}.coverage"))
+    for k, item in enumerate(dig(score, "map.by_pair") or []):
+        place = f"map.by_pair.{k}"
+        rows.append(_map_row(score, f"pair {item['pair']}", f"{place}.{name}", f"{place}.coverage"))
+    columns = ("points", "mean, m", "sigma, m", "mean + 3 sigma, m", "p50, m", "p95, m", "|disparity error| p50, px")
+    note = f"{number(dig(score, 'map.points'))} points of {number(dig(score, 'map.pairs'))} pairs"
+    note += f", {number(dig(score, 'map.points_without_truth'), '0')} of them without truth (not scored)."
+    note += f" Coverage: share of the true points from {number(low)} to {number(high)} m, or of the range named."
+    return Table("map", title.capitalize(), (*columns, "n", "coverage"), tuple(rows), note)
+
+
+def _map_row(score: Mapping[str, Any], title: str, key: str, coverage: str) -> tuple[Cell, ...]:
+    figures = (_cell(score, f"{key}.{name}", NOT_ENOUGH) for name in (*_STATISTICS, "p50", "p95"))
+    place = "map" if key.startswith("map.point_error") else key
+    disparity = _cell(score, f"{place}.disparity_error_px.p50_abs", "-")
+    return (
+        Cell(title, kind="head"),
+        *figures,
+        disparity,
+        _cell(score, f"{key}.count"),
+        _cell(score, coverage, "no true points"),
+    )
+
+
+def time_table(score: Mapping[str, Any]) -> Table | None:
+    """Return the times of the calls."""
+    rows = []
+    names = ("p50", "p95", "p99", "max", "mean_plus_3sigma", "first", "max_after_first")
+    for kind in score.get("timing") or {}:
+        place = f"timing.{kind}"
+        figures = (_cell(score, f"{place}.{name}", NOT_ENOUGH) for name in names)
+        clock = Cell(str(dig(score, f"{place}.clock") or UNKNOWN))
+        rows.append((Cell(kind.removesuffix("_s"), kind="head"), *figures, _cell(score, f"{place}.count"), clock))
+    if not rows:
+        return None
+    heads = ("p50, s", "p95, s", "p99, s", "max, s", "mean + 3 sigma, s", "first call, s", "max without it, s")
+    return Table("time", "Time per call", ("call", *heads, "n", "clock"), tuple(rows), clock_text(score))
+
+
+def memory_table(score: Mapping[str, Any]) -> Table | None:
+    """Return the peak memory of the calls."""
+    rows = []
+    for kind in ("localisation", "mapping", "fusion"):
+        places = [f"memory.{kind}_{what}_bytes" for what in ("peak", "above_idle")]
+        if any(dig(score, place) is not None for place in places):
+            rows.append((Cell(kind, kind="head"), *(_cell(score, place, UNKNOWN, MIB) for place in places)))
+    if not rows:
+        return None
+    columns = ("call", "peak, MiB", "above the idle process, MiB")
+    note = f"Method: {dig(score, 'memory.method') or UNKNOWN}."
+    return Table("memory", "Peak resident memory during a call", columns, tuple(rows), note)
+
+
+def association_table(score: Mapping[str, Any]) -> Table | None:
+    """Return what was scored, what was left out and why."""
+    place = "trajectory.association"
+    facts = dig(score, place)
+    if not facts:
+        return None
+    rows = [
+        _fact(score, "estimates", f"{place}.estimate_poses"),
+        _fact(score, "true poses", f"{place}.truth_poses"),
+        _fact(score, "frames: estimates with a truth", "trajectory.matched"),
+        _fact(score, "of them marked lost (scored with the last pose)", "trajectory.lost"),
+        _fact(score, "truth of the very stamp", f"{place}.exact"),
+        _fact(score, f"truth within {number(facts.get('tolerance_s'))} s", f"{place}.near"),
+        _fact(score, f"truth interpolated, in gaps up to {number(facts.get('max_gap_s'))} s", f"{place}.interpolated"),
+    ]
+    rows += [_fact(score, words, f"{place}.{name}") for name, words in _LEFT_OUT.items()]
+    rows += [
+        _fact(score, "true path length, m", "trajectory.path_length_m"),
+        _fact(score, "duration, s", "trajectory.duration_s"),
+    ]
+    return Table("frames", "What was scored", ("frames", "number"), tuple(rows))
+
+
+def _fact(score: Mapping[str, Any], words: str, key: str) -> tuple[Cell, ...]:
+    return Cell(words, kind="head"), _cell(score, key)
+
+
+def _statistics_row(score: Mapping[str, Any], title: str, unit: str, key: str, count: str) -> tuple[Cell, ...]:
+    figures = (_cell(score, f"{key}.{name}", NOT_ENOUGH) for name in _STATISTICS)
+    interval = _interval(score, f"{key}.mean_plus_3sigma_ci95", 1.0)
+    return Cell(title, kind="head"), Cell(unit), *figures, interval, _cell(score, count)
+
+
+def _scaled(value: float | int | None, scale: float) -> float | int | None:
+    return value if value is None or scale == 1.0 else value / scale
+
+
+def _cell(score: Mapping[str, Any], key: str, undefined: str = UNKNOWN, scale: float = 1.0) -> Cell:
+    value = dig(score, key)
+    return Cell(number(_scaled(value, scale), undefined), value, key)
+
+
+def _interval(score: Mapping[str, Any], key: str, scale: float) -> Cell:
+    bounds = dig(score, key)
+    if not bounds:
+        return Cell("-")
+    return Cell(f"{number(_scaled(bounds[0], scale))} to {number(_scaled(bounds[1], scale))}", None, key)
+
+
+def to_markdown(score: Mapping[str, Any]) -> str:
+    """Return all tables as Markdown (GitHub's pipe tables)."""
+    lines = ["# Score", ""]
+    for table in score_tables(score):
+        lines += [f"## {_plain(table.title)}", "", _line(table.columns), _line(["---"] * len(table.columns))]
+        lines += [_line([_sign(cell) for cell in row]) for row in table.rows]
+        lines += ["", _plain(table.note), ""] if table.note else [""]
+    return "\n".join(lines)
+
+
+def _sign(cell: Cell) -> str:
+    return f"{VERDICT_ICONS.get(cell.text, '?')} {cell.text}" if cell.kind == "verdict" else cell.text
+
+
+def _line(texts: Sequence[str]) -> str:
+    return "| " + " | ".join(_plain(text) for text in texts) + " |"
+
+
+def _plain(text: str) -> str:
+    """Return text that Markdown shows as it is."""
+    return re.sub(r"([\\`*_<>|\[\]])", r"\\\1", " ".join(text.split()))
+
+
+def to_csv(score: Mapping[str, Any]) -> str:
+    """Return every figure in a row of its own, exactly and in the unit of the JSON: table, row, column, key, value.
+
+    An undefined figure has no value; the bounds of an interval are two rows.
+    """
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(("table", "row", "column", "key", "value"))
+    for table in score_tables(score):
+        for row in table.rows:
+            head = next(cell.text for cell in row if cell.kind == "head")
+            for column, cell in zip(table.columns, row, strict=True):
+                writer.writerows((table.name, head, column, key, value) for key, value in _exact(score, cell))
+    return buffer.getvalue()
+
+
+def _exact(score: Mapping[str, Any], cell: Cell) -> Iterator[tuple[str, str]]:
+    if cell.kind == "verdict":
+        yield "", cell.text
+    elif cell.key:
+        value = dig(score, cell.key)
+        values = enumerate(value) if isinstance(value, list) else [(None, value)]
+        for k, item in values:
+            yield cell.key if k is None else f"{cell.key}.{k}", "" if item is None else repr(item)
