@@ -1,8 +1,11 @@
 """What all tests share."""
 
+import os
 from pathlib import Path
 
 import pytest
+
+os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # before any message class is imported
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -71,11 +71,11 @@ def read_config(config_type: type[C], path: Path | None, section: str) -> C:
     content = load_yaml(path)
     values: dict[str, Any] = {}
     plain = True
-    for key in ("/**", f"{section}_node", f"/{section}_node"):
+    for key in ("/**", f"{section}_node", f"/{section}_node", f"/**/{section}_node"):
         block = content.get(key)
         if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict):
             plain = False
-            values.update(block["ros__parameters"].get(section, {}))
+            values.update(_section(block["ros__parameters"], section))
     if plain:
         other = {"localisation", "mapping"} - {section}
         values = (
@@ -84,6 +84,14 @@ def read_config(config_type: type[C], path: Path | None, section: str) -> C:
             else {name: value for name, value in content.items() if name not in other}
         )
     return build(config_type, values, origin=str(path))
+
+
+def _section(block: dict[str, Any], section: str) -> dict[str, Any]:
+    """Return the parameters of a part, written below its name or with dotted names."""
+    prefix = f"{section}."
+    dotted = {name.removeprefix(prefix): value for name, value in block.items() if name.startswith(prefix)}
+    nested = block.get(section)
+    return {**(nested if isinstance(nested, dict) else {}), **dotted}
 
 
 def progress_bar(unit: str) -> Progress:

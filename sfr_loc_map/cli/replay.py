@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -43,24 +44,23 @@ def replay(
     """Play a source to the three nodes over topics, record what they answer, score it."""
     import tempfile
 
-    from sfr_loc_map.config import build
     from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.metrics.limits import load_limits
+
+    check_start(start)
+    remaps = parse_remaps(remap)
+    opened = open_source(source, remaps)
+    parsed_limits = load_limits(limits) if limits is not None else None
+    _require_ros()
+    from sfr_loc_map.config import build
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.metrics.config import ScoreConfig
-    from sfr_loc_map.metrics.limits import load_limits
-    from sfr_loc_map.pipeline.offline import start_pose
-    from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
-
-    _require_ros()
     from sfr_loc_map.nodes.replay import ReplayOptions, is_ros_parameter_file
+    from sfr_loc_map.pipeline.offline import start_pose
 
-    check_start(start)
-    parsed_limits = load_limits(limits) if limits is not None else None
     values = {"trajectory.conditions": tuple(condition)} if condition else {}
     score_config: ScoreConfig = build(ScoreConfig, values, origin="options")
-    remaps = parse_remaps(remap)
-    opened = open_source(source, remaps)
     options = ReplayOptions(
         localisation=read_config(LocalisationConfig, config, "localisation"),
         mapping=read_config(MappingConfig, config, "mapping"),
@@ -74,12 +74,15 @@ def replay(
     if out is not None:
         _make_folder(out)
     result = _run(opened, options)
+    from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
+
     with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch:
         files = ReplayFiles(out if out is not None else Path(scratch))
         save_replay(result, files)
         score = score_replay(opened, result, files, score_config, parsed_limits)
         try:
-            present(score, None if out is None else str(files.report), None if out is None else files.page)
+            page = files.page if out is not None and find_spec("sfr_loc_map.report.page") else None
+            present(score, None if out is None else str(files.report), page)
         finally:
             _say_where(result, files, out)
 

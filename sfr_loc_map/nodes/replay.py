@@ -121,9 +121,9 @@ def _pairs_per_map(source: Source) -> int:
 
 def _parameters(source: Source, options: ReplayOptions) -> dict[str, dict[str, Any]]:
     """Return the nodes to start and their parameters."""
-    localisation = _prefixed("localisation", options.localisation)
-    mapping = _prefixed("mapping", options.mapping) | {"pairs_per_map": _pairs_per_map(source) or MAX_PAIRS}
-    monitor = _prefixed("score", options.score)
+    localisation = _changed("localisation", options.localisation)
+    mapping = _changed("mapping", options.mapping) | {"pairs_per_map": _pairs_per_map(source) or MAX_PAIRS}
+    monitor = _changed("score", options.score)
     if options.limits is not None:
         monitor["limits_file"] = str(options.limits.resolve())
     if source.loc is not None and source.loc.rig.T_rb_sb is not None:
@@ -133,9 +133,11 @@ def _parameters(source: Source, options: ReplayOptions) -> dict[str, dict[str, A
     return {"localisation_node": localisation, "mapping_node": mapping, "monitor_node": monitor}
 
 
-def _prefixed(prefix: str, config: Any) -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
-    values = flatten(config, f"{prefix}.")
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+def _changed(prefix: str, config: Any) -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
+    """Return the values that are not the defaults by name, so that a parameter file keeps its say on the others."""
+    defaults = flatten(type(config)())
+    values = {name: value for name, value in flatten(config).items() if value != defaults[name]}
+    return {f"{prefix}.{name}": list(v) if isinstance(v, tuple) else v for name, v in values.items()}
 
 
 def _arguments(folder: Path, node: str, parameters: dict[str, Any], user_file: Path | None) -> list[str]:

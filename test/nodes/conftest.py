@@ -1,0 +1,29 @@
+"""Makes the helpers beside the tests importable, and keeps each test in a ROS domain of its own."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from sfr_loc_map.nodes import environment
+
+
+@pytest.fixture(autouse=True)
+def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(environment.PROFILE))
+    monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)
+
+
+@pytest.fixture
+def ros(own_domain: None) -> Iterator[None]:
+    """ROS within the test's process."""
+    rclpy = pytest.importorskip("rclpy")
+    rclpy.init(args=[])
+    yield
+    rclpy.try_shutdown()

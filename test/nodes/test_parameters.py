@@ -1,0 +1,100 @@
+# ruff: noqa: E402 - ROS may be absent
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+import yaml
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+import rclpy
+from rclpy.parameter import Parameter
+
+from sfr_loc_map.config import flatten, param
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.nodes.parameter_files import FILES, parameter_file
+from sfr_loc_map.nodes.parameters import declare
+
+CONFIG = Path(__file__).resolve().parents[2] / "config"
+
+
+@dataclass(frozen=True, slots=True)
+class Inner:
+    gain: float = param(0.5, unit="m", doc="How much.", low=0.0, high=2.0)
+    names: tuple[str, ...] = param(("a", "b"), doc="Which.")
+
+
+@dataclass(frozen=True, slots=True)
+class Outer:
+    count: int = param(3, doc="How many.", low=1)
+    way: str = param("left", doc="Where to.", choices=("left", "right"))
+    live: bool = param(False, doc="Switch.", live=True)
+    axis: tuple[float, ...] = param((0.0, 1.0), doc="Axis.")
+    inner: Inner = field(default_factory=Inner)
+
+
+def made(*overrides: Parameter) -> tuple[rclpy.node.Node, Outer]:
+    node = rclpy.create_node("tried", parameter_overrides=list(overrides))
+    (config,) = declare(node, Outer)
+    return node, config
+
+
+def test_defaults_and_descriptors_come_from_the_fields(ros: None) -> None:
+    node, config = made()
+    assert config == Outer()
+    gain = node.describe_parameter("inner.gain")
+    assert gain.description == "How much. [m]"
+    assert (gain.floating_point_range[0].from_value, gain.floating_point_range[0].to_value) == (0.0, 2.0)
+    assert node.describe_parameter("count").integer_range[0].from_value == 1
+    assert node.describe_parameter("way").additional_constraints == "one of: left, right"
+    assert node.describe_parameter("count").read_only
+    assert not node.describe_parameter("live").read_only
+    assert node.get_parameter("inner.names").value == ["a", "b"]
+    node.destroy_node()
+
+
+def test_overrides_reach_the_configuration(ros: None) -> None:
+    given = {"inner.gain": 2, "count": 7, "axis": [3.0, 4.0], "inner.names": ["z"], "use_sim_time": False}
+    node, config = made(*(Parameter(name, value=value) for name, value in given.items()))
+    assert config == Outer(count=7, axis=(3.0, 4.0), inner=Inner(2.0, ("z",)))
+    assert node.get_parameter("inner.gain").value == 2.0
+    assert not node.set_parameters([Parameter("count", value=8)])[0].successful
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("inner.gian", 1.0, "/tried: unknown key 'inner.gian'; known are: axis, count"),
+        ("inner.gain", 2.5, "'inner.gain' is 2.5: must lie in 0.0 .. 2.0 m"),
+        ("inner.gain", "much", "'inner.gain' is 'much': a value of type float is needed"),
+        ("count", 1.5, "'count' is 1.5: a value of type int is needed"),
+        ("count", True, "'count' is True: a value of type int is needed"),
+        ("way", "up", "'way' is 'up': must be one of left, right"),
+    ],
+)
+def test_what_is_not_valid_is_named(ros: None, name: str, value: object, words: str) -> None:
+    node = rclpy.create_node("tried", parameter_overrides=[Parameter(name, value=value)])
+    with pytest.raises(ConfigError, match="parameters of /tried: ") as caught:
+        declare(node, Outer)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    node.destroy_node()
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_parameter_files_hold_all_fields_at_their_defaults(name: str) -> None:
+    node_name, config_type = FILES[name]
+    text = (CONFIG / name).read_text(encoding="utf-8")
+    assert text == parameter_file(node_name, config_type), "run: python -m sfr_loc_map.nodes.parameter_files config"
+    content = yaml.safe_load(text)[f"/**/{node_name}"]["ros__parameters"]
+
+    def flat(block: dict, prefix: str = "") -> dict:
+        found = {}
+        for key, value in block.items():
+            found |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
+        return found
+
+    values = {n: tuple(v) if isinstance(v, list) else v for n, v in flat(content).items()}
+    assert values == flatten(config_type())
