@@ -1,0 +1,36 @@
+"""`sfr perturb`: any source with faults."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sfr_loc_map.cli.common import SourceArgument, progress_bar
+from sfr_loc_map.errors import ConfigError
+
+
+def perturb(
+    source: SourceArgument,
+    destination: Annotated[Path, typer.Argument(help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")],
+    fault: Annotated[
+        list[str] | None,
+        typer.Option("--fault", help="KIND[:amount=A,share=S,burst=B,start=N,camera=both|left|right]; repeatable."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of which pairs are struck.")] = 0,
+) -> None:
+    """Copy a source and spoil it: missing, repeated, black, blurred or late frames, wrong calibration, and more."""
+    from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.pipeline.perturb import perturb as run
+    from sfr_loc_map.simulation.faults import KINDS, parse_fault
+
+    if not fault:
+        raise ConfigError(f"no --fault given: name at least one of {', '.join(KINDS)}")
+    faults = [parse_fault(text) for text in fault]
+    opened = open_source(source, {})
+    total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
+    with progress_bar("pairs") as bar:
+        task = bar.add_task("spoiling", total=total)
+        count = run(opened, destination, faults, seed, lambda done: bar.update(task, completed=done))
+    typer.echo(f"{count} of {total} pairs: {destination}", err=True)

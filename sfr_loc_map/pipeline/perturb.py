@@ -1,0 +1,93 @@
+"""Puts faults over any source and writes the result as a bag or a folder."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.pipeline.convert import ConvertOptions, convert
+from sfr_loc_map.simulation.faults import Fault, Perturber
+
+
+def perturb(
+    source: Source,
+    destination: Path,
+    faults: Sequence[Fault],
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda _: None,
+) -> int:
+    """Write a source with faults; the truth stays that of the source.
+
+    Args:
+        source: What to spoil.
+        destination: Bag or folder to write.
+        faults: Applied in this order to the drive and to the mapping pairs.
+        seed: Seed of which pairs are struck.
+        progress: Called with the number of pairs written so far.
+
+    Returns:
+        The number of pairs written.
+
+    Raises:
+        InputError: If the source is broken, or the faults leave no pair.
+        OutputError: If the output cannot be written.
+    """
+    loc = None if source.loc is None else _FaultyLoc(source.loc, faults, seed)
+    nav = None if source.nav is None else _FaultyNav(source.nav, faults, seed + 1)
+    for part in (loc, nav):
+        if part is not None and len(part) == 0:
+            raise InputError(f"the faults leave no pair of '{source.path}': give a smaller share of 'dropped'")
+    return convert(Source(source.path, source.format, loc, nav), destination, ConvertOptions(), progress)
+
+
+class _FaultyLoc:
+    def __init__(self, inner: LocSequence, faults: Sequence[Fault], seed: int) -> None:
+        self._inner, self._perturber = inner, Perturber(faults, seed, len(inner), inner.rig)
+
+    @property
+    def rig(self) -> StereoRig:
+        return self._perturber.rig
+
+    @property
+    def ground_truth(self) -> Trajectory | None:
+        return self._inner.ground_truth
+
+    def __len__(self) -> int:
+        return int(np.count_nonzero(self._perturber.kept))
+
+    def pairs(self) -> Iterator[StereoPair]:
+        for _, pair in self._perturber.pairs(self._inner.pairs()):
+            yield pair
+
+
+class _FaultyNav:
+    def __init__(self, inner: NavSequence, faults: Sequence[Fault], seed: int) -> None:
+        self._inner, self._perturber = inner, Perturber(faults, seed, len(inner), inner.rig)
+
+    @property
+    def rig(self) -> StereoRig:
+        return self._perturber.rig
+
+    def __len__(self) -> int:
+        return int(np.count_nonzero(self._perturber.kept))
+
+    def pairs(self) -> Iterator[NavPair]:
+        read: deque[tuple[int, NavPair]] = deque()
+
+        def pictures() -> Iterator[StereoPair]:
+            for item in enumerate(self._inner.pairs()):
+                read.append(item)
+                yield item[1].pair
+
+        for index, pair in self._perturber.pairs(pictures()):
+            while read[0][0] < index:
+                read.popleft()
+            yield replace(read[0][1], pair=pair)

@@ -1,0 +1,238 @@
+"""Runs a simulation over several processes into a data set folder or a bag; a killed run continues.
+
+Each picture and each truth is one job whose output is a file that is either whole or absent. The lists (`pairs.csv`,
+`groundtruth.csv`) are written last, so a folder without them is unfinished; the same command then makes only what is
+absent. Every job depends on the configuration alone, so the bytes do not depend on the number of workers.
+"""
+
+from __future__ import annotations
+
+import io
+import multiprocessing
+import os
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from sfr_loc_map.config import build, flatten, load_yaml
+from sfr_loc_map.errors import ConfigError, OutputError
+from sfr_loc_map.geometry.rotation import quat_conjugate
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX
+from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN
+from sfr_loc_map.io.image_codec import encode_png
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.rig_file import rig_json
+from sfr_loc_map.io.trajectory_file import trajectory_text
+from sfr_loc_map.pipeline.convert import ConvertOptions, convert
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.renderer import require_tracer
+from sfr_loc_map.simulation.world import LOC, NAV, Plan, World
+
+SETTINGS = "simulation.yaml"
+SIDES = ("left", "right")
+PARTS_SUFFIX = ".parts"
+ORPHAN_CHECK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One thing to render.
+
+    Attributes:
+        task: `LOC` or `NAV`.
+        frame: Number of the pair.
+        what: `left`, `right` or `truth`.
+    """
+
+    task: int
+    frame: int
+    what: str
+
+    def files(self, folder: Path) -> list[Path]:
+        """Return the files it makes."""
+        number = f"{self.frame:06d}"
+        if self.what == "truth":
+            return [folder / "masks" / f"{number}.png", folder / "truth" / f"{number}.npy"]
+        return [folder / self.what / f"{number}.png"]
+
+
+def simulate(
+    config: SimulationConfig,
+    out: Path,
+    workers: int = 2,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> int:
+    """Make a simulated data set with exact truth.
+
+    Args:
+        config: Settings.
+        out: Data set folder, or a bag (*.mcap, *.db3, *.bag). A folder of an unfinished run with the same settings is
+            continued; a bag's parts lie beside it in `OUT.parts` until it is whole.
+        workers: Processes.
+        progress: Called with the number of jobs done and in all.
+
+    Returns:
+        The number of pairs.
+
+    Raises:
+        ConfigError: If the settings do not make a data set.
+        MissingExtraError: If the ray tracer is not installed.
+        OutputError: If `out` holds something else or cannot be written.
+    """
+    require_tracer()
+    out = Path(out)
+    plan = Plan.make(config)
+    if out.suffix not in STORAGE_BY_SUFFIX:
+        return _simulate_folder(plan, out, workers, progress)
+    if out.exists():
+        raise OutputError(f"cannot write '{out}': it exists; remove it or choose another name")
+    parts = out.with_name(out.name + PARTS_SUFFIX)
+    count = _simulate_folder(plan, parts, workers, progress)
+    convert(open_source(parts, {}), out, ConvertOptions())
+    shutil.rmtree(parts)
+    return count
+
+
+def task_folders(plan: Plan, out: Path) -> dict[int, Path]:
+    """Return the folder of each task that a plan has."""
+    tasks = [task for task in (LOC, NAV) if plan.count(task)]
+    if len(tasks) == 1:
+        return {tasks[0]: out}
+    return {LOC: out / "loc", NAV: out / "nav"}
+
+
+def settings_text(config: SimulationConfig) -> str:
+    """Return the settings as YAML that `sfr simulate` reads again."""
+    flat = {name: list(value) if isinstance(value, tuple) else value for name, value in flatten(config).items()}
+    return yaml.safe_dump(flat, sort_keys=False, width=120)
+
+
+def _simulate_folder(plan: Plan, out: Path, workers: int, progress: Callable[[int, int], None]) -> int:
+    folders = task_folders(plan, out)
+    _claim(plan.config, out)
+    jobs = _jobs(plan)
+    for job in jobs:
+        for file in job.files(folders[job.task]):
+            file.parent.mkdir(parents=True, exist_ok=True)
+    for rest in out.rglob(".*.part"):  # of a killed run
+        shutil.rmtree(rest, ignore_errors=True)
+    todo = [job for job in jobs if not all(file.exists() for file in job.files(folders[job.task]))]
+    progress(len(jobs) - len(todo), len(jobs))
+    if todo:
+        _render(plan, out, todo, workers, lambda done: progress(len(jobs) - len(todo) + done, len(jobs)))
+    for task, folder in folders.items():
+        _write_lists(plan, task, folder)
+    return sum(plan.count(task) for task in folders)
+
+
+def _jobs(plan: Plan) -> list[Job]:
+    jobs = [Job(LOC, frame, side) for frame in range(plan.count(LOC)) for side in SIDES]
+    return jobs + [Job(NAV, frame, what) for frame in range(plan.count(NAV)) for what in (*SIDES, "truth")]
+
+
+def _claim(config: SimulationConfig, out: Path) -> None:
+    """Take an absent or empty folder, or one of the same settings."""
+    settings = out / SETTINGS
+    if settings.exists():
+        try:
+            same = build(SimulationConfig, load_yaml(settings)) == config
+        except ConfigError:
+            same = False
+        if not same:
+            raise OutputError(f"'{out}' holds a simulation with other settings: remove it or choose another name")
+        return
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise OutputError(f"cannot write '{out}': it exists and is no simulation; remove it or choose another name")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder '{out}': {error.strerror}") from error
+    _write(settings, settings_text(config).encode())
+
+
+def _render(plan: Plan, out: Path, jobs: list[Job], workers: int, progress: Callable[[int], None]) -> None:
+    text = settings_text(plan.config)
+    if workers <= 1:
+        _prepare(text, out, None)
+        for done, job in enumerate(jobs, start=1):
+            _run(job)
+            progress(done)
+        return
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (text, out, os.getpid()))
+    try:
+        for done, future in enumerate(as_completed([pool.submit(_run, job) for job in jobs]), start=1):
+            future.result()
+            progress(done)
+    except BrokenProcessPool as error:
+        raise OutputError(
+            "a worker process ended early (out of memory?): run the command again to continue, with fewer --workers"
+        ) from error
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+_worker: tuple[World, dict[int, Path]] | None = None
+
+
+def _prepare(text: str, out: Path, parent: int | None) -> None:
+    """Build the scene in a worker process."""
+    global _worker
+    if parent is not None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    plan = Plan.make(build(SimulationConfig, yaml.safe_load(text)))
+    _worker = World(plan), task_folders(plan, out)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent was killed, so that no worker outlives a killed run."""
+    while os.getppid() == parent:
+        time.sleep(ORPHAN_CHECK_S)
+    os._exit(1)
+
+
+def _run(job: Job) -> None:
+    assert _worker is not None
+    world, folders = _worker
+    files = job.files(folders[job.task])
+    if job.what != "truth":
+        _write(files[0], encode_png(world.picture(job.task, job.frame, SIDES.index(job.what))))
+        return
+    points, mask = world.truth(job.frame)
+    stream = io.BytesIO()
+    np.save(stream, points)
+    _write(files[0], encode_png(mask))
+    _write(files[1], stream.getvalue())
+
+
+def _write(path: Path, content: bytes) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _write_lists(plan: Plan, task: int, folder: Path) -> None:
+    _write(folder / "rig.json", rig_json(plan.rig(task)).encode())
+    rows = []
+    for frame in range(plan.count(task)):
+        row = [str(plan.stamp_ns(task, frame)), *(f"{side}/{frame:06d}.png" for side in SIDES)]
+        if task == NAV:
+            pose = plan.lm_pose(frame)
+            att_q_lm_to_navsb = quat_conjugate(pose.quat_xyzw)
+            row += [repr(v) for v in (*pose.translation.tolist(), *att_q_lm_to_navsb.tolist())]
+            row.append(f"truth/{frame:06d}.npy")
+        rows.append(",".join(row))
+    header = LOC_COLUMNS if task == LOC else (*NAV_COLUMNS, TRUTH_COLUMN)
+    if task == LOC:
+        _write(folder / "groundtruth.csv", trajectory_text(plan.trajectory(), tum=False).encode())
+    _write(folder / "pairs.csv", ("\n".join([",".join(header), *rows]) + "\n").encode())

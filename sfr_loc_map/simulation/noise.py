@@ -1,0 +1,147 @@
+"""Seeded noise as pure functions of place: no tables, no tiling, the same on every machine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba as nb
+import numpy as np
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_M1 = np.uint32(0x7FEB352D)
+_M2 = np.uint32(0x846CA68B)
+_X = np.uint32(0x9E3779B1)
+_Y = np.uint32(0x85EBCA77)
+_Z = np.uint32(0xC2B2AE3D)
+_S15, _S16 = np.uint32(15), np.uint32(16)
+_TO_UNIT = 1.0 / 4294967296.0
+
+
+def jit(function: F) -> F:
+    """Compile a function to machine code, without fast-math: the order of sums is as written."""
+    return cast(F, nb.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+@jit
+def mix(value: np.uint32) -> np.uint32:
+    """Return a well mixed 32-bit number (an xor-shift-multiply finaliser; constants: C. Wellons, "lowbias32")."""
+    value ^= value >> _S16
+    value = np.uint32(value * _M1)
+    value ^= value >> _S15
+    value = np.uint32(value * _M2)
+    value ^= value >> _S16
+    return value
+
+
+@jit
+def hash2(i: int, j: int, seed: np.uint32) -> np.uint32:
+    """Return the hash of a cell of a grid."""
+    return mix(np.uint32(np.uint32(i) * _X) ^ np.uint32(np.uint32(j) * _Y) ^ seed)
+
+
+@jit
+def hash3(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
+    """Return the hash of a cell of a grid in space."""
+    return mix(np.uint32(np.uint32(i) * _X) ^ np.uint32(np.uint32(j) * _Y) ^ np.uint32(np.uint32(k) * _Z) ^ seed)
+
+
+@jit
+def unit(value: np.uint32) -> float:
+    """Return a hash as a number in [0, 1)."""
+    return value * _TO_UNIT
+
+
+@jit
+def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
+    """Return smooth noise in [-1, 1] with its gradient.
+
+    Cubic-gradient value noise: corner values blended by the quintic `t^3 (6 t^2 - 15 t + 10)` (Perlin 2002), so that
+    the gradient is smooth too.
+
+    Args:
+        x: In cells.
+        y: In cells.
+        seed: Picks one of the fields.
+
+    Returns:
+        Value and its derivatives by x and y.
+    """
+    xf, yf = math.floor(x), math.floor(y)
+    i, j = int(xf), int(yf)
+    a, b = x - xf, y - yf
+    h00, h10 = _signed(hash2(i, j, seed)), _signed(hash2(i + 1, j, seed))
+    h01, h11 = _signed(hash2(i, j + 1, seed)), _signed(hash2(i + 1, j + 1, seed))
+    u, v = a * a * a * (a * (a * 6.0 - 15.0) + 10.0), b * b * b * (b * (b * 6.0 - 15.0) + 10.0)
+    du, dv = 30.0 * a * a * (a - 1.0) * (a - 1.0), 30.0 * b * b * (b - 1.0) * (b - 1.0)
+    k1, k2, k3 = h10 - h00, h01 - h00, h00 - h10 - h01 + h11
+    return h00 + k1 * u + k2 * v + k3 * u * v, du * (k1 + k3 * v), dv * (k2 + k3 * u)
+
+
+@jit
+def gradient2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
+    """Return gradient noise (Perlin 2002), about [-1, 1] with standard deviation near 0.35, and its derivatives."""
+    xf, yf = math.floor(x), math.floor(y)
+    i, j = int(xf), int(yf)
+    a, b = x - xf, y - yf
+    ax, ay = _direction(hash2(i, j, seed))
+    bx, by = _direction(hash2(i + 1, j, seed))
+    cx, cy = _direction(hash2(i, j + 1, seed))
+    dx, dy = _direction(hash2(i + 1, j + 1, seed))
+    na, nb_, nc, nd = (
+        ax * a + ay * b,
+        bx * (a - 1.0) + by * b,
+        cx * a + cy * (b - 1.0),
+        dx * (a - 1.0) + dy * (b - 1.0),
+    )
+    u, v = a * a * a * (a * (a * 6.0 - 15.0) + 10.0), b * b * b * (b * (b * 6.0 - 15.0) + 10.0)
+    du, dv = 30.0 * a * a * (a - 1.0) * (a - 1.0), 30.0 * b * b * (b - 1.0) * (b - 1.0)
+    k1, k2, k3 = nb_ - na, nc - na, na - nb_ - nc + nd
+    gx = ax + u * (bx - ax) + v * (cx - ax) + u * v * (ax - bx - cx + dx) + du * (k1 + k3 * v)
+    gy = ay + u * (by - ay) + v * (cy - ay) + u * v * (ay - by - cy + dy) + dv * (k2 + k3 * u)
+    return 1.4 * (na + k1 * u + k2 * v + k3 * u * v), 1.4 * gx, 1.4 * gy
+
+
+@jit
+def value3(x: float, y: float, z: float, seed: np.uint32) -> tuple[float, float, float, float]:
+    """Return smooth noise in space in [-1, 1] with its gradient, as `value2`."""
+    xf, yf, zf = math.floor(x), math.floor(y), math.floor(z)
+    i, j, k = int(xf), int(yf), int(zf)
+    a, b, c = x - xf, y - yf, z - zf
+    u = a * a * a * (a * (a * 6.0 - 15.0) + 10.0)
+    v = b * b * b * (b * (b * 6.0 - 15.0) + 10.0)
+    w = c * c * c * (c * (c * 6.0 - 15.0) + 10.0)
+    du = 30.0 * a * a * (a - 1.0) * (a - 1.0)
+    dv = 30.0 * b * b * (b - 1.0) * (b - 1.0)
+    dw = 30.0 * c * c * (c - 1.0) * (c - 1.0)
+    h000, h100 = _signed(hash3(i, j, k, seed)), _signed(hash3(i + 1, j, k, seed))
+    h010, h110 = _signed(hash3(i, j + 1, k, seed)), _signed(hash3(i + 1, j + 1, k, seed))
+    h001, h101 = _signed(hash3(i, j, k + 1, seed)), _signed(hash3(i + 1, j, k + 1, seed))
+    h011, h111 = _signed(hash3(i, j + 1, k + 1, seed)), _signed(hash3(i + 1, j + 1, k + 1, seed))
+    k1, k2, k3 = h100 - h000, h010 - h000, h001 - h000
+    k4, k5, k6 = h000 - h100 - h010 + h110, h000 - h010 - h001 + h011, h000 - h100 - h001 + h101
+    k7 = -h000 + h100 + h010 - h110 + h001 - h101 - h011 + h111
+    value = h000 + k1 * u + k2 * v + k3 * w + k4 * u * v + k5 * v * w + k6 * u * w + k7 * u * v * w
+    gx = du * (k1 + k4 * v + k6 * w + k7 * v * w)
+    gy = dv * (k2 + k4 * u + k5 * w + k7 * u * w)
+    gz = dw * (k3 + k5 * v + k6 * u + k7 * u * v)
+    return value, gx, gy, gz
+
+
+@jit
+def _signed(value: np.uint32) -> float:
+    return value * (2.0 * _TO_UNIT) - 1.0
+
+
+@jit
+def _direction(value: np.uint32) -> tuple[float, float]:
+    """Return a unit vector, the 1024 directions being enough to hide the grid."""
+    angle = (value >> np.uint32(22)) * 0.006135923151542565
+    return math.cos(angle), math.sin(angle)
+
+
+def sub_seed(seed: int, *words: int) -> np.uint32:
+    """Return a 32-bit seed for one use of the data set's seed."""
+    return np.uint32(np.random.SeedSequence([seed, *words]).generate_state(1)[0])

@@ -1,0 +1,129 @@
+"""A simulated data set: read back, the same for any number of workers, continued after a kill, refused when unlike."""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.config import build, load_yaml
+from sfr_loc_map.errors import MissingExtraError, OutputError
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.pipeline.perturb import perturb
+from sfr_loc_map.pipeline.simulate import SETTINGS, settings_text, simulate
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.simulation.world import Plan
+
+pytest.importorskip("embreex")
+
+TINY = {
+    "rocks.cover": 0.01,
+    "rocks.smallest_m": 0.2,
+    "drive.segments": ["straight 1"],
+    "drive.pairs": 3,
+    "panorama.enabled": True,
+    "panorama.pan_deg": [5.0],
+    "panorama.tilt_deg": [25.0],
+    **{f"{rig}.{name}": value for rig in ("loc", "nav") for name, value in (("width", 48), ("height", 40))},
+    "loc.focal_px": 40.0,
+    "nav.focal_px": 40.0,
+    "sensor.samples": 1,
+}
+CONFIG = build(SimulationConfig, TINY)
+
+
+def digest(folder: Path) -> dict[str, str]:
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("made") / "both"
+    assert simulate(CONFIG, out, workers=1) == 4
+    return out
+
+
+def test_folder_reads_back_with_the_plans_truth(made: Path) -> None:
+    source = open_source(made, {})
+    plan = Plan.make(CONFIG)
+    assert source.loc is not None
+    assert source.nav is not None
+    assert source.loc.ground_truth is not None
+    assert np.array_equal(source.loc.ground_truth.positions, plan.trajectory().positions)
+    assert [pair.left.std() > 3 for pair in source.loc.pairs()] == [True] * 3
+    (nav,) = source.nav.pairs()
+    assert nav.truth is not None
+    assert np.allclose(nav.T_lm_navsb.matrix, plan.lm_pose(0).matrix, atol=1e-12)
+
+
+def test_same_bytes_with_two_workers(made: Path, tmp_path: Path) -> None:
+    simulate(CONFIG, tmp_path / "two", workers=2)
+    assert digest(tmp_path / "two") == digest(made)
+
+
+def test_killed_run_continues_to_the_same_bytes(made: Path, tmp_path: Path) -> None:
+    out = tmp_path / "killed"
+    config = tmp_path / "config.yaml"
+    config.write_text(settings_text(CONFIG))
+    code = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
+    command = [sys.executable, "-c", code, "simulate", str(config), str(out), "--workers", "2"]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    end = time.monotonic() + 100
+    while not list(out.glob("loc/left/*.png")) and time.monotonic() < end and process.poll() is None:
+        time.sleep(0.005)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    time.sleep(0.2)
+    subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
+    assert digest(out) == digest(made)
+
+
+def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:
+    before = digest(made)
+    assert simulate(CONFIG, made, workers=1) == 4
+    assert digest(made) == before
+    with pytest.raises(OutputError, match="other settings"):
+        simulate(build(SimulationConfig, {**TINY, "seed": 9}), made)
+    (tmp_path / "a.txt").write_text("a")
+    with pytest.raises(OutputError, match="no simulation"):
+        simulate(CONFIG, tmp_path)
+    assert build(SimulationConfig, load_yaml(made / SETTINGS)) == CONFIG
+
+
+def test_bag_holds_the_same_pictures(made: Path, tmp_path: Path) -> None:
+    simulate(CONFIG, tmp_path / "run.mcap", workers=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+    bag, folder = open_source(tmp_path / "run.mcap", {}), open_source(made, {})
+    assert bag.loc is not None
+    assert folder.loc is not None
+    for a, b in zip(bag.loc.pairs(), folder.loc.pairs(), strict=True):
+        assert a.stamp_ns == b.stamp_ns
+        assert np.array_equal(a.left, b.left)
+        assert np.array_equal(a.right, b.right)
+
+
+def test_missing_ray_tracer_says_how_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'sfr_loc_map\[sim\]'"):
+        simulate(CONFIG, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_faults_over_a_source(made: Path, tmp_path: Path) -> None:
+    source = open_source(made, {})
+    count = perturb(
+        source, tmp_path / "bad", [parse_fault("dropped:share=0.5"), parse_fault("black:share=1,start=0")], 1
+    )
+    assert count == 2 + 1  # one of the two later pairs of the drive is gone; the first pair stays
+    bad = open_source(tmp_path / "bad", {})
+    assert bad.loc is not None
+    assert bad.loc.ground_truth is not None
+    assert len(bad.loc.ground_truth) == 3
+    assert not any(pair.left.any() for pair in bad.loc.pairs())

@@ -1,0 +1,109 @@
+"""The way of the rover obeys the frame laws."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.world import LOC, NAV, Plan
+
+Maker = Callable[..., SimulationConfig]
+
+STEADY = {
+    "drive__vibration_deg": 0.0,
+    "drive__vibration_m": 0.0,
+    "drive__sway_m": 0.0,
+    "drive__sway_deg": 0.0,
+    "drive__slip": 0.0,
+    "drive__start_heading_deg": 0.0,
+}
+FLAT = {
+    "terrain__relief_m": 0.0,
+    "terrain__hills_m": 0.0,
+    "terrain__ripple_height_m": 0.0,
+    "terrain__crater_density": 0.0,
+}
+
+
+def test_origin_stands_0_540_m_above_flat_ground(config: Maker) -> None:
+    plan = Plan.make(config(**FLAT, **STEADY))
+    for time in (0.0, 1.0, 2.0):
+        pose = plan.drive.pose(time)
+        assert pose.translation[2] == pytest.approx(0.540, abs=1e-9)
+        assert np.allclose(pose.rotation[2], [0, 0, 1], atol=1e-9)
+
+
+def test_origin_stands_0_540_m_from_a_slope_along_its_normal(config: Maker) -> None:
+    plan = Plan.make(config(**FLAT, **STEADY, terrain__slope_deg=12.0))
+    pose = plan.drive.pose(1.0)
+    normal = np.array([-math.sin(math.radians(12)), 0.0, math.cos(math.radians(12))])
+    assert pose.translation @ normal == pytest.approx(0.540, abs=2e-4)
+    assert pose.rotation[:, 2] @ normal == pytest.approx(1.0, abs=1e-6)
+    assert pose.rotation[2, 0] == pytest.approx(math.sin(math.radians(12)), abs=1e-3)  # x points up the slope
+
+
+@pytest.mark.parametrize(
+    ("segments", "end", "heading"),
+    [
+        (["straight 2"], (2, 0), 0),
+        (["turn 90", "straight 2"], (0, 2), 90),
+        (["arc 2 90"], (2, 2), 90),
+        (["arc -2 90"], (2, -2), -90),
+        (["straight 1", "goto 1 3", "goto 1 3"], (1, 3), 90),
+    ],
+)
+def test_way_ends_where_its_segments_lead(
+    config: Maker, segments: list[str], end: tuple[float, float], heading: float
+) -> None:
+    drive = Plan.make(config(**FLAT, **STEADY, drive__segments=segments)).drive
+    pose = drive.pose(drive.duration_s)
+    assert np.allclose(pose.translation[:2], end, atol=1e-6)
+    assert math.degrees(math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])) == pytest.approx(heading, abs=1e-6)
+
+
+def test_slip_makes_the_same_way_slower(config: Maker) -> None:
+    way = {**FLAT, **STEADY, "drive__segments": ["straight 2"]}
+    firm, soft = (Plan.make(config(**{**way, "drive__slip": slip})).drive for slip in (0.0, 0.3))
+    assert soft.duration_s > 1.15 * firm.duration_s
+    assert np.allclose(soft.origins[-1], firm.origins[-1], atol=1e-6)
+
+
+def test_rover_that_stops_does_not_shake(config: Maker) -> None:
+    drive = Plan.make(config(drive__segments=["stop 3"], drive__vibration_deg=1.0)).drive
+    assert np.allclose(drive.pose(0.5).matrix, drive.pose(2.2).matrix, atol=1e-12)
+
+
+def test_poses_are_rotations_and_change_little_between_pairs(config: Maker) -> None:
+    plan = Plan.make(config(drive__segments=["straight 1", "arc 2 30"]))
+    truth = plan.trajectory()
+    assert len(truth) == plan.count(LOC)
+    steps = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)
+    assert steps.max() < 0.15 * 0.5 * 1.3
+    for k in range(1, len(truth)):
+        a, b = truth.pose(k - 1).rotation, truth.pose(k).rotation
+        assert np.linalg.norm(rotvec_from_matrix(a.T @ b)) < math.radians(8)
+
+
+def test_pan_to_the_left_turns_the_view_to_the_left(config: Maker) -> None:
+    plan = Plan.make(
+        config(**FLAT, **STEADY, panorama__enabled=True, panorama__pan_deg=[0.0, 30.0], panorama__tilt_deg=[20.0, 20.0])
+    )
+    ahead, left = (plan.lm_pose(k).rotation[:, 0] for k in (0, 1))
+    assert ahead == pytest.approx([math.cos(math.radians(20)), 0, -math.sin(math.radians(20))], abs=1e-9)
+    assert math.degrees(math.atan2(left[1], left[0])) == pytest.approx(30.0, abs=1e-9)
+    assert plan.count(NAV) == 2
+
+
+@pytest.mark.parametrize("segment", ["fly 3", "straight", "arc 2", "straight x", "", "turn nan"])
+def test_unknown_segment_is_refused(config: Maker, segment: str) -> None:
+    with pytest.raises(ConfigError, match=r"drive\.segments"):
+        Plan.make(config(drive__segments=[segment]))
+
+
+def test_pans_without_tilts_are_refused(config: Maker) -> None:
+    with pytest.raises(ConfigError, match="2 pans and 1 tilts"):
+        Plan.make(config(panorama__tilt_deg=[1.0]))

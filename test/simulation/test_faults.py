@@ -1,0 +1,95 @@
+"""Faults: each strikes the pairs it says, in the way it says, and leaves the others as they are."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.simulation.faults import Fault, Perturber, parse_fault
+
+RIG = StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
+COUNT = 40
+
+
+def pairs() -> Iterator[StereoPair]:
+    rng = np.random.default_rng(0)
+    for k in range(COUNT):
+        left, right = rng.integers(20, 200, (2, 48, 64)).astype(np.uint8)
+        yield StereoPair(k * 500_000_000, left, right)
+
+
+def spoiled(*texts: str, seed: int = 1) -> dict[int, StereoPair]:
+    return dict(Perturber([parse_fault(t) for t in texts], seed, COUNT, RIG).pairs(pairs()))
+
+
+def test_text_of_a_fault() -> None:
+    assert parse_fault("blurred:share=0.2,amount=3,camera=left") == Fault("blurred", 3.0, 0.2, 1, 1, "left")
+    assert parse_fault("late").amount == 0.2
+
+
+@pytest.mark.parametrize(
+    "text", ["", "smoke", "black:share=2", "black:size=1", "black:share", "black:burst=0.5", "noisy:camera=up"]
+)
+def test_wrong_text_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="fault"):
+        parse_fault(text)
+
+
+def test_dropped_pairs_are_missing_in_bursts_and_never_the_first() -> None:
+    left = spoiled("dropped:share=0.3,burst=4,start=5")
+    assert len(left) == COUNT - round(0.3 * 35)
+    assert set(range(5)) <= set(left)
+
+
+def test_same_seed_same_strikes() -> None:
+    assert list(spoiled("dropped:share=0.5")) == list(spoiled("dropped:share=0.5"))
+    assert list(spoiled("dropped:share=0.5")) != list(spoiled("dropped:share=0.5", seed=2))
+
+
+def test_repeated_swapped_black() -> None:
+    source = list(pairs())
+    for k, pair in spoiled("repeated:share=1").items():
+        assert pair.stamp_ns == source[k].stamp_ns
+        assert np.array_equal(pair.left, source[max(k - 1, 0)].left)
+    swapped = spoiled("swapped:share=1,start=0")
+    assert all(np.array_equal(swapped[k].left, source[k].right) for k in range(COUNT))
+    black = spoiled("black:share=1,camera=right,start=0")
+    assert not any(pair.right.any() for pair in black.values())
+    assert all(np.array_equal(black[k].left, source[k].left) for k in range(COUNT))
+
+
+def test_late_stamps_stay_in_order_and_clock_moves_all() -> None:
+    stamps = [pair.stamp_ns for pair in spoiled("late:share=1,amount=0.9").values()]
+    assert (np.diff(stamps) > 0).all()
+    assert stamps[1] == 999_999_999
+    assert [pair.stamp_ns for pair in spoiled("clock:amount=-0.1").values()][3] == 1_400_000_000
+
+
+def test_pictures_change_by_the_amount() -> None:
+    source = list(pairs())
+    dark = spoiled("exposure:share=1,amount=0.5,start=0")
+    assert abs(dark[0].left.mean() - 0.5 * source[0].left.mean()) < 0.5
+    noisy = spoiled("noisy:share=1,amount=8,start=0")[0].left.astype(float) - source[0].left
+    assert noisy.std() == pytest.approx(8.0, rel=0.05)
+    assert spoiled("blurred:share=1,start=0")[0].left.std() < 0.4 * source[0].left.std()
+    assert (spoiled("blinded:share=1,start=0")[0].left == 255).mean() > 0.2
+
+
+def test_calibration_faults_change_the_rig_or_the_right_picture() -> None:
+    perturber = Perturber([parse_fault("focal:amount=1.02"), parse_fault("baseline:amount=0.9")], 0, 3, RIG)
+    assert perturber.rig.fx == pytest.approx(51.0)
+    assert perturber.rig.baseline_m == pytest.approx(0.09)
+
+
+@pytest.mark.parametrize(("kind", "du", "dv"), [("yaw", 1, 0), ("pitch", 0, -1)])
+def test_turned_right_camera_moves_the_picture(kind: str, du: int, dv: int) -> None:
+    """A view turned to the left or down shows the middle of the scene farther right or higher, by f tan(angle)."""
+    spot = np.zeros((48, 64), np.uint8)
+    spot[22:26, 30:34] = 250
+    fault = parse_fault(f"{kind}:amount={np.degrees(np.arctan(5 / 50))}")
+    ((_, pair),) = Perturber([fault], 0, 1, RIG).pairs([StereoPair(0, spot, spot)])
+    v, u = np.nonzero(pair.right > 100)
+    assert u.mean() - 31.5 == pytest.approx(5 * du, abs=0.3)
+    assert v.mean() - 23.5 == pytest.approx(5 * dv, abs=0.3)

@@ -1,0 +1,88 @@
+"""The truth is exact: it lies on the ray of its own pixel, on the surface, and where the right picture shows it."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.renderer import sample_offsets
+from sfr_loc_map.simulation.sensor import FloatImage
+from sfr_loc_map.simulation.world import NAV, SHADOW, SKY, UNSEEN, Plan, World
+
+pytest.importorskip("embreex")
+
+QUIET = {"sensor__full_well": 0.0, "sensor__read_noise_grey": 0.0, "sensor__samples": 4}
+
+
+@pytest.fixture(scope="module")
+def world(config: Callable[..., SimulationConfig]) -> World:
+    return World(Plan.make(config(panorama__enabled=True, drive__enabled=False, **QUIET)))
+
+
+def left_points(world: World, truth: FloatImage) -> FloatArray:
+    rig = world.plan.rig(NAV)
+    return (world.plan.lm_pose(0) @ rig.T_sb_left).inverse().apply(truth.reshape(-1, 3)).reshape(truth.shape)
+
+
+def test_truth_reprojects_on_its_own_pixel_centre(world: World) -> None:
+    truth, _ = world.truth(0)
+    rig = world.plan.rig(NAV)
+    points = left_points(world, truth)
+    v, u = np.mgrid[: rig.height, : rig.width]
+    seen = np.isfinite(points[..., 2])
+    assert seen.mean() > 0.5
+    du = rig.fx * points[..., 0] / points[..., 2] + rig.cx - u
+    dv = rig.fy * points[..., 1] / points[..., 2] + rig.cy - v
+    assert np.abs(du[seen]).max() < 1e-3
+    assert np.abs(dv[seen]).max() < 1e-3
+
+
+def test_truth_lies_on_the_ground_it_was_made_from(world: World) -> None:
+    truth, _mask = world.truth(0)
+    near = np.isfinite(truth[..., 0]) & (np.hypot(truth[..., 0], truth[..., 1]) < 6.0)
+    points = world.plan.T_ds_lm.apply(truth[near])
+    height = world.plan.terrain.height(points[:, 0].copy(), points[:, 1].copy(), np.full(len(points), 0.02))
+    error = points[:, 2] - height
+    assert np.median(np.abs(error)) < 0.005
+    assert (error > -0.05).mean() > 0.99  # rocks stand out, nothing is below
+
+
+def test_sky_is_not_a_number_and_marked(world: World) -> None:
+    truth, mask = world.truth(0)
+    assert np.array_equal(np.isnan(truth[..., 0]), (mask & SKY) > 0)
+
+
+def test_right_picture_shows_the_truth_where_it_says(world: World) -> None:
+    """Gradient-weighted (Lucas-Kanade) shift between the left picture and the right one warped by the truth."""
+    truth, mask = world.truth(0)
+    rig = world.plan.rig(NAV)
+    left, right = (world.brightness(NAV, 0, side) * 255 for side in (0, 1))
+    disparity = (rig.fx * rig.baseline_m / left_points(world, truth)[..., 2]).astype(np.float32)
+    v, u = np.mgrid[: rig.height, : rig.width].astype(np.float32)
+    good = cv2.erode(((mask & (SKY | UNSEEN | SHADOW)) == 0).astype(np.uint8), np.ones((7, 7))).astype(bool)
+    good &= np.nan_to_num(disparity) > 3
+    warp = [cv2.remap(right, u - disparity + d, v, cv2.INTER_CUBIC) for d in (-0.5, 0.0, 0.5)]
+    slope = warp[2] - warp[0]
+    slope_left = np.gradient(left, axis=1)
+    both = 0.5 * (slope + slope_left)
+    shift = (both * (left - warp[1]))[good].sum() / (both * both)[good].sum()
+    assert good.sum() > 5000
+    assert abs(shift) < 0.02
+
+
+def test_samples_are_centred_on_pixel_and_exposure() -> None:
+    for samples in (1, 4, 9):
+        table = sample_offsets(samples)
+        assert np.allclose(table.mean(axis=0), 0.0, atol=1e-12)
+        assert np.abs(table).max() <= 0.75
+
+
+def test_pose_in_lm_agrees_with_ds(world: World) -> None:
+    chain = world.plan.T_ds_lm @ world.plan.lm_pose(1)
+    direct = world.plan.bench_pose(NAV, 1)
+    assert isinstance(chain, Transform)
+    assert np.allclose(chain.matrix, direct.matrix, atol=1e-12)
