@@ -16,6 +16,10 @@ F = np.float32
 STRIDE = 2
 """Every second pixel of every second row measures the alignment: a quarter of a million is plenty."""
 ROUNDS = 3
+DARKEST, BRIGHTEST = 2.0, 253.0
+"""Grey levels beyond which a pixel may be cut off and says nothing of exposure."""
+LEAST_SPREAD = 8.0
+"""Grey levels that a picture must span for its contrast to be compared."""
 LEAST_OFFSET_PX = 0.02
 """Rows are resampled only for more than this: resampling blurs, a hundredth of a pixel does not matter."""
 
@@ -66,13 +70,16 @@ def align(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> tupl
 
 def _exposure(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tuple[float, float]:
     """Return gain and offset of the right picture against the left, from the spread of the grey levels they share."""
-    warped = photometry.residual_of(left, right, disparity)[::4, ::4] + left[::4, ::4]
-    usable = np.isfinite(warped)
+    a = left[::4, ::4]
+    b = photometry.residual_of(left, right, disparity)[::4, ::4] + a
+    usable = (a > DARKEST) & (a < BRIGHTEST) & (b > DARKEST) & (b < BRIGHTEST)
     if usable.sum() < 100:
         return 1.0, 0.0
-    low_a, middle_a, high_a = np.quantile(left[::4, ::4][usable], (0.1, 0.5, 0.9))
-    low_b, middle_b, high_b = np.quantile(warped[usable], (0.1, 0.5, 0.9))
-    gain = float(np.clip((high_b - low_b) / max(high_a - low_a, 1.0), 0.25, 4.0))
+    low_a, middle_a, high_a = np.quantile(a[usable], (0.1, 0.5, 0.9))
+    low_b, middle_b, high_b = np.quantile(b[usable], (0.1, 0.5, 0.9))
+    if high_a - low_a < LEAST_SPREAD:
+        return 1.0, float(middle_b - middle_a)
+    gain = float(np.clip((high_b - low_b) / (high_a - low_a), 0.25, 4.0))
     return gain, float(middle_b - gain * middle_a)
 
 

@@ -29,6 +29,8 @@ MOVED_PX = 1.0
 JUMP_RADIUS = 3
 JUMP_RANGE_PX = F(1.5)
 LARGEST_SIGMA_PX = F(2.0)
+NOISE_EXCESS = 1.2
+"""Found over theoretical standard deviation on flat ground: slopes are measured with noise too."""
 
 
 def trusted(left: FloatImage, refined: Refined, initial_px: FloatImage) -> Mask:
@@ -56,14 +58,26 @@ def sigma_of(refined: Refined) -> FloatImage:
     """Return the standard deviation of each disparity `(H, W)` float32, pixels.
 
     A field measured with information h per cell under a stiffness s against bending has the variance
-    `integral d2k / (2 pi)^2 1 / (h + s k^4) = 1 / (8 sqrt(h s))` at each place.
+    `integral d2k / (2 pi)^2 1 / (h + s k^4) = 1 / (8 sqrt(h s))` at each place, for noise that is white. To that comes
+    what smoothing takes from the shape, which grows with the bending that is left and with the reach of the smoothing,
+    `(s / h)^(1/4)` cells.
     """
     height, width = refined.disparity_px.shape
     information = np.maximum(box_mean(refined.information, 5) - NOISE_INFORMATION, F(1e-3))
     stiff_x, stiff_y = (box_mean(item, 5) for item in refined.stiffness)
-    variance = F(0.125) / np.sqrt(information * np.sqrt(stiff_x * stiff_y))
-    sigma = enlarged(np.sqrt(variance), (2 * variance.shape[0], 2 * variance.shape[1]))[:height, :width]
+    stiffness = np.sqrt(stiff_x * stiff_y)
+    noise = F(0.125 * NOISE_EXCESS**2) / np.sqrt(information * stiffness)
+    shape = np.square(_bending(refined.cells_px)) * np.sqrt(stiffness / information)
+    sigma = enlarged(np.sqrt(noise + shape), (2 * noise.shape[0], 2 * noise.shape[1]))[:height, :width]
     return np.asarray(np.minimum(sigma, LARGEST_SIGMA_PX), F)
+
+
+def _bending(cells: FloatImage) -> FloatImage:
+    """Return the mean size of second differences along both axes around each cell, pixels."""
+    kernel = np.array([[1.0, -2.0, 1.0]], F)
+    along_x = np.abs(np.asarray(cv2.filter2D(cells, -1, kernel, borderType=cv2.BORDER_REPLICATE), F))
+    along_y = np.abs(np.asarray(cv2.filter2D(cells, -1, kernel.T, borderType=cv2.BORDER_REPLICATE), F))
+    return box_mean(along_x + along_y, 5)
 
 
 def _textured(refined: Refined) -> Mask:

@@ -29,8 +29,10 @@ AGREE_SIGMAS = 3.0
 FEATHER_PX = 48.0
 """Distance from the border of a picture from which on its points have full weight."""
 JUMP_PX = F(1.0)
-POSE_WARNING = 2.5
-"""Ratio of found to expected disagreement beyond which the poses of two pairs contradict each other."""
+COMMON_SHARE = 0.5
+"""Share of a point's variance that all pairs have in common (smoothing of the same shape) and no mean removes."""
+POSE_WARNING = 1.8
+"""Ratio of found to expected disagreement, in range or in grey level, beyond which two pairs' poses are doubted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,11 +43,13 @@ class View:
         cloud: Its points in LM.
         disparity_px: `(H, W)` float32, pixels, NaN where none.
         T_lm_left: Takes points in its left optical frame to LM.
+        noise_grey: Standard deviation of the difference of two pictures of the same ground, grey levels.
     """
 
     cloud: PointCloud
     disparity_px: FloatImage
     T_lm_left: Transform
+    noise_grey: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,9 +76,9 @@ def fused(views: Sequence[View], rig: StereoRig) -> Fusion:
         tally = _Tally(view, weights[i])
         for j, other in enumerate(views):
             if j != i:
-                seen = _looked_up(view.cloud.xyz, other, weights[j], rig)
-                ratio = tally.add(seen, before=j < i)
-                _describe(statistics, warnings, (i, j), seen, ratio)
+                seen = _looked_up(view.cloud, other, weights[j], rig)
+                ratios = tally.add(seen, before=j < i), _grey_ratio(seen, max(view.noise_grey, other.noise_grey))
+                _describe(statistics, warnings, (i, j), seen, ratios)
         clouds.append(tally.cloud())
         statistics["merged"] += float((tally.partners > 0).sum())
         statistics["dropped_conflict"] += float(tally.conflict.sum())
@@ -85,11 +89,12 @@ def fused(views: Sequence[View], rig: StereoRig) -> Fusion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """What another pair says of points: all `(N,)`, difference NaN where it says nothing."""
+    """What another pair says of points: all `(N,)`, differences NaN where it says nothing."""
 
     difference: FloatImage
     deviation: FloatImage
     weight: FloatImage
+    grey_difference: FloatImage
 
 
 class _Tally:
@@ -128,12 +133,13 @@ class _Tally:
         rays = cloud.xyz - self._view.T_lm_left.translation.astype(F)
         rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
         moved = cloud.xyz + rays * (self._pull[kept] / self._sum[kept])[:, None]
-        sigma = np.where(self.partners[kept] > 0, 1.0 / np.sqrt(self._sum[kept]), cloud.sigma).astype(F)
+        together = COMMON_SHARE * np.square(cloud.sigma) + (1.0 - COMMON_SHARE) / self._sum[kept]
+        sigma = np.where(self.partners[kept] > 0, np.sqrt(together), cloud.sigma).astype(F)
         return PointCloud(moved.astype(F), sigma, cloud.intensity, cloud.u, cloud.v, cloud.pair)
 
 
 def _describe(
-    statistics: dict[str, float], warnings: list[str], pairs: tuple[int, int], seen: _Seen, ratio: float
+    statistics: dict[str, float], warnings: list[str], pairs: tuple[int, int], seen: _Seen, ratios: tuple[float, float]
 ) -> None:
     i, j = pairs
     known = seen.difference[np.isfinite(seen.difference)]
@@ -142,10 +148,12 @@ def _describe(
         return
     statistics[f"difference_median_m_{i}_{j}"] = float(np.median(known))
     statistics[f"difference_spread_m_{i}_{j}"] = 1.4826 * float(np.median(np.abs(known - np.median(known))))
-    statistics[f"difference_over_sigma_{i}_{j}"] = ratio
-    if i < j and ratio > POSE_WARNING and len(known) > 1000:
+    statistics[f"difference_over_sigma_{i}_{j}"] = ratios[0]
+    statistics[f"grey_difference_over_noise_{i}_{j}"] = ratios[1]
+    if i < j and max(ratios) > POSE_WARNING and len(known) > 1000:
         warnings.append(
-            f"pairs {i} and {j} disagree where they overlap: {ratio:.1f} times what is expected; check their poses"
+            f"pairs {i} and {j} disagree where they overlap, {ratios[0]:.1f} times what is expected in range and "
+            f"{ratios[1]:.1f} times in grey level: check their poses"
         )
 
 
@@ -160,12 +168,22 @@ def _weight_picture(view: View) -> FloatImage:
     return np.asarray(feather / np.square(sigma), F)
 
 
-def _looked_up(xyz: FloatImage, other: View, weight: FloatImage, rig: StereoRig) -> _Seen:
+def _grey_ratio(seen: _Seen, noise: float) -> float:
+    """Return the spread of grey level differences over that of noise: a wrong pan shows here on any textured ground."""
+    known = seen.grey_difference[np.isfinite(seen.grey_difference)]
+    if len(known) == 0:
+        return float("nan")
+    return 1.4826 * float(np.median(np.abs(known - np.median(known)))) / noise
+
+
+def _looked_up(cloud: PointCloud, other: View, weight: FloatImage, rig: StereoRig) -> _Seen:
     T_left_lm = other.T_lm_left.inverse()
-    out = np.empty((3, len(xyz)), F)
+    out = np.empty((4, len(cloud)), F)
+    grey = np.zeros(other.disparity_px.shape, F)
+    grey[other.cloud.v, other.cloud.u] = other.cloud.intensity
     camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.fx * rig.baseline_m])
-    _look_up(xyz, T_left_lm.rotation, T_left_lm.translation, camera, other.disparity_px, weight, out)
-    return _Seen(out[0], out[1], out[2])
+    _look_up(cloud.xyz, T_left_lm.rotation, T_left_lm.translation, camera, other.disparity_px, weight, grey, out)
+    return _Seen(out[0], out[1], out[2], out[3] - cloud.intensity)
 
 
 @by_rows
@@ -176,13 +194,14 @@ def _look_up(
     camera: FloatArray,
     disparity: FloatImage,
     weight: FloatImage,
+    grey: FloatImage,
     out: FloatImage,
 ) -> None:
-    """Fill `out` `(3, N)`: how much farther along its ray another pair sees it, that one's sigma and weight."""
+    """Fill `out` `(4, N)`: how much farther along its ray another pair sees it, that one's sigma, weight and grey."""
     rows, cols = disparity.shape
     fx, fy, cx, cy, scale = camera
     for n in prange(len(xyz)):
-        out[0, n], out[1, n], out[2, n] = F(np.nan), F(np.nan), F(0.0)
+        out[0, n], out[1, n], out[2, n], out[3, n] = F(np.nan), F(np.nan), F(0.0), F(np.nan)
         x0, y0, z0 = np.float64(xyz[n, 0]), np.float64(xyz[n, 1]), np.float64(xyz[n, 2])
         x = rotation[0, 0] * x0 + rotation[0, 1] * y0 + rotation[0, 2] * z0 + translation[0]
         y = rotation[1, 0] * x0 + rotation[1, 1] * y0 + rotation[1, 2] * z0 + translation[1]
@@ -205,3 +224,5 @@ def _look_up(
         out[0, n] = (scale / between - z) * length
         out[1, n] = 1.0 / np.sqrt(near)
         out[2, n] = near
+        above = (1 - s) * grey[i, j] + s * grey[i, j + 1]
+        out[3, n] = (1 - t) * above + t * ((1 - s) * grey[i + 1, j] + s * grey[i + 1, j + 1])

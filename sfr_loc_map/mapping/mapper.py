@@ -12,6 +12,7 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.checks import check_matches, check_pictures, matched_share
 from sfr_loc_map.mapping.confidence import sigma_of, trusted
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.fusion import View, fused
@@ -33,6 +34,7 @@ class PairMap:
         disparity_px: `(H, W)` float32, pixels, of the left picture; NaN where none.
         cloud: Its points in LM, with `pair` as given to `process`.
         statistics: Figures of this call by name.
+        warnings: What is suspicious, one line each.
     """
 
     stamp_ns: int
@@ -40,6 +42,7 @@ class PairMap:
     disparity_px: NDArray[np.float32]
     cloud: PointCloud
     statistics: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +91,8 @@ class Mapper:
             index: Number of the pair within its set: 0, 1 or 2.
 
         Raises:
-            MappingError: If the size is not the rig's or the index is not 0 to 2.
+            MappingError: If the size is not the rig's, the index is not 0 to 2, a picture is empty, or the two do not
+                match (swapped, not rectified, not of the same moment).
         """
         if pair.left.shape != (self._rig.height, self._rig.width):
             raise MappingError(
@@ -97,10 +101,13 @@ class Mapper:
             )
         if not 0 <= index < MAX_PAIRS:
             raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
+        check_pictures(pair)
         left, right = pair.left.astype(np.float32), pair.right.astype(np.float32)
         initial = match(pair.left, pair.right, self._search.count)
         refined = refine(left, right, initial)
         usable = trusted(left, refined, initial) & (refined.disparity_px >= self._search.farthest)
+        share = matched_share(left, usable)
+        warnings = check_matches(pair, share, refined.alignment, self._search.count)
         disparity = np.where(usable, refined.disparity_px, np.float32(np.nan))
         cloud = cloud_from_disparity(disparity, sigma_of(refined), pair.left, self._rig, T_lm_navsb, index)
         statistics = {
@@ -110,8 +117,10 @@ class Mapper:
             "gain": refined.alignment.gain,
             "offset_grey": refined.alignment.offset,
             "vertical_offset_px": refined.alignment.rows_px[0],
+            "vertical_offset_largest_px": refined.alignment.largest_rows_px,
+            "matched_share": share,
         }
-        return PairMap(pair.stamp_ns, T_lm_navsb, disparity, cloud, statistics)
+        return PairMap(pair.stamp_ns, T_lm_navsb, disparity, cloud, statistics, warnings)
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
         """Return one cloud of up to three pairs.
@@ -121,6 +130,9 @@ class Mapper:
         """
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
-        views = [View(item.cloud, item.disparity_px, item.T_lm_navsb @ self._rig.T_sb_left) for item in maps]
+        views = [
+            View(item.cloud, item.disparity_px, item.T_lm_navsb @ self._rig.T_sb_left, item.statistics["noise_grey"])
+            for item in maps
+        ]
         result = fused(views, self._rig)
         return FusedMap(result.cloud, result.statistics, result.warnings)
