@@ -29,4 +29,4 @@ class LocalisationConfig:
     )
     min_depth_m: float = param(0.5, unit="m", doc="Nearest depth that stereo matching looks for.", low=0.01)
     min_tracked: int = param(25, doc="Fewest landmarks that agree on a pose that is trusted.", low=8)
-    pixel_floor: float = param(0.03, unit="px", doc="Smallest standard deviation of a tracked position.", low=0.001)
+    pixel_floor: float = param(0.05, unit="px", doc="Smallest standard deviation of a tracked position.", low=0.001)

@@ -231,7 +231,7 @@ class Localiser:
         """Return the variances `(N, 3)` of tracked positions, half of it the patch's and half the picture's."""
         residual = found[:, 5:6]
         typical = np.nanmedian(residual) if np.isfinite(residual).any() else 1.0
-        variance = found[:, 2:5] * (3.0 * np.maximum(residual, typical) ** 2)
+        variance = found[:, 2:5] * (1.2 * np.maximum(residual, typical) ** 2)
         variance[:, 0] += self._config.pixel_floor**2
         variance[:, 2] += self._config.pixel_floor**2
         return variance
