@@ -119,7 +119,9 @@ class ConditionScore:
         result: dict[str, Any] = dict(figures(self.moments))
         overlap = self._overlaps / max(self.moments.count, 1)
         for name, columns in FIGURES.items():
-            result[name]["mean_plus_3sigma_ci95"] = interval95(self._grains, columns, overlap)
+            result[name]["mean_plus_3sigma_ci95"] = interval95(
+                self._grains, columns, overlap, unsigned=name == "attitude_deg"
+            )
         result["overlap"] = overlap
         result["components"] = components(self.moments)
         return result
