@@ -239,8 +239,10 @@ def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]
         name: np.round(cloud.xyz[some, k].astype(float), 3).tolist() for k, name in enumerate(("x_m", "y_m", "z_m"))
     }
     sample["error_m"] = np.round(errors.error_m[::step], 4).tolist()
+    sample["range_m"] = np.round(errors.range_m[::step], 3).tolist()
     images = [_error_image(cloud, errors, number, truth) for number, truth in enumerate(truths)]
-    return {"cloud": sample, "error_images": images}
+    triangulation = {"focal_px": truths[0].rig.fx, "baseline_m": truths[0].rig.baseline_m}
+    return {"cloud": sample, "error_images": images, "triangulation": triangulation}
 
 
 def _error_image(cloud: PointCloud, errors: PointErrors, number: int, truth: PairTruth) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
-from sfr_loc_map.report.plots import Plot, Trace, axis, column, line, marks, scaled, seconds_since
+from sfr_loc_map.report.plots import Plot, Trace, axis, column, line, log_axis, marks, scaled, seconds_since
 from sfr_loc_map.report.tables import MIB, clock_text, dig
 
 STATES = (
@@ -17,6 +17,8 @@ STATES = (
     ("fused", "@three", "square"),
 )
 """What a call said: its colour and mark."""
+MIN_HISTOGRAM = 10
+"""Fewer calls are told by their timeline alone."""
 
 
 def cost_figures(score: Mapping[str, Any]) -> list[Plot]:
@@ -25,7 +27,7 @@ def cost_figures(score: Mapping[str, Any]) -> list[Plot]:
     for kind, calls in (dig(score, "details.calls") or {}).items():
         clock = "host time" if str(dig(score, f"timing.{kind}_s.clock") or "").startswith("host") else "time"
         edges, counts = (dig(calls, f"histogram.{name}") or [] for name in ("edges_s", "counts"))
-        if sum(counts) > 1:
+        if sum(counts) >= MIN_HISTOGRAM:
             figures.append(_histogram(score, kind, clock, edges, counts))
         if len(dig(calls, "series.stamp_ns") or []) > 1:
             figures.append(_timeline(score, kind, clock, calls["series"]))
@@ -55,7 +57,7 @@ def _histogram(score: Mapping[str, Any], kind: str, clock: str, edges: list[floa
         if value is not None:
             data.append(line(name, ([value, value], [0, top]), color, dash=dash, width=2.5))
     layout = {
-        "xaxis": axis(f"{clock} per call, s", type="log", dtick="D2"),
+        "xaxis": log_axis(f"{clock} per call, s", edges[0], edges[-1]),
         "yaxis": axis("number of calls"),
         "bargap": 0,
     }

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from sfr_loc_map.report.plots import Plot, Trace, axis, line, marks, scaled
+from sfr_loc_map.report.plots import Plot, Trace, axis, line, log_axis, marks, scaled
 from sfr_loc_map.report.tables import dig
 
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
@@ -90,8 +90,8 @@ def _over_range(score: Mapping[str, Any]) -> Plot:
         data.append(line(name, (x, y), color, dash=dash, width=3))
     data += _law(score, low_edge)
     layout = {
-        "xaxis": axis("range from the left camera, m", type="log", dtick="D2"),
-        "yaxis": axis("point error, mm", type="log", dtick=1),
+        "xaxis": log_axis("range from the left camera, m", low_edge, bins[-1]["to_m"]),
+        "yaxis": log_axis("point error, mm", 0.1, 1e5, steps=(1,)) | {"range": _log_range(bins)},
     }
     caption = (
         "The law of triangulation: an error d of the disparity moves a point by Z² d / (f b) along its ray (f focal "
@@ -99,6 +99,12 @@ def _over_range(score: Mapping[str, Any]) -> Plot:
     caption += "length, b baseline; the range stands for the depth Z). Its lines are what the named disparity errors "
     caption += "amount to, the bold one for the median that was measured."
     return Plot("over-range", "Point error over range", caption, data, layout, height=480, wide=True)
+
+
+def _log_range(bins: list[dict[str, Any]]) -> list[float]:
+    """Return a range of the axis of errors in millimetres that holds all bins, as logarithms."""
+    known = [item[key] * 1e3 for item in bins for key in ("p50", "mean_plus_3sigma") if item[key]] or [1.0]
+    return [math.log10(max(min(known) / 10, 0.1)), math.log10(max(known) * 3)]
 
 
 def _law(score: Mapping[str, Any], low: float) -> list[Trace]:
@@ -145,6 +151,15 @@ def _in_space(cloud: Mapping[str, Any]) -> Plot:
         "customdata": scaled(cloud["error_m"], 1e3),
         "hovertemplate": "%{x:.2f}, %{y:.2f}, %{z:.2f} m: %{customdata:.4g} mm<extra></extra>",
     }
-    scene = {"aspectmode": "data"} | {f"{a}axis": {"title": {"text": f"{a} of LM, m"}} for a in "xyz"}
-    caption = f"{len(logs)} points of the cloud. Equal axes."
+    scene: dict[str, Any] = {"aspectmode": "data", "camera": {"eye": {"x": -0.9, "y": -0.9, "z": 0.7}}}
+    for a in "xyz":
+        scene[f"{a}axis"] = {"title": {"text": f"{a} of LM, m"}, "range": _middle(cloud[f"{a}_m"])}
+    caption = f"{len(logs)} points of the cloud, those within the middle 95 % of each axis. Equal axes."
     return Plot("cloud", "Cloud coloured by error", caption, [points], {"scene": scene}, height=560, wide=True)
+
+
+def _middle(values: list[float]) -> list[float]:
+    """Return the bounds of the middle 95 % of the values; far points would leave little of the rest."""
+    ordered = sorted(values)
+    spare = len(ordered) // 40
+    return [ordered[spare], ordered[-1 - spare]]

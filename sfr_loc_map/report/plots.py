@@ -6,6 +6,7 @@ since plotly reads some tags in texts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -40,6 +41,13 @@ class Plot:
 def axis(title: str, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever plotly takes
     """Return an axis whose title names its unit."""
     return {"title": {"text": title}, "automargin": True, **more}
+
+
+def log_axis(title: str, low: float, high: float, steps: Sequence[int] = (1, 2, 5)) -> dict[str, Any]:
+    """Return a logarithmic axis with ticks written in full at the steps of each power of ten around the values."""
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ticks = [float(f"{step}e{power}") for power in powers for step in steps]
+    return axis(title, type="log", tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
 
 
 def line(name: str, xy: Sequence[Column], color: str, **more: Any) -> Trace:  # noqa: ANN401

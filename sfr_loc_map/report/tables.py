@@ -29,6 +29,9 @@ _LEFT_OUT = {
     "late": "estimates that came too late to be scored",
 }
 
+CONSISTENCY = {"trajectory.nees": "covariance of the odometry", "map.sigma_nees": "sigma of the map points"}
+"""Places of normalised errors squared in the score."""
+
 
 @dataclass(frozen=True, slots=True)
 class Cell:
@@ -110,6 +113,7 @@ def score_tables(score: Mapping[str, Any]) -> list[Table]:
         headline_table,
         component_table,
         map_table,
+        consistency_table,
         time_table,
         memory_table,
         association_table,
@@ -134,13 +138,14 @@ def verdict_table(score: Mapping[str, Any]) -> Table | None:
                 _cell(score, f"{key}.value", NOT_ENOUGH, scale),
                 _interval(score, f"{key}.ci95", scale),
                 _cell(score, f"{key}.count", "-"),
-                Cell({True: "yes", False: "no: the interval spans the limit"}.get(item.get("certain"), "-")),
+                Cell({True: "yes", False: "no"}.get(item.get("certain"), "-")),
             )
         )
     if not rows:
         return None
-    columns = ("verdict", "figure", "unit", "limit", "value", "95 % interval", "n", "whole interval on one side")
-    return Table("verdicts", "Verdicts", columns, tuple(rows))
+    columns = ("verdict", "figure", "unit", "limit", "value", "95 % interval", "n", "certain")
+    note = "Certain: the 95 % interval does not span the limit."
+    return Table("verdicts", "Verdicts", columns, tuple(rows), note)
 
 
 def limit_name(metric: str) -> str:
@@ -249,6 +254,27 @@ def _map_row(score: Mapping[str, Any], title: str, key: str, coverage: str) -> t
         _cell(score, f"{key}.count"),
         _cell(score, coverage, "no true points"),
     )
+
+
+def consistency_table(score: Mapping[str, Any]) -> Table | None:
+    """Return whether the uncertainties that were estimated are as large as the errors (NEES)."""
+    rows = []
+    for key, words in CONSISTENCY.items():
+        item = dig(score, key)
+        if item:
+            inside = (
+                None if item.get("mean") is None else item["interval95"][0] <= item["mean"] <= item["interval95"][1]
+            )
+            figures = (_cell(score, f"{key}.{name}", NOT_ENOUGH) for name in ("mean", "expected"))
+            judged = {True: "consistent", False: "not consistent", None: NOT_ENOUGH}[inside]
+            interval = _interval(score, f"{key}.interval95", 1.0)
+            count = _cell(score, f"{key}.count")
+            rows.append((Cell(words, kind="head"), *figures, interval, count, Cell(judged)))
+    if not rows:
+        return None
+    columns = ("normalised error squared", "mean", "expected", "95 % of consistent ones", "n", "in words")
+    note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large."
+    return Table("consistency", "Honesty of the estimated uncertainty (NEES)", columns, tuple(rows), note)
 
 
 def time_table(score: Mapping[str, Any]) -> Table | None:

@@ -13,6 +13,8 @@ from sfr_loc_map.report.tables import condition_text, conditions_of, dig
 
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
+ELLIPSES = 15
+UNSIGNED = ("attitude_deg",)
 TRACE_BACK = (
     "sub-trajectory over %{customdata[0]}<br>frames %{customdata[1]} to %{customdata[2]}<br>"
     "stamps %{customdata[3]} to %{customdata[4]} ns"
@@ -27,9 +29,11 @@ def trajectory_figures(score: Mapping[str, Any]) -> list[Plot]:
     if path and path.get("stamp_ns"):
         figures += [_top_view(path, parts), _height(path), _accumulated(path)]
     if parts:
-        figures += [_position(parts), *_components(parts), *_vectors(parts), _angles(parts)]
+        figures.append(_position(parts))
     if len(parts) > 1:
         figures.append(_growth(parts))
+    if parts:
+        figures += [*_components(parts), *_vectors(parts), _angles(parts)]
     return figures
 
 
@@ -81,6 +85,8 @@ def _top_view(path: Mapping[str, Any], parts: list[tuple[Mapping[str, Any], Mapp
     if factor > 1:
         name = f"estimate, error drawn {factor:g} times"
         data.append(line(name, drawn, "@two", dash="dot", width=1.5, hoverinfo="skip"))
+    if path.get("sigma_x_m"):
+        data.append(_covariances(path, drawn, factor))
     data += _lost(path)
     if parts:
         data.append(_ends(path, parts[0][1]))
@@ -95,6 +101,20 @@ def _top_view(path: Mapping[str, Any], parts: list[tuple[Mapping[str, Any], Mapp
     )
     caption += "a sub-trajectory, here or in a figure below, shows its stretch of the way."
     return Plot("top-view", "Trajectory from above", caption, data, layout, height=560, wide=True)
+
+
+def _covariances(path: Mapping[str, Any], centres: list[list[float | None]], factor: float) -> Trace:
+    """Return ellipses with 3 sigma of x and y as half axes about some estimates, as large as the errors are drawn."""
+    x: list[float | None] = []
+    y: list[float | None] = []
+    turns = [2 * math.pi * k / 24 for k in range(25)]
+    usable = [k for k in range(len(centres[0])) if path["sigma_x_m"][k] is not None and not path["lost"][k]]
+    for k in usable[:: max(1, -(-len(usable) // ELLIPSES))]:
+        sizes = [3 * factor * path[f"sigma_{a}_m"][k] for a in "xy"]
+        x += [*(centres[0][k] + sizes[0] * math.cos(turn) for turn in turns), None]
+        y += [*(centres[1][k] + sizes[1] * math.sin(turn) for turn in turns), None]
+    name = "3 sigma of its covariance" + (f", drawn {factor:g} times" if factor > 1 else "")
+    return line(name, (scaled(x, 1.0), scaled(y, 1.0)), "@three", width=1, hoverinfo="skip")
 
 
 def _exaggeration(path: Mapping[str, Any]) -> float:
@@ -161,12 +181,20 @@ def _accumulated(path: Mapping[str, Any]) -> Plot:
         line(name, (way, scaled(values, factor)), color, dash=dash, width=1.5)
         for values, (name, color, dash) in zip(errors, styles, strict=True)
     ]
+    if path.get("sigma_x_m"):
+        data.append(line("3 sigma of the covariance", (way, _three_sigma(path, factor)), "@five", width=1.5))
     layout = {
         "xaxis": axis("distance travelled (truth), m"),
         "yaxis": axis(f"estimate - truth in DS, {unit}", zeroline=True),
     }
     caption = "Error accumulated since the first frame, without re-basing; not a figure of the specification."
     return Plot("accumulated", "Accumulated position error", caption, data, layout)
+
+
+def _three_sigma(path: Mapping[str, Any], factor: float) -> list[float | None]:
+    """Return 3 times the norm of the sigmas of the axes, None where they are not known or the frame is lost."""
+    rows = zip(*(path[f"sigma_{a}_m"] for a in "xyz"), path["lost"], strict=True)
+    return scaled([None if lost or None in sigmas else 3 * math.hypot(*sigmas) for *sigmas, lost in rows], factor)
 
 
 def _position(parts: list[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> Plot:
@@ -218,7 +246,7 @@ def _marked(
 
 
 def _mean_and_band(
-    rows: Mapping[str, Any], figure: Mapping[str, Any] | None, factor: float, more: Mapping[str, Any]
+    rows: Mapping[str, Any], figure: Mapping[str, Any] | None, factor: float, more: Mapping[str, Any], floor: float
 ) -> list[Trace]:
     """Return the line of a signed mean and the band of 3 sigma about it, nothing where they are not defined."""
     if not figure or figure.get("mean") is None:
@@ -227,6 +255,7 @@ def _mean_and_band(
     traces = [line("mean", ([way[0], way[-1]], scaled([figure["mean"]] * 2, factor)), "@truth", dash="dash", **more)]
     if figure.get("sigma") is not None:
         low, high = ((figure["mean"] + sign * 3 * figure["sigma"]) * factor for sign in (-1, 1))
+        low = max(low, floor)
         traces.insert(0, band("mean ± 3 sigma", [way[0], way[-1]], low, high, "@one-soft", **more))
     return traces
 
@@ -238,8 +267,9 @@ def _rows_of_panels(
     data: list[Trace] = []
     layout: dict[str, Any] = {"grid": {"rows": len(panels), "columns": 1, "pattern": "coupled", "ygap": 0.14}}
     for k, (name, title, figure) in enumerate(panels):
+        floor = 0.0 if name in UNSIGNED else -math.inf
         place = {"yaxis": f"y{k + 1 if k else ''}", "xaxis": "x"}
-        data += _mean_and_band(rows, figure, factor, {**place, "legendgroup": "m", "showlegend": k == 0})
+        data += _mean_and_band(rows, figure, factor, {**place, "legendgroup": "m", "showlegend": k == 0}, floor)
         more = {**place, "legendgroup": "s", "showlegend": k == 0}
         values = scaled(column(rows, name), factor)
         data.append(_marked("sub-trajectory", column(rows, "way_m"), values, 0, rows, unit, more))
@@ -342,4 +372,11 @@ def _growth(parts: list[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> Plot:
         "xaxis": axis("sub-trajectories over", type="category"),
         "yaxis": axis(f"position mean + 3 sigma, {unit}", rangemode="tozero"),
     }
-    return Plot("growth", "Position error of all conditions", "Bars: 95 % intervals.", data, layout)
+    return Plot(
+        "growth",
+        "Position error of all conditions",
+        "Bars: 95 % intervals, where there are enough data.",
+        data,
+        layout,
+        wide=True,
+    )

@@ -61,7 +61,7 @@
     root.dataset.theme = theme;
     const other = theme === "dark" ? "Light" : "Dark";
     document.getElementById("theme").textContent = other;
-    const config = { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["sendDataToCloud", "lasso2d"] };
+    const config = { displaylogo: false, responsive: true, displayModeBar: false };
     return Promise.all(specs.map((spec) => {
       const made = themed(spec, palettes[theme]);
       const place = document.getElementById(spec.name);
