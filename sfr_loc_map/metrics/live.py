@@ -196,7 +196,7 @@ class LiveTrajectoryScore:
         trajectory = Trajectory(est_stamps, est[:, :3], est[:, 3:7])
         extra = est[:, 8:] if len(est) else np.empty((0, COVARIANCE_SIZE))
         lost = est[:, 7] > 0 if len(est) else np.empty(0, np.bool_)
-        estimates = Estimates.of(trajectory, lost, None if np.isnan(extra).all() else extra)
+        estimates = Estimates.of(trajectory, lost, extra)
         truth = Trajectory(gt_stamps, gt[:, :3], gt[:, 3:])
         est_rows, gt_rows = unique_rows(est_stamps), unique_rows(gt_stamps)
         frames, counts = join(estimates, est_rows, truth, gt_rows, self._config.association, way)

@@ -80,9 +80,9 @@ class RowQueue:
         """Return one column as a view that holds until the next change."""
         return self._arrays[name][self._first : self._end]
 
-    def append(self, **columns: NDArray[Any]) -> None:
-        """Add rows."""
-        added = len(next(iter(columns.values())))
+    def append(self, **columns: NDArray[Any] | float) -> None:
+        """Add rows; a number stands for a whole column, not the first."""
+        added = len(np.atleast_1d(next(iter(columns.values()))))
         size = len(next(iter(self._arrays.values())))
         if self._end + added > size:
             self._move(size if 2 * (len(self) + added) <= size else 2 * (len(self) + added))

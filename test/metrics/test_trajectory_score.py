@@ -6,9 +6,9 @@ import reference
 from random_drives import Poses, drive, rows, spoilt, trajectory
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.association import Estimates, associate
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory_score import TrajectoryScore, score_trajectory
 
 CONDITIONS = (("distance", 5.0), ("distance", 0.3), ("time", 3.0), ("frames", 17))
 
@@ -127,3 +127,44 @@ def test_conditions_that_are_none(text: str) -> None:
         score_trajectory(
             Estimates.of(trajectory(drive(1)[0])), trajectory(drive(1)[0]), TrajectoryScoreConfig(conditions=(text,))
         )
+
+
+def test_error_by_direction_of_travel() -> None:
+    """Driving north; the estimate is 1 % short, drifts 2 % to the right (east) and 3 % up."""
+    count = 101
+    north = 0.1 * np.arange(count)
+    quat = np.tile([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)], (count, 1))
+    stamps = np.arange(count) * 100_000_000
+    truth = (stamps, np.column_stack((0 * north, north, 0 * north)), quat)
+    estimate = (stamps, np.column_stack((0.02 * north, 0.99 * north, 0.03 * north)), quat)
+    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), TrajectoryScoreConfig())
+    means = {name: figure["mean"] for name, figure in got["trajectory"]["components"].items()}
+    wanted = {"x_m": 0.1, "y_m": -0.05, "z_m": 0.15, "along_m": -0.05, "cross_m": -0.1, "vertical_m": 0.15}
+    assert means == pytest.approx(wanted, abs=1e-12)
+    ladder = {item["distance_m"]: item["position_m"]["mean"] for item in got["trajectory"]["by_distance"]}
+    length = math.sqrt(0.01**2 + 0.02**2 + 0.03**2)
+    assert ladder == pytest.approx({d: d * length for d in (1.0, 2.0, 5.0, 10.0)}, abs=1e-12)
+
+
+def test_interval_lies_around_the_figure_and_needs_enough() -> None:
+    truth, estimate = drive(21, 900)
+    long = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), TrajectoryScoreConfig())
+    for name in ("position_m", "attitude_deg", "heading_deg"):
+        figure = long["trajectory"][name]
+        low, high = figure["mean_plus_3sigma_ci95"]
+        assert 0 < low < figure["mean_plus_3sigma"] < high
+    short = rows(truth, slice(0, 24)), rows(estimate, slice(0, 24))
+    few = score_trajectory(Estimates.of(trajectory(short[1])), trajectory(short[0]), TrajectoryScoreConfig())
+    assert few["trajectory"]["position_m"]["mean_plus_3sigma_ci95"] is None
+
+
+def test_portions_do_not_matter() -> None:
+    """The figures have the same bits however many frames come at a time."""
+    truth, estimate = drive(22, 5000)
+    config = TrajectoryScoreConfig(conditions=("distance=5", "time=3"), spacing=1)
+    frames, counts, way = associate(Estimates.of(trajectory(estimate)), trajectory(truth), config.association)
+    whole, parts = TrajectoryScore(config), TrajectoryScore(config)
+    whole.push(frames)
+    for first in range(0, 5000, 137):
+        parts.push(frames.rows(slice(first, first + 137)))
+    assert whole.result(counts, way) == parts.result(counts, way)

@@ -1,0 +1,116 @@
+"""Is the odometry's covariance honest? Normalised estimation error squared (NEES) of sub-trajectories.
+
+The covariance that odometry publishes is of the pose since its start, so two poses of one run share most of it. What
+happened between them is compared with what the covariance grew by: with `F = [[I, -[dp]x], [0, I]]`, dp the
+estimated displacement, an error of the start's pose moves the end by F, and the growth is `Q = P_end - F P_start F^T`.
+If it is honest, `e^T Q^-1 e` has a chi-square distribution with 6 degrees of freedom, e the error of position and
+attitude (fixed axes of DS) over the sub-trajectory. Only sub-trajectories that share no frame are taken, so that n of
+them are independent, and their mean lies between the 2.5 % and 97.5 % points of chi-square with 6 n degrees, over n,
+in 95 % of all cases (Bar-Shalom, Li, Kirubarajan 2001, section 5.4).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from sfr_loc_map.geometry.rotation import (
+    FloatArray,
+    quat_conjugate,
+    quat_multiply,
+    quat_normalised,
+    quat_rotate,
+    skew,
+)
+
+LOST_VARIANCE = 9999.0
+"""A variance this large says that the pose is not known."""
+PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
+UPPER = np.triu_indices(6)
+
+
+class Consistency:
+    """Sums of the NEES over sub-trajectories, in constant memory.
+
+    Attributes:
+        free_from: Number of the first frame that no sub-trajectory has taken yet.
+    """
+
+    def __init__(self) -> None:
+        self._totals = dict.fromkeys(PARTS, 0.0)
+        self._count = 0
+        self._not_usable = 0
+        self.free_from = 0
+
+    def push(self, frames: tuple[int, int], start: tuple[FloatArray, ...], end: tuple[FloatArray, ...]) -> None:
+        """Add a sub-trajectory that starts at `free_from` or later.
+
+        Args:
+            frames: Numbers of its first and last frame.
+            start: True position, true attitude, estimated position, estimated attitude, covariance `(21,)`.
+            end: The same at the end.
+        """
+        covariances = [_matrix(start[4]), _matrix(end[4])]
+        known = [bool(np.isfinite(c).all() and np.diag(c).max() < LOST_VARIANCE) for c in covariances]
+        if not all(known):
+            return
+        self.free_from = frames[1]
+        growth = covariance_growth(covariances[0], covariances[1], end[2] - start[2])
+        error = relative_error(start, end)
+        try:
+            squares = {name: _nees(error[part], growth[part, part]) for name, part in PARTS.items()}
+        except np.linalg.LinAlgError:
+            self._not_usable += 1
+            return
+        self._count += 1
+        for name, value in squares.items():
+            self._totals[name] += value
+
+    def result(self) -> dict[str, Any] | None:
+        """Return the mean NEES and where it should lie; None where no covariance was known.
+
+        `not_usable` counts sub-trajectories over which the covariance did not grow, so that it cannot be tested.
+        """
+        if not self._count and not self._not_usable:
+            return None
+        result: dict[str, Any] = {"count": self._count, "not_usable": self._not_usable}
+        for name, part in PARTS.items():
+            degrees = part.stop - part.start
+            result[name] = {"mean": None, "expected": float(degrees), "interval95": None, "consistent": None}
+            if self._count:
+                mean = self._totals[name] / self._count
+                low, high = (float(chi2.ppf(p, degrees * self._count) / self._count) for p in (0.025, 0.975))
+                result[name] |= {"mean": mean, "interval95": [low, high], "consistent": low <= mean <= high}
+        return result
+
+
+def covariance_growth(start: FloatArray, end: FloatArray, displacement: FloatArray) -> FloatArray:
+    """Return `Q = P_end - F P_start F^T` `(6, 6)`, see above."""
+    carried = np.eye(6)
+    carried[:3, 3:] = -skew(displacement)
+    growth = end - carried @ start @ carried.T
+    return np.asarray(0.5 * (growth + growth.T))
+
+
+def relative_error(start: tuple[FloatArray, ...], end: tuple[FloatArray, ...]) -> FloatArray:
+    """Return the error `(6,)` of position (m) and attitude (rad) over a sub-trajectory, in the estimate's DS."""
+    to_estimate = quat_multiply(start[3], quat_conjugate(start[1]))
+    position = (end[2] - start[2]) - quat_rotate(to_estimate, end[0] - start[0])
+    turn = quat_normalised(quat_multiply(end[3], quat_conjugate(quat_multiply(to_estimate, end[1]))))
+    turn = -turn if turn[3] < 0 else turn
+    sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+    scale = 2.0 if sine < 1e-9 else 2.0 * np.arctan2(sine, turn[3]) / sine
+    return np.concatenate((position, scale * turn[:3]))
+
+
+def _matrix(triangle: FloatArray) -> FloatArray:
+    matrix = np.zeros((6, 6))
+    matrix[UPPER] = triangle
+    return np.asarray(matrix + np.triu(matrix, 1).T)
+
+
+def _nees(error: FloatArray, covariance: FloatArray) -> float:
+    whitened = np.linalg.solve(np.linalg.cholesky(covariance), error)
+    return float(whitened @ whitened)
