@@ -8,7 +8,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.trajectory import IntArray
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, NS, Frames
+from sfr_loc_map.metrics.association import NS, Frames
 from sfr_loc_map.metrics.confidence import Grains, interval95
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import Consistency
@@ -39,17 +39,7 @@ class ConditionScore:
         self.given_up = 0
         self._kind = list(KINDS).index(condition.kind)
         self._value = round(condition.value * NS) if condition.kind == "time" else condition.value
-        row, three, four = np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4))
-        self._starts = RowQueue(
-            frame=row,
-            stamp=row,
-            length=np.empty((0, 2)),
-            gt_pos=three,
-            gt_quat=four,
-            est_pos=three,
-            est_quat=four,
-            covariance=np.empty((0, COVARIANCE_SIZE)),
-        )
+        self._starts = RowQueue()
 
     def push(self, frames: Frames, lengths: FloatArray, first_frame: int, config: TrajectoryScoreConfig) -> None:
         """Add frames with their path lengths `(N, 2)`; `first_frame` is the number of the first."""
@@ -63,7 +53,7 @@ class ConditionScore:
             gt_quat=frames.gt_quat[new],
             est_pos=frames.est_pos[new],
             est_quat=frames.est_quat[new],
-            covariance=np.nan if frames.covariance is None else frames.covariance[new],
+            **({} if frames.covariance is None else {"covariance": frames.covariance[new]}),
         )
         ends = find_ends(
             starts["length"],

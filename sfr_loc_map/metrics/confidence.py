@@ -149,10 +149,12 @@ def _figures_of(
 ) -> tuple[FloatArray, FloatArray]:
     width = len(mean)
     means, figures = np.empty((len(first), width)), np.empty(len(first))
+    total = np.empty(until.shape[1])
     for b in range(len(first)):
-        total = np.zeros(until.shape[1])
+        total[:] = 0.0
         for start in first[b]:
-            total += until[start + block] - until[start]
+            for k in range(len(total)):
+                total[k] += until[start + block, k] - until[start, k]
         size, variance = 0.0, 0.0
         for k in range(width):
             offset = total[1 + k] / total[0]

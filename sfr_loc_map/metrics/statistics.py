@@ -66,9 +66,8 @@ class Thinned:
 class RowQueue:
     """Columns of rows that are added at the end and dropped at the front, at constant amortised cost."""
 
-    def __init__(self, **columns: NDArray[Any]) -> None:
-        """Start empty; the columns given say name, type and shape of a row."""
-        self._arrays = {name: np.empty((64, *array.shape[1:]), array.dtype) for name, array in columns.items()}
+    def __init__(self) -> None:
+        self._arrays: dict[str, NDArray[Any]] = {}
         self._first = 0
         self._end = 0
 
@@ -80,9 +79,11 @@ class RowQueue:
         """Return one column as a view that holds until the next change."""
         return self._arrays[name][self._first : self._end]
 
-    def append(self, **columns: NDArray[Any] | float) -> None:
-        """Add rows; a number stands for a whole column, not the first."""
-        added = len(np.atleast_1d(next(iter(columns.values()))))
+    def append(self, **columns: NDArray[Any]) -> None:
+        """Add rows; the first rows say names, types and shapes of the columns, which are the same ever after."""
+        if not self._arrays:
+            self._arrays = {name: np.empty((64, *array.shape[1:]), array.dtype) for name, array in columns.items()}
+        added = len(next(iter(columns.values())))
         size = len(next(iter(self._arrays.values())))
         if self._end + added > size:
             self._move(size if 2 * (len(self) + added) <= size else 2 * (len(self) + added))
