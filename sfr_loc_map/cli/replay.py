@@ -89,7 +89,7 @@ def replay(
 
 def _require_ros() -> None:
     try:
-        import rclpy  # noqa: F401 - only whether it is there
+        from sfr_loc_map.nodes import player  # noqa: F401 - only whether its ROS imports succeed
     except ImportError as error:
         raise MissingExtraError(
             f"sfr replay needs ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"
