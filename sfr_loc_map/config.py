@@ -165,6 +165,8 @@ def _as_type(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any paramete
     if kind is tuple and isinstance(value, (list, tuple)):
         element = type(info.default[0]) if info.default else float
         if element is float and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
+            if any(v != v for v in value):
+                raise ConfigError(f"'{info.name}' holds something that is not a number")
             return tuple(float(v) for v in value)
         if all(isinstance(v, element) for v in value):
             return tuple(value)

@@ -1,0 +1,154 @@
+"""Parameters: declared once, checked, flattened, built again."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import FrozenInstanceError, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfr_loc_map.config import build, flatten, load_yaml, param, parameters
+from sfr_loc_map.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class Matcher:
+    max_disparity: int = param(64, unit="px", doc="Largest disparity.", low=1, high=256)
+    method: str = param("blocks", doc="Way of matching.", choices=("blocks", "pixels"))
+
+
+@dataclass(frozen=True, slots=True)
+class Whole:
+    voxel_m: float = param(0.05, unit="m", doc="Edge of a voxel.", low=0.001)
+    fill: bool = param(False, doc="Close holes.", live=True)
+    ranges_m: tuple[float, ...] = param((1.0, 2.0), unit="m", doc="Bounds of ranges.", low=0.0)
+    labels: tuple[str, ...] = param(("a",), doc="Words.")
+    matcher: Matcher = field(default_factory=Matcher)
+
+
+DEFAULTS = {
+    "voxel_m": 0.05,
+    "fill": False,
+    "ranges_m": (1.0, 2.0),
+    "labels": ("a",),
+    "matcher.max_disparity": 64,
+    "matcher.method": "blocks",
+}
+
+wholes = st.builds(
+    Whole,
+    voxel_m=st.floats(0.001, 1e6),
+    fill=st.booleans(),
+    ranges_m=st.lists(st.floats(0, 1e3), max_size=4).map(tuple),
+    labels=st.lists(st.text(max_size=5), max_size=3).map(tuple),
+    matcher=st.builds(Matcher, max_disparity=st.integers(1, 256), method=st.sampled_from(["blocks", "pixels"])),
+)
+
+
+@given(wholes)
+def test_build_of_flatten_is_the_same(config: Whole) -> None:
+    assert build(Whole, flatten(config)) == config
+
+
+def test_flatten_and_parameters_name_every_value() -> None:
+    assert flatten(Whole()) == DEFAULTS
+    infos = {info.name: info for info in parameters(Whole)}
+    assert {name: info.default for name, info in infos.items()} == DEFAULTS
+    disparity = infos["matcher.max_disparity"]
+    assert (disparity.type, disparity.unit, disparity.low, disparity.high) == (int, "px", 1, 256)
+    assert infos["fill"].live
+    assert not disparity.live
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"matcher.max_disparity": 8}, {"matcher": {"max_disparity": 8}}],
+    ids=["dotted", "nested"],
+)
+def test_nested_names_in_both_forms(values: dict[str, Any]) -> None:
+    assert build(Whole, values) == replace(Whole(), matcher=Matcher(max_disparity=8))
+
+
+def test_whole_numbers_and_lists_are_taken_where_they_mean_the_same() -> None:
+    built = build(Whole, {"voxel_m": 1, "ranges_m": [1, 2.5], "labels": []})
+    assert built == replace(Whole(), voxel_m=1.0, ranges_m=(1.0, 2.5), labels=())
+    assert isinstance(built.voxel_m, float)
+    assert isinstance(built.ranges_m[0], float)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"voxel": 1.0}, "unknown key 'voxel' (did you mean 'voxel_m'?)"),
+        (
+            {"matcher": {"max_dispariti": 3}},
+            "unknown key 'matcher.max_dispariti' (did you mean 'matcher.max_disparity'?)",
+        ),
+        ({"zzz": 1}, "unknown key 'zzz' (known: fill, "),
+        ({"matcher": 3}, "unknown key 'matcher'"),
+        ({"voxel_m": 0.0}, "'voxel_m' is 0.0: must lie in 0.001 .. inf m"),
+        ({"voxel_m": float("nan")}, "'voxel_m' is not a number"),
+        ({"voxel_m": "1.0"}, "'voxel_m' is '1.0': a value of type float is needed"),
+        ({"voxel_m": True}, "'voxel_m' is True: a value of type float is needed"),
+        ({"voxel_m": None}, "'voxel_m' is None"),
+        ({"fill": 1}, "'fill' is 1: a value of type bool is needed"),
+        ({"matcher.max_disparity": 257}, "must lie in 1 .. 256 px"),
+        ({"matcher.max_disparity": 2.0}, "a value of type int is needed"),
+        ({"matcher.max_disparity": True}, "a value of type int is needed"),
+        ({"matcher.method": "block"}, "'matcher.method' is 'block': must be one of blocks, pixels"),
+        ({"ranges_m": [1.0, -1.0]}, "'ranges_m' is -1.0: must lie in 0.0 .. inf m"),
+        ({"ranges_m": [1.0, float("nan")]}, "'ranges_m' holds something that is not a number"),
+        ({"ranges_m": [1.0, "2"]}, "a value of type tuple is needed"),
+        ({"ranges_m": 1.0}, "a value of type tuple is needed"),
+        ({"labels": ["a", 1]}, "a value of type tuple is needed"),
+        ({3: 1}, "unknown key '3'"),
+    ],
+)
+def test_wrong_values_are_one_line_with_the_origin(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(words)) as caught:
+        build(Whole, values, origin="some.yaml")
+    assert str(caught.value).startswith("some.yaml: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_all_that_is_wrong_is_said_at_once() -> None:
+    with pytest.raises(ConfigError, match=r"unknown key 'nope'.*'voxel_m' is.*'matcher.method' is"):
+        build(Whole, {"nope": 1, "voxel_m": -1.0, "matcher": {"method": "x"}})
+
+
+def test_configurations_cannot_be_changed_and_defaults_not_shared() -> None:
+    with pytest.raises(FrozenInstanceError):
+        Whole().voxel_m = 1.0  # type: ignore[misc]
+    with pytest.raises(TypeError, match="tuple"):
+        param([1], doc="A list.")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"a: [1", "not valid YAML"),
+        (b"\xff\xfe\xff", "not valid YAML"),
+        (b"a: \x00", "not valid YAML"),
+        (b"- 1\n- 2", "holds a list: a mapping of names to values is needed"),
+        (b"text", "holds a str"),
+        (b"a: !!python/object:os.system {}", "not valid YAML"),
+    ],
+)
+def test_files_that_are_no_mapping(tmp_path: Path, content: bytes, words: str) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=words) as caught:
+        load_yaml(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_and_empty_files(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cannot read '.*nope.yaml': No such file"):
+        load_yaml(tmp_path / "nope.yaml")
+    (tmp_path / "empty.yaml").write_text("# nothing\n")
+    assert load_yaml(tmp_path / "empty.yaml") == {}

@@ -1,0 +1,103 @@
+"""The direction of imports, read from the syntax trees: nothing is imported here."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import sfr_loc_map
+
+PACKAGE = Path(sfr_loc_map.__file__).parent
+NAME = PACKAGE.name
+ROOT = "package root"
+
+BASE = {ROOT, "errors", "config", "geometry"}
+MIDDLE = {"localisation", "mapping", "metrics", "simulation", "io"}
+ALLOWED: dict[str, set[str]] = {
+    ROOT: set(),
+    "errors": {ROOT},
+    "config": {ROOT, "errors"},
+    "geometry": {ROOT, "errors", "config"},
+    **dict.fromkeys(MIDDLE, BASE),
+    "pipeline": BASE | MIDDLE,
+    "report": BASE | MIDDLE,
+    "nodes": BASE | (MIDDLE - {"simulation"}) | {"pipeline"},
+    "cli": BASE | MIDDLE | {"pipeline", "report", "nodes"},
+}
+ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def layer_of(path: Path) -> str:
+    first = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    return ROOT if first == "__init__" else first
+
+
+def imported(tree: ast.AST) -> set[str]:
+    """Return the dotted names that a module imports, anywhere in it; relative ones begin with a dot."""
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            module = "." * node.level + (node.module or "")
+            names |= {f"{module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Call) and "import_module" in ast.unparse(node.func):
+            names |= {arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)}
+    return names
+
+
+def layers_of(names: set[str]) -> set[str]:
+    """Return the layers of this package among imported names."""
+    found = set()
+    for name in names:
+        head, *rest = name.split(".")
+        if head == NAME:
+            part = rest[0] if rest else ""
+            found.add(part if (PACKAGE / part).is_dir() or (PACKAGE / f"{part}.py").exists() else ROOT)
+    return found
+
+
+def is_ros(name: str) -> bool:
+    head = name.split(".")[0]
+    return head.endswith("_msgs") or head.startswith("rosidl") or head in ROS
+
+
+def relative(path: Path) -> str:
+    return str(path.relative_to(PACKAGE))
+
+
+@pytest.mark.parametrize("path", FILES, ids=relative)
+def test_layer_imports_only_lower_layers(path: Path) -> None:
+    layer = layer_of(path)
+    names = imported(ast.parse(path.read_text(encoding="utf-8")))
+    assert layers_of(names) <= ALLOWED[layer] | {layer}
+    assert not [name for name in names if name.startswith(".")], "imports are absolute"
+    if layer != "nodes":
+        assert not [name for name in names if is_ros(name)], "only nodes imports ROS"
+
+
+def test_every_layer_is_known() -> None:
+    assert {layer_of(path) for path in FILES} == set(ALLOWED)
+
+
+@pytest.mark.parametrize(
+    ("code", "layers", "ros"),
+    [
+        ("import sfr_loc_map.io.bag", {"io"}, False),
+        ("from sfr_loc_map import nodes", {"nodes"}, False),
+        ("from sfr_loc_map import __version__", {ROOT}, False),
+        ("def f():\n    from sfr_loc_map.mapping import mapper", {"mapping"}, False),
+        ("importlib.import_module('sfr_loc_map.report.page')", {"report"}, False),
+        ("if TYPE_CHECKING:\n    from nav_msgs.msg import Odometry", set(), True),
+        ("import rclpy.node", set(), True),
+        ("from rosbags.rosbag2 import Reader", set(), False),
+    ],
+)
+def test_imports_are_seen(code: str, layers: set[str], ros: bool) -> None:
+    names = imported(ast.parse(code))
+    assert layers_of(names) == layers
+    assert any(map(is_ros, names)) == ros
