@@ -28,6 +28,8 @@ TUM_HEADER = "# t x y z qx qy qz qw"
 TUM_SUFFIXES = (".txt", ".tum")
 STAMP_LIMIT = 2**63
 COLUMNS = 8
+LARGE_BYTES = 2_000_000
+"""Files larger than this are read in machine code."""
 
 
 def load_trajectory(path: Path) -> Trajectory:
@@ -41,14 +43,19 @@ def load_trajectory(path: Path) -> Trajectory:
     """
     path = Path(path)
     try:
-        lines = path.read_bytes().splitlines()
+        data = path.read_bytes()
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"cannot read trajectory '{path}': {reason}; give a csv or TUM file") from error
-    header = lines[0].decode("utf-8", "replace").replace(" ", "").lstrip("\ufeff") if lines else ""
+    first = data.split(b"\n", 1)[0]
+    header = first.decode("utf-8", "replace").strip().replace(" ", "").lstrip("\ufeff")
     is_csv = header == CSV_HEADER
     if not is_csv and (path.suffix == ".csv" or header.startswith("stamp_ns")):
         raise InputError(f"'{path}' line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
+    quick = _quick(data[len(first) + 1 :] if is_csv else data, is_csv) if len(data) > LARGE_BYTES else None
+    if quick is not None:
+        return quick
+    lines = data.splitlines()
     numbers = [i for i in range(int(is_csv), len(lines)) if lines[i][:1] not in (b"", b"#") and lines[i].strip()]
     if not numbers:
         raise InputError(f"trajectory '{path}' has no pose: at least one line of eight numbers is needed")
@@ -134,6 +141,22 @@ def check_stamp(stamp_ns: int) -> None:
     """
     if not 0 <= stamp_ns < 2**31 * 1_000_000_000:
         raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are possible")
+
+
+def _quick(data: bytes, is_csv: bool) -> Trajectory | None:
+    """Return the trajectory of a large file of plain form, None if it needs a closer look."""
+    from sfr_loc_map.io.number_text import parse_rows  # compiled code, loaded only where it pays
+
+    table = parse_rows(data, comma=is_csv, decimal_stamps=not is_csv)
+    if table is None:
+        return None
+    stamps, values = table
+    positions, quats = np.ascontiguousarray(values[:, :3]), np.ascontiguousarray(values[:, 3:])
+    try:
+        _check_values(positions, quats)
+    except ValueError:
+        return None
+    return Trajectory(stamps, positions, quat_conjugate(quats) if is_csv else quats)
 
 
 def _parse(rows: list[bytes], is_csv: bool) -> Trajectory:
