@@ -1,0 +1,139 @@
+"""Laws of rotations, compared with scipy and with the defining formulas."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from scipy.spatial.transform import Rotation
+from strategies import axes, matrices, rotvecs, vectors
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.rotation import (
+    matrix_from_quat,
+    matrix_from_rotvec,
+    quat_conjugate,
+    quat_from_matrix,
+    quat_multiply,
+    quat_normalised,
+    quat_rotate,
+    rotvec_from_matrix,
+    skew,
+)
+
+TIGHT = 1e-14
+
+
+@given(rotvecs)
+def test_matrix_of_a_rotation_vector_is_that_of_scipy(rotvec: np.ndarray) -> None:
+    np.testing.assert_allclose(matrix_from_rotvec(rotvec), Rotation.from_rotvec(rotvec).as_matrix(), atol=TIGHT)
+
+
+@given(matrices)
+def test_matrices_are_rotations(matrix: np.ndarray) -> None:
+    np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=TIGHT)
+    assert np.linalg.det(matrix) == pytest.approx(1.0, abs=TIGHT)
+
+
+@given(matrices)
+def test_quaternion_and_matrix_are_there_and_back(matrix: np.ndarray) -> None:
+    quat = quat_from_matrix(matrix)
+    assert np.linalg.norm(quat) == pytest.approx(1.0, abs=TIGHT)
+    assert quat[3] >= 0
+    np.testing.assert_allclose(matrix_from_quat(quat), matrix, atol=TIGHT)
+
+
+@given(rotvecs)
+def test_quaternion_keeps_the_precision_of_small_and_of_half_turns(rotvec: np.ndarray) -> None:
+    angle = float(np.linalg.norm(rotvec))
+    axis = rotvec / angle if angle else np.zeros(3)
+    wanted = np.array([*(axis * sin(angle / 2)), cos(angle / 2)])
+    found = quat_from_matrix(matrix_from_rotvec(rotvec))
+    found = found if found @ wanted > 0 else -found
+    np.testing.assert_allclose(found, wanted, atol=2e-15, rtol=0)
+    if 0 < angle < 1e-3:  # relative to the angle: nothing may be lost near the identity
+        np.testing.assert_allclose(found[:3], wanted[:3], atol=1e-15 * angle + 1e-300, rtol=0)
+
+
+@given(rotvecs)
+def test_log_after_exp(rotvec: np.ndarray) -> None:
+    found = rotvec_from_matrix(matrix_from_rotvec(rotvec))
+    angle = float(np.linalg.norm(rotvec))
+    assert np.linalg.norm(found) <= pi + 1e-15
+    if angle > pi - 1e-7:  # axis and its opposite mean nearly the same
+        found = found if found @ rotvec > 0 else -found
+        np.testing.assert_allclose(found, rotvec, atol=3e-7)
+    else:
+        np.testing.assert_allclose(found, rotvec, atol=1e-14 + 1e-14 * angle)
+
+
+@given(axes)
+def test_log_of_an_exact_half_turn_is_pi_long(axis: np.ndarray) -> None:
+    half_turn = 2.0 * np.outer(axis, axis) - np.eye(3)
+    found = rotvec_from_matrix(half_turn)
+    assert np.linalg.norm(found) == pytest.approx(pi, abs=1e-14)
+    np.testing.assert_allclose(np.abs(found @ axis), pi, atol=1e-14)
+
+
+@given(matrices, matrices)
+def test_product_of_quaternions_is_that_of_matrices(a: np.ndarray, b: np.ndarray) -> None:
+    product = quat_multiply(quat_from_matrix(a), quat_from_matrix(b))
+    np.testing.assert_allclose(matrix_from_quat(product), a @ b, atol=TIGHT)
+
+
+@given(matrices)
+def test_conjugate_is_the_inverse_and_its_own_inverse(matrix: np.ndarray) -> None:
+    quat = quat_from_matrix(matrix)
+    np.testing.assert_allclose(matrix_from_quat(quat_conjugate(quat)), matrix.T, atol=TIGHT)
+    assert quat_conjugate(quat_conjugate(quat)).tobytes() == quat.tobytes()
+    np.testing.assert_allclose(quat_multiply(quat, quat_conjugate(quat)), [0, 0, 0, 1], atol=TIGHT)
+
+
+@given(matrices, vectors)
+def test_rotating_by_quaternion_and_by_matrix(matrix: np.ndarray, vector: np.ndarray) -> None:
+    np.testing.assert_allclose(quat_rotate(quat_from_matrix(matrix), vector), matrix @ vector, atol=1e-12)
+
+
+@given(vectors, vectors)
+def test_skew_is_the_cross_product(a: np.ndarray, b: np.ndarray) -> None:
+    np.testing.assert_allclose(skew(a) @ b, np.cross(a, b), atol=1e-11)
+
+
+def test_golden_quarter_turn() -> None:
+    # A quarter turn about z takes x to y; its quaternion is sin 45 deg about z, cos 45 deg, scalar last.
+    half = sqrt(0.5)
+    np.testing.assert_allclose(matrix_from_quat([0, 0, half, half]) @ [1, 0, 0], [0, 1, 0], atol=TIGHT)
+    np.testing.assert_allclose(matrix_from_rotvec([0, 0, pi / 2]), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=TIGHT)
+    np.testing.assert_allclose(quat_from_matrix([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), [0, 0, half, half], atol=TIGHT)
+
+
+def test_quaternion_is_normalised_and_both_signs_mean_the_same() -> None:
+    matrix = matrix_from_quat([0.2, -0.4, 0.6, 1.0])
+    np.testing.assert_allclose(matrix_from_quat([2.0, -4.0, 6.0, 10.0]), matrix, atol=TIGHT)
+    np.testing.assert_allclose(matrix_from_quat([-0.2, 0.4, -0.6, -1.0]), matrix, atol=TIGHT)
+
+
+def test_a_stack_is_worked_on_as_its_parts() -> None:
+    quats = np.random.default_rng(3).normal(size=(50, 4))
+    stack = matrix_from_quat(quats)
+    assert stack.shape == (50, 3, 3)
+    for quat, matrix in zip(quats, stack, strict=True):
+        assert matrix_from_quat(quat).tobytes() == matrix.tobytes()
+    again = quat_from_matrix(stack)
+    for quat, matrix in zip(again, stack, strict=True):
+        assert quat_from_matrix(matrix).tobytes() == quat.tobytes()
+    vectors_in = np.random.default_rng(4).normal(size=(50, 3))
+    np.testing.assert_allclose(
+        quat_rotate(again, vectors_in), np.einsum("nij,nj->ni", stack, vectors_in), atol=TIGHT * 10
+    )
+
+
+@pytest.mark.parametrize("quat", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 1], [1e-20, 0, 0, 0]])
+def test_no_rotation_in_these_numbers(quat: list[float]) -> None:
+    for function in (quat_normalised, matrix_from_quat):
+        with pytest.raises(GeometryError, match="no length or is not finite"):
+            function(quat)
+        with pytest.raises(GeometryError, match="no length or is not finite"):
+            function([[0, 0, 0, 1], quat])

@@ -1,0 +1,91 @@
+"""The rig: its frames worked out by hand, and its checks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import transforms
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+
+RIG = StereoRig(640, 480, 500.0, 510.0, 319.5, 239.5, 0.12)
+
+
+def test_left_camera_in_the_stereo_bench() -> None:
+    # Optical z (forward) is x of SB, optical x (right) is -y, optical y (down) is -z; the left camera sits at
+    # +baseline / 2 along y, as y runs from the right to the left centre [3.2.3].
+    T_sb_left = RIG.T_sb_left
+    np.testing.assert_array_equal(T_sb_left.translation, [0, 0.06, 0])
+    np.testing.assert_array_equal(T_sb_left.apply([0, 0, 2]), [2, 0.06, 0])
+    np.testing.assert_array_equal(T_sb_left.apply([1, 0, 0]), [0, 0.06 - 1, 0])
+    np.testing.assert_array_equal(T_sb_left.apply([0, 1, 0]), [0, 0.06, -1])
+    # The right camera, one baseline to the right of the left, sits at -baseline / 2.
+    np.testing.assert_allclose(T_sb_left.apply([0.12, 0, 0]), [0, -0.06, 0], atol=1e-17)
+    assert np.linalg.det(T_sb_left.rotation) == pytest.approx(1.0)
+
+
+@given(transforms, st.floats(0.05, 2.0))
+def test_left_camera_in_the_rover(T_rb_sb: Transform, baseline_m: float) -> None:
+    rig = replace(RIG, baseline_m=baseline_m, T_rb_sb=T_rb_sb)
+    # Origin and forward direction from their definitions: half a baseline along y of SB, and x of SB.
+    np.testing.assert_allclose(rig.T_rb_left.apply([0, 0, 0]), T_rb_sb.apply([0, baseline_m / 2, 0]), atol=1e-13)
+    np.testing.assert_allclose(rig.T_rb_left.rotation @ [0, 0, 1], T_rb_sb.rotation @ [1, 0, 0], atol=1e-14)
+
+
+def test_pixels_by_the_camera_matrix() -> None:
+    # A point 2 m ahead, 0.2 m right and 0.1 m down: u = 500 * 0.1 + 319.5, v = 510 * 0.05 + 239.5.
+    u, v, w = RIG.k @ [0.2, 0.1, 2.0] / 2.0
+    assert (u, v, w) == pytest.approx((369.5, 265.0, 1.0))
+
+
+def test_place_on_the_rover_must_be_known() -> None:
+    with pytest.raises(GeometryError, match="T_rb_locsb"):
+        _ = RIG.T_rb_left
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"width": 0},
+        {"height": -1},
+        {"fx": 0.0},
+        {"fy": float("nan")},
+        {"cx": float("inf")},
+        {"baseline_m": 0.0},
+        {"baseline_m": -0.1},
+        {"baseline_m": float("inf")},
+    ],
+)
+def test_rigs_that_cannot_be(changes: dict[str, Any]) -> None:
+    with pytest.raises(GeometryError, match="rig needs"):
+        replace(RIG, **changes)
+
+
+def test_same_cameras_whatever_the_place() -> None:
+    assert RIG.same_cameras(replace(RIG, T_rb_sb=Transform.identity()))
+    for changes in ({"width": 641}, {"fx": 501.0}, {"cy": 0.0}, {"baseline_m": 0.13}):
+        assert not RIG.same_cameras(replace(RIG, **changes))
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "words"),
+    [
+        (
+            np.zeros((4, 5), np.uint8),
+            np.zeros((4, 6), np.uint8),
+            r"stamp 7 differ in size: left \(5, 4\), right \(6, 4\)",
+        ),
+        (np.zeros((4, 5), np.uint16), np.zeros((4, 5), np.uint8), "left image of stamp 7 is uint16"),
+        (np.zeros((4, 5), np.uint8), np.zeros((4, 5, 3), np.uint8), "right image of stamp 7"),
+    ],
+)
+def test_pairs_that_are_none(left: np.ndarray, right: np.ndarray, words: str) -> None:
+    with pytest.raises(GeometryError, match=words):
+        StereoPair(7, left, right)

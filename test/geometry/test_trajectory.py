@@ -1,0 +1,79 @@
+"""Stamped poses: what is kept, and what is refused."""
+
+from __future__ import annotations
+
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import transforms
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.rotation import matrix_from_quat
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+
+
+def made(count: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(1)
+    return np.arange(count, dtype=np.int64) * 10, rng.normal(size=(count, 3)), rng.normal(size=(count, 4))
+
+
+@given(st.lists(st.tuples(st.integers(-(2**63), 2**63 - 1), transforms), max_size=5))
+def test_poses_come_back(stamped: list[tuple[int, Transform]]) -> None:
+    trajectory = Trajectory.from_poses(stamped)
+    assert len(trajectory) == len(stamped)
+    assert trajectory.stamps_ns.dtype == np.int64
+    assert trajectory.stamps_ns.tolist() == [stamp for stamp, _ in stamped]
+    for index, (_, pose) in enumerate(stamped):
+        np.testing.assert_allclose(trajectory.pose(index).matrix, pose.matrix, atol=1e-13)
+
+
+def test_golden_attitude_is_the_conjugate() -> None:
+    # Heading 90 deg to the left: ROS orientation (0, 0, sin 45, cos 45), att_q_DsToRb (0, 0, -sin 45, cos 45).
+    s, c = sin(radians(45)), cos(radians(45))
+    trajectory = Trajectory(np.array([5]), np.zeros((1, 3)), np.array([[0, 0, s, c]]))
+    assert trajectory.att_q_ds_to_rb.tolist() == [[0, 0, -s, c]]
+    # It turns the components (0, 1, 0) in DS of the rover's forward direction into (1, 0, 0) in RB.
+    np.testing.assert_allclose(matrix_from_quat(trajectory.att_q_ds_to_rb[0]) @ [0, 1, 0], [1, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(trajectory.pose(0).rotation @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+
+
+def test_values_are_kept_as_given() -> None:
+    stamps, positions, quats = made()
+    stamps = stamps[::-1].copy()
+    trajectory = Trajectory(stamps, positions, quats)
+    assert trajectory.stamps_ns.tolist() == [20, 10, 0]
+    assert trajectory.quats_xyzw.tobytes() == quats.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("part", "index", "value"),
+    [(1, (1, 2), np.nan), (1, (1, 0), np.inf), (2, (1, 3), np.nan), (2, (1, 0), -np.inf), (2, 1, 0.0)],
+)
+def test_first_bad_pose_is_named(part: int, index: tuple[int, int] | int, value: float) -> None:
+    arrays = made()
+    arrays[part][index] = value
+    with pytest.raises(GeometryError, match=r"pose 1 \(stamp 10\).*1 of 3"):
+        Trajectory(*arrays)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s, p, q: (s[:2], p, q),
+        lambda s, p, q: (s, p[:, :2], q),
+        lambda s, p, q: (s, p, q[:, :3]),
+        lambda s, p, q: (s[:, None], p, q),
+        lambda s, p, q: (s, p[:2], q[:2]),
+    ],
+)
+def test_shapes_that_do_not_agree(change: object) -> None:
+    with pytest.raises(GeometryError, match="shapes"):
+        Trajectory(*change(*made()))  # type: ignore[operator]
+
+
+def test_no_pose_at_all() -> None:
+    assert len(Trajectory.empty()) == len(Trajectory.from_poses([])) == 0

@@ -1,0 +1,119 @@
+"""Laws of rigid motions, and the trap between the orientation of ROS and `att_q`."""
+
+from __future__ import annotations
+
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+from hypothesis import given
+from strategies import matrices, transforms, vectors
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_from_matrix
+from sfr_loc_map.geometry.transform import Transform
+
+CLOSE = 1e-11
+
+
+@given(transforms)
+def test_inverse(T_a_b: Transform) -> None:
+    for product in (T_a_b @ T_a_b.inverse(), T_a_b.inverse() @ T_a_b):
+        np.testing.assert_allclose(product.matrix, np.eye(4), atol=CLOSE)
+    np.testing.assert_allclose(T_a_b.inverse().inverse().matrix, T_a_b.matrix, atol=CLOSE)
+
+
+@given(transforms, transforms, transforms)
+def test_associative(T_a_b: Transform, T_b_c: Transform, T_c_d: Transform) -> None:
+    one, two = (T_a_b @ T_b_c) @ T_c_d, T_a_b @ (T_b_c @ T_c_d)
+    np.testing.assert_allclose(one.matrix, two.matrix, atol=CLOSE)
+
+
+@given(transforms, transforms)
+def test_inverse_of_a_product(T_a_b: Transform, T_b_c: Transform) -> None:
+    np.testing.assert_allclose((T_a_b @ T_b_c).inverse().matrix, (T_b_c.inverse() @ T_a_b.inverse()).matrix, atol=CLOSE)
+
+
+@given(transforms, transforms, vectors)
+def test_apply_is_the_homogeneous_matrix_one_after_the_other(T_a_b: Transform, T_b_c: Transform, c: np.ndarray) -> None:
+    wanted = (T_a_b.matrix @ T_b_c.matrix @ [*c, 1.0])[:3]
+    np.testing.assert_allclose(T_a_b.apply(T_b_c.apply(c)), wanted, atol=CLOSE)
+    np.testing.assert_allclose((T_a_b @ T_b_c).apply(c), wanted, atol=CLOSE)
+
+
+@given(transforms)
+def test_apply_to_any_stack_of_points(T_a_b: Transform) -> None:
+    points = np.random.default_rng(0).normal(size=(4, 5, 3))
+    found = T_a_b.apply(points)
+    assert found.shape == points.shape
+    np.testing.assert_allclose(found[2, 3], T_a_b.apply(points[2, 3]), atol=CLOSE)
+
+
+@given(matrices, vectors)
+def test_origin_and_attitude_of_the_source_document(matrix: np.ndarray, origin: np.ndarray) -> None:
+    # att_q_AToB turns components in A into components in B: it rotates as the transpose of T_a_b does.
+    T_a_b = Transform.from_origin_and_attitude(origin, quat_from_matrix(matrix.T))
+    np.testing.assert_allclose(T_a_b.rotation, matrix, atol=1e-14)
+    np.testing.assert_array_equal(T_a_b.apply([0, 0, 0]), origin)
+
+
+def test_golden_conjugate_trap() -> None:
+    # The rover at (1, 2, 0) m looks along the y axis of DS: turned left by 90 deg about z, seen from above.
+    # A rock 3 m ahead of it, at (3, 0, 0) in RB, lies at (1, 5, 0) in DS.
+    # ROS orientation of RB in DS: +90 deg about z = (0, 0, sin 45, cos 45).
+    # att_q_DsToRb takes the direction "y of DS" to "x of RB": -90 deg about z = (0, 0, -sin 45, cos 45).
+    s, c = sin(radians(45)), cos(radians(45))
+    ros = Transform.from_quat([1, 2, 0], [0, 0, s, c])
+    att = Transform.from_origin_and_attitude([1, 2, 0], [0, 0, -s, c])
+    wrong = Transform.from_quat([1, 2, 0], [0, 0, -s, c])
+    np.testing.assert_allclose(ros.apply([3, 0, 0]), [1, 5, 0], atol=1e-15)
+    np.testing.assert_allclose(att.apply([3, 0, 0]), [1, 5, 0], atol=1e-15)
+    np.testing.assert_allclose(wrong.apply([3, 0, 0]), [1, -1, 0], atol=1e-15)
+    np.testing.assert_allclose(quat_conjugate(att.quat_xyzw), [0, 0, -s, c], atol=1e-15)
+    np.testing.assert_allclose(ros.inverse().rotation @ [0, 1, 0], [1, 0, 0], atol=1e-15)
+
+
+def test_golden_unequal_angles() -> None:
+    # 30 deg about x: y goes to (0, cos 30, sin 30); then 10 m along x.
+    T_a_b = Transform.from_quat([10, 0, 0], [sin(radians(15)), 0, 0, cos(radians(15))])
+    np.testing.assert_allclose(T_a_b.apply([0, 2, 0]), [10, np.sqrt(3), 1], atol=1e-15)
+    np.testing.assert_allclose(T_a_b.inverse().apply([10, np.sqrt(3), 1]), [0, 2, 0], atol=1e-15)
+
+
+def test_quaternion_given_is_written_again_and_none_is_made_up() -> None:
+    given_quat = [0.1, -0.2, 0.3, -2.0]
+    assert Transform.from_quat([0, 0, 0], given_quat).file_quat_xyzw.tolist() == given_quat
+    att = Transform.from_origin_and_attitude([0, 0, 0], given_quat)
+    assert quat_conjugate(att.file_quat_xyzw).tolist() == given_quat
+    product = Transform.identity() @ att
+    assert product.given_quat_xyzw is None
+    assert product.file_quat_xyzw.tolist() == product.quat_xyzw.tolist()
+
+
+def test_values_are_not_shared_with_the_caller() -> None:
+    place, quat = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+    pose = Transform.from_quat(place, quat)
+    place[0], quat[0] = 5.0, 5.0
+    np.testing.assert_array_equal(pose.matrix, np.eye(4))
+    assert pose.file_quat_xyzw.tolist() == [0, 0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("rotation", "translation", "words"),
+    [
+        (np.eye(4), np.zeros(3), r"\(4, 4\)"),
+        (np.eye(3), np.zeros(4), r"\(4,\)"),
+        (np.full((3, 3), np.nan), np.zeros(3), "not finite"),
+        (np.eye(3), np.array([0, np.inf, 0]), "not finite"),
+    ],
+)
+def test_what_is_no_transform_is_refused(rotation: np.ndarray, translation: np.ndarray, words: str) -> None:
+    with pytest.raises(GeometryError, match=words):
+        Transform(rotation, translation)
+
+
+def test_from_quat_refuses_what_is_no_rotation() -> None:
+    with pytest.raises(GeometryError, match="no length"):
+        Transform.from_quat([0, 0, 0], [0, 0, 0, 0])
+    with pytest.raises(GeometryError, match="not finite"):
+        Transform.from_quat([0, np.nan, 0], [0, 0, 0, 1])
