@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,6 +34,10 @@ def score(
     limits: LimitsOption = None,
     stats: Annotated[
         list[Path] | None, typer.Option(help="CSV with the calls (time, memory, state, covariance); repeatable.")
+    ] = None,
+    target: Annotated[str | None, typer.Option(help="Name of the target that --target-timing was measured on.")] = None,
+    target_timing: Annotated[
+        Path | None, typer.Option(help="CSV with calls on the target: processing_time_s, state, peak_rss_bytes.")
     ] = None,
     associate: Annotated[str, typer.Option(help="Truth of an estimate: auto, match or interpolate.")] = "auto",
     max_gap: Annotated[float, typer.Option(help="Longest gap of the truth that is interpolated, s.")] = 1.0,
@@ -65,7 +70,10 @@ def score(
     if condition:
         values["trajectory.conditions"] = tuple(condition)
     config: ScoreConfig = build(ScoreConfig, values, origin="options")
-    result = score_files(ScoreInputs.of(estimate, truth, stats or ()), config, parsed_limits, fused=fused)
+    if (target is None) != (target_timing is None):
+        raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
+    inputs = replace(ScoreInputs.of(estimate, truth, stats or ()), target=target_timing, target_name=target or "")
+    result = score_files(inputs, config, parsed_limits, fused=fused)
     present(result, json_path, html)
 
 
@@ -121,6 +129,8 @@ def score_tables(result: dict[str, Any]) -> list[Any]:
         tables.append(_map_table(result["map"]))
     if result.get("timing") or result.get("memory"):
         tables.append(_calls_table(result.get("timing", {}), result.get("memory", {})))
+    if "target" in result:
+        tables.append(_calls_table(result["target"]["timing"], result["target"]["memory"]))
     if result.get("verdicts"):
         tables.append(_verdict_table(result["verdicts"]))
     if not tables:

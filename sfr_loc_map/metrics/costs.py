@@ -62,6 +62,21 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK) -> dict[str, Any]:
     return {"timing": timing, "memory": memory, "details": {"calls": details}}
 
 
+def score_target(calls: Calls, name: str) -> dict[str, Any]:
+    """Return the part `target` of the score: calls that were measured elsewhere, under that place's name.
+
+    They stand apart from the host's figures, and none of both is shown under the other's name.
+
+    Args:
+        calls: Calls as measured there.
+        name: Name of the target.
+    """
+    parts = score_calls(calls, clock=name)
+    memory = parts["memory"] | {"method": f"as measured on {name}"}
+    known = any(isinstance(value, int) for value in memory.values())
+    return {"target": {"name": name, "timing": parts["timing"], "memory": memory if known else {}}}
+
+
 def merge_parts(*parts: Mapping[str, Any]) -> dict[str, Any]:
     """Return parts of a score together; parts of one name are merged, one level down."""
     merged: dict[str, Any] = {}

@@ -14,6 +14,8 @@ optional; nothing is limited unless the file says so.
       localisation_p95_s: 0.5
     memory:                               # {localisation,mapping}_{peak,above_idle}_bytes
       mapping_peak_bytes: 1000000000
+    target:                               # the keys of timing and memory, for calls measured on the target
+      localisation_p95_s: 2.0
 """
 
 from __future__ import annotations
@@ -54,7 +56,14 @@ MEMORY_KEYS: dict[str, Place] = {
     for name in ("localisation", "mapping")
     for kind in ("peak", "above_idle")
 }
-PARTS: dict[str, dict[str, Place]] = {"map": MAP_KEYS, "timing": TIMING_KEYS, "memory": MEMORY_KEYS}
+TARGET_KEYS: dict[str, Place] = {key: ("timing", *place) for key, place in TIMING_KEYS.items()}
+TARGET_KEYS |= {key: ("memory", *place) for key, place in MEMORY_KEYS.items()}
+PARTS: dict[str, dict[str, Place]] = {
+    "map": MAP_KEYS,
+    "timing": TIMING_KEYS,
+    "memory": MEMORY_KEYS,
+    "target": TARGET_KEYS,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +71,7 @@ class Limit:
     """One limit.
 
     Attributes:
-        part: `trajectory`, `map`, `timing` or `memory`.
+        part: `trajectory`, `map`, `timing`, `memory` or `target`.
         key: Its key in the file.
         limit: Bound in the unit of the key.
         condition: Condition of the sub-trajectories; None outside `trajectory`.
@@ -179,7 +188,8 @@ def verdicts(limits: Limits, score: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _verdict(limit: Limit, minimum: int, score: Mapping[str, Any]) -> dict[str, Any]:
     block, place = _block_of(limit, score)
     value, count, interval = _look_up(block, place)
-    head: dict[str, Any] = {"metric": limit.key, "limit": limit.limit, "value": value, "ci95": interval}
+    metric = f"target {limit.key}" if limit.part == "target" else limit.key
+    head: dict[str, Any] = {"metric": metric, "limit": limit.limit, "value": value, "ci95": interval}
     if limit.condition is not None:
         head["condition"] = limit.condition.as_dict()
     head |= {"count": count, "verdict": NOT_ENOUGH, "certain": None}

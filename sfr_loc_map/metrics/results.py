@@ -10,7 +10,7 @@ from typing import Any
 from sfr_loc_map.metrics.limits import FAIL, Limits, verdicts
 
 SCHEMA = "sfr-score/1"
-PARTS = ("trajectory", "map", "timing", "memory")
+PARTS = ("trajectory", "map", "timing", "memory", "target")
 
 
 def build_score(
@@ -19,7 +19,7 @@ def build_score(
     """Return the score with its verdicts, in the order of the schema; parts that are absent or empty are left out.
 
     Args:
-        parts: `trajectory`, `map`, `timing`, `memory`, `details`, as far as they are there.
+        parts: `trajectory`, `map`, `timing`, `memory`, `target`, `details`, as far as they are there.
         limits: Limits to judge by.
         provenance: Versions, inputs with hashes, configuration, time.
     """

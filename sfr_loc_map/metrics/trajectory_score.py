@@ -19,6 +19,8 @@ from sfr_loc_map.metrics.sub_trajectories import Condition, path_lengths
 PATH_ROWS = 2000
 """Frames that are kept for figures."""
 CHUNK_FRAMES = 65536
+POSITION_VARIANCES = (0, 6, 11)
+"""Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
 LADDER_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Distances of the error against distance travelled."""
 LADDER_SPACING = 10
@@ -45,7 +47,7 @@ class TrajectoryScore:
         self._last = np.full(3, np.nan)
         self._first_stamp_ns: int | None = None
         self._last_stamp_ns: int | None = None
-        self._path = Thinned(8, PATH_ROWS)
+        self._path = Thinned(11, PATH_ROWS)
         self._path_stamps = Thinned(1, PATH_ROWS, np.int64)
         self._path_lost = Thinned(1, PATH_ROWS, np.bool_)
 
@@ -68,7 +70,7 @@ class TrajectoryScore:
         if self._first_stamp_ns is None:
             self._first_stamp_ns = int(frames.stamps_ns[0])
         self._last_stamp_ns = int(frames.stamps_ns[-1])
-        self._path.push(np.column_stack((frames.gt_pos, frames.est_pos, lengths)))
+        self._path.push(np.column_stack((frames.gt_pos, frames.est_pos, lengths, _position_sigmas(frames))))
         self._path_stamps.push(frames.stamps_ns[:, None])
         self._path_lost.push(frames.lost[:, None])
 
@@ -106,7 +108,17 @@ class TrajectoryScore:
         for k, name in enumerate(("truth_x", "truth_y", "truth_z", "estimate_x", "estimate_y", "estimate_z")):
             path[name + "_m"] = rounded(rows[:, k])
         path["lost"] = self._path_lost.rows[:, 0].tolist()
+        if np.isfinite(rows[:, 8:]).any():
+            path |= {f"sigma_{axis}_m": rounded(rows[:, 8 + k]) for k, axis in enumerate("xyz")}
         return {"path": path, "sub_trajectories": [condition.details() for condition in self._conditions]}
+
+
+def _position_sigmas(frames: Frames) -> FloatArray:
+    """Return sigma of x, y and z `(N, 3)` that the covariances say, m, NaN where they are not known."""
+    if frames.covariance is None:
+        return np.full((len(frames), 3), np.nan)
+    variances = frames.covariance[:, POSITION_VARIANCES]
+    return np.sqrt(np.where(variances >= 0.0, variances, np.nan))
 
 
 def score_trajectory(estimates: Estimates, truth: Trajectory, config: TrajectoryScoreConfig) -> dict[str, Any]:

@@ -43,11 +43,15 @@ class CallStats:
         return np.array([unknown if row is None else self.covariance[row] for row in chosen]).reshape(-1, 21)
 
 
-def load_call_stats(path: Path) -> CallStats:
-    """Read the file; columns are found by name, all but `stamp_ns` are optional, others are ignored.
+def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
+    """Read the file; columns are found by name, all but one are optional, others are ignored.
+
+    Args:
+        path: The file.
+        needed: Column that must be there. Without `stamp_ns` the calls are numbered.
 
     Raises:
-        InputError: If it cannot be read, has no `stamp_ns`, or a number in it is none; names the line.
+        InputError: If it cannot be read, has not the column, or a number in it is none; names the line.
     """
     try:
         with path.open(newline="", encoding="utf-8") as stream:
@@ -55,9 +59,9 @@ def load_call_stats(path: Path) -> CallStats:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot read statistics '{path}': {reason}; give a CSV with one row for each call") from error
-    if not rows or "stamp_ns" not in rows[0]:
+    if not rows or needed not in rows[0]:
         found = ", ".join(list(rows[0])[:5]) if rows else "no row"
-        raise InputError(f"statistics '{path}' need a column stamp_ns and at least one row: found {found}")
+        raise InputError(f"statistics '{path}' need a column {needed} and at least one row: found {found}")
     seconds = _column(path, rows, "processing_time_s")
     calls = Calls(
         _stamps(path, rows),
@@ -73,6 +77,8 @@ def load_call_stats(path: Path) -> CallStats:
 
 
 def _stamps(path: Path, rows: list[dict[str, str]]) -> IntArray:
+    if "stamp_ns" not in rows[0]:
+        return np.arange(len(rows), dtype=np.int64)
     try:
         return np.array([int(row["stamp_ns"]) for row in rows], np.int64)
     except (TypeError, ValueError, OverflowError) as error:

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
 from sfr_loc_map.metrics.cloud_truth import PairTruth, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.costs import merge_parts, score_calls
+from sfr_loc_map.metrics.costs import merge_parts, score_calls, score_target
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.results import build_score
 from sfr_loc_map.metrics.sub_trajectories import Condition
@@ -46,6 +46,8 @@ class ScoreInputs:
         cloud: Cloud file.
         map_truth: Source with mapping pairs and their truth.
         stats: CSV files with the calls of localiser and mapper.
+        target: CSV file with calls that were measured on a target.
+        target_name: Name of the target.
     """
 
     estimate: Path | None = None
@@ -53,6 +55,8 @@ class ScoreInputs:
     cloud: Path | None = None
     map_truth: Path | None = None
     stats: tuple[Path, ...] = ()
+    target: Path | None = None
+    target_name: str = ""
 
     @classmethod
     def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] = ()) -> ScoreInputs:
@@ -79,6 +83,9 @@ def score_files(
     config = with_conditions(config, limits)
     stats = [load_call_stats(path) for path in inputs.stats]
     parts: list[dict[str, Any]] = [score_calls(item.calls) for item in stats]
+    if inputs.target is not None:
+        calls = load_call_stats(inputs.target, needed="processing_time_s").calls
+        parts.append(score_target(calls, inputs.target_name))
     if inputs.estimate is not None and inputs.truth is not None:
         estimates = load_estimates(inputs.estimate, stats)
         parts.append(score_trajectory(estimates, load_truth(inputs.truth), config.trajectory))
@@ -189,6 +196,7 @@ def load_map_truth(path: Path) -> list[PairTruth]:
 def provenance(inputs: ScoreInputs, config: ScoreConfig) -> dict[str, Any]:
     """Return what the score was made of: version, inputs with hashes, settings, host, time."""
     named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
+    named["target"] = inputs.target
     named |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
     return {
         "version": __version__,

@@ -91,6 +91,23 @@ def test_statistics_bring_lost_flags_times_and_memory(
     assert score["memory"]["localisation_above_idle_bytes"] is None
 
 
+def test_times_of_a_target_stand_under_its_name(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target, limits = tmp_path / "target.csv", tmp_path / "limits.yaml"
+    target.write_text("processing_time_s,peak_rss_bytes\n1.5,1000\n2.5,3000\n")
+    limits.write_text("target:\n  localisation_max_s: 2.0\n  localisation_peak_bytes: 5000\n")
+    arguments = ("--target", "GR740", "--target-timing", target, "--limits", limits, "--json", tmp_path / "s.json")
+    assert run(monkeypatch, "score", *files, *arguments) == 1
+    score = json.loads((tmp_path / "s.json").read_text())
+    assert "timing" not in score
+    assert score["target"]["name"] == "GR740"
+    assert score["target"]["timing"]["localisation_s"]["clock"] == "GR740"
+    assert [item["verdict"] for item in score["verdicts"]] == ["fail", "pass"]
+    assert "clock: GR740" in capsys.readouterr().out
+    assert run(monkeypatch, "score", *files, "--target-timing", target) == 2
+
+
 @pytest.fixture
 def nav_set(tmp_path: Path) -> tuple[Path, PointCloud]:
     """A data set with one pair that looks at a wall 5 m away, and the cloud of the wall at 5.1 m."""
