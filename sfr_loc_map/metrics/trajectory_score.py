@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import NS, AssociationCounts, Estimates, Frames, associate
 from sfr_loc_map.metrics.condition_score import ConditionScore, rounded

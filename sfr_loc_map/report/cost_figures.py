@@ -27,10 +27,11 @@ def cost_figures(score: Mapping[str, Any]) -> list[Plot]:
     for kind, calls in (dig(score, "details.calls") or {}).items():
         clock = "host time" if str(dig(score, f"timing.{kind}_s.clock") or "").startswith("host") else "time"
         edges, counts = (dig(calls, f"histogram.{name}") or [] for name in ("edges_s", "counts"))
-        if sum(counts) >= MIN_HISTOGRAM:
+        histogram = sum(counts) >= MIN_HISTOGRAM
+        if histogram:
             figures.append(_histogram(score, kind, clock, edges, counts))
         if len(dig(calls, "series.stamp_ns") or []) > 1:
-            figures.append(_timeline(score, kind, clock, calls["series"]))
+            figures.append(_timeline(kind, clock, calls["series"], "half" if histogram else "full"))
     return figures
 
 
@@ -64,7 +65,7 @@ def _histogram(score: Mapping[str, Any], kind: str, clock: str, edges: list[floa
     return Plot(f"{kind}-histogram", f"Time per call: {kind}", clock_text(score), data, layout)
 
 
-def _timeline(score: Mapping[str, Any], kind: str, clock: str, series: Mapping[str, Any]) -> Plot:
+def _timeline(kind: str, clock: str, series: Mapping[str, Any], width: str) -> Plot:
     at = seconds_since(series["stamp_ns"])
     times, peaks = column(series, "processing_time_s"), column(series, "peak_rss_bytes")
     states = series.get("state") or []
@@ -84,7 +85,7 @@ def _timeline(score: Mapping[str, Any], kind: str, clock: str, series: Mapping[s
     if any(peak is not None for peak in peaks):
         data.append(line("peak memory", (at, scaled(peaks, 1 / MIB)), "@three", yaxis="y2"))
         layout["grid"] = {"rows": 2, "columns": 1, "pattern": "coupled", "ygap": 0.14}
-        layout["yaxis2"] = axis("peak resident memory, MiB")
+        layout["yaxis2"] = axis("peak memory, MiB")
     block = series.get("slowest_of", 1)
-    caption = "Each call in turn." if block == 1 else f"The slowest of every {block} calls."
-    return Plot(f"{kind}-timeline", f"Time and memory by call: {kind}", caption, data, layout, height=440)
+    caption = "Each call in turn; memory: resident." if block == 1 else f"The slowest of every {block} calls."
+    return Plot(f"{kind}-timeline", f"Time and memory by call: {kind}", caption, data, layout, height=440, width=width)

@@ -16,7 +16,8 @@ LAW_STEPS = 40
 
 def map_figures(score: Mapping[str, Any]) -> list[Plot]:
     """Return the figures of the map, as far as the score has their data."""
-    figures = [_image(item) for item in dig(score, "details.map.error_images") or []]
+    images = dig(score, "details.map.error_images") or []
+    figures = [_image(item, "third" if len(images) % 3 == 0 else "half") for item in images]
     if dig(score, "map.by_range"):
         figures.append(_over_range(score))
     cloud = dig(score, "details.map.cloud")
@@ -38,7 +39,7 @@ def _log_bar(values: list[float | None]) -> dict[str, Any]:
     return {"colorscale": "@sequential", "colorbar": bar, "low": low, "high": max(high, low + 0.1)}
 
 
-def _image(item: Mapping[str, Any]) -> Plot:
+def _image(item: Mapping[str, Any], width: str) -> Plot:
     block, rows = item["block_px"], item["error_0p1mm"]
     z = [[_logarithm(value / 10) for value in row] for row in rows]
     colors = _log_bar([value for row in z for value in row])
@@ -64,7 +65,7 @@ def _image(item: Mapping[str, Any]) -> Plot:
     }
     title = f"Point error over the picture of pair {item['pair']}"
     caption = f"Mean of blocks of {block} x {block} pixels; blank where there is no point with a truth."
-    return Plot(f"image-{item['pair']}", title, caption, [heat], layout, height=460)
+    return Plot(f"image-{item['pair']}", title, caption, [heat], layout, height=340, width=width)
 
 
 def _over_range(score: Mapping[str, Any]) -> Plot:
@@ -90,7 +91,8 @@ def _over_range(score: Mapping[str, Any]) -> Plot:
         data.append(line(name, (x, y), color, dash=dash, width=3))
     data += _law(score, low_edge)
     layout = {
-        "xaxis": log_axis("range from the left camera, m", low_edge, bins[-1]["to_m"]),
+        "xaxis": log_axis("range from the left camera, m", low_edge, bins[-1]["to_m"])
+        | {"range": [math.log10(0.75 * low_edge), math.log10(1.1 * bins[-1]["to_m"])]},
         "yaxis": log_axis("point error, mm", 0.1, 1e5, steps=(1,)) | {"range": _log_range(bins)},
     }
     caption = (
@@ -98,7 +100,7 @@ def _over_range(score: Mapping[str, Any]) -> Plot:
     )
     caption += "length, b baseline; the range stands for the depth Z). Its lines are what the named disparity errors "
     caption += "amount to, the bold one for the median that was measured."
-    return Plot("over-range", "Point error over range", caption, data, layout, height=480, wide=True)
+    return Plot("over-range", "Point error over range", caption, data, layout, height=480, width="full")
 
 
 def _log_range(bins: list[dict[str, Any]]) -> list[float]:
@@ -115,19 +117,17 @@ def _law(score: Mapping[str, Any], low: float) -> list[Trace]:
     ratio = (high / low) ** (1 / LAW_STEPS)
     ranges = [low * ratio**k for k in range(LAW_STEPS + 1)]
     measured = dig(score, "map.disparity_error_px.p50_abs")
-    steps = [(d, f"law, {d:g} px", 1.0) for d in (0.1, 0.25, 1.0)]
+    steps = [(d, f"{d:g} px", 1.0) for d in (0.1, 0.25, 1.0)]
     if measured is not None:
-        steps.append((measured, f"law, {measured:.2g} px (measured median)", 2.5))
-    return [
-        line(
-            name,
-            (scaled(ranges, 1.0), scaled([r * r * d / scale for r in ranges], 1e3)),
-            "@truth",
-            dash="dot",
-            width=width,
-        )
-        for d, name, width in steps
-    ]
+        steps.append((measured, f"{measured:.2g} px, measured", 2.5))
+    traces = []
+    for d, text, width in steps:
+        errors = scaled([r * r * d / scale for r in ranges], 1e3)
+        words = [text + " "] + [""] * LAW_STEPS
+        more = {"mode": "lines+text", "text": words, "textposition": "middle left", "legendgroup": "law"}
+        trace = line("law of triangulation", (ranges, errors), "@truth", dash="dot", width=width)
+        traces.append(trace | more | {"showlegend": width > 1.0 or (measured is None and d == 1.0)})
+    return traces
 
 
 def _in_space(cloud: Mapping[str, Any]) -> Plot:
@@ -151,11 +151,11 @@ def _in_space(cloud: Mapping[str, Any]) -> Plot:
         "customdata": scaled(cloud["error_m"], 1e3),
         "hovertemplate": "%{x:.2f}, %{y:.2f}, %{z:.2f} m: %{customdata:.4g} mm<extra></extra>",
     }
-    scene: dict[str, Any] = {"aspectmode": "data", "camera": {"eye": {"x": -0.9, "y": -0.9, "z": 0.7}}}
+    scene: dict[str, Any] = {"aspectmode": "data", "camera": {"eye": {"x": -1.6, "y": -1.3, "z": 1.1}}}
     for a in "xyz":
         scene[f"{a}axis"] = {"title": {"text": f"{a} of LM, m"}, "range": _middle(cloud[f"{a}_m"])}
     caption = f"{len(logs)} points of the cloud, those within the middle 95 % of each axis. Equal axes."
-    return Plot("cloud", "Cloud coloured by error", caption, [points], {"scene": scene}, height=560, wide=True)
+    return Plot("cloud", "Cloud coloured by error", caption, [points], {"scene": scene}, height=560, width="full")
 
 
 def _middle(values: list[float]) -> list[float]:

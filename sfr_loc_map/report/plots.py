@@ -26,7 +26,7 @@ class Plot:
         data: Traces of plotly.
         layout: Layout of plotly, without what all figures share.
         height: Height in CSS pixels.
-        wide: Whether it takes the whole width of the page.
+        width: Share of the width of the page: `full`, `half` or `third`.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Plot:
     data: list[Trace]
     layout: dict[str, Any]
     height: int = 380
-    wide: bool = False
+    width: str = "half"
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever plotly takes

@@ -29,9 +29,6 @@ _LEFT_OUT = {
     "late": "estimates that came too late to be scored",
 }
 
-CONSISTENCY = {"trajectory.nees": "covariance of the odometry", "map.sigma_nees": "sigma of the map points"}
-"""Places of normalised errors squared in the score."""
-
 
 @dataclass(frozen=True, slots=True)
 class Cell:
@@ -111,6 +108,7 @@ def score_tables(score: Mapping[str, Any]) -> list[Table]:
     makers = (
         verdict_table,
         headline_table,
+        growth_table,
         component_table,
         map_table,
         consistency_table,
@@ -259,22 +257,42 @@ def _map_row(score: Mapping[str, Any], title: str, key: str, coverage: str) -> t
 def consistency_table(score: Mapping[str, Any]) -> Table | None:
     """Return whether the uncertainties that were estimated are as large as the errors (NEES)."""
     rows = []
-    for key, words in CONSISTENCY.items():
-        item = dig(score, key)
-        if item:
-            inside = (
-                None if item.get("mean") is None else item["interval95"][0] <= item["mean"] <= item["interval95"][1]
-            )
-            figures = (_cell(score, f"{key}.{name}", NOT_ENOUGH) for name in ("mean", "expected"))
-            judged = {True: "consistent", False: "not consistent", None: NOT_ENOUGH}[inside]
-            interval = _interval(score, f"{key}.interval95", 1.0)
-            count = _cell(score, f"{key}.count")
-            rows.append((Cell(words, kind="head"), *figures, interval, count, Cell(judged)))
-    if not rows:
+    for key, part in conditions_of(score):
+        for name in ("pose", "position", "attitude"):
+            words = f"covariance of the odometry: {name}, over {condition_text(part.get('condition'))}"
+            rows.append(_consistency_row(score, words, f"{key}.nees.{name}", f"{key}.nees.count"))
+    rows.append(_consistency_row(score, "sigma of the map points", "map.sigma_nees", "map.sigma_nees.count"))
+    known = tuple(row for row in rows if row)
+    if not known:
         return None
     columns = ("normalised error squared", "mean", "expected", "95 % of consistent ones", "n", "in words")
-    note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large."
-    return Table("consistency", "Honesty of the estimated uncertainty (NEES)", columns, tuple(rows), note)
+    note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large. "
+    note += "n: sub-trajectories that share no frame, or points of blocks far apart."
+    return Table("consistency", "Honesty of the estimated uncertainty (NEES)", columns, known, note)
+
+
+def _consistency_row(score: Mapping[str, Any], words: str, key: str, count: str) -> tuple[Cell, ...]:
+    mean, interval = dig(score, f"{key}.mean"), dig(score, f"{key}.interval95")
+    if mean is None or not interval:
+        return ()
+    judged = "too small a sigma" if mean > interval[1] else "too large a sigma" if mean < interval[0] else "consistent"
+    figures = (_cell(score, f"{key}.{name}") for name in ("mean", "expected"))
+    bounds = _interval(score, f"{key}.interval95", 1.0)
+    return Cell(words, kind="head"), *figures, bounds, _cell(score, count), Cell(judged)
+
+
+def growth_table(score: Mapping[str, Any]) -> Table | None:
+    """Return the errors of sub-trajectories of growing length."""
+    rows = []
+    for k, item in enumerate(dig(score, "trajectory.by_distance") or []):
+        key = f"trajectory.by_distance.{k}"
+        names = [f"{name}.{s}" for name in ("position_m", "attitude_deg", "heading_deg") for s in _STATISTICS[::2]]
+        figures = (_cell(score, f"{key}.{name}", NOT_ENOUGH) for name in names)
+        rows.append((Cell(f"{item['distance_m']:g} m", kind="head"), *figures, _cell(score, f"{key}.count")))
+    if not rows:
+        return None
+    heads = [f"{n}, {s}" for n in ("position, m", "attitude, deg", "heading, deg") for s in ("mean", "mean + 3 sigma")]
+    return Table("growth", "Error against the length of the sub-trajectory", ("over", *heads, "n"), tuple(rows))
 
 
 def time_table(score: Mapping[str, Any]) -> Table | None:

@@ -8,7 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.report.plots import Plot, Trace, axis, band, column, error_scale, largest, line, marks, scaled
+from sfr_loc_map.report.plots import (
+    Plot,
+    Trace,
+    axis,
+    band,
+    column,
+    error_scale,
+    largest,
+    line,
+    log_axis,
+    marks,
+    scaled,
+)
 from sfr_loc_map.report.tables import condition_text, conditions_of, dig
 
 COLORS = ("@one", "@two", "@three", "@four", "@five")
@@ -30,9 +42,7 @@ def trajectory_figures(score: Mapping[str, Any]) -> list[Plot]:
         figures += [_top_view(path, parts), _height(path), _accumulated(path)]
     if parts:
         figures.append(_position(parts))
-    if len(parts) > 1:
-        figures.append(_growth(parts))
-    if parts:
+        figures += _growth(score, parts)
         figures += [*_components(parts), *_vectors(parts), _angles(parts)]
     return figures
 
@@ -100,7 +110,7 @@ def _top_view(path: Mapping[str, Any], parts: list[tuple[Mapping[str, Any], Mapp
         "Equal axes. Marks: ends of the sub-trajectories, coloured by their position error. A click on the mark of "
     )
     caption += "a sub-trajectory, here or in a figure below, shows its stretch of the way."
-    return Plot("top-view", "Trajectory from above", caption, data, layout, height=560, wide=True)
+    return Plot("top-view", "Trajectory from above", caption, data, layout, height=560, width="full")
 
 
 def _covariances(path: Mapping[str, Any], centres: list[list[float | None]], factor: float) -> Trace:
@@ -221,7 +231,7 @@ def _position(parts: list[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> Plot:
     }
     caption = "Each mark is one sub-trajectory: point at it for its frames and stamps. A click on a name of the legend "
     caption += "shows or hides a condition."
-    return Plot("position", "Position error against distance travelled", caption, data, layout, wide=True)
+    return Plot("position", "Position error against distance travelled", caption, data, layout, width="full")
 
 
 def _marked(
@@ -352,31 +362,34 @@ def _angles(parts: list[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> Plot:
     caption = (
         f"Over {condition_text(part['condition'])}. Heading has a sign; attitude is the angle of the shortest rotation."
     )
-    return Plot("angles", "Heading and attitude error", caption, data, layout, height=560)
+    return Plot("angles", "Heading and attitude error", caption, data, layout, height=480, width="full")
 
 
-def _growth(parts: list[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> Plot:
-    """Return mean + 3 sigma of all conditions side by side."""
-    names = [condition_text(part["condition"]) for part, _ in parts]
-    values = [part["position_m"].get("mean_plus_3sigma") for part, _ in parts]
-    factor, unit = error_scale(largest(values))
-    bounds = [
-        part["position_m"].get("mean_plus_3sigma_ci95") or [value] * 2
-        for (part, _), value in zip(parts, values, strict=True)
+def _growth(score: Mapping[str, Any], parts: list[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> list[Plot]:
+    """Return the position error against the length of the sub-trajectories, with intervals where they are known."""
+    steps = [item for item in dig(score, "trajectory.by_distance") or [] if item["position_m"]["sigma"] is not None]
+    if len(steps) < 2:
+        return []
+    over = [item["distance_m"] for item in steps]
+    mean, total = ([item["position_m"][key] for item in steps] for key in ("mean", "mean_plus_3sigma"))
+    known = [(p["condition"].get("distance_m"), p["position_m"]) for p, _ in parts]
+    bounded = [
+        (x, p["mean_plus_3sigma"], p["mean_plus_3sigma_ci95"]) for x, p in known if x and p["mean_plus_3sigma_ci95"]
     ]
-    above = [None if v is None else b[1] - v for v, b in zip(values, bounds, strict=True)]
-    below = [None if v is None else v - b[0] for v, b in zip(values, bounds, strict=True)]
-    bars = {"type": "data", "symmetric": False, "array": scaled(above, factor), "arrayminus": scaled(below, factor)}
-    data = [marks("mean + 3 sigma", (names, scaled(values, factor)), "@one", size=10, error_y=bars)]  # type: ignore[arg-type]
+    factor, unit = error_scale(largest(total))
+    filled = {"fill": "tonexty", "fillcolor": "@one-soft"}
+    data = [
+        line("norm of the mean", (over, scaled(mean, factor)), "@one", dash="dash", mode="lines+markers"),
+        line("mean + 3 sigma", (over, scaled(total, factor)), "@one", mode="lines+markers", **filled),
+    ]
+    if bounded:
+        above, below = ([sign * (ci[k] - y) for _, y, ci in bounded] for sign, k in ((1, 1), (-1, 0)))
+        bars = {"type": "data", "symmetric": False, "array": scaled(above, factor), "arrayminus": scaled(below, factor)}
+        places = [x for x, _, _ in bounded], scaled([y for _, y, _ in bounded], factor)
+        data.append(marks("95 % interval of it", places, "@two", symbol="diamond", size=9, error_y=bars))
     layout = {
-        "xaxis": axis("sub-trajectories over", type="category"),
-        "yaxis": axis(f"position mean + 3 sigma, {unit}", rangemode="tozero"),
+        "xaxis": log_axis("length of the sub-trajectory, m", over[0], over[-1]),
+        "yaxis": axis(f"position error, {unit}", rangemode="tozero"),
     }
-    return Plot(
-        "growth",
-        "Position error of all conditions",
-        "Bars: 95 % intervals, where there are enough data.",
-        data,
-        layout,
-        wide=True,
-    )
+    caption = "Error re-based at each start, over sub-trajectories of growing length."
+    return [Plot("growth", "Position error against the length driven", caption, data, layout, width="full")]

@@ -90,17 +90,22 @@
   });
   system.addEventListener("change", (event) => { theme = event.matches ? "dark" : "light"; draw(); });
 
-  // On paper: light, and as wide as the page (A4 less its margins, at 96 CSS pixels an inch).
+  function resize(spec, layout, height) {
+    document.getElementById(spec.name).style.height = height + "px";
+    Plotly.relayout(spec.name, Object.assign({ height: height }, layout));
+  }
+
+  // On paper: light, as wide as the page (A4 less its margins, at 96 CSS pixels an inch), two figures on a page.
   let before = null;
   window.addEventListener("beforeprint", () => {
     before = theme;
     theme = "light";
     draw();
-    specs.forEach((spec) => Plotly.relayout(spec.name, { autosize: false, width: 660 }));
+    specs.forEach((spec) => resize(spec, { autosize: false, width: 660 }, Math.min(spec.height, 400)));
   });
   window.addEventListener("afterprint", () => {
     theme = before;
-    specs.forEach((spec) => Plotly.relayout(spec.name, { autosize: true, width: null }));
+    specs.forEach((spec) => resize(spec, { autosize: true, width: null }, spec.height));
     draw();
   });
 
