@@ -1,0 +1,277 @@
+"""The localiser in a small world that is known exactly: a rover before a textured wall."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import made_scene
+import numpy as np
+import pytest
+from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, loc_pair, stereo_pair, true_pose
+
+from sfr_loc_map.errors import GeometryError, LocalisationError
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.localiser import Localiser
+
+DRIVE = [loc_pair(index) for index in range(40)]
+BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
+LOST = np.eye(6) * 9999.0
+
+
+def localiser(T_ds_rb: Transform | None = None) -> Localiser:
+    return Localiser(LOC_RIG, LocalisationConfig(), true_pose(0) if T_ds_rb is None else T_ds_rb)
+
+
+def run(pairs: Iterable[StereoPair], by: Localiser | None = None) -> list[PoseEstimate]:
+    by = by or localiser()
+    return [by.process(pair) for pair in pairs]
+
+
+def errors(estimate: PoseEstimate, truth: Transform) -> tuple[float, float]:
+    """Return distance, metres, and angle, degrees, between an estimate and the truth."""
+    difference = truth.inverse() @ estimate.T_ds_rb
+    angle = np.linalg.norm(rotvec_from_matrix(difference.rotation))
+    return float(np.linalg.norm(difference.translation)), float(np.degrees(angle))
+
+
+def black(index: int) -> StereoPair:
+    return StereoPair(START_NS + index * PERIOD_NS, BLACK, BLACK)
+
+
+@pytest.fixture(scope="module")
+def estimates() -> list[PoseEstimate]:
+    return run(DRIVE)
+
+
+def test_without_noise_the_error_is_near_zero(estimates: list[PoseEstimate]) -> None:
+    # About 1 m of driving at 3 m from the wall; what is left comes from pictures rounded to whole grey levels.
+    for index, estimate in enumerate(estimates):
+        metres, degrees = errors(estimate, true_pose(index))
+        assert metres < 0.003, index
+        assert degrees < 0.06, index
+
+
+def test_first_pose_is_the_one_given_and_every_pair_has_a_pose(estimates: list[PoseEstimate]) -> None:
+    np.testing.assert_allclose(estimates[0].T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
+    assert [estimate.stamp_ns for estimate in estimates] == [pair.stamp_ns for pair in DRIVE]
+    assert [e.state for e in estimates] == [TrackingState.INITIALISING] + [TrackingState.TRACKING] * 39
+
+
+def test_covariance_is_one_and_agrees_with_the_error(estimates: list[PoseEstimate]) -> None:
+    for index, estimate in enumerate(estimates[1:], start=1):
+        np.testing.assert_array_equal(estimate.covariance, estimate.covariance.T)
+        assert np.linalg.eigvalsh(estimate.covariance).min() > 0
+        sigma = np.sqrt(np.trace(estimate.covariance[:3, :3]))
+        assert errors(estimate, true_pose(index))[0] < 4 * sigma < 0.05
+    growth = [float(np.trace(e.covariance[:3, :3])) for e in (estimates[2], estimates[-1])]
+    assert growth[1] > growth[0]
+
+
+def test_error_grows_with_noise() -> None:
+    means = []
+    for level in (0.0, 10.0):
+        rng = np.random.default_rng(7)
+        noisy = [
+            replace(
+                pair,
+                **{
+                    side: np.clip(np.rint(getattr(pair, side) + rng.normal(0, level, BLACK.shape)), 0, 255).astype("u1")
+                    for side in ("left", "right")
+                },
+            )
+            for pair in DRIVE
+        ]
+        found = run(noisy)
+        assert all(e.state is not TrackingState.LOST for e in found)
+        means.append(np.mean([errors(e, true_pose(i))[0] for i, e in enumerate(found)]))
+    assert means[0] < means[1] < 0.05
+
+
+def test_same_pairs_give_the_same_bits(estimates: list[PoseEstimate]) -> None:
+    by = localiser()
+    run(DRIVE[5:9], by)
+    by.reset(true_pose(0))
+    for again in (run(DRIVE), run(DRIVE, by)):
+        for a, b in zip(again, estimates, strict=True):
+            assert a.T_ds_rb.matrix.tobytes() == b.T_ds_rb.matrix.tobytes()
+            assert a.covariance.tobytes() == b.covariance.tobytes()
+            assert (a.state, a.statistics) == (b.state, b.statistics)
+
+
+def test_the_start_moves_the_whole_trajectory(estimates: list[PoseEstimate]) -> None:
+    T_other = Transform.from_quat([100.0, -20.0, 3.0], [0.1, -0.2, 0.7, 0.6])
+    moved = run(DRIVE[:10], localiser(T_other))
+    for a, b in zip(moved, estimates, strict=False):
+        wanted = T_other @ true_pose(0).inverse() @ b.T_ds_rb
+        np.testing.assert_allclose(a.T_ds_rb.matrix, wanted.matrix, atol=1e-9)
+
+
+def test_pair_of_another_size_is_refused_and_changes_nothing(estimates: list[PoseEstimate]) -> None:
+    by = localiser()
+    run(DRIVE[:3], by)
+    wide = np.zeros((HEIGHT, WIDTH + 1), np.uint8)
+    with pytest.raises(LocalisationError, match=r"pair 5 is 161 x 120, the rig is 160 x 120"):
+        by.process(StereoPair(5, wide, wide))
+    assert by.process(DRIVE[3]).T_ds_rb.matrix.tobytes() == estimates[3].T_ds_rb.matrix.tobytes()
+
+
+def test_rig_without_its_place_is_refused() -> None:
+    with pytest.raises(GeometryError, match="T_rb_locsb"):
+        Localiser(replace(LOC_RIG, T_rb_sb=None), LocalisationConfig(), Transform.identity())
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_black_pictures_are_lost_at_the_last_pose_and_found_again(count: int) -> None:
+    by = localiser()
+    last = run(DRIVE[:10], by)[-1]
+    for index in range(10, 10 + count):
+        estimate = by.process(black(index))
+        assert estimate.state is TrackingState.LOST
+        assert estimate.stamp_ns == black(index).stamp_ns
+        np.testing.assert_array_equal(estimate.covariance, LOST)
+        assert estimate.T_ds_rb.matrix.tobytes() == last.T_ds_rb.matrix.tobytes()
+    after = range(10 + count, 13 + count)
+    found = run((DRIVE[index] for index in after), by)
+    assert found[-1].state is TrackingState.TRACKING
+    metres, degrees = errors(found[-1], true_pose(after[-1]))
+    assert metres < 0.005  # the wall is recognised: what was driven blindly does not count
+    assert degrees < 0.1
+
+
+def test_one_black_picture_of_two_is_lost() -> None:
+    by = localiser()
+    last = run(DRIVE[:5], by)[-1]
+    estimate = by.process(replace(DRIVE[5], right=BLACK))
+    if estimate.state is TrackingState.LOST:
+        assert estimate.T_ds_rb.matrix.tobytes() == last.T_ds_rb.matrix.tobytes()
+    else:
+        assert errors(estimate, true_pose(5))[0] < 0.01
+
+
+def test_found_again_where_nothing_is_recognised_with_a_growing_covariance() -> None:
+    by = localiser()
+    before = run(DRIVE[:10], by)[-1]
+    by.process(black(10))
+    # Turned by half a radian to the left: another part of the wall.
+    away = [
+        stereo_pair(
+            START_NS + (11 + step) * PERIOD_NS,
+            Transform.from_quat([0.2, 1.5 + 0.015 * step, 0.8], [0, 0, 0.05, 1.0]) @ T_RB_LOCSB,
+            LOC_RIG,
+        )
+        for step in range(6)
+    ]
+    found = run(away, by)
+    first = next(i for i, e in enumerate(found) if e.state is TrackingState.TRACKING)
+    assert first < 3
+    for estimate in found[:first]:
+        assert estimate.T_ds_rb.matrix.tobytes() == before.T_ds_rb.matrix.tobytes()
+    np.testing.assert_allclose(found[first].T_ds_rb.matrix, before.T_ds_rb.matrix, atol=1e-12)
+    assert (np.diag(found[first].covariance)[:3] > 100 * np.diag(before.covariance)[:3]).all()
+    assert np.linalg.norm(found[-1].T_ds_rb.translation - before.T_ds_rb.translation) < 0.2
+
+
+def test_black_from_the_start_is_lost_at_the_pose_given() -> None:
+    by = localiser()
+    for index in range(2):
+        estimate = by.process(black(index))
+        assert estimate.state is TrackingState.LOST
+        np.testing.assert_array_equal(estimate.covariance, LOST)
+        np.testing.assert_allclose(estimate.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
+    first = by.process(DRIVE[2])
+    assert first.state is TrackingState.INITIALISING
+    np.testing.assert_allclose(first.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
+
+
+def test_standing_still_stays_within_a_millimetre() -> None:
+    rng = np.random.default_rng(3)
+    by = localiser()
+    for index in range(100):
+        pictures = (
+            np.clip(np.rint(side + rng.normal(0, 1.0, BLACK.shape)), 0, 255).astype(np.uint8)
+            for side in (DRIVE[0].left, DRIVE[0].right)
+        )
+        estimate = by.process(StereoPair(START_NS + index * PERIOD_NS, *pictures))
+        assert errors(estimate, true_pose(0))[0] < 0.001, index
+
+
+def test_set_pose_is_where_the_next_estimate_starts(estimates: list[PoseEstimate]) -> None:
+    T_set = Transform.from_quat([7.0, 8.0, 9.0], [0.0, 0.1, 0.7, 0.7])
+    by = localiser()
+    run(DRIVE[:10], by)
+    by.set_pose(T_set)
+    for index in range(10, 14):
+        # The motion since the pair before set_pose goes on from there, as it would have been without.
+        motion = estimates[9].T_ds_rb.inverse() @ estimates[index].T_ds_rb
+        found = by.process(DRIVE[index])
+        np.testing.assert_allclose(found.T_ds_rb.matrix, (T_set @ motion).matrix, atol=1e-9)
+        assert found.state is TrackingState.TRACKING
+
+
+def test_set_pose_before_the_first_pair_is_its_pose() -> None:
+    by = localiser()
+    by.set_pose(true_pose(20))
+    np.testing.assert_allclose(by.process(DRIVE[0]).T_ds_rb.matrix, true_pose(20).matrix, atol=1e-12)
+
+
+FRESH_PROCESS = """
+import importlib, pkgutil
+import numpy as np
+from numba.core.registry import CPUDispatcher
+import sfr_loc_map.localisation as package
+from made_scene import LOC_RIG, loc_pair, true_pose
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.localiser import Localiser
+
+names = [f"{package.__name__}.{info.name}" for info in pkgutil.iter_modules(package.__path__)]
+modules = [importlib.import_module(name) for name in names]
+
+def signatures():
+    found = {}
+    for module in modules:
+        for name, item in vars(module).items():
+            if isinstance(item, CPUDispatcher):
+                found[f"{item.py_func.__module__}.{name}"] = [str(s) for s in item.signatures]
+    return found
+
+localiser = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
+localiser.warm_up()
+before = signatures()
+compiled = {name.rsplit(".", 1)[-1] for name, forms in before.items() if forms}
+assert compiled >= {"align_pose", "track_patches", "solve_pose", "linearise"}, compiled
+black = np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8)
+states = set()
+for index in [*range(20), None, *range(21, 30), None, *range(5, 10)]:
+    pair = StereoPair(0, black, black) if index is None else loc_pair(index)
+    for picture in (pair.left, pair.right):
+        picture.flags.writeable = False  # as pictures of messages are
+    states.add(localiser.process(pair).state.value)
+assert states == {"initialising", "tracking", "lost"}, states
+after = signatures()
+assert after == before, {name: after[name] for name in after if after[name] != before[name]}
+"""
+
+
+def test_warm_up_leaves_nothing_to_compile() -> None:
+    """In a process of its own: the other tests have compiled everything already."""
+    paths = [str(Path(made_scene.__file__).parent), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    done = subprocess.run([sys.executable, "-c", FRESH_PROCESS], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_warm_up_does_not_change_the_state(estimates: list[PoseEstimate]) -> None:
+    by = localiser()
+    run(DRIVE[:5], by)
+    by.warm_up()
+    assert by.process(DRIVE[5]).T_ds_rb.matrix.tobytes() == estimates[5].T_ds_rb.matrix.tobytes()
