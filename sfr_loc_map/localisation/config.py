@@ -29,4 +29,14 @@ class LocalisationConfig:
     )
     min_depth_m: float = param(0.5, unit="m", doc="Nearest depth that stereo matching looks for.", low=0.01)
     min_tracked: int = param(25, doc="Fewest landmarks that agree on a pose that is trusted.", low=8)
+    common_px: float = param(
+        0.03, unit="px", doc="Standard deviation of what a whole picture is off by, in the stated covariance.", low=0.0
+    )
+    inflation: float = param(
+        2.0, doc="Factor on the stated covariance: neighbouring landmarks share part of their errors.", low=1.0
+    )
+    left_mask: str = param(
+        "", doc="Picture file, 0 where the left camera sees the rover itself and nothing may be found; empty: none."
+    )
+    right_mask: str = param("", doc="The same for the right camera.")
     pixel_floor: float = param(0.05, unit="px", doc="Smallest standard deviation of a tracked position.", low=0.001)

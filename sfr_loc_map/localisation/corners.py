@@ -7,7 +7,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation.images import FloatImage
 
 BLOCK = 7
@@ -49,6 +51,28 @@ def find_corners(
     best = best[best[:, 2] > floor]
     order = np.argsort(-best[:, 2], kind="stable")
     return np.ascontiguousarray(best[order, :2])
+
+
+def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
+    """Read a mask picture; corners keep a patch's width away from where it is 0.
+
+    Args:
+        path: Picture file, empty for no mask.
+        rig: Rig whose size it must have.
+
+    Returns:
+        `(H, W)` uint8, or None.
+
+    Raises:
+        ConfigError: If it cannot be read or has another size.
+    """
+    if not path:
+        return None
+    mask = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+    if mask is None or mask.shape != (rig.height, rig.width):
+        found = "nothing that can be read" if mask is None else f"{mask.shape[1]} x {mask.shape[0]} pixels"
+        raise ConfigError(f"mask '{path}': {found}; give a grey picture of {rig.width} x {rig.height} pixels")
+    return np.asarray(cv2.erode(mask, np.ones((2 * BLOCK + 1, 2 * BLOCK + 1), np.uint8)), dtype=np.uint8)
 
 
 @njit(cache=True)

@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.alignment import align_pose
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.corners import find_corners
+from sfr_loc_map.localisation.corners import find_corners, load_mask
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.localisation.images import LEVELS, Pyramid, build_pyramid
 from sfr_loc_map.localisation.parallel import both
@@ -52,6 +52,13 @@ class Tracked:
     chi: FloatArray
 
     @property
+    def residual_px(self) -> float:
+        """Typical residual of the agreeing landmarks, pixels: root of the median of chi times the variance."""
+        variance = self.variance[:, :, (0, 2)].mean(axis=(1, 2))
+        typical = np.sqrt(self.chi * variance)[self.inliers]
+        return float(np.median(typical)) if len(typical) else float("nan")
+
+    @property
     def inliers(self) -> NDArray[np.bool_]:
         """Landmarks `(M,)` that agree with the pose."""
         return np.nan_to_num(self.chi, nan=1e9) < 9.0
@@ -70,10 +77,12 @@ class Localiser:
 
         Raises:
             GeometryError: If the rig's place on the rover is not known.
+            ConfigError: If a mask cannot be read or has another size than the rig.
         """
         self._rig, self._config = rig, config
         self._T_rb_left = rig.T_rb_left
         self._camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy])
+        self._masks = tuple(load_mask(path, rig) for path in (config.left_mask, config.right_mask))
         self._max_disparity = min(rig.fx * rig.baseline_m / config.min_depth_m, 0.5 * rig.width)
         self.reset(T_ds_rb)
 
@@ -110,8 +119,14 @@ class Localiser:
             other.process(StereoPair(stamp_ns, left, right))
         other.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
 
-    def process(self, pair: StereoPair) -> PoseEstimate:
+    def process(self, pair: StereoPair, motion: Transform | None = None) -> PoseEstimate:
         """Return the pose at one pair; pairs come in the order of their stamps.
+
+        Args:
+            pair: Pictures of the rig's size.
+            motion: What another source (wheel odometry, for example) says of the motion since the last pair:
+                `T_before_now` of RB. It is only a place to start looking from; where the pictures fit another start
+                better, as with a wrong one, it has no effect.
 
         Raises:
             LocalisationError: If the pair does not have the rig's size.
@@ -123,13 +138,13 @@ class Localiser:
         left, right = both(build_pyramid, (pair.left,), (pair.right,))
         if not len(self._window):
             return self._start(pair, left, right, np.full(6, START_VARIANCE))
-        tracked = self._track(pair, left, right)
+        tracked = self._track(pair, left, right, motion)
         if tracked is None:
             return self._lost(pair, left, right)
         motion = Transform(self._rotation, self._position).inverse() @ Transform(tracked.rotation, tracked.position)
         self._last_motion = (motion.rotation, motion.translation)
         self._rotation, self._position = tracked.rotation, tracked.position
-        covariance = np.linalg.inv(tracked.information) + self._window.last_covariance
+        covariance = np.asarray(np.linalg.inv(tracked.information) + self._window.last_covariance)
         self._last_left, self._last_seen = pair.left, tracked.observed[:, :2]
         self._good_while_lost = 0
         if self._wants_keyframe(tracked):
@@ -141,6 +156,8 @@ class Localiser:
             "inliers": float(tracked.inliers.sum()),
             "keyframes": float(self._keyframe_count),
             "chi_median": float(np.nanmedian(tracked.chi)),
+            "residual_px": tracked.residual_px,
+            "vertical_offset_px": self._vertical_offset_px,
         }
         return self._estimate(pair.stamp_ns, TrackingState.TRACKING, covariance, statistics)
 
@@ -175,11 +192,11 @@ class Localiser:
             return self._start(pair, left, right, np.maximum(np.diag(self._window.last_covariance), 0.0) + spread**2)
         return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"inliers": 0.0})
 
-    def _track(self, pair: StereoPair, left: Pyramid, right: Pyramid) -> Tracked | None:
+    def _track(self, pair: StereoPair, left: Pyramid, right: Pyramid, motion: Transform | None) -> Tracked | None:
         marks = self._landmarks
         if len(marks) < self._config.min_tracked:
             return None
-        tracked = self._refine(left, right, marks, *self._align(left, marks))
+        tracked = self._refine(left, right, marks, *self._align(left, marks, motion))
         if self._trusted(tracked):
             return tracked
         start = pose_by_flow(
@@ -236,13 +253,16 @@ class Localiser:
         variance[:, 2] += self._config.pixel_floor**2
         return variance
 
-    def _align(self, left: Pyramid, marks: Landmarks) -> tuple[FloatArray, FloatArray]:
+    def _align(self, left: Pyramid, marks: Landmarks, motion: Transform | None) -> tuple[FloatArray, FloatArray]:
         moved, step = self._last_motion
         top = LEVELS - 1
-        starts = (
+        starts = [
             (self._rotation @ moved, self._position + self._rotation @ step),
             (self._rotation, self._position),
-        )
+        ]
+        if motion is not None:
+            said = Transform(self._rotation, self._position) @ self._T_rb_left.inverse() @ motion @ self._T_rb_left
+            starts.append((said.rotation, said.translation))
         results = [self._align_level(left, top, marks, *start, 6) for start in starts]
         best = max(results, key=lambda result: result[2])
         for level in range(top - 1, -1, -1):
@@ -281,9 +301,11 @@ class Localiser:
         self._keyframe_count += 1
 
     def _add_landmarks(self, left: Pyramid, right: Pyramid, known: FloatArray) -> None:
-        corners = find_corners(left.levels[0], known[:, :2].copy(), self._config.max_features, BORDER)
+        corners = find_corners(left.levels[0], known[:, :2].copy(), self._config.max_features, BORDER, self._masks[0])
         if len(corners):
             found = match_corners(left, right, corners, known, self._max_disparity, self._vertical_offset_px)
+            found = found.outside(self._masks[1])
+            self._learn_vertical_offset(found.right[:, 1] - found.uv[:, 1])
             scale = 1.0 / (self._rig.fx * self._rig.baseline_m)
             variance = self._variance(np.column_stack((found.right, found.covariance, found.residual)))
             observed = np.column_stack((found.uv, found.right - [0.0, self._vertical_offset_px]))
@@ -299,6 +321,12 @@ class Localiser:
         self._window.adjust(self._config.adjustment_rounds)
         self._refresh()
 
+    def _learn_vertical_offset(self, rows: FloatArray) -> None:
+        """Follow by how many rows the right picture lies lower than it should (a small error of calibration)."""
+        if len(rows) >= 20:
+            rate = 1.0 if self._keyframe_count == 0 else 0.1
+            self._vertical_offset_px += rate * (float(np.median(rows)) - self._vertical_offset_px)
+
     def _refresh(self) -> None:
         """Take the landmarks that are looked for from the window."""
         self._landmarks = self._window.landmarks()
@@ -311,8 +339,15 @@ class Localiser:
         T_ds_left = self._T_ds_world @ Transform(self._rotation, self._position)
         T_ds_rb = T_ds_left @ self._T_rb_left.inverse()
         if state is not TrackingState.LOST:
+            covariance = covariance * self._config.inflation + np.diag(self._common_variance())
             covariance = self._covariance_of_rb(covariance, T_ds_rb.translation - T_ds_left.translation)
         return PoseEstimate(stamp_ns, T_ds_rb, covariance, state, statistics)
+
+    def _common_variance(self) -> FloatArray:
+        """Return the variances `(6,)` of what a whole picture is off by (blur, jitter): no landmark shows it."""
+        depth = 1.0 / max(float(np.median(self._landmarks.rho)), 1e-3) if len(self._landmarks) else 0.0
+        angle = self._config.common_px / self._rig.fx
+        return np.repeat(np.square([angle * depth, angle]), 3)
 
     def _covariance_of_rb(self, covariance: FloatArray, lever: FloatArray) -> FloatArray:
         """Turn the covariance of the left camera in the world into that of RB in DS (lever `(3,)` metres in DS)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
@@ -46,6 +46,14 @@ class StereoMatches:
     def disparity(self) -> FloatArray:
         """Disparities `(N,)`, pixels."""
         return np.asarray(self.uv[:, 0] - self.right[:, 0])
+
+    def outside(self, mask: NDArray[np.uint8] | None) -> StereoMatches:
+        """Return the matches that do not fall where the right picture is masked (0)."""
+        if mask is None:
+            return self
+        column, row = np.rint(self.right).astype(int).T
+        kept = mask[np.clip(row, 0, mask.shape[0] - 1), np.clip(column, 0, mask.shape[1] - 1)] > 0
+        return StereoMatches(*(getattr(self, item.name)[kept] for item in fields(self)))
 
 
 def match_corners(
