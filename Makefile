@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo test sample lint types format check clean
+.PHONY: help demo test lint types config format check clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -24,6 +24,9 @@ lint: $(DEV_STAMP)  ## Check style
 
 types: $(DEV_STAMP)  ## Check types
 	$(BIN)/mypy
+
+config: $(DEV_STAMP)  ## Write the parameter files anew from the code
+	$(BIN)/python -m sfr_loc_map.nodes.parameter_files config
 
 format: $(DEV_STAMP)  ## Format the code
 	$(BIN)/ruff format .
