@@ -16,7 +16,7 @@ import typer
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import FailedVerdictError, SfrError
 
-COMMANDS = ("localise", "map", "convert", "score", "replay", "report", "simulate", "perturb")
+COMMANDS = ("localise", "map", "convert", "score", "replay", "report", "simulate", "perturb", "compare")
 MODULES = {"map": "map_cloud"}
 FUNCTIONS = {"map": "map_cloud"}
 

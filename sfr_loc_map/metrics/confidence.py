@@ -108,7 +108,7 @@ def interval95(grains: Grains, columns: slice, overlap: float, *, unsigned: bool
         return [float(np.sqrt(np.square(mean).sum()))] * 2
     block = min(max(1, int(np.ceil(overlap / grains.size))), len(counts))
     means, figures = _resampled(centred, mean, block)
-    share = (1.0 - 1.0 / independent) * _seen_share(overlap, float(block * grains.size))
+    share = (1.0 - 1.0 / independent) * blocks_share(overlap, float(block * grains.size))
     scatter = float(np.square(means - mean).sum(axis=1).mean()) / share
     size = float(np.sqrt(np.square(mean).sum()))
     true_size = max(size - scatter / size, 0.0) if size > 0.0 else 0.0
@@ -126,11 +126,26 @@ def _parts(rows: FloatArray, columns: slice) -> tuple[FloatArray, FloatArray, Fl
     return rows[:, 0], rows[:, 1 : 1 + width][:, columns], rows[:, 1 + width :][:, columns]
 
 
-def _seen_share(overlap: float, block: float) -> float:
+def blocks_share(overlap: float, block: float) -> float:
     """Return the share of the variance of a mean that blocks of a length show."""
     lags = np.arange(1.0, np.ceil(overlap))
     fall = 1.0 - lags / overlap
     return float((1.0 + 2.0 * np.sum(fall * np.maximum(1.0 - lags / block, 0.0))) / (1.0 + 2.0 * np.sum(fall)))
+
+
+def resampled_figures(values: FloatArray, block: int) -> FloatArray:
+    """Return the figure of resampled series; series of one length are drawn in the same blocks.
+
+    Args:
+        values: `(N, d)` consecutive vectors.
+        block: Length of a block, at most N.
+
+    Returns:
+        `(RESAMPLES,)`.
+    """
+    mean = values.mean(axis=0)
+    offsets = values - mean
+    return _resampled(np.column_stack((np.ones(len(values)), offsets, offsets * offsets)), mean, block)[1]
 
 
 def _resampled(centred: FloatArray, mean: FloatArray, block: int) -> tuple[FloatArray, FloatArray]:

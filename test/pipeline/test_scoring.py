@@ -108,6 +108,24 @@ def test_times_of_a_target_stand_under_its_name(
     assert run(monkeypatch, "score", *files, "--target-timing", target) == 2
 
 
+def test_scores_are_compared_from_their_files(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.txt"
+    save_trajectory(other, straight(scale=0.98))
+    for number, estimate in enumerate((files[0], other)):
+        assert run(monkeypatch, "score", estimate, files[1], "--json", tmp_path / f"{number}.json") == 0
+    capsys.readouterr()
+    page = tmp_path / "c.html"
+    assert run(monkeypatch, "compare", tmp_path / "0.json", tmp_path / "1.json", "--html", page, "--json", "-") == 0
+    pair = json.loads(capsys.readouterr().out)["pairs"][0]
+    assert (pair["figure"], pair["verdict"]) == ("position_m", "worse")
+    assert pair["difference"] == pytest.approx(0.05, abs=1e-6)
+    assert "worse" in page.read_text(encoding="utf-8")
+    assert run(monkeypatch, "compare", tmp_path / "0.json") == 2
+    assert run(monkeypatch, "compare", tmp_path / "0.json", files[1]) == 2
+
+
 @pytest.fixture
 def nav_set(tmp_path: Path) -> tuple[Path, PointCloud]:
     """A data set with one pair that looks at a wall 5 m away, and the cloud of the wall at 5.1 m."""
