@@ -99,6 +99,12 @@ class Localiser:
         self._good_while_lost = 0
         self._keyframe_count = 0
         self._vertical_offset_px = 0.0
+        self._last_tracked: Tracked | None = None
+
+    @property
+    def last_tracked(self) -> Tracked | None:
+        """What was found of the landmarks in the last pair, trusted or not; None where none was looked for."""
+        return self._last_tracked
 
     def set_pose(self, T_ds_rb: Transform) -> None:
         """Let the next estimate start at this pose."""
@@ -135,6 +141,7 @@ class Localiser:
             found = f"{pair.left.shape[1]} x {pair.left.shape[0]}"
             wanted = f"{self._rig.width} x {self._rig.height}"
             raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {wanted}: give pictures of the rig")
+        self._last_tracked = None
         left, right = both(build_pyramid, (pair.left,), (pair.right,))
         if not len(self._window):
             return self._start(pair, left, right, np.full(6, START_VARIANCE))
@@ -242,7 +249,8 @@ class Localiser:
             baseline,
             10,
         )
-        return Tracked(rotation, position, information, marks, observed, variance, chi)
+        self._last_tracked = Tracked(rotation, position, information, marks, observed, variance, chi)
+        return self._last_tracked
 
     def _variance(self, found: FloatArray) -> FloatArray:
         """Return the variances `(N, 3)` of tracked positions, half of it the patch's and half the picture's."""
