@@ -69,14 +69,15 @@ def read_config(config_type: type[C], path: Path | None, section: str) -> C:
     if path is None:
         return config_type()
     content = load_yaml(path)
+    blocks = {
+        key: block["ros__parameters"]
+        for key, block in content.items()
+        if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict)
+    }
     values: dict[str, Any] = {}
-    plain = True
     for key in ("/**", f"{section}_node", f"/{section}_node", f"/**/{section}_node"):
-        block = content.get(key)
-        if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict):
-            plain = False
-            values.update(_section(block["ros__parameters"], section))
-    if plain:
+        values.update(_section(blocks.get(key, {}), section))
+    if not blocks:
         other = {"localisation", "mapping"} - {section}
         values = (
             content[section]

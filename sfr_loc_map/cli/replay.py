@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -81,8 +80,7 @@ def replay(
         save_replay(result, files)
         score = score_replay(opened, result, files, score_config, parsed_limits)
         try:
-            page = files.page if out is not None and find_spec("sfr_loc_map.report.page") else None
-            present(score, None if out is None else str(files.report), page)
+            present(score, None if out is None else str(files.report), None if out is None else files.page)
         finally:
             _say_where(result, files, out)
 

@@ -38,8 +38,8 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         environment.prepare()
         end_with_supervisor()
         _start(list(sys.argv if arguments is None else arguments))
-        node = _make(factory)
         executor = SingleThreadedExecutor()
+        node = _make(factory)
         executor.add_node(node)
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -85,13 +85,17 @@ def _start(arguments: list[str]) -> None:
 
 def _make(factory: Callable[[], Node]) -> Node:
     try:
-        return factory()
+        node = factory()
     except SfrError:
         raise
     except Exception as error:
         if ok():
             raise
         raise ExternalShutdownException from error
+    if not ok():
+        node.destroy_node()
+        raise ExternalShutdownException
+    return node
 
 
 def _ignore_signals() -> None:

@@ -1,0 +1,175 @@
+"""`sfr replay`: three processes over DDS, against the same calls made offline."""
+
+# ruff: noqa: E402 - ROS may be absent
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
+
+from made_scene import fill, loc_pair, write_bag, write_folder
+from processes import Process, wait_until
+
+from sfr_loc_map.io.bag_writer import BagWriter
+
+COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+
+
+def sfr(*arguments: str | Path, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, *COMMAND, *map(str, arguments)]
+    variables = {k: v for k, v in os.environ.items() if k != "ROS_DOMAIN_ID"} | (environment or {})
+    return subprocess.run(command, capture_output=True, text=True, timeout=280, env=variables, check=False)
+
+
+def nodes_of(pid: int) -> list[int]:
+    """Return the processes of our nodes that a process has started."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(path.read_text().rpartition(")")[2].split()[1])
+            words = (path.parent / "cmdline").read_bytes()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if parent == pid and b"sfr_loc_map.nodes." in words:
+            found.append(int(path.parent.name))
+    return found
+
+
+def handles_signals(pid: int) -> bool:
+    """Tell whether a process has its own handler of SIGTERM, as nodes have once ROS has started."""
+    (line,) = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigCgt:")]
+    return bool(int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def segments() -> set[str]:
+    return {path.name for path in Path("/dev/shm").glob("fastrtps_*")}
+
+
+def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(tmp_path: Path) -> None:
+    source, out = write_folder(tmp_path / "source", 12, 3), tmp_path / "out"
+    run = sfr("replay", source, "--out", out, "--start", "truth", "--condition", "frames=3")
+    assert run.returncode == 0, run.stderr
+    assert str(out / "report.html") in run.stdout.replace("\n", "")
+    assert (out / "report.html").stat().st_size > 1000
+    offline = sfr("localise", source, "-o", tmp_path / "t.csv", "--start", "truth")
+    assert offline.returncode == 0, offline.stderr
+    assert (out / "estimate.csv").read_bytes() == (tmp_path / "t.csv").read_bytes()
+    assert sfr("map", source, "-o", tmp_path / "c.ply").returncode == 0
+    assert (out / "cloud.ply").read_bytes() == (tmp_path / "c.ply").read_bytes()
+    score = json.loads((out / "report.json").read_text())
+    assert score["trajectory"]["matched"] == score["trajectory"]["estimate_poses"] == 12
+    assert score["trajectory"]["lost"] == 0
+    assert score["trajectory"]["position_m"]["mean"] < 0.02
+    assert score["map"]["pairs"] == 3
+    assert score["timing"]["localisation_s"]["count"] == 12
+    assert score["memory"]["mapping_peak_bytes"] > 0
+    live = json.loads((out / "monitor.json").read_text())
+    for part in ("trajectory", "map", "timing", "memory"):
+        assert live.get(part) == score.get(part) or part == "trajectory"
+    assert live["trajectory"]["position_m"] == score["trajectory"]["position_m"]
+
+
+def test_a_compressed_bag_of_other_names_is_played_and_judged(tmp_path: Path) -> None:
+    source, out = write_bag(tmp_path / "source.mcap", 8, 0, jpeg_quality=95), tmp_path / "out"
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("timing:\n  localisation_p50_s: 1.0e-9\n", encoding="utf-8")
+    config = tmp_path / "config.yaml"
+    config.write_text(
+        "/**/localisation_node:\n  ros__parameters:\n    localisation.max_features: 300\n"
+        "    input:\n      queue_depth: 7\n",
+        encoding="utf-8",
+    )
+    run = sfr("replay", source, "--out", out, "--limits", limits, "--config", config, "--start", "truth")
+    assert run.returncode == 1, run.stderr
+    assert "limits missed" in run.stderr
+    assert json.loads((out / "report.json").read_text())["verdicts"][0]["verdict"] == "fail"
+    assert sfr("localise", source, "-o", tmp_path / "t.csv", "--config", config, "--start", "truth").returncode == 0
+    assert (out / "estimate.csv").read_bytes() == (tmp_path / "t.csv").read_bytes()
+    other = tmp_path / "other.mcap"
+    names = ["loc/left/camera_info", "loc/right/camera_info"]
+    swap = [f"--remap={names[0]}:={names[1]}", f"--remap={names[1]}:={names[0]}"]
+    swapped = sfr("replay", source, "--out", other, *swap)
+    assert swapped.returncode == 2
+    assert "are left and right swapped?" in swapped.stderr
+
+
+def test_at_a_rate_the_stamps_set_the_pace_and_nothing_is_lost(tmp_path: Path) -> None:
+    source, out = write_folder(tmp_path / "source", 12, 0), tmp_path / "out"
+    run = sfr("replay", source, "--out", out, "--rate", "0.5")
+    assert run.returncode == 0, run.stderr
+    assert len((out / "estimate.csv").read_text().splitlines()) == 13
+    assert not list(out.glob("cloud.*"))
+
+
+@pytest.mark.parametrize("victim", ["localisation_node", "monitor_node"])
+def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path, victim: str) -> None:
+    source, out = write_folder(tmp_path / "source", 200, 0), tmp_path / "out"
+    before = segments()
+    with Process(tmp_path / "log", *COMMAND, "replay", str(source), "--out", str(out), "--rate", "1") as replay:
+        pids = wait_until(lambda: len(nodes_of(replay.popen.pid)) == 3 and nodes_of(replay.popen.pid), "three nodes")
+        name = f"sfr_loc_map.nodes.{victim}".encode()
+        (pid,) = [pid for pid in pids if name in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        wait_until(lambda: handles_signals(pid), "the start of the node")
+        os.kill(pid, signal.SIGTERM)
+        assert replay.popen.wait(60) == 2
+        assert f"sfr: {victim} ended with exit code 0" in replay.text
+        assert "Traceback" not in replay.text
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
+    assert not list(out.iterdir())
+    assert segments() <= before
+
+
+@pytest.mark.parametrize("signals", [(signal.SIGTERM,), (signal.SIGINT, signal.SIGINT), (signal.SIGKILL,)])
+def test_a_replay_that_is_ended_leaves_no_nodes_behind(tmp_path: Path, signals: tuple[signal.Signals, ...]) -> None:
+    source = write_folder(tmp_path / "source", 100, 0)
+    before = segments()
+    with Process(tmp_path / "log", *COMMAND, "replay", str(source), "--rate", "1") as replay:
+        pids = wait_until(lambda: len(nodes_of(replay.popen.pid)) == 3 and nodes_of(replay.popen.pid), "three nodes")
+        time.sleep(1.0)
+        code = replay.end(*signals)
+        assert code == (-signal.SIGKILL if signal.SIGKILL in signals else 130)
+        assert "Traceback" not in replay.text
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
+    if signal.SIGKILL not in signals:
+        assert segments() <= before
+
+
+def test_bad_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    cases = {
+        tmp_path / "nowhere": "there is no",
+        write_folder(tmp_path / "four", 0, 4): "a map is made of 1 to 3 stereo pairs, the source has 4",
+    }
+    mountless = write_folder(tmp_path / "mountless", 2, 0)
+    rig = json.loads((mountless / "rig.json").read_text()) if (mountless / "rig.json").exists() else None
+    path = mountless / "rig.json" if rig else mountless / "loc" / "rig.json"
+    rig = rig or json.loads(path.read_text())
+    del rig["T_rb_locsb"]
+    path.write_text(json.dumps(rig))
+    cases[mountless] = "T_rb_locsb"
+    for source, words in cases.items():
+        run = sfr("replay", source, "--out", out)
+        assert run.returncode == 2
+        assert words in run.stderr
+        assert len(run.stderr.strip().splitlines()) == 1
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_a_picture_that_a_node_refuses_ends_the_replay_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "broken.mcap"
+    with BagWriter(path, jpeg_quality=90) as writer:
+        fill(writer, 2, 0)
+        pair = loc_pair(2)
+        writer.write_loc_pair(type(pair)(pair.stamp_ns, pair.left[:100], pair.right[:100]))
+    run = sfr("replay", path, "--out", tmp_path / "out")
+    assert run.returncode == 2
+    assert "160 x 100" in run.stderr
+    assert len(run.stderr.strip().splitlines()) == 1

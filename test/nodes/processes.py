@@ -1,0 +1,120 @@
+"""Nodes as processes, and a peer that talks to them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+PATIENCE_S = 60.0
+
+
+def wait_until(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
+    deadline = time.monotonic() + patience_s
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f"{what} did not happen within {patience_s} s"
+        time.sleep(0.02)
+    return found
+
+
+class Process:
+    """A Python process whose output goes to a file; killed at the end of its block if it still runs."""
+
+    def __init__(self, log: Path, *command: str, environment: dict[str, str] | None = None) -> None:
+        self.log = log
+        with log.open("wb") as stream:
+            self.popen = subprocess.Popen(
+                [sys.executable, *command],
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                env=os.environ | (environment or {}),
+                start_new_session=True,
+            )
+
+    def __enter__(self) -> Process:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.popen.poll() is None:
+            self.popen.kill()
+            self.popen.wait()
+
+    @property
+    def text(self) -> str:
+        return self.log.read_text(encoding="utf-8", errors="replace")
+
+    def wait_for(self, words: str) -> None:
+        wait_until(lambda: words in self.text or self.popen.poll() is not None, f"'{words}' in {self.log}")
+        assert words in self.text, self.text
+
+    def end(self, *signals: signal.Signals, pause_s: float = 0.1) -> int:
+        for number in signals:
+            if self.popen.poll() is None:
+                self.popen.send_signal(number)
+            time.sleep(pause_s)
+        return self.popen.wait(PATIENCE_S)
+
+
+def node_process(folder: Path, name: str, *arguments: str) -> Process:
+    return Process(folder / f"{name}.log", "-m", f"sfr_loc_map.nodes.{name}", *arguments)
+
+
+class Peer:
+    """A node in the test's process."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        self.node = rclpy.create_node("peer")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._publishers: dict[str, Any] = {}
+
+    def __enter__(self) -> Peer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.node.destroy_node()
+
+    def listen(self, kind: type[Any], topic: str, *, latched: bool = False) -> list[Any]:
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        taken: list[Any] = []
+        self.node.create_subscription(kind, topic, taken.append, QoSProfile(depth=100, durability=durability))
+        return taken
+
+    def publish(self, kind: type[Any], topic: str, message: Any) -> None:
+        """Publish a message or its serialised form, once somebody listens."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(kind, topic, 50)
+        publisher = self._publishers[topic]
+        self.until(lambda: publisher.get_subscription_count() > 0, f"a listener on {topic}")
+        publisher.publish(message)
+
+    def call(self, service: str) -> Any:
+        from std_srvs.srv import Trigger
+
+        client = self.node.create_client(Trigger, service)
+        self.until(client.service_is_ready, f"service {service}")
+        future = client.call_async(Trigger.Request())
+        self.until(future.done, f"answer of {service}")
+        return future.result()
+
+    def until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
+        deadline = time.monotonic() + patience_s
+        while not (found := condition()):
+            assert time.monotonic() < deadline, f"{what} did not come within {patience_s} s"
+            self._executor.spin_once(timeout_sec=0.05)
+        return found
+
+    def spin(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.02)

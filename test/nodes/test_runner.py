@@ -1,0 +1,107 @@
+import os
+import signal
+from pathlib import Path
+from signal import SIGINT, SIGKILL, SIGTERM
+
+import pytest
+from processes import Process, wait_until
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+NODE = """
+import sys, time
+from rclpy.node import Node
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.nodes.runner import run
+
+class Slow(Node):
+    def __init__(self):
+        super().__init__("slow")
+        self.create_timer(0.01, lambda: None)
+        {start}
+        print("ready", flush=True)
+    def destroy_node(self):
+        time.sleep(0.4)
+        super().destroy_node()
+        print("tidied", flush=True)
+
+code = run(Slow)
+print("code", code, flush=True)
+sys.exit(code)
+"""
+
+
+def process(folder: Path, start: str = "pass", *arguments: str) -> Process:
+    script = folder / "slow_node.py"
+    script.write_text(NODE.format(start=start), encoding="utf-8")
+    return Process(folder / "node.log", str(script), *arguments)
+
+
+@pytest.mark.parametrize(
+    "signals", [(SIGINT,), (SIGTERM,), (SIGINT, SIGINT, SIGINT), (SIGTERM, SIGINT), (SIGTERM, SIGTERM)]
+)
+def test_signals_end_a_node_cleanly_however_many(tmp_path: Path, signals: tuple[signal.Signals, ...]) -> None:
+    with process(tmp_path) as node:
+        node.wait_for("ready")
+        assert node.end(*signals) == 0
+        assert node.text.split("ready\n")[1] == "tidied\ncode 0\n"
+
+
+def test_a_signal_while_the_node_is_being_made_ends_it_cleanly(tmp_path: Path) -> None:
+    with process(tmp_path, "print('making', flush=True); time.sleep(1.0); self.create_publisher") as node:
+        node.wait_for("making")
+        assert node.end(SIGTERM) == 0
+        assert "Traceback" not in node.text
+
+
+def test_an_error_of_ours_is_one_line_and_exit_2(tmp_path: Path) -> None:
+    with process(tmp_path, "raise NodeError('sought a,\\n found b')") as node:
+        assert node.popen.wait(60) == 2
+        assert node.text == "slow_node: sought a, found b\ncode 2\n"
+
+
+def test_another_error_keeps_its_traceback(tmp_path: Path) -> None:
+    with process(tmp_path, "1 / 0") as node:
+        assert node.popen.wait(60) == 1
+        assert "ZeroDivisionError" in node.text
+
+
+@pytest.mark.parametrize(
+    ("content", "words"), [("a: [", "slow_node: ROS does not start"), (None, "slow_node: ROS does not start")]
+)
+def test_a_broken_or_missing_parameter_file_is_one_line_and_exit_2(
+    tmp_path: Path, content: str | None, words: str
+) -> None:
+    path = tmp_path / "p.yaml"
+    if content is not None:
+        path.write_text(content, encoding="utf-8")
+    with process(tmp_path, "pass", "--ros-args", "--params-file", str(path)) as node:
+        assert node.popen.wait(60) == 2
+        assert words in node.text
+        assert "Traceback" not in node.text
+
+
+def test_a_supervised_node_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
+    script = tmp_path / "supervisor.py"
+    script.write_text(
+        "import time\nfrom pathlib import Path\nfrom sfr_loc_map.nodes.supervisor import Supervisor\n"
+        f"s = Supervisor(Path({str(tmp_path)!r}))\ns.start('monitor_node')\n"
+        "print('pid', s.pids['monitor_node'], flush=True)\ntime.sleep(100)\n",
+        encoding="utf-8",
+    )
+    with Process(tmp_path / "supervisor.log", str(script)) as supervisor:
+        supervisor.wait_for("pid")
+        pid = int(supervisor.text.split()[1])
+        log = tmp_path / "monitor_node.log"
+        wait_until(lambda: "listens to" in log.read_text(), "start of the node")
+        supervisor.end(SIGKILL)
+    wait_until(lambda: not alive(pid), "end of the node", 10)
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False
