@@ -13,8 +13,8 @@ from sfr_loc_map.mapping import photometry
 FloatImage = NDArray[np.float32]
 F = np.float32
 
-STRIDE = 2
-"""Every second pixel of every second row measures the alignment: a quarter of a million is plenty."""
+STRIDE = 3
+"""Every third pixel of every third row measures the alignment: a hundred thousand are plenty."""
 ROUNDS = 3
 DARKEST, BRIGHTEST = 2.0, 253.0
 """Grey levels beyond which a pixel may be cut off and says nothing of exposure."""

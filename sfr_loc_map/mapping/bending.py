@@ -44,35 +44,37 @@ def stiffness_of(
 
 @by_rows
 def bend(field: FloatImage, stiffness: FloatImage, out: FloatImage) -> None:
-    """Fill `out` `(3, h, w)` with the weighted second differences of a field."""
+    """Fill the inside of `out` `(3, h + 2, w + 2)` with the weighted second differences of a field.
+
+    Stiffness is 0 where a difference would reach beyond the border.
+    """
     rows, cols = field.shape
     for i in prange(rows):
-        for j in range(cols):
-            qx = qy = qm = F(0.0)
-            if 0 < j < cols - 1:
-                qx = stiffness[0, i, j] * (field[i, j - 1] - F(2.0) * field[i, j] + field[i, j + 1])
-            if 0 < i < rows - 1:
-                qy = stiffness[1, i, j] * (field[i - 1, j] - F(2.0) * field[i, j] + field[i + 1, j])
-            if i < rows - 1 and j < cols - 1:
-                qm = field[i, j] - field[i + 1, j] - field[i, j + 1] + field[i + 1, j + 1]
-                qm *= stiffness[2, i, j]
-            out[0, i, j], out[1, i, j], out[2, i, j] = qx, qy, qm
+        above, below = max(i - 1, 0), min(i + 1, rows - 1)
+        for j in range(1, cols - 1):
+            centre = field[i, j]
+            twice = F(2.0) * centre
+            mixed = centre - field[below, j] - field[i, j + 1] + field[below, j + 1]
+            out[0, i + 1, j + 1] = stiffness[0, i, j] * (field[i, j - 1] - twice + field[i, j + 1])
+            out[1, i + 1, j + 1] = stiffness[1, i, j] * (field[above, j] - twice + field[below, j])
+            out[2, i + 1, j + 1] = stiffness[2, i, j] * mixed
+        for j in (0, cols - 1):
+            beside = min(j + 1, cols - 1)
+            mixed = field[i, j] - field[below, j] - field[i, beside] + field[below, beside]
+            out[0, i + 1, j + 1] = F(0.0)
+            out[1, i + 1, j + 1] = stiffness[1, i, j] * (field[above, j] - F(2.0) * field[i, j] + field[below, j])
+            out[2, i + 1, j + 1] = stiffness[2, i, j] * mixed
 
 
 @inlined
-def _unbend(q: FloatImage, i: int, j: int, rows: int, cols: int) -> np.float32:
-    value: np.float32 = q[2, i, j] - F(2.0) * (q[0, i, j] + q[1, i, j])
-    if j > 0:
-        value += q[0, i, j - 1] - q[2, i, j - 1]
-    if j < cols - 1:
-        value += q[0, i, j + 1]
-    if i > 0:
-        value += q[1, i - 1, j] - q[2, i - 1, j]
-        if j > 0:
-            value += q[2, i - 1, j - 1]
-    if i < rows - 1:
-        value += q[1, i + 1, j]
-    return value
+def _unbend(q: FloatImage, i: int, j: int) -> np.float32:
+    """Return the transpose of taking differences, at cell (i, j) of fluxes that have a border of 0."""
+    y, x = i + 1, j + 1
+    along_x = q[0, y, x - 1] - F(2.0) * q[0, y, x] + q[0, y, x + 1]
+    along_y = q[1, y - 1, x] - F(2.0) * q[1, y, x] + q[1, y + 1, x]
+    mixed = q[2, y, x] - q[2, y, x - 1] - q[2, y - 1, x] + q[2, y - 1, x - 1]
+    total: np.float32 = along_x + along_y + mixed
+    return total
 
 
 @inlined
@@ -89,9 +91,9 @@ def start(gradient: FloatImage, bent: FloatImage, inverse_diagonal: FloatImage, 
     rows, cols = gradient.shape
     sums = np.zeros(rows)
     for i in prange(rows):
-        total = 0.0
+        total = F(0.0)
         for j in range(cols):
-            rest = gradient[i, j] - _unbend(bent, i, j, rows, cols)
+            rest = gradient[i, j] - _unbend(bent, i, j)
             scaled = inverse_diagonal[i, j] * rest
             state[0, i, j], state[1, i, j], state[2, i, j] = F(0.0), rest, scaled
             total += rest * scaled
@@ -105,9 +107,9 @@ def multiply(hessian: FloatImage, bent: FloatImage, state: FloatImage) -> float:
     rows, cols = hessian.shape
     sums = np.zeros(rows)
     for i in prange(rows):
-        total = 0.0
+        total = F(0.0)
         for j in range(cols):
-            value = hessian[i, j] * state[2, i, j] + _unbend(bent, i, j, rows, cols)
+            value = hessian[i, j] * state[2, i, j] + _unbend(bent, i, j)
             state[3, i, j] = value
             total += value * state[2, i, j]
         sums[i] = total
@@ -120,7 +122,7 @@ def advance(state: FloatImage, inverse_diagonal: FloatImage, length: np.float32)
     rows, cols = inverse_diagonal.shape
     sums = np.zeros(rows)
     for i in prange(rows):
-        total = 0.0
+        total = F(0.0)
         for j in range(cols):
             state[0, i, j] += length * state[2, i, j]
             rest = state[1, i, j] - length * state[3, i, j]
@@ -178,7 +180,7 @@ def solved_step(
         iterations: Steps.
     """
     inverse_diagonal = inverse_diagonal_of(hessian, stiffness)
-    bent = np.empty_like(stiffness)
+    bent = np.zeros((3, field.shape[0] + 2, field.shape[1] + 2), F)
     state = np.empty((4, *field.shape), F)
     bend(field, stiffness, bent)
     power = start(gradient, bent, inverse_diagonal, state)

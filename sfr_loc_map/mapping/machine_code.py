@@ -7,8 +7,13 @@ and a sum: tests for NaN stay.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
+
+# Threads sleep, not spin, while they wait for each other: on a machine shared with other programs spinning takes the
+# very core that the awaited thread needs. Read once, when the OpenMP runtime is loaded at the first parallel loop.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from numba import njit
 

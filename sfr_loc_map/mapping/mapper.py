@@ -81,6 +81,9 @@ class Mapper:
         initial[:, side // 2 :] = 4.0
         refined = refine(left.astype(np.float32), right.astype(np.float32), initial)
         trusted(left.astype(np.float32), refined, initial)
+        cloud = cloud_from_disparity(initial, sigma_of(refined), left, self._rig, Transform.identity(), 0)
+        view = View(cloud, initial, self._rig.T_sb_left, refined.noise)
+        fused([view, view], self._rig)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
         """Return the points that one pair sees.

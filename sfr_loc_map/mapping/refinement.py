@@ -39,6 +39,8 @@ BOX = 9
 """Side in cells over which brightness offset and noise level are averaged."""
 TAIL = F(1.0 / 25.0)
 """Residuals of five standard deviations have half their weight."""
+LEAST_NOISE = 0.3
+"""Standard deviation that whole grey levels alone give a residual, about."""
 ROUGHNESS_CELLS = 4
 """Spacing of the second differences by which roughness is measured: far enough apart to rise above the noise."""
 ROUGHNESS_FACTOR = 10.0 / ROUGHNESS_CELLS**2
@@ -118,8 +120,9 @@ class _Data:
 def _data(left: FloatImage, right: FloatImage, cells: FloatImage) -> _Data:
     """Return residuals, their brightness offset and variance, and the normal equations of each cell."""
     residual = photometry.residual_of(left, right, grid.pixels_of(cells, JUMP_PX))
-    some = residual[::4, ::4]
-    noise = max(1.4826 * float(np.nanmedian(np.abs(some - np.nanmedian(some)))), 0.3)
+    some = residual[::8, ::4]
+    some = some[np.isfinite(some)]
+    noise = max(1.4826 * float(np.median(np.abs(some - np.median(some)))), LEAST_NOISE) if len(some) else LEAST_NOISE
     offset = box_mean(photometry.cell_means(residual, F(3.0 * noise)), BOX)
     variance = noise_variance(left, residual, offset)
     template = photometry.template_of(left, residual, offset, F(4.0 * noise))
@@ -136,19 +139,22 @@ def noise_variance(left: FloatImage, residual: FloatImage, offset: FloatImage) -
     A camera's noise has a constant part and one that grows with the light (photon noise).
     """
     grey = reduced(left, 2)
-    sample = np.abs(residual[::4, ::4] - offset[::2, ::2]).ravel()
-    level = grey[::2, ::2].ravel()
-    usable = np.isfinite(sample)
-    sample, level = sample[usable], level[usable]
-    edges = np.quantile(level, np.linspace(0.0, 1.0, 9)) if len(level) else np.zeros(9)
-    bins = np.searchsorted(edges[1:-1], level)
-    points = [(level[bins == k].mean(), np.median(sample[bins == k])) for k in range(8) if (bins == k).sum() > 50]
-    if len(points) < 2:
+    sample = np.abs(residual[::8, ::4] - offset[::4, ::2]).ravel()
+    level = grey[::4, ::2].ravel()
+    order = np.argsort(level[np.isfinite(sample)], kind="stable")
+    level, sample = level[np.isfinite(sample)][order], sample[np.isfinite(sample)][order]
+    if len(level) < 8 * 50:
         return np.full(offset.shape, 25.0, F)
-    centre, spread = np.array(points).T
-    variance = np.maximum((1.4826 * spread) ** 2, 0.09)
-    slope, constant = np.polyfit(centre, variance, 1, w=1.0 / variance)
-    return np.asarray(np.clip(constant + slope * grey, variance.min(), variance.max()), F)
+    centre = np.array([part.mean() for part in np.array_split(level, 8)], np.float64)
+    variance = np.array([(1.4826 * float(np.median(part))) ** 2 for part in np.array_split(sample, 8)])
+    variance = np.maximum(variance, LEAST_NOISE**2)
+    weight = 1.0 / np.square(variance)
+    middle = np.average(centre, weights=weight)
+    spread = float(np.average(np.square(centre - middle), weights=weight))
+    mean = float(np.average(variance, weights=weight))
+    slope = float(np.average((centre - middle) * (variance - mean), weights=weight)) / max(spread, 1.0)
+    model = F(mean) + F(slope) * (grey - F(middle))
+    return np.asarray(np.clip(model, F(variance.min()), F(variance.max())), F)
 
 
 def _roughness(cells: FloatImage) -> tuple[FloatImage, FloatImage]:

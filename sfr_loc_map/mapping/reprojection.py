@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import GreyImage, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.machine_code import by_rows
 
 FloatImage = NDArray[np.float32]
+FloatArray = NDArray[np.float64]
 
 
 def cloud_from_disparity(
@@ -28,20 +31,48 @@ def cloud_from_disparity(
         T_lm_navsb: Takes points in NAVSB to LM.
         index: Number of the pair within its set.
     """
-    v, u = np.nonzero(np.isfinite(disparity_px))
-    disparity = disparity_px[v, u].astype(np.float64)
-    scale = rig.fx * rig.baseline_m
-    depth = scale / disparity
     T_lm_left = T_lm_navsb @ rig.T_sb_left
-    rays = np.column_stack(((u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy, np.ones(len(u))))
-    xyz = T_lm_left.apply(rays * depth[:, None])
-    length = np.sqrt(np.einsum("ij,ij->i", rays, rays))
-    sigma = length * depth * depth / scale * sigma_px[v, u]
-    return PointCloud(
-        xyz.astype(np.float32),
-        sigma.astype(np.float32),
-        left[v, u].astype(np.float32),
-        u.astype(np.uint16),
-        v.astype(np.uint16),
-        np.full(len(u), index, np.uint8),
-    )
+    camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.fx * rig.baseline_m])
+    ends = np.cumsum(np.isfinite(disparity_px).sum(axis=1))
+    count = int(ends[-1])
+    xyz, sigma, intensity = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    u, v = np.empty(count, np.uint16), np.empty(count, np.uint16)
+    fields = (xyz, sigma, intensity, u, v)
+    _fill(disparity_px, sigma_px, left, camera, T_lm_left.rotation, T_lm_left.translation, ends, *fields)
+    return PointCloud(xyz, sigma, intensity, u, v, np.full(count, index, np.uint8))
+
+
+@by_rows
+def _fill(
+    disparity: FloatImage,
+    deviation: FloatImage,
+    left: GreyImage,
+    camera: FloatArray,
+    rotation: FloatArray,
+    translation: FloatArray,
+    ends: NDArray[np.int64],
+    xyz: FloatImage,
+    sigma: FloatImage,
+    intensity: FloatImage,
+    u: NDArray[np.uint16],
+    v: NDArray[np.uint16],
+) -> None:
+    """Fill the fields of a cloud row by row; `ends` `(H,)` counts the points up to the end of each row."""
+    rows, cols = disparity.shape
+    fx, fy, cx, cy, scale = camera
+    for i in prange(rows):
+        n = ends[i - 1] if i > 0 else 0
+        ray_y = (i - cy) / fy
+        for j in range(cols):
+            if not np.isfinite(disparity[i, j]):
+                continue
+            depth = scale / np.float64(disparity[i, j])
+            ray_x = (j - cx) / fx
+            length = np.sqrt(ray_x * ray_x + ray_y * ray_y + 1.0)
+            for k in range(3):
+                along = rotation[k, 0] * ray_x + rotation[k, 1] * ray_y + rotation[k, 2]
+                xyz[n, k] = depth * along + translation[k]
+            sigma[n] = length * depth * depth / scale * deviation[i, j]
+            intensity[n] = left[i, j]
+            u[n], v[n] = j, i
+            n += 1
