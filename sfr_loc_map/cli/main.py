@@ -19,10 +19,12 @@ from sfr_loc_map.errors import FailedVerdictError, SfrError
 COMMANDS = ("localise", "map", "convert", "score", "replay", "report", "simulate", "perturb", "compare")
 MODULES = {"map": "map_cloud"}
 FUNCTIONS = {"map": "map_cloud"}
+INTERRUPTED = 130
+
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version
 
 app = typer.Typer(
     add_completion=False,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Stereo localisation, terrain mapping and the metrics that prove how good they are.",
 )
@@ -34,13 +36,16 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _root(
+    context: typer.Context,
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
 ) -> None:
     if debug:
         os.environ["SFR_DEBUG"] = "1"
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 for _name in COMMANDS:
@@ -51,20 +56,34 @@ for _name in COMMANDS:
 def main() -> int:
     """Run the command line; return the exit code."""
     try:
-        app(standalone_mode=True)
-    except SystemExit as stop:
-        return stop.code if isinstance(stop.code, int) else 2
+        code = app(standalone_mode=False)
+    except SystemExit:  # whoever read the output has closed it
+        return 0
+    except (KeyboardInterrupt, typer.Abort):
+        code = INTERRUPTED
     except FailedVerdictError as verdict:
-        print(f"sfr: {verdict}", file=sys.stderr)
-        return 1
-    except (SfrError, OSError) as error:
+        return _say(str(verdict), 1)
+    except Exception as error:
         if os.environ.get("SFR_DEBUG"):
             raise
-        print("sfr: " + " ".join(str(error).split()), file=sys.stderr)
-        return 2
-    except BrokenPipeError:
-        return 0
-    except KeyboardInterrupt:
-        print("sfr: stopped by the user", file=sys.stderr)
-        return 130
-    return 0
+        return _say(_line(error), 2)
+    if code == INTERRUPTED:
+        return _say("stopped by the user", INTERRUPTED)
+    return code if isinstance(code, int) else 0
+
+
+def _line(error: Exception) -> str:
+    """Return what to say of an error."""
+    if isinstance(error, UsageError):
+        context: typer.Context | None = getattr(error, "ctx", None)
+        command = context.command_path if context is not None else "sfr"
+        message: str = error.format_message()  # type: ignore[attr-defined]
+        return f"{message.rstrip('.')}: see '{command} --help'"
+    if isinstance(error, (SfrError, OSError)):
+        return str(error)
+    return f"{type(error).__name__}: {error}: this is a fault of the program, run 'sfr --debug ...' and report it"
+
+
+def _say(message: str, code: int) -> int:
+    print("sfr: " + " ".join(message.split()), file=sys.stderr)
+    return code
