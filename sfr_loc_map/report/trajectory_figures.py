@@ -372,9 +372,12 @@ def _growth(score: Mapping[str, Any], parts: list[tuple[Mapping[str, Any], Mappi
         return []
     over = [item["distance_m"] for item in steps]
     mean, total = ([item["position_m"][key] for item in steps] for key in ("mean", "mean_plus_3sigma"))
-    known = [(p["condition"].get("distance_m"), p["position_m"]) for p, _ in parts]
     bounded = [
-        (x, p["mean_plus_3sigma"], p["mean_plus_3sigma_ci95"]) for x, p in known if x and p["mean_plus_3sigma_ci95"]
+        (part["condition"]["distance_m"], part["position_m"]["mean_plus_3sigma"], bounds)
+        for part, _ in parts
+        if "distance_m" in part["condition"]
+        and part["position_m"]["mean_plus_3sigma"] is not None
+        and (bounds := part["position_m"]["mean_plus_3sigma_ci95"])
     ]
     factor, unit = error_scale(largest(total))
     filled = {"fill": "tonexty", "fillcolor": "@one-soft"}

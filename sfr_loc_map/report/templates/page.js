@@ -42,7 +42,7 @@
       margin: { l: 60, r: 20, t: 12, b: 50 },
       font: { color: palette.ink, size: 12, family: "system-ui, Segoe UI, Roboto, DejaVu Sans, Arial, sans-serif" },
       paper_bgcolor: palette.paper, plot_bgcolor: palette.paper,
-      legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 },
+      legend: { orientation: "h", traceorder: "normal", y: 1.02, yanchor: "bottom", x: 0 },
       hovermode: "closest", hoverlabel: { align: "left" }, autosize: true, height: spec.height,
     }, coloured(spec.layout, palette));
     const lines = { gridcolor: palette.grid, zerolinecolor: palette.zero, linecolor: palette.zero };

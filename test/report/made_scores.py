@@ -1,0 +1,103 @@
+"""Scores for the tests of the report, made by the score's own functions from invented runs."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.cloud_error import score_map
+from sfr_loc_map.metrics.cloud_truth import PairTruth
+from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.costs import Calls, merge_parts, score_calls
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.results import build_score
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+
+START_NS = 1_700_000_000_123_456_789
+LIMITS = {
+    "trajectory": [
+        {"condition": "distance=5", "position_mean_plus_3sigma_m": 0.000001, "heading_mean_plus_3sigma_deg": 90},
+        {"condition": "distance=500", "position_mean_plus_3sigma_m": 0.1},
+    ],
+    "memory": {"localisation_peak_bytes": 2_000_000_000},
+}
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
+
+
+def drive(frames: int) -> tuple[Estimates, Trajectory]:
+    """A bend of steps of 0.1 m, an estimate that wanders off it by millimetres and says so in its covariance."""
+    rng = np.random.default_rng(3)
+    stamps = START_NS + np.arange(frames) * 500_000_000
+    heading = np.linspace(0.0, 2.0, frames)
+    steps = 0.1 * np.column_stack((np.cos(heading), np.sin(heading), 0.2 * np.sin(8 * heading)))
+    truth = np.cumsum(steps, axis=0)
+    quats = np.column_stack((np.zeros((frames, 2)), np.sin(heading / 2), np.cos(heading / 2)))
+    wander = np.cumsum(rng.normal(0, 1e-3, (frames, 3)), axis=0)
+    covariance = np.zeros((frames, 21))
+    covariance[:, [0, 6, 11, 15, 18, 20]] = 1e-6 * np.arange(1, frames + 1)[:, None]
+    lost = np.zeros(frames, np.bool_)
+    lost[frames // 2 : frames // 2 + 3] = True
+    return Estimates.of(Trajectory(stamps, truth + wander, quats), lost, covariance), Trajectory(stamps, truth, quats)
+
+
+def calls(frames: int, pairs: int) -> Calls:
+    """Calls of localiser and mapper."""
+    rng = np.random.default_rng(4)
+    count = frames + pairs
+    stamps = START_NS + np.arange(count) * 500_000_000
+    states = ["initialising"] + ["tracking"] * (frames - 1) + ["mapped"] * pairs
+    memory = 4e8 + rng.random(count) * 1e7
+    return Calls(stamps, 0.03 + 0.01 * rng.random(count), states, memory, memory - 3e8)
+
+
+def cloud(side: int, pairs: int) -> tuple[PointCloud, list[PairTruth]]:
+    """Sloping ground before the camera, with errors that grow with the square of the range."""
+    rng = np.random.default_rng(5)
+    rig = StereoRig(side, side, side * 0.8, side * 0.8, side / 2 - 0.5, side / 2 - 0.5, 0.25)
+    u, v = np.meshgrid(np.arange(side), np.arange(side))
+    ray = np.stack(((u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy, np.ones(u.shape)), axis=-1)
+    depth = 1.5 / np.maximum(ray[..., 1], 0.05)
+    points = (ray * depth[..., None]).astype(np.float32)
+    points[: side // 2] = np.nan
+    truths = [PairTruth(points, Transform(np.eye(3), np.zeros(3)), rig) for _ in range(pairs)]
+    rows, columns = np.nonzero(np.isfinite(points).all(axis=2))
+    xyz, count = points[rows, columns], len(rows)
+    parts = []
+    for number in range(pairs):
+        sigma = 0.1 * xyz[:, 2] ** 2 / (rig.fx * rig.baseline_m)
+        moved = xyz * (1 + sigma * rng.standard_normal(count) / xyz[:, 2])[:, None]
+        parts.append(
+            PointCloud(
+                moved.astype(np.float32),
+                sigma.astype(np.float32),
+                np.zeros(count, np.float32),
+                columns.astype(np.uint16),
+                rows.astype(np.uint16),
+                np.full(count, number, np.uint8),
+            )
+        )
+    return PointCloud.concatenate(parts), truths
+
+
+@cache
+def whole_score(frames: int = 300, side: int = 96, pairs: int = 2, conditions: int = 2) -> dict[str, Any]:
+    """A score with every part: trajectory, map, calls, verdicts of all three kinds, provenance with a hostile path.
+
+    It is shared by tests: copy before changing.
+    """
+    named = (*(f"distance={value}" for value in (5, 2, 10, 20, 1)[: conditions - 1]), "distance=500")
+    estimates, truth = drive(frames)
+    points, truths = cloud(side, pairs)
+    parts = merge_parts(
+        score_trajectory(estimates, truth, TrajectoryScoreConfig(conditions=named)),
+        score_map(points, truths, MapScoreConfig(), fused=False),
+        score_calls(calls(frames, pairs)),
+    )
+    provenance = {"version": "0.1.0", "time": "2024-02-29T12:00:00+00:00"}
+    provenance |= {"inputs": {"estimate": {"path": HOSTILE, "sha256": "0" * 64}}, "configuration": {"unknown": None}}
+    return build_score(parts, limits=parse_limits(LIMITS, "test"), provenance=provenance)

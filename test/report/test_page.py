@@ -1,0 +1,308 @@
+import copy
+import html
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_scores import HOSTILE, whole_score
+
+from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.report.page import load_score, render_page, write_page
+from sfr_loc_map.report.tables import dig, number
+
+CHROMIUM = Path("/usr/bin/chromium")
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--enable-unsafe-swiftshader",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--host-resolver-rules=MAP * ~NOTFOUND",  # whatever the browser itself would like to ask
+    "--enable-logging=stderr",
+    "--window-size=1280,6000",
+    "--virtual-time-budget=30000",
+]
+OF_THE_BROWSER = "not an origin"
+"""What the browser's log of its network says in place of the page that made a request."""
+MEGABYTE = 1e6
+
+
+class Elements(HTMLParser):
+    """All elements of a page with their attributes, and what scripts hold."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.cells: dict[str, tuple[str, str]] = {}
+        self._cell = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        attributes = dict(attrs)
+        self.found.append((tag, attributes))
+        self._cell = (attributes.get("data-key") or "") if tag == "td" else ""
+        if self._cell:
+            self.cells[self._cell] = (attributes.get("data-value") or "", "")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._cell = ""
+
+    def handle_data(self, data: str) -> None:
+        if self.found and self.found[-1][0] == "script":
+            self.scripts.append(data)
+        if self._cell:
+            self.cells[self._cell] = (self.cells[self._cell][0], data)
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return render_page(whole_score())
+
+
+def specs_of(page: str) -> list[dict[str, Any]]:
+    text = re.search(r'id="specs"[^>]*>(.*?)</script>', page, re.S)
+    assert text is not None
+    plots: list[dict[str, Any]] = json.loads(text[1])
+    return plots
+
+
+def test_headline_numbers_are_those_of_the_json(page: str) -> None:
+    score, cells = whole_score(), Elements(page).cells
+    places = [
+        f"trajectory.conditions.{k}.{name}" for k in (0, 1) for name in ("position_m", "attitude_deg", "heading_deg")
+    ]
+    places += ["map.point_error_m", "timing.localisation_s", "timing.mapping_s"]
+    for key in (f"{place}.{name}" for place in places for name in ("mean", "sigma", "mean_plus_3sigma")):
+        exact, shown = cells[key]
+        value = dig(score, key)
+        assert (float(exact) if exact else None) == value, key
+        assert shown == number(value, "not enough data")
+
+
+def test_every_number_with_a_key_is_the_one_of_the_json(page: str) -> None:
+    score, cells = whole_score(), Elements(page).cells
+    exact = {key: value for key, (value, _) in cells.items() if value}
+    assert len(exact) > 100
+    assert {key: float(value) for key, value in exact.items()} == {key: dig(score, key) for key in exact}
+
+
+def test_verdicts_have_word_and_sign(page: str) -> None:
+    words = re.findall(
+        r'<td class="verdict (\w+)"><span class="icon" aria-hidden="true">(.)</span> ([\w ]+)</td>', page
+    )
+    assert words == [
+        ("fail", "✖", "fail"),
+        ("pass", "✔", "pass"),
+        ("open", "?", "not enough data"),
+        ("pass", "✔", "pass"),
+    ]
+    assert "2 of 4 limits met, 1 missed, 1 without enough data." in page
+
+
+def test_without_limits_there_is_no_verdict() -> None:
+    score = {**whole_score(), "verdicts": []}
+    assert "No limits were given: there is no verdict." in render_page(score, figures=False)
+
+
+def test_nothing_is_loaded_from_elsewhere(page: str) -> None:
+    elements = Elements(page)
+    loading = {"src", "href", "srcset", "data", "action", "poster", "background", "xlink:href"}
+    assert [(tag, a) for tag, a in elements.found if loading & a.keys()] == []
+    assert {tag for tag, _ in elements.found} & {"link", "iframe", "object", "embed", "base", "img"} == set()
+    style = re.search(r"<style>(.*?)</style>", page, re.S)
+    assert style is not None
+    assert not re.search(r"url\(|@import", style[1])
+    policy = next(a["content"] for tag, a in elements.found if a.get("http-equiv") == "Content-Security-Policy")
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    assert "connect-src" not in policy
+    assert not re.search(r"https?://", page)
+
+
+def test_all_figures_are_there_with_units_on_their_axes(page: str) -> None:
+    plots = {plot["name"]: plot for plot in specs_of(page)}
+    assert list(plots) == [
+        "top-view", "height", "accumulated", "position", "growth", "axes", "way", "vectors-top", "vectors-side",
+        "angles", "localisation-histogram", "localisation-timeline", "mapping-timeline", "image-0", "image-1",
+        "over-range", "cloud",
+    ]  # fmt: skip
+    for plot in plots.values():
+        layout = plot["layout"]
+        axes = layout.get("scene", layout)
+        titles = {key: item["title"]["text"] for key, item in axes.items() if re.fullmatch(r"[xyz]axis\d?", key)}
+        assert len(titles) >= 2, plot["name"]
+        for title in titles.values():
+            assert re.search(r", (m|mm|deg|s|px|MiB)$", title) or title == "number of calls", (plot["name"], title)
+
+
+def test_marks_lead_back_to_the_frames_and_exact_stamps(page: str) -> None:
+    rows = whole_score()["details"]["trajectory"]["sub_trajectories"][0]
+    plot = next(plot for plot in specs_of(page) if plot["name"] == "position")
+    marked = plot["data"][0]
+    names = ("start_frame", "end_frame", "start_stamp_ns", "end_stamp_ns")
+    wanted = [[a, b, str(c), str(d)] for a, b, c, d in zip(*(rows[name] for name in names), strict=True)]
+    assert [item[1:] for item in marked["customdata"]] == wanted
+    assert wanted[0][2] == "1700000000123456789"
+    sizes = [(x * x + y * y + z * z) ** 0.5 for x, y, z in zip(rows["x_m"], rows["y_m"], rows["z_m"], strict=True)]
+    assert marked["y"] == pytest.approx([size * 1e3 for size in sizes], rel=1e-5)
+
+
+def test_law_of_triangulation_goes_through_its_values(page: str) -> None:
+    plot = next(plot for plot in specs_of(page) if plot["name"] == "over-range")
+    law = next(trace for trace in plot["data"] if trace["name"].startswith("law") and trace["text"][0] == "1 px ")
+    focal, baseline = 96 * 0.8, 0.25
+    assert law["y"] == pytest.approx([1e3 * r * r / (focal * baseline) for r in law["x"]], rel=1e-4)
+
+
+def test_hostile_texts_stay_texts(page: str) -> None:
+    score = copy.deepcopy(whole_score())
+    for item in score["timing"].values():
+        item["clock"] = HOSTILE
+    score["memory"]["method"] = HOSTILE
+    score["verdicts"][0]["metric"] = score["verdicts"][0]["verdict"] = HOSTILE
+    score["details"]["calls"]["localisation"]["series"]["state"][3] = HOSTILE
+    score["details"]["calls"][HOSTILE] = score["details"]["calls"]["mapping"]
+    hostile = render_page(score)
+    elements = Elements(hostile)
+    assert not any("onerror" in attributes for _, attributes in elements.found)
+    assert len(elements.scripts) == len(Elements(page).scripts)
+    assert not any("alert(1)" in text and "\\u003c" not in text for text in elements.scripts)
+    assert html.escape(HOSTILE) in hostile
+    assert HOSTILE not in hostile
+
+
+def test_undefined_numbers_are_never_shown_as_nan() -> None:
+    score = copy.deepcopy(whole_score())
+    for figure in ("mean", "sigma", "mean_plus_3sigma"):
+        score["trajectory"]["conditions"][0]["position_m"][figure] = float("nan")
+    text = render_page(score, figures=False)
+    assert not re.search(r"\bnan\b", text, re.I)
+    assert ">not enough data</td>" in text
+    specs_of(render_page(score))
+
+
+def test_page_of_tables_needs_no_script() -> None:
+    text = render_page(whole_score(), figures=False)
+    assert "<script" not in text
+    assert "position error over 5 m" in text
+
+
+@pytest.mark.parametrize("part", ["trajectory", "map", "timing", "memory", "details", "provenance"])
+def test_each_part_may_be_absent(part: str) -> None:
+    assert "<h1>" in render_page({key: value for key, value in whole_score().items() if key != part})
+
+
+def test_empty_score_says_that_there_is_not_enough_data() -> None:
+    text = render_page({"schema": "sfr-score/1", "verdicts": []})
+    assert "not enough data" in text
+    assert "<script" not in text
+
+
+@pytest.mark.parametrize(
+    "change", [{"trajectory": "good"}, {"verdicts": [3]}, {"map": {"by_range": [{}]}}, {"timing": [1]}]
+)
+def test_a_score_that_is_not_as_the_schema_says_is_one_error(change: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="not as sfr-score/1 says") as caught:
+        render_page({**whole_score(), **change})
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"schema": "other/1"}', "\x00\x01"])
+def test_files_that_hold_no_score(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "score.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match="sfr score --json"):
+        load_score(path)
+
+
+def test_missing_folder_is_one_error_and_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(OutputError):
+        write_page(whole_score(), tmp_path / "absent" / "report.html")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_long_run_stays_under_six_megabytes() -> None:
+    text = render_page(whole_score(frames=12000, side=512, pairs=3, conditions=6))
+    assert len(text.encode()) < 6 * MEGABYTE
+
+
+def opened(path: Path, tmp_path: Path, *flags: str) -> tuple[str, str]:
+    """Return the page after its script has run, and what the browser logged."""
+    if not CHROMIUM.is_file():
+        pytest.skip(f"no {CHROMIUM}: install chromium to open the page")
+    profile = tmp_path / "profile"
+    command = [str(CHROMIUM), *FLAGS, *flags, f"--user-data-dir={profile}", f"--log-net-log={tmp_path / 'net.json'}"]
+    try:
+        run = subprocess.run([*command, "--dump-dom", path.as_uri()], capture_output=True, text=True, timeout=100)
+    finally:
+        shutil.rmtree(profile, ignore_errors=True)
+    return run.stdout, run.stderr
+
+
+def requested(log: Path) -> set[str]:
+    """Return what pages asked for, from the browser's log of its network."""
+    events = json.loads(log.read_text())["events"]
+    asked = [event["params"] for event in events if "initiator" in event.get("params", {})]
+    return {item["url"] for item in asked if "url" in item and item["initiator"] != OF_THE_BROWSER}
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_page_opens_in_a_browser(theme: str, page: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_page(whole_score(), path)
+    scheme = f"--blink-settings=preferredColorScheme={0 if theme == 'dark' else 1}"
+    content, log = opened(path, tmp_path, scheme)
+    count = len(specs_of(page))
+    root = re.search(r"<html[^>]*>", content)
+    assert root is not None
+    assert f'data-figures="{count}/{count}"' in root[0], log
+    assert f'data-theme="{theme}"' in root[0]
+    bad = [
+        line
+        for line in log.splitlines()
+        if "CONSOLE" in line and re.search("error|refused|violat|not defined", line, re.I)
+    ]
+    assert bad == []
+    assert [url for url in requested(tmp_path / "net.json") if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+def test_a_request_of_a_page_would_be_seen(tmp_path: Path) -> None:
+    path = tmp_path / "asking.html"
+    path.write_text("<!DOCTYPE html><img src='http://elsewhere.invalid/picture.png'>")
+    opened(path, tmp_path)
+    assert "http://elsewhere.invalid/picture.png" in requested(tmp_path / "net.json")
+
+
+def test_a_click_shows_the_frames_and_the_button_the_other_theme(page: str, tmp_path: Path) -> None:
+    probe = """<script>
+    const wait = setInterval(() => {
+      const root = document.documentElement;
+      if (!root.dataset.figures) return;
+      clearInterval(wait);
+      const mark = document.getElementById("position").data[0].customdata[4];
+      document.getElementById("position").emit("plotly_click", { points: [{ customdata: mark }] });
+      const view = document.getElementById("top-view");
+      const shown = view.data.find((trace) => trace.name === "chosen sub-trajectory");
+      root.dataset.shown = [shown.x.length, mark[2] - mark[1] + 1, shown.x[0]].join(" ");
+      document.getElementById("theme").click();
+    }, 50);
+    </script>"""
+    path = tmp_path / "report.html"
+    path.write_text(page.replace("</body>", probe + "</body>"))
+    content, log = opened(path, tmp_path, "--blink-settings=preferredColorScheme=1")
+    root = re.search(r"<html[^>]*>", content)
+    assert root is not None
+    assert 'data-theme="dark"' in root[0], log
+    details = whole_score()["details"]["trajectory"]
+    rows = details["sub_trajectories"][0]
+    first, last = rows["start_frame"][4], rows["end_frame"][4]
+    assert f'data-shown="{last - first + 1} {last - first + 1} {details["path"]["truth_x_m"][first]}"' in root[0]
