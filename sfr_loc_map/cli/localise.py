@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -24,6 +25,7 @@ def localise(
     source: SourceArgument,
     output: Annotated[Path, typer.Option("-o", "--output", help="Trajectory: .csv, or TUM for .txt and .tum.")],
     stats: Annotated[Path | None, typer.Option(help="CSV with a row for each call: time, memory, state, ...")] = None,
+    video: Annotated[Path | None, typer.Option(help="Film of the tracks, .avi or .mp4: why a pair was hard.")] = None,
     start: StartOption = "identity",
     config: ConfigOption = None,
     remap: RemapOption = None,
@@ -33,7 +35,8 @@ def localise(
     from sfr_loc_map.io.trajectory_file import save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.pipeline.offline import localise as run
-    from sfr_loc_map.pipeline.offline import save_stats, start_pose, trajectory_of
+    from sfr_loc_map.pipeline.offline import look_away, save_stats, start_pose, trajectory_of
+    from sfr_loc_map.pipeline.video import track_film
 
     check_start(start)
     parameters = read_config(LocalisationConfig, config, "localisation")
@@ -41,9 +44,10 @@ def localise(
     if sequence is None:
         raise InputError(f"no drive (localisation pairs) in '{source}': give a source that has one")
     estimates, records = [], []
-    with progress_bar("pairs") as bar:
+    film = nullcontext(look_away) if video is None else track_film(video, sequence.rig)
+    with film as watch, progress_bar("pairs") as bar:
         task = bar.add_task("localising", total=len(sequence))
-        for estimate, record in run(sequence, parameters, start_pose(sequence, start)):
+        for estimate, record in run(sequence, parameters, start_pose(sequence, start), watch):
             estimates.append(estimate)
             records.append(record)
             bar.advance(task)

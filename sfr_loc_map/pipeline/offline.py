@@ -12,6 +12,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.atomic import atomic_path
@@ -24,6 +25,12 @@ from sfr_loc_map.mapping.mapper import MAX_PAIRS, FusedMap, Mapper, PairMap
 from sfr_loc_map.metrics.resources import CallMeter
 
 Progress = Callable[[int], None]
+Watch = Callable[[StereoPair, PoseEstimate, Localiser], None]
+"""Looks at a pair, its estimate and the localiser after the call; its time is not the call's."""
+
+
+def look_away(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
+    """Watch nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +57,7 @@ class CallRecord:
 
 
 def localise(
-    sequence: LocSequence, config: LocalisationConfig, T_ds_rb: Transform
+    sequence: LocSequence, config: LocalisationConfig, T_ds_rb: Transform, watch: Watch = look_away
 ) -> Iterator[tuple[PoseEstimate, CallRecord]]:
     """Yield the estimate and the cost of each pair of a drive.
 
@@ -58,6 +65,7 @@ def localise(
         sequence: The drive.
         config: Parameters of the localiser.
         T_ds_rb: Pose of RB in DS at the first pair.
+        watch: Called after each pair.
     """
     localiser = Localiser(sequence.rig, config, T_ds_rb)
     localiser.warm_up()
@@ -65,6 +73,7 @@ def localise(
     for pair in sequence.pairs():
         with meter.measure() as call:
             estimate = localiser.process(pair)
+        watch(pair, estimate, localiser)
         yield (
             estimate,
             CallRecord(
