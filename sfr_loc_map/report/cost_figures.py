@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
+from sfr_loc_map.report.cells import MIB, dig
 from sfr_loc_map.report.plots import Plot, Trace, axis, column, line, log_axis, marks, scaled, seconds_since
-from sfr_loc_map.report.tables import MIB, clock_text, dig
+from sfr_loc_map.report.score_tables import clock_text
 
 STATES = (
     ("initialising", "@two", "diamond"),

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from sfr_loc_map.report.cells import dig
 from sfr_loc_map.report.plots import Plot, Trace, axis, line, log_axis, marks, scaled
-from sfr_loc_map.report.tables import dig
 
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
 SCATTER_ROWS = 3000

@@ -16,10 +16,12 @@ from markupsafe import Markup
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.results import SCHEMA, without_nan
+from sfr_loc_map.report.cells import UNKNOWN, VERDICT_ICONS, dig
 from sfr_loc_map.report.cost_figures import cost_figures
+from sfr_loc_map.report.error_figures import error_figures
 from sfr_loc_map.report.map_figures import map_figures
 from sfr_loc_map.report.plots import Plot
-from sfr_loc_map.report.tables import UNKNOWN, VERDICT_ICONS, Table, dig, score_tables
+from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.trajectory_figures import trajectory_figures
 
 VERDICT_CLASSES = {"pass": "pass", "fail": "fail"}
@@ -104,7 +106,7 @@ def _render(score: Mapping[str, Any], figures: bool) -> str:
 
 def _sections(score: Mapping[str, Any]) -> list[tuple[str, list[Plot]]]:
     groups = (
-        ("Localisation", trajectory_figures(score)),
+        ("Localisation", trajectory_figures(score) + error_figures(score)),
         ("Time and memory", cost_figures(score)),
         ("Map", map_figures(score)),
     )
@@ -151,6 +153,3 @@ def _inline_json(value: object) -> Markup:
     for sign, escape in _BREAKS_OUT.items():
         text = text.replace(sign, escape)
     return Markup(text)
-
-
-__all__ = ["Table", "load_score", "render_page", "write_page"]

@@ -12,8 +12,8 @@ import pytest
 from made_scores import HOSTILE, whole_score
 
 from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.report.cells import dig, number
 from sfr_loc_map.report.page import load_score, render_page, write_page
-from sfr_loc_map.report.tables import dig, number
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = [

@@ -5,7 +5,9 @@ import io
 import pytest
 from made_scores import HOSTILE, whole_score
 
-from sfr_loc_map.report.tables import Table, condition_text, dig, limit_name, number, score_tables, to_csv, to_markdown
+from sfr_loc_map.report.cells import Table, condition_text, dig, number
+from sfr_loc_map.report.score_tables import limit_name, score_tables
+from sfr_loc_map.report.tables import to_csv, to_markdown
 
 
 def table(score: dict, name: str) -> Table:
