@@ -119,7 +119,7 @@ def _law(score: Mapping[str, Any], low: float) -> list[Trace]:
     measured = dig(score, "map.disparity_error_px.p50_abs")
     steps = [(d, f"{d:g} px", 1.0) for d in (0.1, 0.25, 1.0)]
     if measured is not None:
-        steps.append((measured, f"{measured:.2g} px, measured", 2.5))
+        steps.append((measured, f"{measured:.2g} px", 2.5))
     traces = []
     for d, text, width in steps:
         errors = scaled([r * r * d / scale for r in ranges], 1e3)
