@@ -22,6 +22,9 @@ FINEST_M = ROOT_M / CELLS / 2**11
 CELL_PER_DISTANCE = 0.014
 """Edge of a cell over its distance from the way, about five pixels of the localisation cameras."""
 
+FULL_DETAIL_PLACES = 40
+"""Places of a way (some 0.3 m apart) up to which the cells are as small as above."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
@@ -76,9 +79,14 @@ def way_distance(x: FloatArray, y: FloatArray, way: FloatArray) -> FloatArray:
     return out
 
 
-def cell_size(distance_m: FloatArray) -> FloatArray:
-    """Return the largest cell allowed at distances from the way, metres."""
-    return np.maximum(FINEST_M, CELL_PER_DISTANCE * distance_m)
+def cell_size(distance_m: FloatArray, way: FloatArray) -> FloatArray:
+    """Return the largest cell allowed at distances from a way, metres."""
+    return np.asarray(coarseness(way) * np.maximum(FINEST_M, CELL_PER_DISTANCE * distance_m))
+
+
+def coarseness(way: FloatArray) -> float:
+    """Return how much coarser everything is along a long way, to bound memory; 1 for a short one."""
+    return float(max(1.0, (len(way) / FULL_DETAIL_PLACES) ** 0.5))
 
 
 def _leaves(corner: FloatArray, way: FloatArray) -> list[tuple[int, int, int]]:
@@ -90,7 +98,7 @@ def _leaves(corner: FloatArray, way: FloatArray) -> list[tuple[int, int, int]]:
         low = corner + todo * size
         gap = np.maximum(np.maximum(low[:, None] - way[None], way[None] - low[:, None] - size), 0.0)
         distance = np.sqrt(np.square(gap).sum(axis=2).min(axis=1))
-        split = size / CELLS > cell_size(distance)
+        split = size / CELLS > cell_size(distance, way)
         done += [(level, int(i), int(j)) for i, j in todo[~split]]
         steps = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
         todo = (2 * todo[split][:, None] + steps[None]).reshape(-1, 2)
@@ -110,7 +118,7 @@ def _tiles(terrain: Terrain, corner: FloatArray, leaves: list[tuple[int, int, in
         cell = ROOT_M / 2**level / CELLS
         x = corner[0] + (i * CELLS + ii.ravel()) * cell
         y = corner[1] + (j * CELLS + jj.ravel()) * cell
-        spacing = cell_size(way_distance(x, y, way))
+        spacing = cell_size(way_distance(x, y, way), way)
         z = terrain.height(x, y, spacing).reshape(ii.shape)
         normal = np.stack(
             (

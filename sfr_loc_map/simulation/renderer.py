@@ -113,14 +113,37 @@ def see(tracer: Tracer, origin: FloatArray, rays: FloatArray) -> Hits:
     return out
 
 
-def sun_seen(tracer: Tracer, hits: Hits, suns: NDArray[np.float32]) -> NDArray[np.float32]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Occluder:
+    """Something that moves and casts a shadow but is not seen.
+
+    Attributes:
+        tracer: Its shape in its own frame.
+        T_ds_own: Where it is.
+    """
+
+    tracer: Tracer
+    T_ds_own: Transform
+
+
+def sun_seen(
+    tracer: Tracer, hits: Hits, suns: NDArray[np.float32], occluder: Occluder | None = None
+) -> NDArray[np.float32]:
     """Return 1 where light comes from the direction `suns` `(N, 3)`, 0 where it is blocked; `(N,)`."""
     lit = np.zeros(len(suns), np.float32)
     facing = np.empty(len(suns), np.int64)
     starts = np.empty((len(suns), 3), np.float32)
     count = _facing(hits.points, hits.normals, hits.objects, hits.ranges, suns, facing, starts)
-    if count:
-        lit[facing[:count]] = ~tracer.blocked(starts[:count], suns[facing[:count]])
+    if not count:
+        return lit
+    facing, starts = facing[:count], starts[:count]
+    rays = suns[facing]
+    free = ~tracer.blocked(starts, rays)
+    if occluder is not None:
+        T_own_ds = occluder.T_ds_own.inverse()
+        own = T_own_ds.apply(starts).astype(np.float32)
+        free &= ~occluder.tracer.blocked(own, (rays @ T_own_ds.rotation.T).astype(np.float32))
+    lit[facing] = free
     return lit
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.simulation.config import RockConfig
-from sfr_loc_map.simulation.mesh import Mesh, cell_size, way_distance
+from sfr_loc_map.simulation.mesh import Mesh, cell_size, coarseness, way_distance
 from sfr_loc_map.simulation.terrain import FloatArray, Terrain
 
 CLASS_RATIO = 1.35
@@ -30,11 +30,13 @@ class Rocks:
         centres: `(N, 3)` float64, metres, DS; the height is that of the ground.
         diameters: `(N,)` float64, metres.
         distances: `(N,)` float64, metres from the way.
+        pixels: `(N,)` float64, apparent size from the nearest place of the way; chooses how fine the shape is.
     """
 
     centres: FloatArray
     diameters: FloatArray
     distances: FloatArray
+    pixels: FloatArray
 
 
 def rocks_per_area(diameter_m: FloatArray, cover: float) -> FloatArray:
@@ -73,8 +75,9 @@ def place_rocks(seed: int, config: RockConfig, terrain: Terrain, way: FloatArray
     distances = way_distance(x, y, way)
     free = (diameters < config.clear_m) | (distances > half_width_m + 0.6 * diameters)
     x, y, diameters, distances = x[free], y[free], diameters[free], distances[free]
-    z = terrain.height(x, y, cell_size(distances))
-    return Rocks(np.column_stack((x, y, z)), diameters, distances)
+    z = terrain.height(x, y, cell_size(distances, way))
+    pixels = LENS_PX / coarseness(way) * diameters / np.maximum(distances, 0.8)
+    return Rocks(np.column_stack((x, y, z)), diameters, distances, pixels)
 
 
 def rock_mesh(seed: int, config: RockConfig, rocks: Rocks) -> Mesh:
@@ -85,8 +88,7 @@ def rock_mesh(seed: int, config: RockConfig, rocks: Rocks) -> Mesh:
     shapes = rng.integers(0, SHAPES, count)
     axes = np.column_stack((np.ones(count), rng.uniform(0.6, 1.0, count), rng.uniform(0.4, 0.85, count)))
     sunk = np.clip(rng.normal(config.buried, 0.15, count), 0.05, 0.85)
-    pixels = LENS_PX * rocks.diameters / np.maximum(rocks.distances, 0.8)
-    levels = 1 + np.searchsorted(LEVEL_PIXELS, pixels)
+    levels = 1 + np.searchsorted(LEVEL_PIXELS, rocks.pixels)
     parts = []
     for level in range(1, len(LEVEL_PIXELS) + 2):
         library = _library(seed, config.angular, level)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfr_loc_map.geometry.frames import GROUND_HEIGHT_RB_M
+from sfr_loc_map.geometry.frames import GROUND_HEIGHT_RB_M, MAST_XY_RB_M, TILT_AXIS_Z_RB_M
+from sfr_loc_map.simulation.mesh import Mesh
 from sfr_loc_map.simulation.terrain import FloatArray, Terrain
 
 WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
@@ -49,3 +50,22 @@ def stand(terrain: Terrain, x: FloatArray, y: FloatArray, heading: FloatArray) -
     foot = np.stack((x, y, plane[:, 0]), axis=-1)
     height = (-GROUND_HEIGHT_RB_M - WHEEL_RADIUS_M) / up[:, 2]
     return foot + np.stack((np.zeros_like(x), np.zeros_like(x), height), axis=-1), rotation
+
+
+def rover_mesh() -> Mesh:
+    """Return a rover of boxes in RB that casts the shadow: deck, wheels, mast and its head."""
+    mast_x, mast_y = MAST_XY_RB_M
+    boxes = [((-0.65, -0.45, -0.20), (0.55, 0.45, 0.10)), ((-0.75, -0.60, 0.10), (0.45, 0.60, 0.14))]
+    boxes.append(((mast_x - 0.04, mast_y - 0.04, 0.10), (mast_x + 0.04, mast_y + 0.04, TILT_AXIS_Z_RB_M)))
+    boxes.append(((mast_x - 0.08, mast_y - 0.18, TILT_AXIS_Z_RB_M), (mast_x + 0.08, mast_y + 0.18, 0.75)))
+    low, high = GROUND_HEIGHT_RB_M, GROUND_HEIGHT_RB_M + 2 * WHEEL_RADIUS_M
+    for x, y in WHEELS_RB_M:
+        boxes.append(((x - 0.15, y - 0.07, low + 0.01), (x + 0.15, y + 0.07, high)))
+    return Mesh.join([_box(np.array(a), np.array(b)) for a, b in boxes])
+
+
+def _box(low: FloatArray, high: FloatArray) -> Mesh:
+    corners = np.array([[(low, high)[(k >> a) & 1][a] for a in range(3)] for k in range(8)], np.float32)
+    faces = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+    triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))], np.int32)
+    return Mesh(corners, np.zeros_like(corners), triangles, np.zeros(len(triangles), np.int32))

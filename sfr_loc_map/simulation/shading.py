@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig
 from sfr_loc_map.simulation.noise import hash2, jit, mix, unit, value2, value3
+from sfr_loc_map.simulation.pebbles import pebbles
 from sfr_loc_map.simulation.terrain import FloatArray, materials, smooth_step
 
 FloatImage = NDArray[np.float32]
-PEBBLE_CELLS = 6
-LARGEST_PEBBLE_CELL_M = 0.075
-PEBBLE_RATIO = 0.62
-_PEBBLE, _FINE, _STONE, _PLATE = (np.uint32(k) for k in (101, 102, 103, 104))
+UNMADE_M = 0.12
+UNMADE_PER_RANGE = 0.03
+"""Waves shorter than this, or than this share of the range, are too fine for the triangles of the ground."""
+GRAIN_M = 0.045
+_FINE, _STONE, _PLATE = (np.uint32(k) for k in (102, 103, 104))
 
 
 def look_values(ground: GroundConfig, rocks: RockConfig, light: LightConfig, sun: FloatArray) -> FloatArray:
@@ -90,7 +92,7 @@ def shade(
         footprint = small / cosine**0.35
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         if objects[n] == -1:
-            albedo, sx, sy, seen = _ground(x, y, footprint, small, look, shares, seed)
+            albedo, sx, sy, seen = _ground(x, y, ranges[n], footprint, small, look, shares, seed)
             nx, ny, nz = nx - sx * nz, ny - sy * nz, nz
         else:
             albedo, gx, gy, gz = _stone(x, y, z, footprint, objects[n], look, seed)
@@ -128,11 +130,19 @@ def _fade(length: float, footprint: float) -> float:
 
 @jit
 def _ground(
-    x: float, y: float, footprint: float, small: float, look: FloatArray, shares: FloatArray, seed: np.uint32
+    x: float,
+    y: float,
+    distance: float,
+    footprint: float,
+    small: float,
+    look: FloatArray,
+    shares: FloatArray,
+    seed: np.uint32,
 ) -> tuple[float, float, float, float]:
     """Return reflectance, slopes of the fine relief, and the share of the sun that pebbles leave."""
     sand, gravel, rock = materials(x, y, shares, seed)
-    tone, sx, sy = _fine(x, y, footprint, 0.5 * sand + gravel + 1.3 * rock, look[2], seed)
+    unmade, rough = max(UNMADE_M, UNMADE_PER_RANGE * distance), 0.5 * sand + gravel + 1.3 * rock
+    tone, sx, sy = _fine(x, y, footprint, unmade, rough, look[2], seed)
     tone = 0.85 * tone + 0.10 * sand + 0.22 * rock - 0.10 * gravel
     seen = 1.0
     if rock > 0.02:
@@ -140,7 +150,7 @@ def _ground(
         tone -= 0.9 * rock * rock * rock * crack
         sx, sy = sx + rock * cx * look[2], sy + rock * cy * look[2]
     full = look[3] * (gravel + 0.05 * sand + 0.12 * rock)
-    cover, grey, px, py, shadow = _pebbles(x, y, small, full, look, seed)
+    cover, grey, px, py, shadow = pebbles(x, y, small, full, look[2], look[10:13], seed)
     if cover > 0.0 or shadow > 0.0:
         tone = (1.0 - cover) * tone + cover * grey
         sx, sy = (1.0 - cover) * sx + cover * px, (1.0 - cover) * sy + cover * py
@@ -149,10 +159,24 @@ def _ground(
 
 
 @jit
+def _even(v: float, k: int) -> float:
+    """Return a tone of an octave whose gradient is its slope, that does not go with that slope.
+
+    If it did, a slope to the left would be bright on one side; as dusty ground looks brighter where it is seen
+    aslant, the two cameras would see the grains shifted against each other by some 0.02 px. An even function of
+    noise has no mean product with the noise's gradient; 0.204 and 2.2 restore mean and spread.
+    """
+    return 2.2 * (v * v - 0.204) * (1.0 - 2.0 * (k & 1))
+
+
+@jit
 def _fine(
-    x: float, y: float, footprint: float, rough: float, bump: float, seed: np.uint32
+    x: float, y: float, footprint: float, unmade: float, rough: float, bump: float, seed: np.uint32
 ) -> tuple[float, float, float]:
-    """Return tone and slopes of the fine structure: octaves of 3 m down to the footprint."""
+    """Return tone and slopes of the fine structure: octaves of 3 m down to the footprint.
+
+    Waves shorter than `unmade` are not in the triangles and show as slopes; those shorter than `GRAIN_M` are grains.
+    """
     tone, sx, sy = 0.0, 0.0, 0.0
     length, c, s = 3.1, 1.0, 0.0
     for k in range(11):
@@ -160,14 +184,12 @@ def _fine(
         if fade <= 0.0:
             break
         v, gx, gy = value2((c * x + s * y) / length + 0.37 * k, (c * y - s * x) / length, seed ^ _FINE ^ np.uint32(k))
-        if k > 6:
-            tone += fade * v * (0.14 + 0.24 * rough)
-        else:
-            tone += fade * v * 0.11
-        if length < 0.12:
-            slope = fade * bump * (0.03 + 0.11 * rough)
+        if length < unmade:
+            v = _even(v, k)
+            slope = fade * bump * (0.03 + 0.11 * rough if length < UNMADE_M else 0.07)
             sx += slope * (c * gx - s * gy)
             sy += slope * (s * gx + c * gy)
+        tone += fade * v * (0.10 if length > GRAIN_M else 0.15 + 0.26 * rough)
         c, s = 0.8 * c - 0.6 * s, 0.6 * c + 0.8 * s
         length *= 0.53
     return tone, sx, sy
@@ -198,79 +220,6 @@ def _plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[floa
 
 
 @jit
-def _pebbles(
-    x: float, y: float, footprint: float, full: float, look: FloatArray, seed: np.uint32
-) -> tuple[float, float, float, float, float]:
-    """Return cover, tone, slopes and shadow of the pebbles too small to be solids, the largest on top."""
-    cover, tone, sx, sy, shadow = 0.0, 0.0, 0.0, 0.0, 0.0
-    if full < 0.01:
-        return cover, tone, sx, sy, shadow
-    cell = LARGEST_PEBBLE_CELL_M
-    climb = min(look[12] / max(math.hypot(look[10], look[11]), 1e-3), 10.0)
-    away = 1.0 / max(math.hypot(look[10], look[11]), 1e-6)
-    ux, uy = look[10] * away, look[11] * away
-    for k in range(PEBBLE_CELLS):
-        weight = min(max(0.45 * cell / footprint - 0.6, 0.0), 1.0)
-        if weight <= 0.0 or cover > 0.97:
-            break
-        share = min(full * (0.22 + 0.17 * k), 0.92)
-        qx, qy = x / cell, y / cell
-        i0, j0 = math.floor(qx - 0.5), math.floor(qy - 0.5)
-        for i in range(i0, i0 + 2):
-            for j in range(j0, j0 + 2):
-                h = hash2(i, j, seed ^ _PEBBLE ^ np.uint32(977 * k))
-                if unit(h) >= share:
-                    continue
-                h1 = mix(h ^ np.uint32(0x51ED27))
-                dx = qx - (i + 0.5 + 0.5 * (_byte(h1, 0) - 0.5))
-                dy = qy - (j + 0.5 + 0.5 * (_byte(h1, 1) - 0.5))
-                h2 = mix(h1 ^ np.uint32(0x2F6E2B))
-                a = 0.16 + 0.26 * _byte(h1, 2) * _byte(h2, 3)
-                b = a * (0.5 + 0.5 * _byte(h1, 3))
-                throw = min(0.5 * b / climb, 0.45)
-                bound = 1.4 * a + 0.5 * throw + footprint / cell
-                if dx * dx + dy * dy > bound * bound:
-                    continue
-                angle = 6.2831853 * _byte(h2, 0)
-                ca, sa = math.cos(angle), math.sin(angle)
-                skew = 0.5 * (_byte(h2, 1) - 0.5)
-                d = _outline(ca * dx + sa * dy, ca * dy - sa * dx, a, b, skew)
-                soft = footprint / (cell * b)
-                inside = weight * (1.0 - smooth_step(1.0 - 0.6 * soft, 1.0 + 0.6 * soft + 1e-3, d))
-                if inside > 0.0:
-                    h3 = mix(h2)
-                    part = (1.0 - cover) * inside
-                    tilt = 0.55 * look[2]
-                    rim = look[2] * 0.8 * smooth_step(0.55, 1.0, d)
-                    r = 1.0 / max(math.hypot(dx, dy), 1e-6)
-                    total = cover + part
-                    keep = part / total
-                    tone += keep * (0.9 * (_byte(h3, 0) - 0.42) + 0.25 * (_byte(h3, 3) - 0.5) - tone)
-                    sx += keep * (tilt * (_byte(h3, 1) - 0.5) - rim * dx * r - sx)
-                    sy += keep * (tilt * (_byte(h3, 2) - 0.5) - rim * dy * r - sy)
-                    cover = total
-                else:
-                    ox, oy = dx + 0.5 * throw * ux, dy + 0.5 * throw * uy
-                    e = _outline(ca * ox + sa * oy, ca * oy - sa * ox, a, b, skew)
-                    dark = weight * (1.0 - smooth_step(0.85 - 0.5 * soft, 1.1 + 0.5 * soft, e))
-                    shadow = max(shadow, 0.85 * dark)
-        cell *= PEBBLE_RATIO
-    return cover, tone, sx, sy, shadow
-
-
-@jit
-def _byte(value: np.uint32, which: int) -> float:
-    return ((value >> np.uint32(8 * which)) & np.uint32(255)) * (1.0 / 255.0)
-
-
-@jit
-def _outline(u: float, v: float, a: float, b: float, skew: float) -> float:
-    """Return 1 on the outline of an eight-sided stone, less inside."""
-    p, q = abs(u / a + skew * v / b), abs(v / b)
-    return max(p, q, 0.72 * (p + q))
-
-
-@jit
 def _stone(
     x: float, y: float, z: float, footprint: float, number: int, look: FloatArray, seed: np.uint32
 ) -> tuple[float, float, float, float]:
@@ -284,7 +233,7 @@ def _stone(
         if fade <= 0.0:
             break
         v, a, b, c = value3(x / length + 0.41 * k, y / length + 0.17 * k, z / length, seed ^ _STONE ^ np.uint32(k))
-        tone += 0.16 * fade * v
+        tone += 0.16 * fade * _even(v, k)
         slope = 0.13 * fade * look[2]
         gx, gy, gz = gx + slope * a, gy + slope * b, gz + slope * c
         length *= 0.5

@@ -24,6 +24,7 @@ from sfr_loc_map.simulation.renderer import (
     LIFT_PER_RANGE,
     SKY_OBJECT,
     Hits,
+    Occluder,
     Tracer,
     camera_pose,
     pixel_rays,
@@ -33,7 +34,7 @@ from sfr_loc_map.simulation.renderer import (
     sun_seen,
 )
 from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh
-from sfr_loc_map.simulation.rover import HALF_WIDTH_M
+from sfr_loc_map.simulation.rover import HALF_WIDTH_M, rover_mesh
 from sfr_loc_map.simulation.sensor import Sensor
 from sfr_loc_map.simulation.shading import look_values, shade
 from sfr_loc_map.simulation.terrain import FloatArray, Terrain
@@ -103,13 +104,17 @@ class Plan:
         period = self.config.panorama.period_s if task == NAV else self.config.drive.period_s
         return self.config.start_stamp_ns + round(frame * period * 1e9)
 
+    def rover_pose(self, task: int, frame: int, delay_s: float = 0.0) -> Transform:
+        """Return `T_ds_rb` of a pair, or shortly before or after its stamp."""
+        return self.drive.pose(0.0 if task == NAV else frame * self.config.drive.period_s + delay_s)
+
     def bench_pose(self, task: int, frame: int, delay_s: float = 0.0) -> Transform:
         """Return `T_ds_locsb` or `T_ds_navsb` of a pair, or shortly before or after its stamp."""
         if task == NAV:
             panorama = self.config.panorama
             pan, tilt = math.radians(panorama.pan_deg[frame]), math.radians(panorama.tilt_deg[frame])
-            return self.drive.pose(0.0) @ mast_head_in_rb(pan, tilt) @ bench_place(self.config.nav)
-        return self.drive.pose(frame * self.config.drive.period_s + delay_s) @ bench_place(self.config.loc)
+            return self.rover_pose(NAV, frame) @ mast_head_in_rb(pan, tilt) @ bench_place(self.config.nav)
+        return self.rover_pose(LOC, frame, delay_s) @ bench_place(self.config.loc)
 
     def lm_pose(self, frame: int) -> Transform:
         """Return `T_lm_navsb` of a mapping pair."""
@@ -158,6 +163,7 @@ class World:
         level = math.cos(elevation)
         self._sun = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
         self._look = look_values(config.ground, config.rocks, config.light, self._sun)
+        self._rover = Tracer(rover_mesh()) if config.light.rover_shadow else None
         self._sensors = [Sensor(config.seed, task, config.sensor, plan.rig(task)) for task in (LOC, NAV)]
 
     def picture(self, task: int, frame: int, camera: int) -> NDArray[np.uint8]:
@@ -170,13 +176,14 @@ class World:
         rig, sensor = self.plan.rig(task), self.plan.config.sensor
         total = np.zeros(rig.height * rig.width, np.float32)
         for k, (du, dv, moment) in enumerate(sample_offsets(sensor.samples)):
-            T_ds_sb = self.plan.bench_pose(task, frame, moment * sensor.exposure_s)
-            pose = camera_pose(T_ds_sb, rig, bool(camera))
+            delay = moment * sensor.exposure_s
+            pose = camera_pose(self.plan.bench_pose(task, frame, delay), rig, bool(camera))
+            occluder = self._occluder(task, frame, delay)
             for start in range(0, len(total), BAND_RAYS):
                 pixels = np.arange(start, min(start + BAND_RAYS, len(total)))
                 u, v = self._sensors[task].raw_to_rectified(pixels % rig.width + du, pixels // rig.width + dv)
                 key = sub_seed(self.plan.config.seed, 20, task, frame, camera, k, start)
-                total[pixels] += self._band(rig, pose, u, v, key)
+                total[pixels] += self._band(rig, pose, u, v, key, occluder)
         return (total / np.float32(sensor.samples)).reshape(rig.height, rig.width)
 
     def truth(self, frame: int) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -191,6 +198,7 @@ class World:
         count = rig.height * rig.width
         points, mask = np.empty((count, 3), np.float32), np.zeros(count, np.uint8)
         T_lm_ds = self.plan.T_ds_lm.inverse()
+        occluder = self._occluder(NAV, frame, 0.0)
         for start in range(0, count, BAND_RAYS):
             pixels = np.arange(start, min(start + BAND_RAYS, count))
             rays = pixel_rays(
@@ -200,18 +208,27 @@ class World:
             sky = hits.objects == SKY_OBJECT
             points[pixels] = np.where(sky[:, None], np.nan, T_lm_ds.apply(hits.points))
             suns = np.repeat(self._sun[None].astype(np.float32), len(pixels), axis=0)
-            lit = sun_seen(self._tracer, hits, suns)
+            lit = sun_seen(self._tracer, hits, suns, occluder)
             unseen = ~sky & self._hidden(hits, right, rig)
             mask[pixels] = SKY * sky + SHADOW * (~sky & (lit == 0)) + UNSEEN * unseen
         return points.reshape(rig.height, rig.width, 3), mask.reshape(rig.height, rig.width)
 
+    def _occluder(self, task: int, frame: int, delay_s: float) -> Occluder | None:
+        return None if self._rover is None else Occluder(self._rover, self.plan.rover_pose(task, frame, delay_s))
+
     def _band(
-        self, rig: StereoRig, pose: Transform, u: FloatArray, v: FloatArray, key: np.uint32
+        self,
+        rig: StereoRig,
+        pose: Transform,
+        u: FloatArray,
+        v: FloatArray,
+        key: np.uint32,
+        occluder: Occluder | None,
     ) -> NDArray[np.float32]:
         rays = pixel_rays(rig, u, v, pose.rotation)
         hits = see(self._tracer, pose.translation, rays)
         radius = math.radians(self.plan.config.light.sun_radius_deg)
-        lit = sun_seen(self._tracer, hits, sun_rays(self._sun, radius, len(u), key))
+        lit = sun_seen(self._tracer, hits, sun_rays(self._sun, radius, len(u), key), occluder)
         out = np.empty(len(u), np.float32)
         shade(
             hits.points, hits.normals, hits.objects, lit, rays, hits.ranges, 1.0 / rig.fx, self._look,

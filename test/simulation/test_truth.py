@@ -71,7 +71,7 @@ def test_right_picture_shows_the_truth_where_it_says(world: World) -> None:
     both = 0.5 * (slope + slope_left)
     shift = (both * (left - warp[1]))[good].sum() / (both * both)[good].sum()
     assert good.sum() > 5000
-    assert abs(shift) < 0.02
+    assert abs(shift) < 0.01
 
 
 def test_samples_are_centred_on_pixel_and_exposure() -> None:
