@@ -1,4 +1,7 @@
-"""The parameter files in `config/`, made from the declarations: `python -m sfr_loc_map.nodes.parameter_files config`."""
+"""The parameter files in `config/`, made from the declarations.
+
+Run `python -m sfr_loc_map.nodes.parameter_files config` after a change of a declaration.
+"""
 
 from __future__ import annotations
 

@@ -38,7 +38,9 @@ class StereoInputConfig:
         doc="Reliability asked of the publishers of pictures and camera_info; best_effort takes both kinds.",
         choices=("reliable", "best_effort"),
     )
-    queue_depth: int = param(10, unit="pictures", doc="Most pictures that wait on each side.", low=1, high=1000)
+    queue_depth: int = param(
+        30, unit="pictures", doc="Most pictures that wait on each side; older ones are dropped.", low=1, high=1000
+    )
     stamp_tolerance_s: float = param(
         0.0, unit="s", doc="Largest difference between the stamps of left and right; 0: equal.", low=0.0, high=0.5
     )
@@ -48,6 +50,7 @@ class StereoInputConfig:
 class InputCounts:
     """What did not become a pair."""
 
+    transport: int = 0
     rejected: int = 0
     stale: int = 0
     without_camera_info: int = 0
@@ -115,6 +118,7 @@ class StereoInput:
     def statistics(self) -> dict[str, int]:
         """Return the counts of what was dropped since the start, by name."""
         return {
+            "dropped_in_transport": self.counts.transport,
             "dropped_unpaired": self.unpaired,
             "dropped_rejected": self.counts.rejected,
             "dropped_stale": self.counts.stale,
@@ -148,8 +152,16 @@ class StereoInput:
 
         return received
 
-    def _image_callback(self, add: Callable[[int, Any], tuple[Any, Any] | None]) -> Callable[[Any], None]:
-        def received(message: Any) -> None:  # noqa: ANN401 - Image or CompressedImage
+    def _image_callback(self, add: Callable[[int, Any], tuple[Any, Any] | None]) -> Callable[..., None]:
+        last = 0
+
+        def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - Image or CompressedImage
+            # The publisher numbers its messages; one that begins anew counts from 1 again.
+            nonlocal last
+            number = info.get("publication_sequence_number") or 0
+            if last and number > last:
+                self.counts.transport += number - last - 1
+            last = number
             found = add(stamp_of(message), message)
             if found is not None:
                 self._accept(found)

@@ -4,7 +4,7 @@
 import json
 import math
 from pathlib import Path
-from signal import SIGINT, SIGTERM
+from signal import SIGCONT, SIGINT, SIGSTOP, SIGTERM
 
 import numpy as np
 import pytest
@@ -175,6 +175,27 @@ def test_localisation_starts_anew_by_service_by_pose_and_when_stamps_go_back(ros
         assert "stamps have gone back" in node.text
         assert peer.call("localisation_node/reset").success
         assert play(5) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
+def test_pictures_that_the_node_has_no_room_for_are_counted(ros: None, tmp_path: Path) -> None:
+    arguments = ["--ros-args", *MOUNT, "-p", "input.queue_depth:=3"]
+    with node_process(tmp_path, "localisation_node", *arguments) as node, Peer() as peer:
+        diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
+        node.wait_for("listens to")
+        send_infos(peer, "loc", LOC_RIG)
+        send_pair(peer, "loc", loc_pair(0))
+        peer.until(lambda: len(diagnostics) == 1, "the first pair")
+        node.popen.send_signal(SIGSTOP)
+        for index in range(1, 11):
+            send_pair(peer, "loc", loc_pair(index))
+        peer.spin(0.5)
+        node.popen.send_signal(SIGCONT)
+        last = str(loc_pair(10).stamp_ns)
+        peer.until(lambda: values_of(diagnostics[-1].status[0]).get("stamp_ns") == last, "the last pair")
+        values = values_of(diagnostics[-1].status[0])
+        dropped = int(values["dropped_in_transport"]) + int(values["dropped_unpaired"])
+        assert dropped == 2 * (11 - len(diagnostics))
+        assert dropped > 0
 
 
 def test_localisation_without_the_place_of_its_cameras_says_what_is_missing(ros: None, tmp_path: Path) -> None:
