@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -10,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sfr_loc_map.config import build, load_yaml
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, GeometryError, InputError, LocalisationError, MappingError, OutputError
 
 C = TypeVar("C")
 
@@ -33,6 +35,36 @@ def check_start(start: str) -> str:
     if start not in ("identity", "truth"):
         raise ConfigError(f"'--start {start}': must be identity or truth")
     return start
+
+
+@contextmanager
+def naming(source: Path) -> Iterator[None]:
+    """Let the errors that come of a source name it."""
+    try:
+        yield
+    except (InputError, GeometryError, LocalisationError, MappingError) as error:
+        if str(source) in str(error):
+            raise
+        raise type(error)(f"'{source}': {error}") from error
+
+
+def check_output(path: Path | None, endings: tuple[str, ...] = ()) -> None:
+    """Check an output before the work for it is done.
+
+    Args:
+        path: Where it shall be; None for no output.
+        endings: What its name may end in; empty for anything.
+
+    Raises:
+        OutputError: If the name ends otherwise, or it cannot be written.
+    """
+    from sfr_loc_map.io.atomic import check_output as check
+
+    if path is None:
+        return
+    if endings and path.suffix not in endings:
+        raise OutputError(f"cannot write '{path}': its name must end in one of {', '.join(endings)}")
+    check(path)
 
 
 def parse_remaps(remaps: list[str] | None) -> dict[str, str]:

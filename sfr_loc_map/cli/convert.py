@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli.common import RemapOption, SourceArgument, parse_remaps, progress_bar
+from sfr_loc_map.cli.common import RemapOption, SourceArgument, naming, parse_remaps, progress_bar
 from sfr_loc_map.errors import InputError
 
 
@@ -53,7 +53,7 @@ def convert(
         return
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid)
-    with progress_bar("pairs") as bar:
+    with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("converting", total=total)
         count = run(opened, destination, options, lambda done: bar.update(task, completed=done))
     typer.echo(f"{count} pairs: {destination}", err=True)

@@ -13,7 +13,9 @@ from sfr_loc_map.cli.common import (
     RemapOption,
     SourceArgument,
     StartOption,
+    check_output,
     check_start,
+    naming,
     parse_remaps,
     progress_bar,
     read_config,
@@ -32,22 +34,26 @@ def localise(
 ) -> None:
     """Estimate the trajectory of a drive, with the same code as the node."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.trajectory_file import save_trajectory
+    from sfr_loc_map.io.trajectory_file import TUM_SUFFIXES, save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.pipeline.offline import localise as run
     from sfr_loc_map.pipeline.offline import look_away, save_stats, start_pose, trajectory_of
     from sfr_loc_map.pipeline.video import track_film
 
     check_start(start)
+    check_output(output, (".csv", *TUM_SUFFIXES))
+    check_output(stats)
     parameters = read_config(LocalisationConfig, config, "localisation")
     sequence = open_source(source, parse_remaps(remap)).loc
     if sequence is None:
         raise InputError(f"no drive (localisation pairs) in '{source}': give a source that has one")
+    with naming(source):
+        first_pose = start_pose(sequence, start)
     estimates, records = [], []
     film = nullcontext(look_away) if video is None else track_film(video, sequence.rig)
-    with film as watch, progress_bar("pairs") as bar:
+    with naming(source), film as watch, progress_bar("pairs") as bar:
         task = bar.add_task("localising", total=len(sequence))
-        for estimate, record in run(sequence, parameters, start_pose(sequence, start), watch):
+        for estimate, record in run(sequence, parameters, first_pose, watch):
             estimates.append(estimate)
             records.append(record)
             bar.advance(task)

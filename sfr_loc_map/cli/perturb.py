@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli.common import SourceArgument, progress_bar
+from sfr_loc_map.cli.common import SourceArgument, naming, progress_bar
 from sfr_loc_map.errors import ConfigError
 
 
@@ -30,7 +30,7 @@ def perturb(
     faults = [parse_fault(text) for text in fault]
     opened = open_source(source, {})
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
-    with progress_bar("pairs") as bar:
+    with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("spoiling", total=total)
         count = run(opened, destination, faults, seed, lambda done: bar.update(task, completed=done))
     typer.echo(f"{count} of {total} pairs: {destination}", err=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +14,9 @@ from sfr_loc_map.cli.common import (
     RemapOption,
     SourceArgument,
     StartOption,
+    check_output,
     check_start,
+    naming,
     parse_remaps,
     progress_bar,
     read_config,
@@ -60,23 +64,24 @@ def replay(
 
     values = {"trajectory.conditions": tuple(condition)} if condition else {}
     score_config: ScoreConfig = build(ScoreConfig, values, origin="options")
+    with naming(source):
+        first_pose = start_pose(opened.loc, start) if opened.loc is not None and start != "identity" else None
     options = ReplayOptions(
         localisation=read_config(LocalisationConfig, config, "localisation"),
         mapping=read_config(MappingConfig, config, "mapping"),
         score=score_config,
         limits=limits,
-        start=start_pose(opened.loc, start) if opened.loc is not None and start != "identity" else None,
+        start=first_pose,
         rate=rate,
         remap=remaps,
         parameter_file=config if config is not None and is_ros_parameter_file(config) else None,
     )
-    if out is not None:
-        _make_folder(out)
-    result = _run(opened, options)
     from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
 
-    with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch:
-        files = ReplayFiles(out if out is not None else Path(scratch))
+    with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch, _folder(out or Path(scratch)) as folder:
+        files = ReplayFiles(folder)
+        with naming(source):
+            result = _run(opened, options)
         save_replay(result, files)
         score = score_replay(opened, result, files, score_config, parsed_limits)
         try:
@@ -94,11 +99,20 @@ def _require_ros() -> None:
         ) from error
 
 
-def _make_folder(out: Path) -> None:
+@contextmanager
+def _folder(out: Path) -> Iterator[Path]:
+    """Make the folder of the outputs; take it away again if nothing came to be in it."""
+    made = not out.exists()
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder '{out}': {error.strerror}; choose another --out") from error
+    try:
+        check_output(out / "report.json")
+        yield out
+    finally:
+        if made and not any(out.iterdir()):
+            out.rmdir()
 
 
 def _run(source: Source, options: ReplayOptions) -> ReplayResult:

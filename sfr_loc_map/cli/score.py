@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfr_loc_map.errors import ConfigError, FailedVerdictError, MissingExtraError, OutputError
+from sfr_loc_map.cli.common import check_output
+from sfr_loc_map.errors import ConfigError, FailedVerdictError, MissingExtraError
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.config import ScoreConfig
@@ -73,6 +74,8 @@ def score(
     if (target is None) != (target_timing is None):
         raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
     inputs = replace(ScoreInputs.of(estimate, truth, stats or ()), target=target_timing, target_name=target or "")
+    check_output(Path(json_path) if json_path is not None and json_path != "-" else None)
+    check_output(html, (".html", ".htm"))
     result = score_files(inputs, config, parsed_limits, fused=fused)
     present(result, json_path, html)
 
@@ -101,6 +104,8 @@ def present(result: dict[str, Any], json_path: str | None, html: Path | None) ->
             console = Console(width=120)
         for table in score_tables(result):
             console.print(table)
+    for warning in result.get("warnings", []):
+        print(f"sfr: warning: {warning}", file=sys.stderr)
     missed = failed(result)
     if missed:
         names = ", ".join(f"{item['metric']} {item['value']:.6g} > {item['limit']:g}" for item in missed)
@@ -111,8 +116,6 @@ def present(result: dict[str, Any], json_path: str | None, html: Path | None) ->
 def _write_page(result: dict[str, Any], html: Path) -> None:
     from importlib import import_module
 
-    if html.suffix not in (".html", ".htm"):
-        raise OutputError(f"'--html {html}': the name of a page ends in .html")
     try:
         page = import_module("sfr_loc_map.report.page")
     except ImportError as error:

@@ -44,6 +44,20 @@ def atomic_path(path: Path) -> Iterator[Path]:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
+def check_output(path: Path) -> None:
+    """Check that an output can be written, before the work for it is done.
+
+    Raises:
+        OutputError: As `atomic_path`.
+    """
+    path = Path(path)
+    _check_free(path)
+    try:
+        tempfile.TemporaryDirectory(prefix=f".{path.name}.", suffix=".part", dir=path.parent).cleanup()
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+
+
 def _check_free(path: Path) -> None:
     if not path.name:
         raise OutputError(f"'{path}' cannot be an output: give a path that ends in a name")

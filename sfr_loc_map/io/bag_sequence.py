@@ -276,5 +276,7 @@ def _load_poses(bag: Bag) -> dict[int, Transform]:
         try:
             poses[stamp_ns] = Transform.from_quat((place.x, place.y, place.z), (quat.x, quat.y, quat.z, quat.w))
         except GeometryError as error:
-            raise InputError(f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}: {error}") from error
+            raise InputError(
+                f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}: {error}; correct or leave out the pair"
+            ) from error
     return poses

@@ -33,6 +33,7 @@ PLY_TYPES = {
 }
 PLY_NAMES = {"f4": "float", "u2": "ushort", "u1": "uchar"}
 PLY_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
+SUFFIXES = (".ply", ".pcd", ".npz")
 PIXEL_FIELDS = ("u", "v", "pair")
 Columns = dict[str, NDArray[Any]]
 
