@@ -1,0 +1,327 @@
+"""Bad input of every kind: exit 2, one line that names the file and says what to do, nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import broken_sources as broken
+import numpy as np
+import pytest
+from conftest import Result, Sfr
+
+Made = Callable[[Path], Path]
+
+LOCALISE = ("localise", "-o", "{out}/t.csv", "--stats", "{out}/s.csv", "--start", "truth")
+MAP = ("map", "-o", "{out}/c.ply", "--stats", "{out}/s.csv")
+TO_BAG = ("convert", "{out}/b.mcap")
+TO_FOLDER = ("convert", "{out}/f")
+PERTURB = ("perturb", "{out}/p", "--fault", "noisy")
+COMMANDS = {"localise": LOCALISE, "map": MAP, "to bag": TO_BAG, "to folder": TO_FOLDER, "perturb": PERTURB}
+
+SOURCES: dict[str, tuple[Made, str, tuple[str, ...]]] = {
+    "missing": (broken.missing, "there is no .*: give a", tuple(COMMANDS)),
+    "empty folder": (broken.empty_folder, "of no format .*found nothing; give", tuple(COMMANDS)),
+    "empty bag": (broken.empty_bag, "holds no message: record it again", tuple(COMMANDS)),
+    "truncated bag": (broken.truncated_bag, "broken or cut off: record or copy it again", tuple(COMMANDS)),
+    "bag of an empty file": (broken.empty_file_in_bag, "broken or cut off: record or copy it again", tuple(COMMANDS)),
+    "flipped bytes": (broken.flipped_bytes, "broken or cut off: record or copy it again", tuple(COMMANDS)),
+    "flipped picture": (broken.flipped_picture, r"000001.png.*; \w+", tuple(COMMANDS)),
+    "no camera_info": (broken.no_camera_info, "no topic 'loc/right/camera_info'.*; record it", tuple(COMMANDS)),
+    "silent camera_info": (broken.silent_camera_info, "no message on '/loc/left/camera_info'", tuple(COMMANDS)),
+    "unequal sizes": (broken.unequal_sizes, "000001.png.* is 150 x 120: .*160 x 120; both .* need", tuple(COMMANDS)),
+    "unequal sizes in bag": (broken.unequal_sizes_in_bag, "is 80 x 120: .*160 x 120; both .* need", tuple(COMMANDS)),
+    "not rectified": (broken.not_rectified, "non-rectified .*distortion.*rectif", tuple(COMMANDS)),
+    "nan in poses": (broken.nan_in_poses, "(groundtruth|pairs).csv' line 3.*not .*finite.*; correct", tuple(COMMANDS)),
+    "nan in pose of pair": (broken.nan_in_pose_of_pair, "'/nav/pose', stamp .*not finite; correct", tuple(COMMANDS)),
+    "nan in truth of bag": (
+        broken.nan_in_truth_of_bag,
+        r"'/ground_truth/odometry'.*pose 1 \(stamp \d+\) is not finite .*: correct",
+        ("localise", "to bag", "to folder", "perturb"),
+    ),
+    "backwards": (broken.backwards, "pairs.csv'.*must be in order", tuple(COMMANDS)),
+    "backwards in bag": (broken.backwards_in_bag, "image_rect'.*must be in order", tuple(COMMANDS)),
+    "broken rig": (broken.broken_rig, "rig.json.*not valid JSON", tuple(COMMANDS)),
+    "no place on the rover": (broken.no_place_on_the_rover, "T_rb_locsb.*: add it", ("localise",)),
+    "four pairs": (broken.four_pairs, "1 to 3 stereo pairs, .* has 4: split it", ("map",)),
+    "four pairs in bag": (broken.four_pairs_in_bag, "1 to 3 stereo pairs, .* has 4: split it", ("map",)),
+    "no drive": (broken.four_pairs, "no drive .*: give a source that has one", ("localise",)),
+}
+CASES = [(source, command) for source, (_, _, commands) in SOURCES.items() for command in commands]
+
+
+def check(result: Result, named: object, words: str, out: Path) -> None:
+    """Check everything that holds for every refusal."""
+    lines = [line for line in result.err.splitlines() if line.strip()]
+    assert result.code == 2, result
+    assert len(lines) == 1, result.err
+    assert lines[0].startswith("sfr: ")
+    assert str(named) in lines[0]
+    assert re.search(words, lines[0]), lines[0]
+    assert "Traceback" not in result.err + result.out
+    assert result.out == ""
+    assert list(out.rglob("*")) == [], "nothing is left behind"
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    return folder
+
+
+@pytest.mark.parametrize(("source", "command"), CASES, ids=[f"{s}-{c}" for s, c in CASES])
+def test_bad_source(sfr: Sfr, tmp_path: Path, out: Path, source: str, command: str) -> None:
+    make, words, _ = SOURCES[source]
+    path = make(tmp_path / "source")
+    name, *rest = (word.format(out=out) for word in COMMANDS[command])
+    check(sfr(name, path, *rest), path, words, out)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    "source", ["missing", "empty bag", "truncated bag", "no camera_info", "not rectified", "backwards", "four pairs"]
+)
+def test_bad_source_of_a_replay(sfr: Sfr, tmp_path: Path, out: Path, source: str) -> None:
+    pytest.importorskip("rclpy")
+    make, words, _ = SOURCES[source]
+    path = make(tmp_path / "source")
+    check(sfr("replay", path, "--out", out / "run"), path, words, out)
+
+
+@pytest.mark.parametrize(
+    ("command", "content", "words"),
+    [
+        ("localise", "max_feature: 100\n", "unknown key 'max_feature' .did you mean 'max_features'?"),
+        ("localise", "localisation:\n  nope: 1\n", "unknown key 'nope'"),
+        ("localise", "/**:\n  ros__parameters:\n    localisation.max_feature: 1\n", "unknown key 'max_feature'"),
+        ("localise", "max_features: 1\n", "'max_features' is 1: must lie in"),
+        ("localise", "max_features: many\n", "a value of type int is needed"),
+        ("localise", "[1, 2", "not valid YAML"),
+        ("map", "nope: 1\n", "unknown key 'nope'"),
+    ],
+)
+def test_bad_configuration(sfr: Sfr, tmp_path: Path, out: Path, command: str, content: str, words: str) -> None:
+    path = tmp_path / "some.yaml"
+    path.write_text(content)
+    name, *rest = (word.format(out=out) for word in COMMANDS[command])
+    source = broken.good_folder(tmp_path / "source")
+    check(sfr(name, source, *rest, "--config", path), path, words, out)
+
+
+def test_missing_configuration(sfr: Sfr, tmp_path: Path, out: Path) -> None:
+    source = broken.good_folder(tmp_path / "source")
+    result = sfr("localise", source, "-o", out / "t.csv", "--config", tmp_path / "nope.yaml")
+    check(result, tmp_path / "nope.yaml", "No such file.*; give an existing YAML file", out)
+
+
+def test_bad_scenario(sfr: Sfr, tmp_path: Path, out: Path) -> None:
+    path = tmp_path / "some.yaml"
+    path.write_text("sed: 1\n")
+    check(sfr("simulate", path, out / "data"), path, "unknown key 'sed'.*did you mean 'seed'", out)
+
+
+TUM = "1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n"
+CSV = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
+    f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("e.txt", TUM + "3.0 two 0 0 0 0 0 1\n", "line 3: 'two' is not a number; correct"),
+        ("e.txt", "time x y z\n", "line 1: 4 columns found where 8 .* needed; correct"),
+        ("e.txt", TUM + "now 2 0 0 0 0 0 1\n", "line 3: stamp 'now' is not a number of seconds"),
+        ("e.tum", TUM + "3.0 nan 0 0 0 0 0 1\n", "line 3: 'nan' is not a finite number; correct"),
+        ("e.tum", TUM + "3.0 0 0 0 0 0 0 0\n", "line 3: the quaternion has no length; correct"),
+        ("e.txt", "", "has no pose: at least one line"),
+        ("e.csv", TUM, "line 1 is .*: the header .* is needed"),
+        ("e.csv", CSV + "\n1.5,0,0,0,0,0,0,1\n", "line 2: stamp '1.5' is not whole nanoseconds"),
+        ("e.ply", "ply\nformat", "cannot be read.*; write it again"),
+        ("e.pcd", "", r"cloud .*e.pcd.*(has no field|cannot be read)"),
+        ("e.npz", "PK", "cannot be read"),
+    ],
+)
+def test_bad_estimate(sfr: Sfr, tmp_path: Path, out: Path, name: str, content: str, words: str) -> None:
+    path, truth = tmp_path / name, tmp_path / "truth.txt"
+    path.write_text(content)
+    truth.write_text(TUM)
+    if path.suffix in (".ply", ".pcd", ".npz"):
+        truth = broken.good_folder(tmp_path / "truth")
+    check(sfr("score", path, truth, "--json", out / "s.json", "--html", out / "s.html"), path, words, out)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("minimum_cout: 3\n", "minimum_cout.*minimum_count"),
+        ("trajectory:\n  - condition: distance=5\n    position_m: 1\n", "position_m"),
+        ("- 1\n", "holds a list"),
+    ],
+)
+def test_bad_limits(sfr: Sfr, tmp_path: Path, out: Path, content: str, words: str) -> None:
+    path, limits = tmp_path / "e.txt", tmp_path / "limits.yaml"
+    path.write_text(TUM)
+    limits.write_text(content)
+    check(sfr("score", path, path, "--limits", limits, "--json", out / "s.json"), limits, words, out)
+
+
+def test_missing_files_of_a_score(sfr: Sfr, tmp_path: Path, out: Path) -> None:
+    path = tmp_path / "e.txt"
+    path.write_text(TUM)
+    nope = tmp_path / "nope.txt"
+    check(sfr("score", nope, path), nope, "No such file.*; give", out)
+    check(sfr("score", path, nope), nope, "there is no|No such file", out)
+    check(sfr("score", path, path, "--limits", nope), nope, "No such file.*; give", out)
+    check(sfr("score", path, path, "--stats", nope), nope, "No such file", out)
+    check(sfr("report", nope, "-o", out / "r.html"), nope, "No such file.*; give", out)
+
+
+@pytest.mark.parametrize("command", ["localise", "map"])
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        ("{tmp}/nowhere/o.{end}", "there is no folder .*; make it first"),
+        ("{tmp}/file/o.{end}", "there is no folder"),
+        ("{tmp}/source", "must end in"),
+        ("{tmp}/out/o.xyz", "must end in"),
+        ("{tmp}/out/o", "must end in"),
+        ("/proc/sfr_o.{end}", "cannot write .*; check"),
+    ],
+)
+def test_output_that_cannot_be_written_is_refused_before_the_work(
+    sfr: Sfr, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch, command: str, output: str, words: str
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("the work has begun")
+
+    monkeypatch.setattr("sfr_loc_map.localisation.localiser.Localiser.__init__", never)
+    monkeypatch.setattr("sfr_loc_map.mapping.mapper.Mapper.__init__", never)
+    source = broken.good_folder(tmp_path / "source")
+    (tmp_path / "file").write_text("")
+    path = output.format(tmp=tmp_path, end={"localise": "csv", "map": "ply"}[command])
+    check(sfr(command, source, "-o", path), path, words, out)
+    if "must end" not in words:
+        good = out / {"localise": "t.csv", "map": "c.ply"}[command]
+        check(sfr(command, source, "-o", good, "--stats", path), path, words, out)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("full", "a folder that is not empty .*; remove it"), ("full.mcap", "not empty"), ("file", "a file is there")],
+)
+def test_output_that_is_there_already_stays(sfr: Sfr, tmp_path: Path, out: Path, name: str, words: str) -> None:
+    source = broken.good_folder(tmp_path / "source")
+    path = tmp_path / name
+    if name == "file":
+        path.write_text("precious")
+    else:
+        path.mkdir()
+        (path / "notes.txt").write_text("precious")
+    for arguments in (("convert", source, path), ("perturb", source, path, "--fault", "noisy")):
+        check(sfr(*arguments), path, words, out)
+    assert (path if name == "file" else path / "notes.txt").read_text() == "precious"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_output_folder_without_the_right_to_write(sfr: Sfr, tmp_path: Path, out: Path) -> None:
+    out.chmod(0o555)
+    source = broken.good_folder(tmp_path / "source")
+    check(sfr("localise", source, "-o", out / "t.csv"), out / "t.csv", "Permission denied; check", out)
+
+
+def test_output_of_a_score_that_cannot_be_written(sfr: Sfr, tmp_path: Path, out: Path) -> None:
+    path = tmp_path / "e.txt"
+    path.write_text(TUM)
+    nowhere = tmp_path / "nowhere" / "s.json"
+    check(sfr("score", path, path, "--json", nowhere), nowhere, "no folder", out)
+    check(sfr("score", path, path, "--json", out / "s.json", "--html", out / "s.pdf"), out / "s.pdf", "html", out)
+    check(sfr("score", path, path, "--json", out / "s.json", "--html", nowhere), nowhere, "", out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("localise",), "Missing argument 'SRC': see 'sfr localise --help'"),
+        (("localise", "{source}"), "Missing option .*: see 'sfr localise --help'"),
+        (("localise", "{source}", "-o", "{out}/t.csv", "--start", "here"), "'--start here': must be identity or truth"),
+        (("localise", "{source}", "-o", "{out}/t.csv", "--remap", "a=b"), "'--remap a=b': must have the form"),
+        (("map", "{source}", "-o", "{out}/c.ply", "--fusion"), "No such option.*--fusion.*: see 'sfr map --help'"),
+        (("fly",), "No such command 'fly': see 'sfr --help'"),
+        (("score", "{tum}", "{tum}", "--spacing", "ten"), "Invalid value for '--spacing'.*: see"),
+        (("score", "{tum}", "{tum}", "--spacing", "0"), "spacing' is 0: must lie in"),
+        (("score", "{tum}", "{tum}", "--rebase", "none"), "rebase' is 'none': must be one of pose, position"),
+        (("score", "{tum}", "{tum}", "--condition", "distance=far"), "distance=far"),
+        (("score", "{tum}", "{tum}", "--condition", "miles=5"), "miles=5"),
+        (("convert", "{source}", "{out}/f", "--jpeg-quality", "90"), "JPEG.*for bags"),
+        (("convert", "{source}", "{out}/b.mcap", "--jpeg-quality", "101"), "Invalid value for '--jpeg-quality'"),
+        (("perturb", "{source}", "{out}/f"), "no --fault given: name at least one of"),
+        (("perturb", "{source}", "{out}/f", "--fault", "rain"), "rain"),
+        (("simulate", "{out}/f", "--set", "seed"), "'--set seed': must have the form KEY=VALUE"),
+        (("simulate", "a", "b", "c"), "3 paths given"),
+    ],
+)
+def test_bad_usage(sfr: Sfr, tmp_path: Path, out: Path, arguments: tuple[str, ...], words: str) -> None:
+    source, tum = broken.good_folder(tmp_path / "source"), tmp_path / "e.txt"
+    tum.write_text(TUM)
+    check(sfr(*(word.format(source=source, out=out, tum=tum) for word in arguments)), "", words, out)
+
+
+def test_start_at_a_truth_that_is_not_there(sfr: Sfr, tmp_path: Path, out: Path) -> None:
+    source = broken.good_folder(tmp_path / "source")
+    (source / "loc/groundtruth.csv").unlink()
+    result = sfr("localise", source, "-o", out / "t.csv", "--start", "truth")
+    check(result, source, "'--start truth' needs ground truth, .* has none: leave it out", out)
+
+
+def test_a_fault_of_the_program_is_one_line_too(
+    sfr: Sfr, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise KeyError("deep\ninside")
+
+    monkeypatch.setattr("sfr_loc_map.io.registry.open_source", fail)
+    arguments = ("localise", tmp_path, "-o", out / "t.csv")
+    check(sfr(*arguments), "KeyError", "a fault of the program, run 'sfr --debug", out)
+    monkeypatch.setenv("SFR_DEBUG", "1")
+    with pytest.raises(KeyError):
+        sfr(*arguments)
+
+
+def test_line_breaks_in_names_do_not_make_two_lines(sfr: Sfr, tmp_path: Path, out: Path) -> None:
+    check(sfr("localise", tmp_path / "a\nb", "-o", out / "t.csv"), "a b", "there is no", out)
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments"),
+    [
+        (broken.missing, ("localise", "{source}", "-o", "{out}/t.csv")),
+        (broken.flipped_bytes, ("map", "{source}", "-o", "{out}/c.ply")),
+        (broken.unequal_sizes, ("convert", "{source}", "{out}/b.db3")),
+    ],
+)
+def test_the_program_itself(tmp_path: Path, out: Path, make: Made, arguments: tuple[str, ...]) -> None:
+    """As a process: nothing that libraries write, or that comes at the end, gets around the one line."""
+    source = make(tmp_path / "source")
+    code = "import sys; from sfr_loc_map.cli.main import main; sys.exit(main())"
+    words = [word.format(source=source, out=out) for word in arguments]
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    check(Result(done.returncode, done.stdout, done.stderr), source, "[:;]", out)
+
+
+def test_what_is_good_passes(sfr: Sfr, tmp_path: Path, out: Path) -> None:
+    """The sources that the cases above spoil are good without it."""
+    for source in (broken.good_folder(tmp_path / "f"), broken.rewritten_bag(tmp_path / "b", lambda t, n, m: m)):
+        for command in COMMANDS.values():
+            name, *rest = (word.format(out=out / source.name) for word in command)
+            (out / source.name).mkdir(exist_ok=True)
+            result = sfr(name, source, *rest)
+            assert result.code == 0, result
+    assert np.genfromtxt(out / "f" / "t.csv", delimiter=",", skip_header=1).shape == (3, 8)
+    for name in ("t.csv", "s.csv", "c.ply"):
+        assert (out / "b" / name).stat().st_size > 0

@@ -1,0 +1,192 @@
+"""The outside of `sfr`: exit codes, what goes to which stream, quick help."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from broken_sources import good_folder
+from conftest import Sfr
+
+from sfr_loc_map.cli.main import COMMANDS
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.trajectory_file import load_trajectory, save_trajectory
+
+HEAVY = ("numba", "cv2", "scipy", "plotly", "rosbags", "rclpy", "llvmlite", "embreex")
+HELP = """
+import sys
+from sfr_loc_map.cli.main import main
+sys.argv = ["sfr", *sys.argv[1:], "--help"]
+code = main()
+print(code, *(set(%r) & set(sys.modules)), file=sys.stderr)
+"""
+
+
+@pytest.fixture
+def trajectories(tmp_path: Path) -> tuple[Path, Path]:
+    """An estimate whose errors are known, and its truth: 60 m straight on, the estimate 2 % too long."""
+    count = 121
+    stamps = np.arange(count, dtype=np.int64) * 1_000_000_000
+    positions = np.zeros((count, 3))
+    positions[:, 0] = 0.5 * np.arange(count)
+    quats = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
+    truth, estimate = tmp_path / "truth.csv", tmp_path / "estimate.csv"
+    save_trajectory(truth, Trajectory(stamps, positions, quats))
+    save_trajectory(estimate, Trajectory(stamps, 1.02 * positions, quats))
+    return estimate, truth
+
+
+def limits_file(path: Path, position_m: float) -> Path:
+    path.write_text(f"trajectory:\n  - condition: distance=5\n    position_mean_plus_3sigma_m: {position_m}\n")
+    return path
+
+
+def strict(text: str) -> Any:
+    """Read JSON as the standard has it: no NaN, no Infinity."""
+
+    def refuse(word: str) -> None:
+        raise ValueError(word)
+
+    return json.loads(text, parse_constant=refuse)
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_of_every_command_loads_nothing_heavy(command: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", HELP % (HEAVY,), *command.split()], capture_output=True, text=True, check=True
+    )
+    code, *heavy = done.stderr.split()
+    assert code == "0"
+    assert heavy == []
+    assert f"Usage: sfr {command}".strip() in done.stdout
+
+
+def test_help_takes_less_than_a_second() -> None:
+    """By the processor's time, which is the time taken where nothing else runs."""
+
+    def spent() -> float:
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return usage.ru_utime + usage.ru_stime
+
+    before = spent()
+    subprocess.run([sys.executable, "-c", HELP % (HEAVY,), "localise"], capture_output=True, check=True)
+    assert spent() - before < 1.0
+
+
+def test_bare_command_and_version(sfr: Sfr) -> None:
+    bare = sfr()
+    assert (bare.code, bare.err) == (0, "")
+    for command in COMMANDS:
+        assert command in bare.out
+    version = sfr("--version")
+    assert (version.code, version.err) == (0, "")
+    assert version.out.startswith("sfr ")
+
+
+def test_json_alone_on_standard_output(sfr: Sfr, trajectories: tuple[Path, Path]) -> None:
+    result = sfr("score", *trajectories, "--json", "-")
+    assert (result.code, result.err) == (0, "")
+    score = strict(result.out)
+    assert score["schema"] == "sfr-score/1"
+    # Starts every 10 frames (5 m), each 5 m long: 12 whole ones in 60 m. Each 5 m are 0.1 m too long, along x, exactly.
+    assert score["trajectory"]["count"] == 12
+    assert score["trajectory"]["position_m"]["mean"] == pytest.approx(0.1, abs=1e-12)
+    assert score["trajectory"]["position_m"]["sigma"] == pytest.approx(0.0, abs=1e-12)
+    assert score["trajectory"]["heading_deg"]["mean"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_json_without_enough_data_is_null_not_nan(sfr: Sfr, trajectories: tuple[Path, Path]) -> None:
+    result = sfr("score", *trajectories, "--json", "-", "--condition", "distance=50")
+    assert result.code == 0
+    score = strict(result.out)
+    assert score["trajectory"]["position_m"]["sigma"] is None or score["trajectory"]["count"] > 1
+    none = strict(sfr("score", *trajectories, "--json", "-", "--condition", "distance=500").out)
+    assert none["trajectory"]["count"] == 0
+    assert none["trajectory"]["position_m"]["mean"] is None
+
+
+def test_json_to_a_file_is_what_goes_to_standard_output(
+    sfr: Sfr, tmp_path: Path, trajectories: tuple[Path, Path]
+) -> None:
+    file = tmp_path / "s.json"
+    tables = sfr("score", *trajectories, "--json", file)
+    assert tables.code == 0
+    assert "position, m" in tables.out
+    written, printed = strict(file.read_text()), strict(sfr("score", *trajectories, "--json", "-").out)
+    for score in (written, printed):
+        del score["provenance"]["time"]
+    assert written == printed
+
+
+@pytest.mark.parametrize(("limit_m", "code", "verdict"), [(0.2, 0, "pass"), (0.05, 1, "fail")])
+def test_verdict_is_the_exit_code(
+    sfr: Sfr, tmp_path: Path, trajectories: tuple[Path, Path], limit_m: float, code: int, verdict: str
+) -> None:
+    limits = limits_file(tmp_path / "limits.yaml", limit_m)
+    result = sfr("score", *trajectories, "--limits", limits, "--json", "-")
+    assert result.code == code
+    assert [item["verdict"] for item in strict(result.out)["verdicts"]] == [verdict]
+    lines = result.err.splitlines()
+    assert len(lines) == code
+    if code:
+        assert lines[0].startswith("sfr: 1 of 1 limits missed: position_mean_plus_3sigma_m 0.1")
+    tables = sfr("score", *trajectories, "--limits", limits, "--html", tmp_path / "r.html")
+    assert tables.code == code
+    assert verdict in tables.out
+    assert (tmp_path / "r.html").stat().st_size > 0
+
+
+def test_too_little_data_fails_no_limit(sfr: Sfr, tmp_path: Path, trajectories: tuple[Path, Path]) -> None:
+    limits = limits_file(tmp_path / "limits.yaml", 0.001)
+    limits.write_text("minimum_count: 100\n" + limits.read_text())
+    result = sfr("score", *trajectories, "--limits", limits, "--json", "-")
+    assert result.code == 0
+    assert strict(result.out)["verdicts"][0]["verdict"] == "not enough data"
+
+
+def test_from_source_to_score_and_report(sfr: Sfr, tmp_path: Path) -> None:
+    source = good_folder(tmp_path / "data")
+    trajectory, stats, cloud = tmp_path / "t.tum", tmp_path / "s.csv", tmp_path / "c.npz"
+    localised = sfr("localise", source, "-o", trajectory, "--stats", stats, "--start", "truth")
+    assert (localised.code, localised.out) == (0, "")
+    assert localised.err.strip() == f"3 poses, 0 lost: {trajectory}"
+    assert len(load_trajectory(trajectory)) == 3
+    mapped = sfr("map", source, "-o", cloud)
+    assert (mapped.code, mapped.out) == (0, "")
+    assert f"points of 2 pairs: {cloud}" in mapped.err
+    fields = np.load(cloud)
+    assert set(fields) == {"x", "y", "z", "sigma", "intensity", "u", "v", "pair"}
+    score = strict(sfr("score", trajectory, source, "--condition", "frames=1", "--spacing", "1", "--json", "-").out)
+    assert score["trajectory"]["count"] == 2
+    assert score["trajectory"]["position_m"]["mean"] < 0.01
+    file = tmp_path / "map.json"
+    assert sfr("score", cloud, source, "--json", file).code == 0
+    assert strict(file.read_text())["map"]["point_error_m"]["p50"] < 0.05
+    page = sfr("report", file)
+    assert page.code == 0
+    assert (tmp_path / "report.html").stat().st_size > 0
+    table = sfr("report", file, "--format", "md")
+    assert table.code == 0
+    assert "|" in table.out
+
+
+def test_a_closed_pipe_is_no_error(trajectories: tuple[Path, Path]) -> None:
+    code = "import sys; from sfr_loc_map.cli.main import main; sys.exit(main())"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "score", *map(str, trajectories), "--json", "-"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()  # as `| head` does
+    error = process.stderr.read().decode()
+    process.stderr.close()
+    assert process.wait(60) == 0
+    assert error == ""
