@@ -15,7 +15,7 @@ class LocalisationConfig:
         700, doc="Landmarks tracked at a time; the picture is divided into as many cells.", low=50
     )
     window_keyframes: int = param(7, doc="Keyframes adjusted together.", low=2, high=20)
-    adjustment_rounds: int = param(3, doc="Gauss-Newton rounds of each window adjustment.", low=1, high=20)
+    adjustment_rounds: int = param(2, doc="Gauss-Newton rounds of each window adjustment.", low=1, high=20)
     keyframe_flow: float = param(
         0.05,
         doc="Median motion in the picture since the last keyframe, as a share of its width, for a new one.",
