@@ -19,13 +19,15 @@ def build_score(
     """Return the score with its verdicts, in the order of the schema; parts that are absent or empty are left out.
 
     Args:
-        parts: `trajectory`, `map`, `timing`, `memory`, `target`, `details`, as far as they are there.
+        parts: `trajectory`, `map`, `timing`, `memory`, `target`, `warnings`, `details`, as far as they are there.
         limits: Limits to judge by.
         provenance: Versions, inputs with hashes, configuration, time.
     """
     score: dict[str, Any] = {"schema": SCHEMA}
     score |= {name: parts[name] for name in PARTS if parts.get(name)}
     score["verdicts"] = verdicts(limits, score) if limits is not None else []
+    if parts.get("warnings"):
+        score["warnings"] = parts["warnings"]
     if provenance is not None:
         score["provenance"] = dict(provenance)
     if parts.get("details"):

@@ -151,9 +151,11 @@ def score_trajectory(estimates: Estimates, truth: Trajectory, config: Trajectory
 
 
 def _nothing_in_common(estimate: Trajectory, truth: Trajectory) -> str:
-    spans = [
-        f"{name} has {len(t)} poses"
-        + (f" from {t.stamps_ns.min() / NS:.3f} s to {t.stamps_ns.max() / NS:.3f} s" if len(t) else "")
-        for name, t in (("the estimate", estimate), ("the truth", truth))
-    ]
-    return f"no estimate has a truth at its stamp: {', '.join(spans)}; give trajectories of the same drive and clock"
+    spans = []
+    for name, poses in (("the estimate", estimate), ("the truth", truth)):
+        ends = f" from {poses.stamps_ns.min() / NS:.3f} s to {poses.stamps_ns.max() / NS:.3f} s" if len(poses) else ""
+        spans.append(f"{name} has {len(poses)} poses{ends}")
+    return (
+        f"no estimate has a truth at its stamp: {', '.join(spans)}; give trajectories of the same drive and clock "
+        "(sfr doctor finds a clock that is off)"
+    )

@@ -15,6 +15,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import ODOMETRY, Bag, is_bag
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.hashing import hash_path
@@ -25,6 +26,7 @@ from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
 from sfr_loc_map.metrics.cloud_truth import PairTruth, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.costs import merge_parts, score_calls, score_target
+from sfr_loc_map.metrics.detective import Diagnosis, investigate
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.results import build_score
 from sfr_loc_map.metrics.sub_trajectories import Condition
@@ -88,11 +90,39 @@ def score_files(
         parts.append(score_target(calls, inputs.target_name))
     if inputs.estimate is not None and inputs.truth is not None:
         estimates = load_estimates(inputs.estimate, stats)
-        parts.append(score_trajectory(estimates, load_truth(inputs.truth), config.trajectory))
+        truth = load_truth(inputs.truth)
+        parts.append(score_trajectory(estimates, truth, config.trajectory))
+        parts.append(warnings(estimates.trajectory, truth, config, camera_place(inputs.truth)))
     if inputs.cloud is not None and inputs.map_truth is not None:
         cloud, truths = load_cloud(inputs.cloud), load_map_truth(inputs.map_truth)
         parts.append(score_cloud(cloud, truths, config, fused=fused))
     return build_score(merge_parts(*parts), limits=limits, provenance=provenance(inputs, config))
+
+
+def warnings(
+    estimate: Trajectory, truth: Trajectory, config: ScoreConfig, T_rb_left: Transform | None
+) -> dict[str, list[str]]:
+    """Return the part `warnings` of the score: one line if a mistake of convention explains the errors."""
+    found = investigate(estimate, truth, config.trajectory.association, T_rb_left).found
+    return {} if found is None else {"warnings": [f"{found.sentence} (sfr doctor tells more)"]}
+
+
+def camera_place(truth: Path) -> Transform | None:
+    """Return `T_rb_left` of a source with localisation cameras, None where it is not known."""
+    if truth.is_file() and not is_bag(truth):
+        return None
+    loc = open_source(truth).loc
+    return None if loc is None or loc.rig.T_rb_sb is None else loc.rig.T_rb_left
+
+
+def diagnose(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
+    """Return which single mistake of convention explains how the trajectories of two files disagree.
+
+    Raises:
+        InputError: If a file cannot be read.
+    """
+    association = config.trajectory.association
+    return investigate(load_estimates(estimate).trajectory, load_truth(truth), association, camera_place(truth))
 
 
 def score_cloud(

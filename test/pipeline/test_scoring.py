@@ -201,3 +201,35 @@ def test_truth_against_itself_is_perfect(shared_data: Path, tmp_path: Path, monk
     score = scored(monkeypatch, tmp_path, shared_data / "dev-loc/groundtruth.csv", shared_data / "dev-loc")
     assert score["trajectory"]["position_m"]["mean_plus_3sigma"] < 1e-12
     assert score["trajectory"]["attitude_deg"]["mean_plus_3sigma"] < 1e-6
+
+
+def winding() -> Trajectory:
+    yaw = 2.0 * np.sin(np.arange(300) / 30.0)
+    positions = np.cumsum(np.column_stack((0.1 * np.cos(yaw), 0.1 * np.sin(yaw), 0 * yaw)), axis=0)
+    quats = np.column_stack((0 * yaw, 0 * yaw, np.sin(yaw / 2), np.cos(yaw / 2)))
+    return Trajectory(np.arange(300) * 100_000_000, positions, quats)
+
+
+def test_a_wrong_convention_is_warned_of_and_the_doctor_finds_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = winding()
+    wrong = Trajectory(truth.stamps_ns, truth.positions, truth.quats_xyzw * [-1, -1, -1, 1])
+    late = Trajectory(truth.stamps_ns + 10**12, truth.positions, truth.quats_xyzw)
+    for name, content in (("truth", truth), ("wrong", wrong), ("late", late)):
+        save_trajectory(tmp_path / f"{name}.tum", content)
+    assert run(monkeypatch, "score", tmp_path / "wrong.tum", tmp_path / "truth.tum", "--json", "-") == 0
+    captured = capsys.readouterr()
+    assert "conjugated" in json.loads(captured.out)["warnings"][0]
+    assert captured.err.count("\n") == 1
+    assert captured.err.startswith("sfr: warning: ")
+    assert run(monkeypatch, "score", tmp_path / "truth.tum", tmp_path / "truth.tum", "--json", "-") == 0
+    captured = capsys.readouterr()
+    assert "warnings" not in json.loads(captured.out)
+    assert captured.err == ""
+    assert run(monkeypatch, "doctor", tmp_path / "wrong.tum", tmp_path / "truth.tum", "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out)["found"]["mistake"] == "conjugated quaternion"
+    assert run(monkeypatch, "doctor", tmp_path / "late.tum", tmp_path / "truth.tum") == 0
+    assert "-1000.000 s" in capsys.readouterr().out
+    assert run(monkeypatch, "doctor", tmp_path / "truth.tum", tmp_path / "truth.tum") == 0
+    assert "no single mistake" in capsys.readouterr().out
