@@ -161,9 +161,11 @@ def is_ros_parameter_file(path: Path) -> bool:
 
 @contextmanager
 def _endable() -> Iterator[None]:
-    """Turn SIGTERM into KeyboardInterrupt, so that the nodes are ended; ignore both signals while that is done."""
+    """Turn SIGTERM into KeyboardInterrupt, so that the nodes are ended; more signals are ignored while that is done."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        for other in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(other, signal.SIG_IGN)
         raise KeyboardInterrupt
 
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
