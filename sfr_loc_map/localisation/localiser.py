@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,13 +111,14 @@ class Localiser:
         current = Transform(self._rotation, self._position)
         self._T_ds_world = T_ds_rb @ self._T_rb_left @ current.inverse()
 
-    def warm_up(self) -> None:
-        """Load or compile all machine code, so that no call pays for it; the state does not change."""
+    @staticmethod
+    def warm_up() -> None:
+        """Load or compile all machine code, so that no call pays for it; it is the same for all rigs."""
         width, height = 320, 240
         rig = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
         random = np.random.default_rng(0)
         texture = random.integers(0, 255, (height, width + 200), np.uint8)
-        config = replace(self._config, window_keyframes=2, max_features=100, min_tracked=8)
+        config = LocalisationConfig(window_keyframes=2, max_features=100, min_tracked=8)
         other = Localiser(rig, config, Transform.identity())
         # small steps are tracked until a keyframe leaves the window, a leap is found again by flow, black is lost
         for stamp_ns, shift in enumerate((0, 4, 30, 60, 90, 150)):

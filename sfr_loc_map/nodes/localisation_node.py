@@ -92,7 +92,7 @@ class LocalisationNode(Node):
         self._localiser: Localiser | None = None
         self._first_pose = self._next_pose = Transform.identity()
         self._frames = StaticFrames()
-        self._warm_up()
+        Localiser.warm_up()  # before the first picture: no call pays for it
         self._calls = CallReporter(self, "localisation")
         qos = QoSProfile(depth=self._config.output_depth)
         self._odometry = self.create_publisher(Odometry, "localisation/odometry", qos)
@@ -126,11 +126,6 @@ class LocalisationNode(Node):
         if self._mount is None:
             source = "/tf_static is awaited" if len(topics) > 1 else "tf2_msgs for /tf_static is not installed"
             self.get_logger().warning(f"the place of the stereo bench (parameters T_rb_locsb) is not given: {source}")
-
-    def _warm_up(self) -> None:
-        """Load all machine code before the first picture; pictures of any size use the same."""
-        rig = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1, Transform.identity())
-        Localiser(rig, self._config.localisation, Transform.identity()).warm_up()
 
     def _create_tf(self) -> Any:  # noqa: ANN401 - a publisher of a type that need not be there
         kind = tf_message_type()
