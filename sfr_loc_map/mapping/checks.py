@@ -24,7 +24,7 @@ REFUSED_SHARE = 0.3
 POOR_SHARE = 0.6
 ROWS_WARNING_PX = 0.3
 GAIN_WARNING = 1.15
-COARSE = 4
+COARSE = 2
 
 
 def check_pictures(pair: StereoPair) -> None:
@@ -92,7 +92,7 @@ def check_matches(pair: StereoPair, share: float, alignment: Alignment, count: i
 
 
 def _likely_cause(pair: StereoPair, count: int) -> str:
-    """Tell what is wrong by matching at a quarter of the size, as given and the other way round."""
+    """Tell what is wrong by matching at half the size, as given and the other way round."""
     left, right = (_small(image) for image in (pair.left, pair.right))
     coarse = 16 * max(1, -(-count // (16 * COARSE)))
     as_given, swapped = (float(np.isfinite(match(a, b, coarse)).mean()) for a, b in ((left, right), (right, left)))

@@ -31,6 +31,10 @@ FEATHER_PX = 48.0
 JUMP_PX = F(1.0)
 COMMON_SHARE = 0.5
 """Share of a point's variance that all pairs have in common (smoothing of the same shape) and no mean removes."""
+SAMPLE = 4
+"""Figures of the overlap are taken from every fourth point."""
+LEAST_OVERLAP = 1000
+"""Fewer points in common say nothing of poses."""
 POSE_WARNING = 1.8
 """Ratio of found to expected disagreement, in range or in grey level, beyond which two pairs' poses are doubted."""
 
@@ -68,17 +72,17 @@ def fused(views: Sequence[View], rig: StereoRig) -> Fusion:
         views: One per pair, in the order of their points' `pair`.
         rig: Rig of all pairs.
     """
-    weights = [_weight_picture(view) for view in views]
+    pictures = [(_weight_picture(view), _grey_picture(view)) for view in views]
     statistics = {"points_in": float(sum(len(view.cloud) for view in views)), "merged": 0.0, "dropped_conflict": 0.0}
     warnings: list[str] = []
     clouds = []
     for i, view in enumerate(views):
-        tally = _Tally(view, weights[i])
+        tally = _Tally(view, pictures[i][0])
         for j, other in enumerate(views):
             if j != i:
-                seen = _looked_up(view.cloud, other, weights[j], rig)
+                seen = _looked_up(view.cloud, other, *pictures[j], rig)
                 ratios = tally.add(seen, before=j < i), _grey_ratio(seen, max(view.noise_grey, other.noise_grey))
-                _describe(statistics, warnings, (i, j), seen, ratios)
+                _describe(statistics, warnings, (i, j), seen, len(view.cloud), ratios)
         clouds.append(tally.cloud())
         statistics["merged"] += float((tally.partners > 0).sum())
         statistics["dropped_conflict"] += float(tally.conflict.sum())
@@ -89,8 +93,9 @@ def fused(views: Sequence[View], rig: StereoRig) -> Fusion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """What another pair says of points: all `(N,)`, differences NaN where it says nothing."""
+    """What another pair says of the points that it sees too, all `(M,)`; `index` numbers them."""
 
+    index: NDArray[np.intp]
     difference: FloatImage
     deviation: FloatImage
     weight: FloatImage
@@ -112,49 +117,63 @@ class _Tally:
 
     def add(self, seen: _Seen, *, before: bool) -> float:
         """Take in what another pair says; return the ratio of found to expected disagreement (1 for honest sigmas)."""
-        spread = np.sqrt(np.square(self._view.cloud.sigma) + np.square(seen.deviation))
-        known = np.isfinite(seen.difference)
+        index, own = seen.index, self._own[seen.index]
+        spread = np.sqrt(np.square(self._view.cloud.sigma[index]) + np.square(seen.deviation))
         normalised = np.abs(seen.difference) / spread
-        agree = known & (normalised <= AGREE_SIGMAS)
-        through = known & (seen.difference > AGREE_SIGMAS * spread)
+        agree = normalised <= AGREE_SIGMAS
         weight = np.where(agree, seen.weight, F(0.0))
-        self._sum += weight
-        self._pull += weight * np.where(agree, seen.difference, F(0.0))
-        self.partners += agree
-        heavier = (seen.weight > self._own) | ((seen.weight == self._own) & before)
-        self._kept &= ~(agree & heavier)
-        self.conflict |= through & heavier
-        return float(np.median(normalised[known]) / 0.6745) if known.any() else float("nan")
+        self._sum[index] += weight
+        self._pull[index] += weight * seen.difference
+        self.partners[index] += agree
+        heavier = (seen.weight > own) | ((seen.weight == own) & before)
+        self._kept[index] &= ~(agree & heavier)
+        self.conflict[index] |= heavier & (seen.difference > AGREE_SIGMAS * spread)
+        return float(np.median(normalised[::SAMPLE]) / 0.6745) if len(index) else float("nan")
 
     def cloud(self) -> PointCloud:
         """Return the points that this pair keeps, moved along their rays."""
         kept = self._kept & ~self.conflict
         cloud = self._view.cloud.select(kept)
-        rays = cloud.xyz - self._view.T_lm_left.translation.astype(F)
-        rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
-        moved = cloud.xyz + rays * (self._pull[kept] / self._sum[kept])[:, None]
-        together = COMMON_SHARE * np.square(cloud.sigma) + (1.0 - COMMON_SHARE) / self._sum[kept]
-        sigma = np.where(self.partners[kept] > 0, np.sqrt(together), cloud.sigma).astype(F)
-        return PointCloud(moved.astype(F), sigma, cloud.intensity, cloud.u, cloud.v, cloud.pair)
+        shared = np.flatnonzero(self.partners[kept])
+        total = self._sum[kept][shared]
+        rays = cloud.xyz[shared] - self._view.T_lm_left.translation.astype(F)
+        step = self._pull[kept][shared] / total / np.sqrt(np.einsum("ij,ij->i", rays, rays))
+        cloud.xyz[shared] += rays * step[:, None]
+        together = COMMON_SHARE * np.square(cloud.sigma[shared]) + (1.0 - COMMON_SHARE) / total
+        cloud.sigma[shared] = np.sqrt(together)
+        return cloud
 
 
 def _describe(
-    statistics: dict[str, float], warnings: list[str], pairs: tuple[int, int], seen: _Seen, ratios: tuple[float, float]
+    statistics: dict[str, float],
+    warnings: list[str],
+    pairs: tuple[int, int],
+    seen: _Seen,
+    points: int,
+    ratios: tuple[float, float],
 ) -> None:
     i, j = pairs
-    known = seen.difference[np.isfinite(seen.difference)]
-    statistics[f"overlap_{i}_{j}"] = len(known) / max(len(seen.difference), 1)
-    if len(known) == 0:
+    statistics[f"overlap_{i}_{j}"] = len(seen.index) / max(points, 1)
+    if len(seen.index) == 0:
         return
-    statistics[f"difference_median_m_{i}_{j}"] = float(np.median(known))
-    statistics[f"difference_spread_m_{i}_{j}"] = 1.4826 * float(np.median(np.abs(known - np.median(known))))
+    some = seen.difference[::SAMPLE]
+    middle = float(np.median(some))
+    statistics[f"difference_median_m_{i}_{j}"] = middle
+    statistics[f"difference_spread_m_{i}_{j}"] = 1.4826 * float(np.median(np.abs(some - F(middle))))
     statistics[f"difference_over_sigma_{i}_{j}"] = ratios[0]
     statistics[f"grey_difference_over_noise_{i}_{j}"] = ratios[1]
-    if i < j and max(ratios) > POSE_WARNING and len(known) > 1000:
+    if i < j and max(ratios) > POSE_WARNING and len(seen.index) > LEAST_OVERLAP:
         warnings.append(
             f"pairs {i} and {j} disagree where they overlap, {ratios[0]:.1f} times what is expected in range and "
             f"{ratios[1]:.1f} times in grey level: check their poses"
         )
+
+
+def _grey_picture(view: View) -> FloatImage:
+    """Return the left picture where there are points, 0 elsewhere."""
+    grey = np.zeros(view.disparity_px.shape, F)
+    grey[view.cloud.v, view.cloud.u] = view.cloud.intensity
+    return grey
 
 
 def _weight_picture(view: View) -> FloatImage:
@@ -170,20 +189,20 @@ def _weight_picture(view: View) -> FloatImage:
 
 def _grey_ratio(seen: _Seen, noise: float) -> float:
     """Return the spread of grey level differences over that of noise: a wrong pan shows here on any textured ground."""
-    known = seen.grey_difference[np.isfinite(seen.grey_difference)]
-    if len(known) == 0:
+    if len(seen.index) == 0:
         return float("nan")
-    return 1.4826 * float(np.median(np.abs(known - np.median(known)))) / noise
+    some = seen.grey_difference[::SAMPLE]
+    return 1.4826 * float(np.median(np.abs(some - np.median(some)))) / noise
 
 
-def _looked_up(cloud: PointCloud, other: View, weight: FloatImage, rig: StereoRig) -> _Seen:
+def _looked_up(cloud: PointCloud, other: View, weight: FloatImage, grey: FloatImage, rig: StereoRig) -> _Seen:
     T_left_lm = other.T_lm_left.inverse()
     out = np.empty((4, len(cloud)), F)
-    grey = np.zeros(other.disparity_px.shape, F)
-    grey[other.cloud.v, other.cloud.u] = other.cloud.intensity
     camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.fx * rig.baseline_m])
     _look_up(cloud.xyz, T_left_lm.rotation, T_left_lm.translation, camera, other.disparity_px, weight, grey, out)
-    return _Seen(out[0], out[1], out[2], out[3] - cloud.intensity)
+    index = np.flatnonzero(np.isfinite(out[0]))
+    difference, deviation, weights, greys = out[:, index]
+    return _Seen(index, difference, deviation, weights, greys - cloud.intensity[index])
 
 
 @by_rows

@@ -80,8 +80,9 @@ class Mapper:
         initial = np.full(left.shape, 8.0, np.float32)
         initial[:, side // 2 :] = 4.0
         refined = refine(left.astype(np.float32), right.astype(np.float32), initial)
-        trusted(left.astype(np.float32), refined, initial)
-        cloud = cloud_from_disparity(initial, sigma_of(refined), left, self._rig, Transform.identity(), 0)
+        sigma = sigma_of(refined)
+        trusted(left.astype(np.float32), refined, initial, sigma)
+        cloud = cloud_from_disparity(initial, sigma, left, self._rig, Transform.identity(), 0)
         view = View(cloud, initial, self._rig.T_sb_left, refined.noise)
         fused([view, view], self._rig)
 
@@ -108,11 +109,12 @@ class Mapper:
         left, right = pair.left.astype(np.float32), pair.right.astype(np.float32)
         initial = match(pair.left, pair.right, self._search.count)
         refined = refine(left, right, initial)
-        usable = trusted(left, refined, initial) & (refined.disparity_px >= self._search.farthest)
+        sigma = sigma_of(refined)
+        usable = trusted(left, refined, initial, sigma) & (refined.disparity_px >= self._search.farthest)
         share = matched_share(left, usable)
         warnings = check_matches(pair, share, refined.alignment, self._search.count)
         disparity = np.where(usable, refined.disparity_px, np.float32(np.nan))
-        cloud = cloud_from_disparity(disparity, sigma_of(refined), pair.left, self._rig, T_lm_navsb, index)
+        cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_navsb, index)
         statistics = {
             "points": float(len(cloud)),
             "density": len(cloud) / disparity.size,

@@ -1,0 +1,274 @@
+"""The mapper against worlds whose disparity is known, against faults, and against the development data."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+import pytest
+
+from sfr_loc_map.errors import ConfigError, MappingError
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper, PairMap
+
+T_LM_NAVSB = Transform(matrix_from_rotvec([0.1, 0.35, -0.4]), np.array([1.0, -2.0, 2.0]))
+INNER = np.s_[16:-16, 48:-16]
+"""Pixels whose neighbourhood both cameras see."""
+
+
+def mapped(made: Any, **change: Any) -> PairMap:
+    return Mapper(made.rig, MappingConfig(**change)).process(made.pair, T_LM_NAVSB, 0)
+
+
+def errors(made: Any, result: PairMap) -> np.ndarray:
+    difference = (result.disparity_px - made.disparity)[INNER]
+    return difference[np.isfinite(difference)]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_plane_is_unbiased_and_dense(world: Any, slope_field: Any, seed: int) -> None:
+    made = world(slope_field, seed=seed)
+    result = mapped(made)
+    error = errors(made, result)
+    assert len(error) > 0.98 * made.disparity[INNER].size
+    assert abs(error.mean()) < 0.003
+    assert error.std() < 0.02
+    assert np.abs(error).max() < 0.25
+
+
+def test_no_pixel_locking(world: Any, slope_field: Any) -> None:
+    """The error does not follow the fraction of the disparity, as it does where parabolas are fitted to costs."""
+    made = world(slope_field, width=512, seed=5)
+    result = mapped(made)
+    error = (result.disparity_px - made.disparity)[INNER]
+    phase = 2.0 * np.pi * made.disparity[INNER]
+    known = np.isfinite(error)
+    for wave in (np.sin(phase), np.cos(phase)):
+        assert abs((error * wave)[known].mean() * 2.0) < 0.003
+
+
+@pytest.mark.parametrize("noise", [2.0, 5.0])
+def test_sigma_is_honest_on_hills(world: Any, hills_field: Any, noise: float) -> None:
+    made = world(hills_field, width=512, height=384, noise=noise, seed=3)
+    result = mapped(made)
+    cloud = result.cloud
+    scale = made.rig.fx * made.rig.baseline_m
+    rays = np.hypot(np.hypot((cloud.u - made.rig.cx) / made.rig.fx, (cloud.v - made.rig.cy) / made.rig.fy), 1.0)
+    along = (scale / result.disparity_px - scale / made.disparity)[cloud.v, cloud.u] * rays
+    inner = (cloud.u > 48) & (cloud.u < 496) & (cloud.v > 16) & (cloud.v < 368)
+    size = np.abs(along / cloud.sigma)[inner]
+    assert 0.60 < (size < 1).mean() < 0.93
+    assert (size < 2).mean() > 0.90
+    assert (size < 3).mean() > 0.97
+
+
+def test_error_grows_with_noise(world: Any, hills_field: Any) -> None:
+    spreads = [errors(m := world(hills_field, noise=n), mapped(m)).std() for n in (0.5, 3.0, 9.0)]
+    assert spreads[0] < spreads[1] < spreads[2]
+
+
+@pytest.mark.parametrize("rows", [-0.5, 0.25, 0.5])
+def test_row_offset_is_found_and_made_up_for(world: Any, slope_field: Any, rows: float) -> None:
+    made = world(slope_field, rows=rows)
+    result = mapped(made)
+    assert result.statistics["vertical_offset_px"] == pytest.approx(rows, abs=0.06)
+    assert abs(errors(made, result).mean()) < 0.015
+    assert errors(made, result).std() < 0.03
+    assert bool(result.warnings) == (abs(rows) > 0.3)
+
+
+def test_unequal_exposure_changes_little(world: Any, hills_field: Any) -> None:
+    plain, unequal = world(hills_field), world(hills_field, gain=0.8, offset=20.0)
+    result = mapped(unequal)
+    assert result.statistics["gain"] == pytest.approx(0.8, abs=0.03)
+    assert errors(unequal, result).std() < 1.3 * errors(plain, mapped(plain)).std()
+    assert any("contrast" in line for line in result.warnings)
+
+
+def test_featureless_patch_is_a_hole(world: Any, slope_field: Any) -> None:
+    made = world(slope_field, width=384, height=320, noise=3.0)
+    rng = np.random.default_rng(9)
+    pictures = []
+    for image in (made.pair.left, made.pair.right):
+        image = image.copy()
+        image[:120] = np.clip(np.rint(rng.normal(150.0, 3.0, (120, image.shape[1]))), 0, 255)
+        pictures.append(image)
+    result = Mapper(made.rig, MappingConfig()).process(StereoPair(0, *pictures), T_LM_NAVSB, 0)
+    assert np.isfinite(result.disparity_px[:90]).mean() < 0.05
+    assert np.isfinite(result.disparity_px[150:, 48:]).mean() > 0.9
+
+
+def test_step_is_not_smeared(world: Any) -> None:
+    """A block that stands 6 pixels of disparity before its background: what is kept is one or the other."""
+
+    def block(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.where((np.abs(u - 200.0) < 45.0) & (np.abs(v - 130.0) < 45.0), 16.0, 10.0)
+
+    made = world(block, width=400, height=280)
+    right = made.pair.right.copy()
+    v, u = np.mgrid[:280, :400]
+    inside = (np.abs(u + 16.0 - 200.0) < 45.0) & (np.abs(v - 130.0) < 45.0)
+    from_block, from_ground = (world(lambda u, v, d=d: np.full_like(u, d), width=400, height=280) for d in (16.0, 10.0))
+    right = np.where(inside, from_block.pair.right, from_ground.pair.right)
+    result = Mapper(made.rig, MappingConfig()).process(StereoPair(0, made.pair.left, right), T_LM_NAVSB, 0)
+    error = np.abs(result.disparity_px - made.disparity)[INNER]
+    error = error[np.isfinite(error)]
+    assert len(error) > 0.9 * made.disparity[INNER].size
+    assert (error > 0.5).mean() < 0.01
+
+
+@pytest.mark.parametrize(("width", "height"), [(256, 256), (301, 255), (1024, 768)])
+def test_any_size(world: Any, slope_field: Any, width: int, height: int) -> None:
+    made = world(slope_field, width=width, height=height)
+    error = errors(made, mapped(made, min_range_m=0.5))
+    assert len(error) > 0.9 * made.disparity[INNER].size
+    assert np.median(np.abs(error)) < 0.03
+
+
+def test_same_input_gives_same_bits_on_any_number_of_threads(world: Any, hills_field: Any) -> None:
+    made = world(hills_field)
+    several = mapped(made)
+    threads = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        one = mapped(made)
+    finally:
+        numba.set_num_threads(threads)
+    assert one.cloud.to_structured().tobytes() == several.cloud.to_structured().tobytes()
+
+
+def test_points_lie_on_their_pixels_rays_at_the_depth_of_their_disparity(world: Any, slope_field: Any) -> None:
+    made = world(slope_field)
+    result = mapped(made)
+    local = (T_LM_NAVSB @ made.rig.T_sb_left).inverse().apply(result.cloud.xyz)
+    np.testing.assert_allclose(made.rig.fx * local[:, 0] / local[:, 2] + made.rig.cx, result.cloud.u, atol=2e-3)
+    np.testing.assert_allclose(made.rig.fy * local[:, 1] / local[:, 2] + made.rig.cy, result.cloud.v, atol=2e-3)
+    disparity = result.disparity_px[result.cloud.v, result.cloud.u]
+    np.testing.assert_allclose(local[:, 2], made.rig.fx * made.rig.baseline_m / disparity, rtol=1e-5)
+    np.testing.assert_array_equal(result.cloud.intensity, made.pair.left[result.cloud.v, result.cloud.u])
+    assert len(result.cloud) == np.isfinite(result.disparity_px).sum()
+
+
+def test_range_limits_hold(world: Any, slope_field: Any) -> None:
+    made = world(slope_field)
+    depth = made.rig.fx * made.rig.baseline_m / mapped(made, max_range_m=3.0).disparity_px
+    assert np.nanmax(depth) <= 3.0 + 1e-5
+    with pytest.raises(ConfigError, match="min_range_m"):
+        Mapper(made.rig, MappingConfig(min_range_m=5.0, max_range_m=2.0))
+
+
+FAULTS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], str]] = {
+    "swapped": (lambda a, b: (b, a), "swapped"),
+    "black right": (lambda a, b: (a, np.zeros_like(b)), "right picture .* is flat"),
+    "white left": (lambda a, b: (np.full_like(a, 255), b), "left picture .* is flat"),
+    "twice the same": (lambda a, b: (a, a), "the same"),
+    "upside down": (lambda a, b: (a, b[::-1].copy()), "do not match"),
+    "rows far off": (lambda a, b: (a, np.roll(b, 12, axis=0)), "do not match"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_pictures_that_cannot_match_are_refused_by_name(world: Any, slope_field: Any, name: str) -> None:
+    made = world(slope_field, width=384, height=320)
+    spoil, message = FAULTS[name]
+    with pytest.raises(MappingError, match=message):
+        Mapper(made.rig, MappingConfig()).process(StereoPair(7, *spoil(made.pair.left, made.pair.right)), T_LM_NAVSB, 0)
+
+
+def test_wrong_size_and_index_are_refused(world: Any, slope_field: Any) -> None:
+    made = world(slope_field)
+    mapper = Mapper(made.rig, MappingConfig())
+    with pytest.raises(MappingError, match="the rig has"):
+        mapper.process(StereoPair(0, made.pair.left[:-1], made.pair.right[:-1]), T_LM_NAVSB, 0)
+    for index in (-1, 3):
+        with pytest.raises(MappingError, match="index"):
+            mapper.process(made.pair, T_LM_NAVSB, index)
+
+
+def load_nav(folder: Path) -> tuple[StereoRig, list[tuple[StereoPair, Transform, np.ndarray]]]:
+    rig_json = json.loads((folder / "rig.json").read_text())
+    k = rig_json["k"]
+    rig = StereoRig(rig_json["width"], rig_json["height"], k[0], k[4], k[2], k[5], rig_json["baseline_m"])
+    items = []
+    for row in csv.DictReader((folder / "pairs.csv").open()):
+        pose = Transform.from_origin_and_attitude(
+            [float(row[f"navsbOriginPos_m_Lm_{axis}"]) for axis in "xyz"],
+            [float(row[f"att_q_LmToNavsb_{part}"]) for part in "1234"],
+        )
+        left, right = (cv2.imread(str(folder / row[side]), cv2.IMREAD_GRAYSCALE) for side in ("left", "right"))
+        items.append((StereoPair(int(row["stamp_ns"]), left, right), pose, np.load(folder / row["truth"])))
+    return rig, items
+
+
+@pytest.mark.shared
+def test_development_ground(shared_data: Path) -> None:
+    rig, items = load_nav(shared_data / "dev-nav")
+    mapper = Mapper(rig, MappingConfig())
+    maps, singles = [], []
+    for index, (pair, pose, truth) in enumerate(items):
+        result = mapper.process(pair, pose, index)
+        cloud = result.cloud
+        distance = np.linalg.norm(truth - (pose @ rig.T_sb_left).translation, axis=-1)
+        error = np.linalg.norm(cloud.xyz - truth[cloud.v, cloud.u], axis=1)
+        near = distance[cloud.v, cloud.u] < 4.0
+        far = (distance[cloud.v, cloud.u] >= 4.0) & (distance[cloud.v, cloud.u] < 10.0)
+        assert (near | far).sum() > 0.94 * (distance < 10.0).sum()
+        assert error[near].mean() < 4.5e-3
+        assert error[near].mean() + 3.0 * error[near].std() < 22e-3
+        assert error[far].mean() < 26e-3
+        wrong = result.disparity_px - disparity_of(truth, pose, rig)
+        wrong = wrong[np.isfinite(wrong) & (distance < 10.0)]
+        assert 1.4826 * np.median(np.abs(wrong - np.median(wrong))) < 0.08
+        assert abs(np.median(wrong)) < 0.005
+        within = [(error[near | far] < m * cloud.sigma[near | far]).mean() for m in (1, 2, 3)]
+        np.testing.assert_allclose(within, [0.683, 0.954, 0.997], atol=0.06)
+        maps.append(result)
+        singles.append(error[near | far].mean())
+    fused = mapper.fuse(maps).cloud
+    truth = np.stack([item[2] for item in items])[fused.pair, fused.v, fused.u]
+    origin = np.stack([(item[1] @ rig.T_sb_left).translation for item in items])[fused.pair]
+    inside = np.linalg.norm(truth - origin, axis=1) < 10.0
+    assert np.linalg.norm(fused.xyz - truth, axis=1)[inside].mean() <= min(singles) * 1.02
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("name", "density", "bad", "mean"), [("pair-teddy", 0.90, 2.0, 0.32), ("pair-motorcycle", 0.92, 2.0, 0.40)]
+)
+def test_real_pairs(shared_data: Path, name: str, density: float, bad: float, mean: float) -> None:
+    rig, items = load_nav(shared_data / name)
+    pair, pose, truth = items[0]
+    result = Mapper(rig, MappingConfig()).process(pair, pose, 0)
+    disparity = disparity_of(truth, pose, rig)
+    visible = seen_by_both(disparity)
+    error = np.abs(result.disparity_px - disparity)[visible]
+    known = error[np.isfinite(error)]
+    assert len(known) > density * len(error)
+    assert 100.0 * (known > 2.0).mean() < bad
+    assert known.mean() < mean
+
+
+def disparity_of(truth: np.ndarray, pose: Transform, rig: StereoRig) -> np.ndarray:
+    depth = (pose @ rig.T_sb_left).inverse().apply(truth)[..., 2]
+    return rig.fx * rig.baseline_m / depth
+
+
+def seen_by_both(disparity: np.ndarray) -> np.ndarray:
+    """Tell which true points are within the right picture and not behind a nearer one there."""
+    rows, cols = disparity.shape
+    v, u = np.nonzero(np.isfinite(disparity))
+    d = disparity[v, u]
+    place = np.rint(u - d).astype(int)
+    inside = (place >= 0) & (place < cols)
+    nearest = np.zeros((rows, cols))
+    np.maximum.at(nearest, (v[inside], place[inside]), d[inside])
+    visible = np.zeros((rows, cols), bool)
+    visible[v[inside], u[inside]] = d[inside] >= nearest[v[inside], place[inside]] - 1.0
+    return visible
