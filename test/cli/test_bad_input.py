@@ -12,7 +12,7 @@ from pathlib import Path
 import broken_sources as broken
 import numpy as np
 import pytest
-from conftest import Result, Sfr
+from cli_result import Result, Sfr
 
 Made = Callable[[Path], Path]
 

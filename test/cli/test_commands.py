@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from broken_sources import good_folder
-from conftest import Sfr
+from cli_result import Sfr
 
 from sfr_loc_map.cli.main import COMMANDS
 from sfr_loc_map.geometry.trajectory import Trajectory
