@@ -23,7 +23,6 @@ ALLOWED: dict[str, set[str]] = {
     **dict.fromkeys(MIDDLE, BASE),
     "pipeline": BASE | MIDDLE,
     "report": BASE | MIDDLE,
-    "bench": BASE | MIDDLE | {"pipeline"},
     "nodes": BASE | (MIDDLE - {"simulation"}) | {"pipeline"},
     "bench": BASE | MIDDLE | {"pipeline"},
     "cli": BASE | MIDDLE | {"pipeline", "report", "nodes", "bench"},
