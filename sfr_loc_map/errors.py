@@ -41,6 +41,10 @@ class NodeError(SfrError):
     """A node, or the graph it lives in, cannot do its work."""
 
 
+class BenchError(SfrError):
+    """A peer of a bench does not run."""
+
+
 class MissingExtraError(SfrError):
     """An optional part is not installed."""
 

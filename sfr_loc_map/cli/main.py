@@ -17,6 +17,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.errors import FailedVerdictError, SfrError
 
 COMMANDS = ("localise", "map", "convert", "score", "replay", "report", "simulate", "perturb", "compare", "doctor")
+GROUPS = ("bench",)
 MODULES = {"map": "map_cloud"}
 FUNCTIONS = {"map": "map_cloud"}
 INTERRUPTED = 130
@@ -51,6 +52,8 @@ def _root(
 for _name in COMMANDS:
     _module = importlib.import_module(f"sfr_loc_map.cli.{MODULES.get(_name, _name)}")
     app.command(_name)(getattr(_module, FUNCTIONS.get(_name, _name)))
+for _name in GROUPS:
+    app.add_typer(importlib.import_module(f"sfr_loc_map.cli.{_name}").app, name=_name)
 
 
 def main() -> int:

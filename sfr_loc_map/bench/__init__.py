@@ -1,0 +1,1 @@
+"""Side by side with what a user would take instead: same pictures, same run, each in a process of its own."""

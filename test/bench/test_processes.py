@@ -1,0 +1,211 @@
+"""Benches from end to end on tiny sources, and peers that are missing or fail."""
+
+from __future__ import annotations
+
+import ast
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_scene import LOC_RIG, loc_pair
+
+from sfr_loc_map.bench import peers as peers_module
+from sfr_loc_map.bench.localise_bench import LocaliseBenchSettings, bench_localise
+from sfr_loc_map.bench.peers import WORKERS, Peer, Peers, lacks, localisation_peers, mapping_peers
+from sfr_loc_map.bench.process import PeerProcess, Pictures
+from sfr_loc_map.bench.rounds import one_pass
+from sfr_loc_map.bench.score_bench import write_drive
+from sfr_loc_map.cli.main import main
+from sfr_loc_map.errors import BenchError
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.trajectory_file import load_trajectory
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+
+SCORE = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
+PEER = """
+import os, sys
+class Peer:
+    version = "7"
+    def __init__(self, setup):
+        print("noise on standard output")
+        {start}
+    def prepare(self, left, right, order):
+        {prepare}
+        return lambda: (int(left.sum()), int(right.sum()))
+    def report(self, answer, order):
+        return {{"pose": None, "sums": answer, "order": order}}
+open_peer = Peer
+"""
+
+
+def sfr(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
+    return main()
+
+
+def made_peer(folder: Path, *, start: str = "pass", prepare: str = "pass", background: bool = False) -> Peer:
+    path = folder / "made.py"
+    path.write_text(PEER.format(start=start, prepare=prepare), encoding="utf-8")
+    return Peer("made", str(path), background=background)  # an absolute path stands for itself
+
+
+def test_localise_shows_ours_and_opencv_and_names_what_is_missing(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "bench.json"
+    options = ("--repeat", 1, "--sizes", 2, "--condition", "frames=3", "--spacing", 2)
+    assert sfr(monkeypatch, "bench", "localise", drive, *options, "--json", out) == 0
+    printed = capsys.readouterr().out
+    assert "left out: orbslam3: not looked for: give --peer-python" in printed
+    assert "host times" in printed
+    result = json.loads(out.read_text())
+    assert [(size["width"], size["height"]) for size in result["sizes"]] == [(160, 120), (80, 60)]
+    assert set(result["growth"]) == {"ours", "opencv"}
+    full = result["sizes"][0]
+    for name, metres in (("ours", 0.01), ("opencv", 0.1)):
+        entry = full["entries"][name]
+        assert entry["calls"] == 12
+        assert 0 < entry["accuracy"]["frames=3"]["position_m"] < metres
+        assert 0 < entry["time_s"]["p50"] <= entry["time_s"]["p95"] <= entry["time_s"]["max"]
+        assert 20e6 < entry["memory_bytes"]["peak"] < 1e9
+        assert entry["lost"] == 0
+    ours, other = full["entries"]["ours"], full["entries"]["opencv"]
+    assert full["ratios"]["opencv"]["time_s"]["p50"] == pytest.approx(ours["time_s"]["p50"] / other["time_s"]["p50"])
+
+
+def test_localise_gives_the_accuracy_of_the_suite(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sequence = open_source(drive).loc
+    assert sequence is not None
+    ours = Peers(localisation_peers(None, None).present[:1], {})
+    result = bench_localise(sequence, LocalisationConfig(), ours, LocaliseBenchSettings(SCORE, repeat=2))
+    found = result["sizes"][0]["entries"]["ours"]
+    estimate = tmp_path / "estimate.csv"
+    assert sfr(monkeypatch, "localise", drive, "-o", estimate, "--start", "truth") == 0
+    options = ("--condition", "frames=3", "--spacing", 2, "--json", "-")
+    assert sfr(monkeypatch, "score", estimate, drive, *options) == 0
+    score = json.loads(capsys.readouterr().out)["trajectory"]
+    for name in ("position_m", "attitude_deg", "heading_deg"):
+        assert found["accuracy"]["frames=3"][name] == pytest.approx(score[name]["mean_plus_3sigma"], rel=1e-6)
+    assert len(found["runs"]) == 2
+    assert found["runs"][0]["accuracy"] == found["runs"][1]["accuracy"]
+
+
+def test_map_shows_ours_and_sgbm(panorama: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "bench.json"
+    assert sfr(monkeypatch, "bench", "map", panorama, "--repeat", 1, "--json", out) == 0
+    result = json.loads(out.read_text())
+    (size,) = result["sizes"]
+    assert set(size["entries"]) == {"ours", "sgbm"}
+    assert set(result["missing"]) == {"pandora"}
+    for entry in size["entries"].values():
+        assert entry["accuracy"]["density"] > 0.7
+        assert entry["accuracy"]["sigma_px"] < 0.5
+        assert abs(entry["accuracy"]["bias_px"]) < 0.3
+        assert entry["calls"] == 2
+    assert size["entries"]["ours"]["accuracy"]["sigma_px"] < size["entries"]["sgbm"]["accuracy"]["sigma_px"]
+
+
+def test_score_runs_ours_alone_where_evo_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sfr(monkeypatch, "bench", "score", "--poses", 400, "--peer-python", sys.executable, "--json", "-") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert "not installed in" in result["missing"]["evo"]
+    assert set(result["entries"]) == {"ours: distance=5", "ours: six"}
+    for entry in result["entries"].values():
+        assert entry["sub_trajectories_of_5_m"] == 300  # 5 cm a step: of 400 poses the last 100 start none
+        assert entry["memory_bytes"]["peak"] > 20e6
+
+
+def test_made_drive_has_steps_of_five_centimetres(tmp_path: Path) -> None:
+    truth, estimate = (load_trajectory(path) for path in write_drive(tmp_path, 250))
+    steps = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)
+    np.testing.assert_allclose(steps, 0.05, atol=1e-6)
+    assert len(truth) == len(estimate) == 250
+    np.testing.assert_array_equal(truth.stamps_ns, estimate.stamps_ns)
+    assert np.linalg.norm(truth.positions[-1] - estimate.positions[-1]) > 0.01
+
+
+def test_pictures_arrive_and_noise_of_a_peer_does_no_harm(tmp_path: Path) -> None:
+    done = one_pass([made_peer(tmp_path)], LOC_RIG, lambda: map(loc_pair, range(3)), {}, lambda run, report, _: report)
+    run = done.runs["made"]
+    assert run.version == "7"
+    for index, report in enumerate(run.results):
+        pair = loc_pair(index)
+        assert report["sums"] == [int(pair.left.sum()), int(pair.right.sum())]
+        assert report["order"]["since_start_s"] == pytest.approx(0.1 * index)
+
+
+def test_background_peers_get_their_pairs_at_the_rate(tmp_path: Path) -> None:
+    import time
+
+    peer, times = made_peer(tmp_path, background=True), []
+    pairs = list(map(loc_pair, range(5)))
+    one_pass([peer], LOC_RIG, lambda: pairs, {}, lambda *_: times.append(time.monotonic()), rate_scale=0.5)
+    assert 0.7 < times[-1] - times[0] < 3.0  # four steps of 0.1 s at half the rate
+
+
+@pytest.mark.parametrize(
+    ("start", "prepare", "words"),
+    [
+        ("raise ValueError('no vocabulary')", "pass", "has ended: ValueError: no vocabulary"),
+        ("os._exit(3)", "pass", "has ended"),
+        ("pass", "if order['since_start_s'] > 0.1: sys.exit('out of memory')", "has ended: out of memory"),
+    ],
+)
+def test_a_peer_that_fails_is_named_and_the_others_go_on(tmp_path: Path, start: str, prepare: str, words: str) -> None:
+    bad = made_peer(tmp_path, start=start, prepare=prepare)
+    (tmp_path / "good.py").write_text(PEER.format(start="pass", prepare="pass"), encoding="utf-8")
+    good = Peer("good", str(tmp_path / "good.py"))
+    done = one_pass([bad, good], LOC_RIG, lambda: map(loc_pair, range(4)), {}, lambda *_: None)
+    assert set(done.failed) == {"made"}
+    assert words in done.failed["made"]
+    assert len(done.runs["good"].seconds) == 4
+
+
+def test_ours_must_run(drive: Path, tmp_path: Path) -> None:
+    sequence = open_source(drive).loc
+    assert sequence is not None
+    broken = Peer(peers_module.OURS, made_peer(tmp_path, start="sys.exit('broken')").worker)
+    with pytest.raises(BenchError, match="ours has ended: broken"):
+        bench_localise(sequence, LocalisationConfig(), Peers((broken,), {}), LocaliseBenchSettings(SCORE))
+
+
+def test_a_silent_peer_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfr_loc_map.bench.process.PATIENCE_S", 0.3)
+    monkeypatch.setattr("sfr_loc_map.bench.process.LEAVE_S", 0.3)
+    peer = made_peer(tmp_path, start="import time; time.sleep(60)")
+    with pytest.raises(BenchError, match=r"has not answered for 0\.3 s"):
+        PeerProcess(peer, LOC_RIG, Pictures(tmp_path / "pictures", LOC_RIG), {}, tmp_path)
+
+
+def test_peers_that_are_not_there_are_named(tmp_path: Path) -> None:
+    here = Path(sys.executable)
+    assert "pip install pyorbslam3" in localisation_peers(None, None).missing["orbslam3"]
+    assert "not installed in" in mapping_peers(here).missing["pandora"]
+    assert lacks(here, "json", "") is None
+    with pytest.raises(BenchError, match="give a Python interpreter"):
+        lacks(tmp_path / "none", "json", "")
+
+
+def test_vocabulary_is_asked_for_where_the_wheel_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(peers_module, "lacks", lambda *_: None)
+    here = Path(sys.executable)
+    assert "--vocab" in localisation_peers(here, None).missing["orbslam3"]
+    assert "no vocabulary" in localisation_peers(here, tmp_path / "none.txt").missing["orbslam3"]
+    (tmp_path / "vocabulary.txt").touch()
+    found = localisation_peers(here, tmp_path / "vocabulary.txt")
+    assert [peer.name for peer in found.present if peer.background] == ["orbslam3"]
+
+
+@pytest.mark.parametrize("name", ["loop.py", "measured.py", "peer_orbslam3.py", "peer_pandora.py"])
+def test_what_runs_in_another_interpreter_needs_nothing_of_this_package(name: str) -> None:
+    tree = ast.parse((WORKERS / name).read_text(encoding="utf-8"))
+    names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert not [item for item in names if item.startswith("sfr_loc_map")]
