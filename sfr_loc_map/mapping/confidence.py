@@ -28,8 +28,11 @@ MOVED_PX = 1.0
 """Refinement may move a disparity this far, or five times the usual move if that is more."""
 JUMP_RADIUS = 3
 JUMP_RANGE_PX = F(1.5)
-BELONG_ODDS = F(1.0)
+BELONG_ODDS = F(0.8)
 """Votes of its own surface over those of the other that a pixel near a jump needs to stay."""
+EDGE_RANGE_PX = F(2.0)
+EDGE_SIGMA_PX = F(0.7)
+"""Beside an edge of that height a larger sigma means that the pixel may be of either surface."""
 SPECK_PIXELS = 80
 LARGEST_SIGMA_PX = F(2.0)
 NOISE_EXCESS = 0.85
@@ -57,14 +60,8 @@ def trusted(left: FloatImage, refined: Refined, initial_px: FloatImage, sigma_px
     spread = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F)
     near_jump = spread > JUMP_RANGE_PX
     usable &= visibility.belongs(left, disparity, usable, near_jump, JUMP_RADIUS, F(8.0), F(3.0), BELONG_ODDS)
-    usable &= ~((sigma_px >= LARGEST_SIGMA_PX) & _beside_jump(disparity))
+    usable &= ~((sigma_px > EDGE_SIGMA_PX) & (spread > EDGE_RANGE_PX))
     return _without_specks(disparity, usable)
-
-
-def _beside_jump(disparity: FloatImage) -> Mask:
-    """Tell which pixels have a neighbour on another surface."""
-    square = np.ones((3, 3), np.uint8)
-    return np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square) > JUMP_PX)
 
 
 def _without_specks(disparity: FloatImage, usable: Mask) -> Mask:
