@@ -26,6 +26,7 @@ setup(
         ("share/" + PACKAGE, ["package.xml"]),
         ("share/" + PACKAGE + "/launch_scripts", glob("launch_scripts/*.launch.py")),
         ("share/" + PACKAGE + "/config", glob("config/*.yaml")),
+        ("share/" + PACKAGE + "/config/simulation", glob("config/simulation/*.yaml")),
         ("lib/" + PACKAGE, [f"scripts/{name}" for name in NODES]),  # for `ros2 run` after pip install
     ],
     install_requires=[

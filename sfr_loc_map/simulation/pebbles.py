@@ -1,4 +1,4 @@
-"""Pebbles that are too small to be solids: one to a cell of a grid, six sizes of grid over each other."""
+"""Pebbles that are too small to be solids: one to a cell of a grid, five sizes of grid over each other."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from sfr_loc_map.simulation.noise import hash2, jit, mix, unit
 from sfr_loc_map.simulation.terrain import FloatArray, smooth_step
 
-SIZES = 6
+SIZES = 5
 LARGEST_CELL_M = 0.075
-RATIO = 0.62
+RATIO = 0.56
 _PEBBLE = np.uint32(101)
 
 
@@ -44,7 +44,7 @@ def pebbles(
         weight = min(max(0.45 * cell / footprint - 0.6, 0.0), 1.0)
         if weight <= 0.0 or cover > 0.97:
             break
-        share = min(full * (0.25 + 0.22 * k), 0.95)
+        share = min(full * (0.25 + 0.26 * k), 0.95)
         qx, qy = x / cell, y / cell
         i0, j0 = math.floor(qx - 0.5), math.floor(qy - 0.5)
         for i in range(i0, i0 + 2):

@@ -159,39 +159,30 @@ def _ground(
 
 
 @jit
-def _even(v: float, k: int) -> float:
-    """Return a tone of an octave whose gradient is its slope, that does not go with that slope.
-
-    If it did, a slope to the left would be bright on one side; as dusty ground looks brighter where it is seen
-    aslant, the two cameras would see the grains shifted against each other by some 0.02 px. An even function of
-    noise has no mean product with the noise's gradient; 0.204 and 2.2 restore mean and spread.
-    """
-    return 2.2 * (v * v - 0.204) * (1.0 - 2.0 * (k & 1))
-
-
-@jit
 def _fine(
     x: float, y: float, footprint: float, unmade: float, rough: float, bump: float, seed: np.uint32
 ) -> tuple[float, float, float]:
     """Return tone and slopes of the fine structure: octaves of 3 m down to the footprint.
 
     Waves shorter than `unmade` are not in the triangles and show as slopes; those shorter than `GRAIN_M` are grains.
+    The slopes are the gradient of the tone turned by a right angle: if they went with the tone, each bright spot would
+    have a side that faces the left camera, and as dusty ground looks brighter where it is seen aslant, the two cameras
+    would see the texture shifted against each other by some 0.02 px.
     """
     tone, sx, sy = 0.0, 0.0, 0.0
     length, c, s = 3.1, 1.0, 0.0
-    for k in range(11):
+    for k in range(9):
         fade = _fade(length, footprint)
         if fade <= 0.0:
             break
         v, gx, gy = value2((c * x + s * y) / length + 0.37 * k, (c * y - s * x) / length, seed ^ _FINE ^ np.uint32(k))
         if length < unmade:
-            v = _even(v, k)
             slope = fade * bump * (0.03 + 0.11 * rough if length < UNMADE_M else 0.07)
-            sx += slope * (c * gx - s * gy)
-            sy += slope * (s * gx + c * gy)
-        tone += fade * v * (0.10 if length > GRAIN_M else 0.15 + 0.26 * rough)
+            sx -= slope * (s * gx + c * gy)
+            sy += slope * (c * gx - s * gy)
+        tone += fade * v * (0.11 if length > GRAIN_M else 0.17 + 0.26 * rough)
         c, s = 0.8 * c - 0.6 * s, 0.6 * c + 0.8 * s
-        length *= 0.53
+        length *= 0.46
     return tone, sx, sy
 
 
@@ -233,9 +224,9 @@ def _stone(
         if fade <= 0.0:
             break
         v, a, b, c = value3(x / length + 0.41 * k, y / length + 0.17 * k, z / length, seed ^ _STONE ^ np.uint32(k))
-        tone += 0.16 * fade * _even(v, k)
+        tone += 0.16 * fade * v
         slope = 0.13 * fade * look[2]
-        gx, gy, gz = gx + slope * a, gy + slope * b, gz + slope * c
+        gx, gy, gz = gx + slope * b, gy + slope * c, gz + slope * a  # not the tone's own gradient, as in _fine
         length *= 0.5
     dust = smooth_step(0.75, 1.0, 0.5 + 0.5 * unit(mix(h)))
     return look[5] * math.exp(min(max(look[1] * (tone + 0.2 * dust), -1.5), 1.2)), gx, gy, gz

@@ -1,0 +1,67 @@
+"""Every scenario of config/simulation is valid and gives what its name says; wrong settings are refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.cli.simulate import parse_settings
+from sfr_loc_map.config import build, load_yaml
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.world import LOC, NAV, Plan
+
+FOLDER = Path(__file__).resolve().parents[2] / "config" / "simulation"
+NAMES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+def plan(name: str) -> Plan:
+    return Plan.make(build(SimulationConfig, load_yaml(FOLDER / f"{name}.yaml"), origin=name))
+
+
+def test_all_scenarios_are_there() -> None:
+    wanted = {"flat", "rolling", "rocky", "crater_rim", "low_sun", "point_turn", "stop_and_go", "long_drive"}
+    assert wanted | {"mapping_panorama"} == set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_scenario_makes_pairs(name: str) -> None:
+    made = plan(name)
+    assert made.count(NAV) == (3 if name == "mapping_panorama" else 0)
+    assert made.count(LOC) >= (0 if name == "mapping_panorama" else 75)
+
+
+def test_long_drive_is_longer_than_100_m() -> None:
+    positions = plan("long_drive").trajectory().positions
+    assert np.linalg.norm(np.diff(positions, axis=0), axis=1).sum() > 100.0
+
+
+def test_stop_and_go_stands_still_for_many_pairs() -> None:
+    steps = np.linalg.norm(np.diff(plan("stop_and_go").trajectory().positions, axis=0), axis=1)
+    assert (steps < 1e-9).sum() > 40
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"terain.relief_m": 1.0}, "unknown key 'terain.relief_m'.*terrain.relief_m"),
+        ({"terrain.relief_m": -1.0}, "must lie in"),
+        ({"drive.segments": "straight 3"}, "tuple is needed"),
+        ({"light.sun_elevation_deg": 0.0}, "must lie in"),
+        ({"seed": 1.5}, "int is needed"),
+    ],
+)
+def test_wrong_settings_are_refused(values: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        build(SimulationConfig, values)
+
+
+def test_settings_of_the_command_line() -> None:
+    assert parse_settings(["a.b=0.5", "c=[straight 3, stop 1]", "d=true"]) == {
+        "a.b": 0.5,
+        "c": ["straight 3", "stop 1"],
+        "d": True,
+    }
+    for wrong in ("a.b", "=3", "a=[1"):
+        with pytest.raises(ConfigError, match="--set"):
+            parse_settings([wrong])
