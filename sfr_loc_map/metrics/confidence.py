@@ -18,6 +18,8 @@ How often the interval holds the true value is measured by test/metrics/interval
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -25,7 +27,7 @@ from scipy.stats import t as student
 
 from sfr_loc_map.geometry.rotation import FloatArray
 
-MAX_GRAINS = 1024
+MAX_GRAINS = 512
 """Sums are kept for at most so many stretches of consecutive values; a stretch grows by doubling."""
 RESAMPLES = 1000
 SEED = 20240229
@@ -150,26 +152,29 @@ def resampled_figures(values: FloatArray, block: int) -> FloatArray:
 
 def _resampled(centred: FloatArray, mean: FloatArray, block: int) -> tuple[FloatArray, FloatArray]:
     """Return mean vectors `(B, d)` and figures `(B,)` of resampled series."""
-    rows = len(centred)
-    draws = -(-rows // block)
-    first = np.random.default_rng(SEED).integers(0, rows, (RESAMPLES, draws))
     twice = np.concatenate((centred, centred[:block]))
     until = np.concatenate((np.zeros((1, centred.shape[1])), np.cumsum(twice, axis=0)))
-    return _figures_of(until, first, block, mean)
+    blocks = until[block : block + len(centred)] - until[: len(centred)]
+    return _figures_of(blocks, _drawn(len(centred), -(-len(centred) // block)), mean)
+
+
+@lru_cache(maxsize=8)
+def _drawn(rows: int, draws: int) -> NDArray[np.int32]:
+    """Return the numbers `(RESAMPLES, draws)` of the blocks drawn, the same for the same sizes."""
+    return np.random.default_rng(SEED).integers(0, rows, (RESAMPLES, draws), dtype=np.int32)
 
 
 @njit(cache=True)
-def _figures_of(
-    until: FloatArray, first: NDArray[np.int64], block: int, mean: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _figures_of(blocks: FloatArray, drawn: NDArray[np.int32], mean: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean vectors and figures of series put together from block sums `(rows, 1 + 2 d)`."""
     width = len(mean)
-    means, figures = np.empty((len(first), width)), np.empty(len(first))
-    total = np.empty(until.shape[1])
-    for b in range(len(first)):
+    means, figures = np.empty((len(drawn), width)), np.empty(len(drawn))
+    total = np.empty(blocks.shape[1])
+    for b in range(len(drawn)):
         total[:] = 0.0
-        for start in first[b]:
+        for row in drawn[b]:
             for k in range(len(total)):
-                total[k] += until[start + block, k] - until[start, k]
+                total[k] += blocks[row, k]
         size, variance = 0.0, 0.0
         for k in range(width):
             offset = total[1 + k] / total[0]

@@ -103,3 +103,23 @@ def test_poses_that_are_none_are_refused() -> None:
     score = LiveTrajectoryScore(CONFIG)
     with pytest.raises(GeometryError, match="not finite"):
         score.add_truth(1, [0.0, float("nan"), 0], [0.0, 0, 0, 1])
+
+
+def test_live_equals_offline_with_covariances_and_lost_stretches() -> None:
+    truth, estimate = drive(14, 600)
+    rng = np.random.default_rng(14)
+    step = rng.normal(0, 0.01, (600, 6, 6))
+    covariance = np.cumsum(step @ step.transpose(0, 2, 1), axis=0)
+    lost = np.zeros(600, bool)
+    lost[200:260] = True
+    covariance[lost] = 9999.0 * np.eye(6)
+    score = LiveTrajectoryScore(CONFIG)
+    for k in range(600):
+        score.add_estimate(int(estimate[0][k]), estimate[1][k], estimate[2][k], covariance[k], bool(lost[k]))
+        score.add_truth(int(truth[0][k]), truth[1][k], truth[2][k])
+    upper = covariance[:, *np.triu_indices(6)]
+    whole = score_trajectory(Estimates.of(trajectory(estimate), lost, upper), trajectory(truth), CONFIG)
+    assert json.dumps(score.result()) == json.dumps(whole)
+    assert whole["trajectory"]["lost"] == 60
+    assert whole["trajectory"]["nees"] is not None
+    assert "sigma_x_m" in whole["details"]["trajectory"]["path"]
