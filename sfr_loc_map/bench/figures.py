@@ -64,18 +64,21 @@ def ratios(ours: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
     return found
 
 
-def growth(pixels: Sequence[int], seconds: Sequence[float]) -> float | None:
-    """Return the exponent with which time grows with the number of pixels (a line through the logarithms)."""
-    if len(set(pixels)) < 2:
+def growth(work: Sequence[int], seconds: Sequence[float]) -> float | None:
+    """Return the exponent with which time grows with the work (a line through the logarithms)."""
+    if len(set(work)) < 2:
         return None
-    return float(np.polyfit(np.log(pixels), np.log(seconds), 1)[0])
+    return float(np.polyfit(np.log(work), np.log(seconds), 1)[0])
 
 
 def growths(sizes: Sequence[Mapping[str, Any]]) -> Figures:
-    """Return the exponent of the median time of each peer that ran at every size."""
+    """Return the exponent of the median time of each peer that ran at every size.
+
+    The work is the number of pixels, times that of the disparities searched where a size says so.
+    """
     names = [name for name in sizes[0]["entries"] if all(name in size["entries"] for size in sizes)]
-    pixels = [size["width"] * size["height"] for size in sizes]
-    return {name: growth(pixels, [size["entries"][name]["time_s"]["p50"] for size in sizes]) for name in names}
+    work = [size["width"] * size["height"] * size.get("disparities", 1) for size in sizes]
+    return {name: growth(work, [size["entries"][name]["time_s"]["p50"] for size in sizes]) for name in names}
 
 
 def compared(entries: Mapping[str, Mapping[str, Any]], ours: str, parts: Sequence[str]) -> Figures:

@@ -18,7 +18,7 @@ from sfr_loc_map.cli.common import (
 )
 from sfr_loc_map.errors import InputError
 
-app = typer.Typer(no_args_is_help=True, help="Side by side with other tools: same input, same run, own processes.")
+app = typer.Typer(help="Side by side with other tools: same input, same run, own processes.")
 
 PeerPythonOption = Annotated[
     Path | None, typer.Option("--peer-python", help="Interpreter of the environment that has the optional peers.")
@@ -28,6 +28,12 @@ SizesOption = Annotated[
     int, typer.Option("--sizes", min=1, max=5, help="Sizes of the pictures, each half of the one before.")
 ]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="All figures as JSON; - for standard output.")]
+
+
+@app.callback(invoke_without_command=True)
+def _root(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 @app.command()
@@ -85,7 +91,7 @@ def map_(
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
-    """Our mapper against OpenCV's semi-global matching and, where installed, Pandora (pandora[sgm])."""
+    """Our mapper against OpenCV's semi-global matching and, where installed, Pandora."""
     from sfr_loc_map.bench.map_bench import bench_map
     from sfr_loc_map.bench.peers import mapping_peers
     from sfr_loc_map.io.registry import open_source

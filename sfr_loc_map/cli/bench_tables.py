@@ -96,7 +96,8 @@ def _growth_table(result: Mapping[str, Any]) -> Table:
     table.add_column("")
     for size in result["sizes"]:
         table.add_column(f"{size['width']} x {size['height']}", justify="right")
-    table.add_column("time grows as pixels to the power of", justify="right")
+    work = "pixels x disparities" if result["kind"] == "map" else "pixels"
+    table.add_column(f"time grows as {work} to the power of", justify="right")
     for name, exponent in result["growth"].items():
         times = [_cell(size["entries"][name], ("time_s", "p50"), 1e3) for size in result["sizes"]]
         table.add_row(name, *times, "-" if exponent is None else f"{exponent:.2f}")
@@ -106,4 +107,7 @@ def _growth_table(result: Mapping[str, Any]) -> Table:
 def _cell(part: Any, path: tuple[str, ...], factor: float) -> str:  # noqa: ANN401
     for key in path:
         part = part.get(key) if isinstance(part, Mapping) else None
-    return "" if part is None else f"{part * factor:.4g}"
+    if part is None:
+        return ""
+    value = part * factor
+    return f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}"

@@ -23,7 +23,7 @@ def test_ratio_is_ours_by_theirs_in_size() -> None:
     assert ratios(ours, theirs) == {"t": {"p50": 0.25, "p95": 1.5}, "bias": 0.5, "zero": None}
 
 
-def test_growth_is_the_power_of_the_number_of_pixels() -> None:
+def test_growth_is_the_power_of_the_work() -> None:
     assert growth([100, 400, 1600], [1.0, 8.0, 64.0]) == pytest.approx(1.5)
     assert growth([100], [1.0]) is None
     sizes = [
@@ -31,6 +31,8 @@ def test_growth_is_the_power_of_the_number_of_pixels() -> None:
         for side, other in ((16, {"a": {"time_s": {"p50": 1.0}}}), (8, {}))
     ]
     assert growths(sizes) == {"ours": pytest.approx(0.5)}
+    searched = [size | {"disparities": size["width"] ** 2} for size in sizes]
+    assert growths(searched) == {"ours": pytest.approx(0.25)}
 
 
 def test_costs_of_calls() -> None:

@@ -122,6 +122,11 @@ def test_score_runs_ours_alone_where_evo_is_missing(
         assert entry["memory_bytes"]["peak"] > 20e6
 
 
+def test_bench_alone_shows_its_help(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert sfr(monkeypatch, "bench") == 0
+    assert "localise" in capsys.readouterr().out
+
+
 def test_made_drive_has_steps_of_five_centimetres(tmp_path: Path) -> None:
     truth, estimate = (load_trajectory(path) for path in write_drive(tmp_path, 250))
     steps = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)
