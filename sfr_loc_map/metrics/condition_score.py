@@ -28,7 +28,14 @@ INTERVAL_COLUMNS = 5
 class ConditionScore:
     """Everything about one condition."""
 
-    def __init__(self, condition: Condition) -> None:
+    def __init__(self, condition: Condition, *, brief: bool = False) -> None:
+        """Start without a frame.
+
+        Args:
+            condition: What ends a sub-trajectory.
+            brief: Whether only `brief` is asked of it: no interval, no consistency, no details.
+        """
+        self._brief = brief
         self.condition = condition
         self.moments = Moments(len(COLUMNS))
         self._grains = Grains(INTERVAL_COLUMNS)
@@ -93,6 +100,8 @@ class ConditionScore:
             config.rebase == "pose",
         )
         self.moments.push(errors)
+        if self._brief:
+            return
         self._grains.push(errors[:, :INTERVAL_COLUMNS])
         self._overlaps += int(np.sum(-(-(first_frame + ends - starts["frame"][:count]) // spacing)))
         self.kept_errors.push(errors)

@@ -106,9 +106,10 @@ def relative_error(start: tuple[FloatArray, ...], end: tuple[FloatArray, ...]) -
 
 
 def _matrix(triangle: FloatArray) -> FloatArray:
-    matrix = np.zeros((6, 6))
+    matrix = np.empty((6, 6))
     matrix[UPPER] = triangle
-    return np.asarray(matrix + np.triu(matrix, 1).T)
+    matrix.T[UPPER] = triangle
+    return matrix
 
 
 def _nees(error: FloatArray, covariance: FloatArray) -> float:

@@ -44,7 +44,7 @@ class TrajectoryScore:
         if not self._conditions:
             raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
         self._ladder_config = replace(config, spacing=max(config.spacing, LADDER_SPACING))
-        self._ladder = [ConditionScore(Condition("distance", metres)) for metres in LADDER_M]
+        self._ladder = [ConditionScore(Condition("distance", metres), brief=True) for metres in LADDER_M]
         self._frames = 0
         self._length = np.zeros(2)
         self._last = np.full(3, np.nan)
