@@ -16,7 +16,7 @@ demo: $(STAMP)  ## Replay the sample bag through the three nodes and score it
 	$(BIN)/sfr replay sample/sample.mcap --start truth --out $(OUT)
 
 test: $(DEV_STAMP)  ## Run all tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .

@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = "sfr_loc_map"
 NODES = ("localisation_node", "mapping_node", "monitor_node")
-TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3"]
+TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.5,<4"]
 
 setup(
     name=PACKAGE,

@@ -59,7 +59,7 @@ for _name in GROUPS:
 def main() -> int:
     """Run the command line; return the exit code."""
     try:
-        code = app(standalone_mode=False)
+        code = app(standalone_mode=False, prog_name="sfr")
     except SystemExit:  # whoever read the output has closed it
         return 0
     except (KeyboardInterrupt, typer.Abort):
