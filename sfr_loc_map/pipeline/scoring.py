@@ -16,7 +16,7 @@ from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.bag import ODOMETRY, Bag, is_bag
+from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, is_bag
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.registry import open_source
@@ -164,6 +164,8 @@ def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
 def _bag_estimates(path: Path) -> Estimates:
     bag = Bag(path)
     topic = bag.find("localisation/odometry", ODOMETRY)
+    if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a trajectory that was converted, no drive
+        topic = bag.find("ground_truth/odometry", ODOMETRY)
     if topic is None:
         raise InputError(
             f"bag '{path}' has no topic localisation/odometry: it has {', '.join(list(bag.topics)[:8])}; give a bag "
@@ -181,7 +183,8 @@ def _bag_estimates(path: Path) -> Estimates:
         trajectory = Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, 3:].copy())
     except GeometryError as error:
         raise InputError(f"localisation/odometry of bag '{path}': {error}") from error
-    return Estimates.of(trajectory, lost_by_covariance(covariance), covariance if covariance.any() else None)
+    known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan)
+    return Estimates.of(trajectory, lost_by_covariance(covariance), known if covariance.any() else None)
 
 
 def lost_by_covariance(covariance: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.bool_]]:

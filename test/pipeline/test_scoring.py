@@ -126,6 +126,16 @@ def test_scores_are_compared_from_their_files(
     assert run(monkeypatch, "compare", tmp_path / "0.json", files[1]) == 2
 
 
+@pytest.mark.parametrize("name", ["estimate.mcap", "estimate.db3"])
+def test_bags_score_as_the_files_they_were_made_of(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    assert run(monkeypatch, "convert", files[0], tmp_path / name) == 0
+    assert run(monkeypatch, "convert", files[1], tmp_path / f"truth_{name}") == 0
+    by_bag = scored(monkeypatch, tmp_path, tmp_path / name, tmp_path / f"truth_{name}")
+    assert by_bag["trajectory"] == scored(monkeypatch, tmp_path, *files)["trajectory"]
+
+
 @pytest.fixture
 def nav_set(tmp_path: Path) -> tuple[Path, PointCloud]:
     """A data set with one pair that looks at a wall 5 m away, and the cloud of the wall at 5.1 m."""
