@@ -13,7 +13,7 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
-from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.errors import GeometryError, InputError, SfrError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, is_bag
@@ -111,7 +111,10 @@ def camera_place(truth: Path) -> Transform | None:
     """Return `T_rb_left` of a source with localisation cameras, None where it is not known."""
     if truth.is_file() and not is_bag(truth):
         return None
-    loc = open_source(truth).loc
+    try:
+        loc = open_source(truth).loc
+    except SfrError:  # true poses alone, without cameras: whoever needs the pictures says what is wrong with them
+        return None
     return None if loc is None or loc.rig.T_rb_sb is None else loc.rig.T_rb_left
 
 
