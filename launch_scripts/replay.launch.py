@@ -23,8 +23,19 @@ def generate_launch_description() -> LaunchDescription:
             # In the domain of the other programs, so that they can watch.
             SetEnvironmentVariable("ROS_DOMAIN_ID", EnvironmentVariable("ROS_DOMAIN_ID", default_value="0")),
             ExecuteProcess(
-                cmd=[sys.executable, "-c", COMMAND, "replay", option("source"), "--out", option("out")]
-                + ["--rate", option("rate"), "--start", option("start")],
+                cmd=[
+                    sys.executable,
+                    "-c",
+                    COMMAND,
+                    "replay",
+                    option("source"),
+                    "--out",
+                    option("out"),
+                    "--rate",
+                    option("rate"),
+                    "--start",
+                    option("start"),
+                ],
                 output="screen",
             ),
         ]

@@ -74,7 +74,7 @@ class StereoRig:
         """
         if self.T_rb_sb is None:
             raise GeometryError(
-                "the rig has no T_rb_locsb (place of the stereo bench in RB): add it to rig.json or give it as a parameter"
+                "the rig has no T_rb_locsb (place of the stereo bench in RB): add it to rig.json or give a parameter"
             )
         return self.T_rb_sb @ self.T_sb_left
 

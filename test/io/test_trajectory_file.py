@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import time
 from decimal import Decimal
 from pathlib import Path
 
@@ -176,13 +175,12 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
         save_trajectory(tmp_path / "nope" / "t.csv", Trajectory.empty())
 
 
-def test_long_files_are_read_quickly(tmp_path: Path) -> None:
+def test_long_files_keep_every_bit(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    count = 100_000
-    long = Trajectory(
-        np.arange(count) * 10**8, rng.normal(size=(count, 3)).round(6), rng.normal(size=(count, 4)).round(6)
-    )
+    count = 100_000  # long enough for the reader in machine code
+    long = Trajectory(np.arange(count) * 10**8, rng.normal(size=(count, 3)), rng.normal(size=(count, 4)))
     (tmp_path / "t.txt").write_text(trajectory_text(long, tum=True))
-    begin = time.perf_counter()
-    assert len(load_trajectory(tmp_path / "t.txt")) == count
-    assert time.perf_counter() - begin < 3.0  # ten times the time on an idle core
+    read = load_trajectory(tmp_path / "t.txt")
+    assert np.array_equal(read.stamps_ns, long.stamps_ns)
+    assert np.array_equal(read.positions, long.positions)
+    assert np.array_equal(read.quats_xyzw, long.quats_xyzw)
