@@ -23,7 +23,15 @@ from sfr_loc_map.metrics.results import build_score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import load_call_stats
 from sfr_loc_map.pipeline.offline import CallRecord, save_stats
-from sfr_loc_map.pipeline.scoring import ScoreInputs, load_estimates, provenance, score_cloud, with_conditions
+from sfr_loc_map.pipeline.scoring import (
+    ScoreInputs,
+    camera_place,
+    load_estimates,
+    provenance,
+    score_cloud,
+    warnings,
+    with_conditions,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +126,9 @@ def score_replay(
     truth = source.loc.ground_truth if source.loc is not None else None
     has_trajectory = bool(len(result.estimate)) and truth is not None
     if has_trajectory and truth is not None:
-        parts.append(score_trajectory(load_estimates(files.estimate, stats), truth, config.trajectory))
+        estimates = load_estimates(files.estimate, stats)
+        parts.append(score_trajectory(estimates, truth, config.trajectory))
+        parts.append(warnings(estimates.trajectory, truth, config, camera_place(source.path)))
     pairs = list(source.nav.pairs()) if source.nav is not None and result.cloud is not None else []
     has_map = bool(pairs) and all(pair.truth is not None for pair in pairs)
     if has_map and source.nav is not None and result.cloud is not None:
