@@ -91,12 +91,18 @@ class Peer:
         return taken
 
     def publish(self, kind: type[Any], topic: str, message: Any) -> None:
-        """Publish a message or its serialised form, once somebody listens."""
+        """Publish a message or its serialised form, once somebody listens, and wait until it is there.
+
+        Messages on different topics have no order of their own: the next one is sent when this one has arrived.
+        """
+        from rclpy.duration import Duration
+
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(kind, topic, 50)
         publisher = self._publishers[topic]
         self.until(lambda: publisher.get_subscription_count() > 0, f"a listener on {topic}")
         publisher.publish(message)
+        publisher.wait_for_all_acked(Duration(seconds=2))
 
     def call(self, service: str) -> Any:
         from std_srvs.srv import Trigger
