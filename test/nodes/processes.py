@@ -90,10 +90,10 @@ class Peer:
         self.node.create_subscription(kind, topic, taken.append, QoSProfile(depth=100, durability=durability))
         return taken
 
-    def publish(self, kind: type[Any], topic: str, message: Any) -> None:
-        """Publish a message or its serialised form, once somebody listens, and wait until it is there.
+    def publish(self, kind: type[Any], topic: str, message: Any, *, arrival: bool = False) -> None:
+        """Publish a message or its serialised form, once somebody listens.
 
-        Messages on different topics have no order of their own: the next one is sent when this one has arrived.
+        Messages on different topics have no order of their own: with `arrival` this one is waited for.
         """
         from rclpy.duration import Duration
 
@@ -102,7 +102,8 @@ class Peer:
         publisher = self._publishers[topic]
         self.until(lambda: publisher.get_subscription_count() > 0, f"a listener on {topic}")
         publisher.publish(message)
-        publisher.wait_for_all_acked(Duration(seconds=2))
+        if arrival:
+            publisher.wait_for_all_acked(Duration(seconds=5))
 
     def call(self, service: str) -> Any:
         from std_srvs.srv import Trigger

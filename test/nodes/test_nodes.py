@@ -84,7 +84,7 @@ def test_localisation_in_a_namespace_with_remapping_and_a_parameter_file(ros: No
         first = Transform.from_quat(true_pose(0).translation, true_pose(0).quat_xyzw)
         start = PoseWithCovarianceStamped(header=header_msg(0, "world"))
         start.pose.pose = pose_msg(first, first.file_quat_xyzw)
-        peer.publish(PoseWithCovarianceStamped, "/start", start)
+        peer.publish(PoseWithCovarianceStamped, "/start", start, arrival=True)
         send_infos(peer, "loc", LOC_RIG, "/rover1/")
         localiser = Localiser(LOC_RIG, LocalisationConfig(max_features=300), first)
         for index in range(4):
@@ -164,7 +164,7 @@ def test_localisation_starts_anew_by_service_by_pose_and_when_stamps_go_back(ros
         def set_pose(index: int) -> None:
             message = PoseWithCovarianceStamped()
             message.pose.pose = pose_msg(true_pose(index), true_pose(index).quat_xyzw)
-            peer.publish(PoseWithCovarianceStamped, "initialpose", message)
+            peer.publish(PoseWithCovarianceStamped, "initialpose", message, arrival=True)
             peer.spin(0.3)
 
         assert play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
