@@ -18,7 +18,7 @@ from sfr_loc_map.localisation.patches import normalise, sample, warp
 from sfr_loc_map.localisation.small import solve, turned
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(cache=True, nogil=True, forceinline=True, fastmath=FAST)
 def _shapes(homographies: FloatArray, uv: FloatArray) -> FloatArray:
     """Return the derivatives `(N, 4)` of the warps at the patch centres; zero behind the camera."""
     out = np.zeros((len(uv), 4))
@@ -34,7 +34,7 @@ def _shapes(homographies: FloatArray, uv: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@njit(cache=True, nogil=True, forceinline=True, fastmath=FAST)
 def _prepare(
     patches: NDArray[np.float32], shapes: FloatArray
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], FloatArray]:

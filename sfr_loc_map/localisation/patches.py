@@ -135,7 +135,7 @@ def normalise(values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - 
     return power
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, nogil=True, forceinline=True, fastmath=FAST)
 def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202, C901
     """Warp the pixels of a patch and turn its gradients; all of it without the shift that is looked for.
 
@@ -198,7 +198,7 @@ def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-unt
     return low_x, low_y, high_x, high_y, power, hxx, hxy, hyy
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, nogil=True, forceinline=True, fastmath=FAST)
 def _compare(image, xs, ys, sx, sy, template, power, jx, jy, values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
     """Return the right side (x, y), the residual RMS and the correlation of a patch at a shift."""
     for k in range(values.size):
