@@ -1,9 +1,13 @@
 """One cloud from up to three pairs.
 
 Every point is looked up in the disparity pictures of the other pairs. Where both agree within their errors the point
-moves along its own ray to the mean weighted by inverse variance, and the pair that weighs most keeps it; where another
-pair sees through it, the surer of the two stays. What a pair says counts less and less towards the border of its
-picture, so that no seam shows where it ends.
+moves along its own ray to the mean weighted by inverse variance, so that all pairs' points lie on one surface; where
+another pair sees through it, the surer of the two stays. What a pair says counts less and less towards the border of
+its picture, so that no seam shows where it ends.
+
+Points are samples of the ground and all stay, each on the ray of its own pixel: where ground is seen at a grazing angle
+the rows of one picture are centimetres apart, and those of another pair lie between them. Only of two points that are
+one and the same sample the one that weighs more stays.
 """
 
 from __future__ import annotations
@@ -35,8 +39,16 @@ SAMPLE = 4
 """Figures of the overlap are taken from every fourth point."""
 LEAST_OVERLAP = 1000
 """Fewer points in common say nothing of poses."""
-POSE_WARNING = 1.8
-"""Ratio of found to expected disagreement, in range or in grey level, beyond which two pairs' poses are doubted."""
+SAME_PX = F(0.02)
+"""Two points that are seen nearer to each other than this are one sample: pictures from one place and direction."""
+RANGE_WARNING = 1.8
+"""Ratio of found to expected differences in range beyond which two pairs' poses are doubted."""
+BESIDE_PX = 8
+"""Grey levels are compared with those so far beside along both axes as well: what a wrong pose would show."""
+GREY_WARNING = 0.45
+"""Spread of grey level differences over that beside, beyond which poses are doubted; 0.1-0.3 where they are right."""
+LEAST_TEXTURE = 2.0
+"""Spread of grey level differences beside over that of noise, below which grey levels say nothing of poses."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,13 +105,19 @@ def fused(views: Sequence[View], rig: StereoRig) -> Fusion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """What another pair says of the points that it sees too, all `(M,)`; `index` numbers them."""
+    """What another pair says of the points that it sees too, all `(M,)`; `index` numbers them.
+
+    `offset_px` is how far from its own sample it sees the point, `grey_beside` the difference of grey level at a place
+    `BESIDE_PX` away; both grey differences are NaN where it has no point.
+    """
 
     index: NDArray[np.intp]
     difference: FloatImage
     deviation: FloatImage
     weight: FloatImage
     grey_difference: FloatImage
+    grey_beside: FloatImage
+    offset_px: FloatImage
 
 
 class _Tally:
@@ -126,7 +144,7 @@ class _Tally:
         self._pull[index] += weight * seen.difference
         self.partners[index] += agree
         heavier = (seen.weight > own) | ((seen.weight == own) & before)
-        self._kept[index] &= ~(agree & heavier)
+        self._kept[index] &= ~(agree & heavier & (seen.offset_px < SAME_PX))
         self.conflict[index] |= heavier & (seen.difference > AGREE_SIGMAS * spread)
         return float(np.median(normalised[::SAMPLE]) / 0.6745) if len(index) else float("nan")
 
@@ -161,17 +179,18 @@ def _describe(
     statistics[f"difference_median_m_{i}_{j}"] = middle
     statistics[f"difference_spread_m_{i}_{j}"] = 1.4826 * float(np.median(np.abs(some - F(middle))))
     statistics[f"difference_over_sigma_{i}_{j}"] = ratios[0]
-    statistics[f"grey_difference_over_noise_{i}_{j}"] = ratios[1]
-    if i < j and max(ratios) > POSE_WARNING and len(seen.index) > LEAST_OVERLAP:
+    statistics[f"grey_difference_over_beside_{i}_{j}"] = ratios[1]
+    wrong = ratios[0] > RANGE_WARNING or ratios[1] > GREY_WARNING
+    if i < j and wrong and len(seen.index) > LEAST_OVERLAP:
         warnings.append(
-            f"pairs {i} and {j} disagree where they overlap, {ratios[0]:.1f} times what is expected in range and "
-            f"{ratios[1]:.1f} times in grey level: check their poses"
+            f"pairs {i} and {j} disagree where they overlap: ranges differ by {ratios[0]:.1f} times what is expected, "
+            f"grey levels by {ratios[1]:.2f} of what they differ at places {BESIDE_PX} pixels away: check their poses"
         )
 
 
 def _grey_picture(view: View) -> FloatImage:
-    """Return the left picture where there are points, 0 elsewhere."""
-    grey = np.zeros(view.disparity_px.shape, F)
+    """Return the left picture where there are points, NaN elsewhere."""
+    grey = np.full(view.disparity_px.shape, np.nan, F)
     grey[view.cloud.v, view.cloud.u] = view.cloud.intensity
     return grey
 
@@ -188,21 +207,28 @@ def _weight_picture(view: View) -> FloatImage:
 
 
 def _grey_ratio(seen: _Seen, noise: float) -> float:
-    """Return the spread of grey level differences over that of noise: a wrong pan shows here on any textured ground."""
-    if len(seen.index) == 0:
-        return float("nan")
-    some = seen.grey_difference[::SAMPLE]
-    return 1.4826 * float(np.median(np.abs(some - np.median(some)))) / noise
+    """Return the spread of grey level differences over that at places beside: a wrong pan shows here on any texture.
+
+    NaN where there is too little texture or overlap.
+    """
+    here, beside = (_spread(item[::SAMPLE]) for item in (seen.grey_difference, seen.grey_beside))
+    return here / beside if beside > LEAST_TEXTURE * noise else float("nan")
+
+
+def _spread(values: FloatImage) -> float:
+    known = values[np.isfinite(values)]
+    return 1.4826 * float(np.median(np.abs(known - np.median(known)))) if len(known) else float("nan")
 
 
 def _looked_up(cloud: PointCloud, other: View, weight: FloatImage, grey: FloatImage, rig: StereoRig) -> _Seen:
     T_left_lm = other.T_lm_left.inverse()
-    out = np.empty((4, len(cloud)), F)
+    out = np.empty((6, len(cloud)), F)
     camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.fx * rig.baseline_m])
     _look_up(cloud.xyz, T_left_lm.rotation, T_left_lm.translation, camera, other.disparity_px, weight, grey, out)
     index = np.flatnonzero(np.isfinite(out[0]))
-    difference, deviation, weights, greys = out[:, index]
-    return _Seen(index, difference, deviation, weights, greys - cloud.intensity[index])
+    difference, deviation, weights, here, beside, offset = out[:, index]
+    own = cloud.intensity[index]
+    return _Seen(index, difference, deviation, weights, here - own, beside - own, offset)
 
 
 @by_rows
@@ -216,18 +242,23 @@ def _look_up(
     grey: FloatImage,
     out: FloatImage,
 ) -> None:
-    """Fill `out` `(4, N)`: how much farther along its ray another pair sees it, that one's sigma, weight and grey."""
+    """Fill `out` `(6, N)` with what another pair says of points `(N, 3)`; NaN in the first row where it says nothing.
+
+    The rows: how much farther along its ray it sees each, its sigma and weight, its grey level there and beside, and
+    the distance in pixels from its nearest sample.
+    """
     rows, cols = disparity.shape
     fx, fy, cx, cy, scale = camera
     for n in prange(len(xyz)):
-        out[0, n], out[1, n], out[2, n], out[3, n] = F(np.nan), F(np.nan), F(0.0), F(np.nan)
+        for k in range(6):
+            out[k, n] = F(np.nan)
         x0, y0, z0 = np.float64(xyz[n, 0]), np.float64(xyz[n, 1]), np.float64(xyz[n, 2])
-        x = rotation[0, 0] * x0 + rotation[0, 1] * y0 + rotation[0, 2] * z0 + translation[0]
-        y = rotation[1, 0] * x0 + rotation[1, 1] * y0 + rotation[1, 2] * z0 + translation[1]
-        z = rotation[2, 0] * x0 + rotation[2, 1] * y0 + rotation[2, 2] * z0 + translation[2]
-        if z < 1e-3:
+        xl = rotation[0, 0] * x0 + rotation[0, 1] * y0 + rotation[0, 2] * z0 + translation[0]
+        yl = rotation[1, 0] * x0 + rotation[1, 1] * y0 + rotation[1, 2] * z0 + translation[1]
+        zl = rotation[2, 0] * x0 + rotation[2, 1] * y0 + rotation[2, 2] * z0 + translation[2]
+        if zl < 1e-3:
             continue
-        u, v = fx * x / z + cx, fy * y / z + cy
+        u, v = fx * xl / zl + cx, fy * yl / zl + cy
         if not (u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1):
             continue
         j, i = int(u), int(v)
@@ -236,12 +267,16 @@ def _look_up(
         if not (max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) < JUMP_PX):
             continue
         between = (1 - t) * ((1 - s) * a + s * b) + t * ((1 - s) * c + s * d)
-        near = weight[i + (1 if t > 0.5 else 0), j + (1 if s > 0.5 else 0)]
+        y, x = i + (1 if t > 0.5 else 0), j + (1 if s > 0.5 else 0)
+        near = weight[y, x]
         if not (between > 0.0 and near > 0.0):
             continue
-        length = np.sqrt(x * x + y * y + z * z) / z
-        out[0, n] = (scale / between - z) * length
+        length = np.sqrt(xl * xl + yl * yl + zl * zl) / zl
+        out[0, n] = (scale / between - zl) * length
         out[1, n] = 1.0 / np.sqrt(near)
         out[2, n] = near
         above = (1 - s) * grey[i, j] + s * grey[i, j + 1]
         out[3, n] = (1 - t) * above + t * ((1 - s) * grey[i + 1, j] + s * grey[i + 1, j + 1])
+        if y + BESIDE_PX < rows and x + BESIDE_PX < cols:
+            out[4, n] = grey[y + BESIDE_PX, x + BESIDE_PX]
+        out[5, n] = np.sqrt((v - y) * (v - y) + (u - x) * (u - x))

@@ -30,5 +30,5 @@ def inlined(function: C) -> C:
     """Compile a function that others of the same module call within their loops."""
     # not left to the compiler: which of two copies of a called function runs depends on whether the caller was compiled
     # or loaded, and copies compiled in different surroundings may round differently
-    options = {"cache": True, "nogil": True, "forceinline": True, "error_model": "numpy", "fastmath": {"contract"}}
-    return cast(C, njit(**options)(function))
+    compiled = njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath={"contract"})(function)
+    return cast(C, compiled)

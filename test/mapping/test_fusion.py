@@ -39,6 +39,16 @@ def test_fused_points_are_nearer_to_the_truth_than_either_pair(two: Any) -> None
     assert not fused.warnings
 
 
+def test_no_sample_of_the_ground_is_lost_where_pairs_overlap(two: Any) -> None:
+    """Seen from slightly aside, both pairs' points stay, on one surface."""
+    mapper, maps, _ = two
+    aside = Transform(POSE.rotation, POSE.translation + POSE.rotation @ np.array([0.0, 0.004, 0.0]))
+    moved = mapper_map_at(maps[1], aside, mapper)
+    fused = mapper.fuse([maps[0], moved])
+    assert len(fused.cloud) > 0.999 * (len(maps[0].cloud) + len(moved.cloud))
+    assert fused.statistics["merged"] > 0.9 * len(fused.cloud)
+
+
 def test_fused_points_keep_to_their_pixels_rays(two: Any) -> None:
     mapper, maps, _ = two
     cloud, rig = mapper.fuse(maps).cloud, mapper._rig
@@ -71,11 +81,12 @@ def mapper_map_at(item: PairMap, pose: Transform, mapper: Mapper) -> PairMap:
     return PairMap(item.stamp_ns, pose, item.disparity_px, turned, item.statistics)
 
 
+@pytest.mark.parametrize("degrees", [-1.0, 1.0])
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_pose_one_degree_off_is_named(two: Any, axis: int) -> None:
+def test_a_pose_one_degree_off_is_named(two: Any, axis: int, degrees: float) -> None:
     mapper, maps, _ = two
     turn = np.zeros(3)
-    turn[axis] = np.deg2rad(1.0)
+    turn[axis] = np.deg2rad(degrees)
     wrong = Transform(POSE.rotation @ matrix_from_rotvec(turn), POSE.translation)
     fused = mapper.fuse([maps[0], mapper_map_at(maps[1], wrong, mapper)])
     assert any("check their poses" in line for line in fused.warnings)
