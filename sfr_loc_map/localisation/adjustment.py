@@ -33,8 +33,12 @@ def linearise(  # noqa: C901 - one loop of machine code
     camera: FloatArray,
     baseline: float,
     only_host: int,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Linearise all landmarks and eliminate them.
+
+    The unknowns are the poses (position and rotation about the world's axes) and, last, by how many pixels all
+    positions in right pictures lie too far right: an error of calibration that no landmark shows alone, but all of them
+    together do where depths differ, as their depths by motion must agree with those by stereo.
 
     Args:
         rotations: `(K, 3, 3)` cameras to world.
@@ -48,19 +52,20 @@ def linearise(  # noqa: C901 - one loop of machine code
         only_host: Take only the landmarks of this keyframe; -1 for all.
 
     Returns:
-        Reduced normal matrix `(6 K, 6 K)` and right side `(6 K,)`; for each landmark the inverse of its own block
-        `(N, 3, 3)`, its right side `(N, 3)` and its coupling `(N, 3, 6 K)`; the robust cost.
+        Reduced normal matrix `(6 K + 1, 6 K + 1)` and right side `(6 K + 1,)`; for each landmark the inverse of its own
+        block `(N, 3, 3)`, its right side `(N, 3)` and its coupling `(N, 3, 6 K + 1)`.
     """
     count, window = observed.shape[0], observed.shape[1]
-    h, g = np.zeros((6 * window, 6 * window)), np.zeros(6 * window)
+    last = 6 * window
+    size = last + 1
+    h, g = np.zeros((size, size)), np.zeros(size)
     inverses, right_side = np.zeros((count, 3, 3)), np.zeros((count, 3))
-    coupling = np.zeros((count, 3, 6 * window))
-    cost = 0.0
+    coupling = np.zeros((count, 3, size))
     j_all, j_mark, out = np.zeros((4, 12)), np.zeros((4, 3)), np.zeros(4)
     j_pose, j_host = np.zeros((4, 6)), np.zeros((4, 6))
-    ray, slots, residual = np.ones(3), np.zeros(window, np.int64), np.zeros(2)
+    ray, residual, columns = np.ones(3), np.zeros(2), np.zeros(size, np.int64)
     weighted = np.zeros((2, 15))
-    reduced = np.zeros((3, 6 * window))
+    reduced = np.zeros((3, size))
     for n in range(count):
         hk = host[n]
         if only_host >= 0 and hk != only_host:
@@ -69,7 +74,8 @@ def linearise(  # noqa: C901 - one loop of machine code
         ll[2, 2] = 1e-6  # a landmark that nothing is known of stays where it is
         ray[0], ray[1] = (uvrho[n, 0] - camera[2]) / camera[0], (uvrho[n, 1] - camera[3]) / camera[1]
         used = 1
-        slots[0] = hk
+        columns[0] = last
+        own_h, own_g = 0.0, 0.0
         for k in range(window):
             left, right = not np.isnan(observed[n, k, 0]), not np.isnan(observed[n, k, 2])
             if not (left or right):
@@ -81,8 +87,9 @@ def linearise(  # noqa: C901 - one loop of machine code
             if z <= 0.0:
                 continue
             if k != hk:
-                slots[used] = k
-                used += 1
+                for a in range(6):
+                    columns[used + a] = 6 * k + a
+                used += 6
             for i in range(4):
                 for a in range(6):
                     j_all[i, a], j_all[i, 6 + a] = j_pose[i, a], j_host[i, a]
@@ -96,13 +103,22 @@ def linearise(  # noqa: C901 - one loop of machine code
                 i00, i01, i11 = vv / det, -uv / det, uu / det
                 chi = i00 * residual[0] ** 2 + 2.0 * i01 * residual[0] * residual[1] + i11 * residual[1] ** 2
                 weight = 1.0 / (1.0 + chi / KERNEL) ** 2
-                cost += KERNEL * chi / (KERNEL + chi)
                 for a in range(3):
                     p, q = weight * j_mark[i, a], weight * j_mark[i + 1, a]
                     weighted[0, 12 + a], weighted[1, 12 + a] = i00 * p + i01 * q, i01 * p + i11 * q
                     rl[a] += weighted[0, 12 + a] * residual[0] + weighted[1, 12 + a] * residual[1]
                     for b in range(3):
                         ll[a, b] += weighted[0, 12 + a] * j_mark[i, b] + weighted[1, 12 + a] * j_mark[i + 1, b]
+                if side == 1:
+                    p, q = weight * i00, weight * i01
+                    own_h += p
+                    own_g += p * residual[0] + q * residual[1]
+                    for b in range(3):
+                        cl[b, last] += p * j_mark[i, b] + q * j_mark[i + 1, b]
+                    if k != hk:
+                        for b in range(6):
+                            h[last, 6 * k + b] += p * j_all[i, b] + q * j_all[i + 1, b]
+                            h[last, 6 * hk + b] += p * j_all[i, 6 + b] + q * j_all[i + 1, 6 + b]
                 if k == hk:
                     continue  # the host sees its landmarks where they are, wherever it is
                 for a in range(12):
@@ -121,18 +137,38 @@ def linearise(  # noqa: C901 - one loop of machine code
                 inverses[n, i, j] = li[i, j]
         if used == 1:
             continue
+        for a in range(6):
+            columns[used + a] = 6 * hk + a
+        used += 6
+        h[last, last] += own_h
+        g[last] += own_g
         for m in range(used):
-            for a in range(6 * slots[m], 6 * slots[m] + 6):
-                for i in range(3):
-                    reduced[i, a] = li[i, 0] * cl[0, a] + li[i, 1] * cl[1, a] + li[i, 2] * cl[2, a]
+            a = columns[m]
+            for i in range(3):
+                reduced[i, a] = li[i, 0] * cl[0, a] + li[i, 1] * cl[1, a] + li[i, 2] * cl[2, a]
         for m in range(used):
-            for a in range(6 * slots[m], 6 * slots[m] + 6):
-                g[a] -= reduced[0, a] * rl[0] + reduced[1, a] * rl[1] + reduced[2, a] * rl[2]
-                for o in range(used):
-                    first = 6 * slots[o]
-                    for b in range(first, first + 6):
-                        h[a, b] -= cl[0, a] * reduced[0, b] + cl[1, a] * reduced[1, b] + cl[2, a] * reduced[2, b]
-    return h, g, inverses, right_side, coupling, cost
+            a = columns[m]
+            g[a] -= reduced[0, a] * rl[0] + reduced[1, a] * rl[1] + reduced[2, a] * rl[2]
+            for o in range(used):
+                b = columns[o]
+                h[a, b] -= cl[0, a] * reduced[0, b] + cl[1, a] * reduced[1, b] + cl[2, a] * reduced[2, b]
+    h[:last, last] = h[last, :last]
+    return h, g, inverses, right_side, coupling
+
+
+def right_offset(h: FloatArray, g: FloatArray) -> tuple[float, float]:
+    """Return by how many pixels right pictures are off, and the variance of that, px^2, from `linearise`.
+
+    A step falls short where weights are robust, by up to a third; what is left shows when this much is corrected.
+    The poses are solved for as well, without what is known of them from before: that was found with the old offset.
+    The variance is infinite where the window says nothing.
+    """
+    free = h[:-1, :-1] + np.diag(1e-9 + 1e-9 * np.diag(h)[:-1])  # the window as a whole may be anywhere
+    solved = np.linalg.solve(free, np.column_stack((h[:-1, -1], g[:-1])))
+    information = float(h[-1, -1] - h[-1, :-1] @ solved[:, 0])
+    if not information > 1e-6:
+        return 0.0, np.inf
+    return float(g[-1] - h[-1, :-1] @ solved[:, 1]) / information, 1.0 / information
 
 
 def pose_difference(
@@ -156,6 +192,7 @@ class Adjusted:
         uvrho: `(N, 3)` host pixels and inverse depths.
         covariance: `(N, 3, 3)` of them, given the poses.
         pose_covariance: `(6 K, 6 K)` of all poses.
+        right_offset: By how many pixels right pictures are off beyond what was said, and the variance of that, px^2.
     """
 
     rotations: FloatArray
@@ -163,6 +200,7 @@ class Adjusted:
     uvrho: FloatArray
     covariance: FloatArray
     pose_covariance: FloatArray
+    right_offset: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,18 +238,17 @@ def adjust(
     rounds: int,
 ) -> Adjusted:
     """Adjust keyframes and landmarks by Gauss-Newton with robust weights; arguments as `linearise`."""
-    inverses = np.zeros((len(host), 3, 3))
-    h = prior.h
     for _ in range(rounds):
-        h, g, inverses, right_side, coupling, _cost = linearise(
+        system, g, inverses, right_side, coupling = linearise(
             rotations, positions, host, uvrho, observed, variance, camera, baseline, -1
         )
-        h = h + prior.h
-        update = np.linalg.solve(h, g + prior.right_side(rotations, positions))
-        uvrho = uvrho + np.einsum("nij,nj->ni", inverses, right_side - coupling @ update)
+        h = system[:-1, :-1] + prior.h
+        update = np.linalg.solve(h, g[:-1] + prior.right_side(rotations, positions))
+        uvrho = uvrho + np.einsum("nij,nj->ni", inverses, right_side - coupling[:, :, :-1] @ update)
         step = update.reshape(-1, 6)
         positions = positions + step[:, :3]
         rotations = np.stack([turned(old, *angles) for old, angles in zip(rotations, step[:, 3:], strict=True)])
         if np.abs(update).max() < 1e-6:
             break
-    return Adjusted(rotations, positions, uvrho, inverses, np.asarray(np.linalg.inv(h), dtype=np.float64))
+    covariance = np.asarray(np.linalg.inv(h), dtype=np.float64)
+    return Adjusted(rotations, positions, uvrho, inverses, covariance, right_offset(system, g))

@@ -12,6 +12,7 @@ from sfr_loc_map.geometry.rotation import FloatArray, skew
 from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.alignment import align_pose
+from sfr_loc_map.localisation.calibration import RightOffset
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.corners import find_corners, load_mask
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
@@ -98,7 +99,7 @@ class Localiser:
         self._seen_by_keyframe: int
         self._good_while_lost = 0
         self._keyframe_count = 0
-        self._vertical_offset_px = 0.0
+        self._right_offset = RightOffset(self._config.window_keyframes)
         self._last_tracked: Tracked | None = None
 
     @property
@@ -165,7 +166,8 @@ class Localiser:
             "keyframes": float(self._keyframe_count),
             "chi_median": float(np.nanmedian(tracked.chi)),
             "residual_px": tracked.residual_px,
-            "vertical_offset_px": self._vertical_offset_px,
+            "vertical_offset_px": self._right_offset.v,
+            "disparity_offset_px": -self._right_offset.u,
         }
         return self._estimate(pair.stamp_ns, TrackingState.TRACKING, covariance, statistics)
 
@@ -234,7 +236,7 @@ class Localiser:
         )
         for side in found:
             side[side[:, 6] < 0.6] = np.nan
-        observed = np.column_stack((found[0][:, :2], found[1][:, :2] - [0.0, self._vertical_offset_px]))
+        observed = np.column_stack((found[0][:, :2], found[1][:, :2] - [self._right_offset.u, self._right_offset.v]))
         variance = np.stack((self._variance(found[0]), self._variance(found[1])), axis=1)
         rotation, position, information, chi = solve_pose(
             rotation,
@@ -304,6 +306,7 @@ class Localiser:
             tracked.observed[good],
             tracked.variance[good],
         )
+        window.move_right_pictures(-self._right_offset.learn_columns(*window.right_offset))
         known = window.observed[window.alive, -1]
         known = np.column_stack((known[:, :2], known[:, 0] - known[:, 2]))
         self._add_landmarks(left, right, known[np.isfinite(known).all(axis=1)])
@@ -312,16 +315,16 @@ class Localiser:
     def _add_landmarks(self, left: Pyramid, right: Pyramid, known: FloatArray) -> None:
         corners = find_corners(left.levels[0], known[:, :2].copy(), self._config.max_features, BORDER, self._masks[0])
         if len(corners):
-            found = match_corners(left, right, corners, known, self._max_disparity, self._vertical_offset_px)
+            found = match_corners(left, right, corners, known, self._max_disparity, self._right_offset.v)
             found = found.outside(self._masks[1])
-            self._learn_vertical_offset(found.right[:, 1] - found.uv[:, 1])
+            self._right_offset.learn_rows(found.right[:, 1] - found.uv[:, 1])
             scale = 1.0 / (self._rig.fx * self._rig.baseline_m)
             variance = self._variance(np.column_stack((found.right, found.covariance, found.residual)))
-            observed = np.column_stack((found.uv, found.right - [0.0, self._vertical_offset_px]))
+            observed = np.column_stack((found.uv, found.right - [self._right_offset.u, self._right_offset.v]))
             self._window.add_landmarks(
                 left,
                 found.uv,
-                np.maximum(found.disparity, 1e-3) * scale,
+                np.maximum(found.disparity + self._right_offset.u, 1e-3) * scale,
                 found.slope * scale,
                 found.patches,
                 observed,
@@ -329,12 +332,6 @@ class Localiser:
             )
         self._window.adjust(self._config.adjustment_rounds)
         self._refresh()
-
-    def _learn_vertical_offset(self, rows: FloatArray) -> None:
-        """Follow by how many rows the right picture lies lower than it should (a small error of calibration)."""
-        if len(rows) >= 20:
-            rate = 1.0 if self._keyframe_count == 0 else 0.1
-            self._vertical_offset_px += rate * (float(np.median(rows)) - self._vertical_offset_px)
 
     def _refresh(self) -> None:
         """Take the landmarks that are looked for from the window."""

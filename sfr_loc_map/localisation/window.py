@@ -72,6 +72,7 @@ class Window:
         observed: `(N, K, 4)` where it was seen: u, v left, u, v right; NaN where not.
         variance: `(N, K, 2, 3)` uu, uv, vv of these, px^2.
         pose_covariance: `(6 K, 6 K)` of all poses, position and rotation about the world's axes.
+        right_offset: By how many pixels right pictures lie too far right, and the variance of that, px^2.
     """
 
     def __init__(self, camera: FloatArray, baseline_m: float, size: int) -> None:
@@ -86,6 +87,7 @@ class Window:
         ]
         self.observed, self.variance = np.zeros((0, 0, 4)), np.zeros((0, 0, 2, 3))
         self.pose_covariance = np.zeros((0, 0))
+        self.right_offset = (0.0, np.inf)
         self._prior = Prior(np.zeros((0, 0)), np.zeros(0), self.rotations, self.positions)
 
     def __len__(self) -> int:
@@ -195,6 +197,11 @@ class Window:
         self.rotations, self.positions = result.rotations, result.positions
         self.uvrho, self.covariance = result.uvrho, result.covariance
         self.pose_covariance = result.pose_covariance
+        self.right_offset = result.right_offset
+
+    def move_right_pictures(self, columns: float) -> None:
+        """Move all that was seen in right pictures by so many pixels along the columns."""
+        self.observed[:, :, 2] += columns
 
     def _system(
         self,
@@ -205,8 +212,8 @@ class Window:
     def _marginalise_oldest(self) -> None:
         """Turn what the oldest keyframe and its landmarks say of the others into the prior."""
         h, g, *_ = linearise(*self._system(), 0)
-        h = h + self._prior.h
-        g = g + self._prior.right_side(self.rotations, self.positions)
+        h = h[:-1, :-1] + self._prior.h
+        g = g[:-1] + self._prior.right_side(self.rotations, self.positions)
         gain = np.linalg.solve(h[:6, :6], h[:6, 6:]).T
         rest = h[6:, 6:] - gain @ h[:6, 6:]
         self.rotations, self.positions = self.rotations[1:].copy(), self.positions[1:].copy()

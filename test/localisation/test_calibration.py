@@ -1,0 +1,85 @@
+"""Errors of the stereo calibration that the pictures themselves show."""
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.localisation.adjustment import Adjusted, Prior, adjust
+from sfr_loc_map.localisation.calibration import RightOffset
+
+CAMERA = np.array([400.0, 400.0, 256.0, 256.0])
+BASELINE = 0.15
+WINDOW = 5
+
+
+def adjusted(offset_px: float, seed: int, noise_px: float = 0.1, depths: tuple[float, float] = (1.5, 15.0)) -> Adjusted:
+    """Adjust landmarks seen from five places along the optical axis, right pictures moved along the columns."""
+    random = np.random.default_rng(seed)
+    count = 300
+    rotations, positions = np.repeat(np.eye(3)[None], WINDOW, axis=0), np.zeros((WINDOW, 3))
+    positions[:, 2] = 0.2 * np.arange(WINDOW)
+    uv, depth = random.uniform(60, 450, (count, 2)), random.uniform(*depths, count)
+    points = np.column_stack(((uv - CAMERA[2:]) / CAMERA[:2], np.ones(count))) * depth[:, None]
+    seen = points[:, None] - positions
+    left = seen[..., :2] / seen[..., 2:] * CAMERA[:2] + CAMERA[2:]
+    right = left - np.stack((CAMERA[0] * BASELINE / seen[..., 2], np.zeros(seen.shape[:2])), axis=2)
+    right[..., 0] += offset_px
+    observed = np.concatenate((left, right), axis=2)
+    observed += random.normal(0, noise_px, observed.shape)
+    observed[:, 0, :2] = uv
+    variance = np.tile([noise_px**2, 0.0, noise_px**2], (count, WINDOW, 2, 1))
+    rho = (observed[:, 0, 0] - observed[:, 0, 2]) / (CAMERA[0] * BASELINE)
+    h = np.zeros((6 * WINDOW, 6 * WINDOW))
+    h[:6, :6] = 1e12 * np.eye(6)
+    prior = Prior(h, np.zeros(6 * WINDOW), rotations, positions)
+    start = positions + np.array([0.0, 0.0, 0.003]) * np.arange(WINDOW)[:, None]
+    host, uvrho = np.zeros(count, np.int64), np.column_stack((uv, rho))
+    return adjust(rotations, start, host, uvrho, observed, variance, CAMERA, BASELINE, prior, 4)
+
+
+@pytest.mark.parametrize("offset_px", [0.0, 0.15, -0.3])
+def test_the_window_shows_an_offset_along_the_columns_with_its_variance(offset_px: float) -> None:
+    # robust weights make each step fall short by up to a third: what is left is seen when the rest is corrected
+    found = np.zeros((12, 2))
+    for seed in range(12):
+        for _ in range(4):
+            beyond, variance = adjusted(offset_px - found[seed, 0], seed).right_offset
+            found[seed] = found[seed, 0] + beyond, variance
+    normalised = (found[:, 0] - offset_px) / np.sqrt(found[:, 1])
+    assert np.sqrt(found[:, 1]).max() < 0.05
+    assert abs(normalised.mean()) < 4 / np.sqrt(12)
+    assert 0.4 < np.sqrt(np.mean(normalised**2)) < 2.0
+
+
+def test_one_step_goes_most_of_the_way() -> None:
+    for offset_px in (0.05, -0.3):
+        assert 0.6 < adjusted(offset_px, 0, 0.05).right_offset[0] / offset_px < 1.2
+
+
+def test_points_at_one_distance_say_little_of_it() -> None:
+    flat, deep = adjusted(0.1, 0, depths=(3.0, 3.01)), adjusted(0.1, 0)
+    assert flat.right_offset[1] > 4 * deep.right_offset[1]
+
+
+def test_an_offset_is_corrected_once_it_is_beyond_doubt_and_no_other() -> None:
+    random = np.random.default_rng(3)
+    true, knocked, straight = 0.12, RightOffset(7), RightOffset(7)
+    applied = []
+    for _ in range(60):
+        change = knocked.learn_columns(true - knocked.u + random.normal(0, 0.015), 0.015**2)
+        applied.append(knocked.u)
+        assert change == pytest.approx(applied[-1] - (applied[-2] if len(applied) > 1 else 0.0), abs=1e-15)
+        straight.learn_columns(random.normal(0, 0.015) - straight.u, 0.015**2)
+        assert straight.u == 0.0
+    assert applied[0] == 0.0
+    assert applied[-1] == pytest.approx(true, abs=0.02)
+    assert RightOffset(7).learn_columns(5.0, np.inf) == 0.0
+
+
+def test_rows_are_followed_slowly_after_the_first_keyframe() -> None:
+    offset = RightOffset(7)
+    offset.learn_rows(np.full(10, 3.0))
+    assert offset.v == 0.0  # too few matches to say
+    offset.learn_rows(np.full(30, 0.5))
+    assert offset.v == 0.5
+    offset.learn_rows(np.full(30, 0.0))
+    assert offset.v == pytest.approx(0.45)
