@@ -24,15 +24,18 @@ MISFIT_LIMIT = F(4.0)
 """Mean square of normalised residuals in 5 x 5 pixels beyond which a match is doubtful."""
 MISFIT_CONTRAST = F(0.7)
 """Share of the picture's own variance that a doubtful match's residuals must reach to be wrong; 2 is none."""
-MOVED_PX = 1.0
+MOVED_PX = 1.5
 """Refinement may move a disparity this far, or five times the usual move if that is more."""
-JUMP_RADIUS = 3
 JUMP_RANGE_PX = F(1.5)
-BELONG_ODDS = F(0.8)
-"""Votes of its own surface over those of the other that a pixel near a jump needs to stay."""
-EDGE_RANGE_PX = F(2.0)
-EDGE_SIGMA_PX = F(0.7)
-"""Beside an edge of that height a larger sigma means that the pixel may be of either surface."""
+"""Disparities of 3 x 3 pixels that span more are a jump; pixels up to `visibility.BESIDE` from it are beside it."""
+ALIKE_GREY = 8.0
+NEAR_PX = 3.0
+WINDOW_RADIUS = 4
+"""Neighbours of like grey and near by speak for a pixel: where the weight is 1/e, and how far they are looked at."""
+EVIDENCE_PER_SIGMA = F(8.0)
+EVIDENCE_OFFSET = F(3.0)
+"""Evidence for its own surface against another that a pixel beside a jump needs, in standard deviations of noise: so
+much per pixel of its own sigma, less the offset. The weaker a match, the surer it must be of its side."""
 SPECK_PIXELS = 80
 LARGEST_SIGMA_PX = F(2.0)
 NOISE_EXCESS = 0.85
@@ -46,22 +49,35 @@ def trusted(left: FloatImage, refined: Refined, initial_px: FloatImage, sigma_px
     """Tell which pixels `(H, W)` have a disparity that is not a guess.
 
     Left out: what the matcher left out, moved far, is hidden in the right picture, has no texture or does not look
-    alike, or lies beside an edge without clearly belonging to its surface, or stands alone.
+    alike, or lies beside an edge and agrees better with the surface beyond it, or stands alone.
     """
     disparity = refined.disparity_px
     moved = np.abs(disparity - initial_px)
     usable = np.isfinite(initial_px)
     if not usable.any():
         return usable
+    matched = usable.copy()
     usable &= moved <= max(MOVED_PX, 5.0 * 1.4826 * float(np.nanmedian(moved)))
     usable &= ~visibility.hidden_of(disparity, usable, JUMP_PX)
     usable &= _textured(refined) & _alike(left, refined)
-    square = np.ones((2 * JUMP_RADIUS + 1,) * 2, np.uint8)
-    spread = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F)
-    near_jump = spread > JUMP_RANGE_PX
-    usable &= visibility.belongs(left, disparity, usable, near_jump, JUMP_RADIUS, F(8.0), F(3.0), BELONG_ODDS)
-    usable &= ~((sigma_px > EDGE_SIGMA_PX) & (spread > EDGE_RANGE_PX))
+    beside = _beside_jump(disparity) & usable
+    evidence = visibility.evidence(left, refined.right, disparity, matched, beside, *_weights())
+    usable &= evidence > F(refined.noise) * (EVIDENCE_PER_SIGMA * sigma_px - EVIDENCE_OFFSET)
     return _without_specks(disparity, usable)
+
+
+def _beside_jump(disparity: FloatImage) -> Mask:
+    square = np.ones((3, 3), np.uint8)
+    jump = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F) > JUMP_RANGE_PX
+    wide = np.ones((2 * visibility.BESIDE + 1,) * 2, np.uint8)
+    return np.asarray(cv2.dilate(jump.astype(np.uint8), wide)).astype(np.bool_)
+
+
+def _weights() -> tuple[FloatImage, FloatImage]:
+    """Return the weights of neighbours by difference of grey level and by place."""
+    place = np.arange(-WINDOW_RADIUS, WINDOW_RADIUS + 1, dtype=np.float64)
+    distance = np.hypot(place[:, None], place[None])
+    return np.exp(-np.arange(256.0) / ALIKE_GREY).astype(F), np.exp(-distance / NEAR_PX).astype(F)
 
 
 def _without_specks(disparity: FloatImage, usable: Mask) -> Mask:

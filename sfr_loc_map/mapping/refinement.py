@@ -59,7 +59,8 @@ class Refined:
         stiffness: `(2, H/2, W/2)` float32, of second differences along rows and columns, 1 / pixels^2.
         misfit: `(H, W)` float32, residual over its standard deviation; NaN outside the right picture.
         noise: Standard deviation of a residual, grey levels.
-        alignment: How the right picture had to be set right.
+        right: `(H, W)` float32, the right picture set right.
+        alignment: How it had to be.
     """
 
     disparity_px: FloatImage
@@ -68,6 +69,7 @@ class Refined:
     stiffness: FloatImage
     misfit: FloatImage
     noise: float
+    right: FloatImage
     alignment: Alignment
 
 
@@ -99,6 +101,7 @@ def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> Refin
         stiffness[:2],
         misfit[:height, :width],
         float(np.median(deviation)),
+        np.ascontiguousarray(right[:height, :width]),
         alignment,
     )
 
