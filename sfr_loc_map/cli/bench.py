@@ -131,6 +131,38 @@ def score(
     _show(result, json_path)
 
 
+@app.command()
+def faults(
+    source: SourceArgument,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option("--fault", help="As of `sfr perturb`, several joined by +; repeatable. A list of all by default."),
+    ] = None,
+    condition: Annotated[str, typer.Option("--condition", help="End of a sub-trajectory.")] = "distance=5",
+    spacing: Annotated[int, typer.Option(min=1, help="Frames from one start to the next.")] = 10,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of which pairs are struck.")] = 0,
+    json_path: JsonOption = None,
+    config: ConfigOption = None,
+    remap: RemapOption = None,
+) -> None:
+    """Our localiser on a drive with one fault after the other: error, lost, found again, silent jumps."""
+    from sfr_loc_map.bench.fault_bench import FAULTS, bench_faults
+    from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+
+    parameters = read_config(LocalisationConfig, config, "localisation")
+    sequence = open_source(source, parse_remaps(remap)).loc
+    if sequence is None or not len(sequence) or sequence.ground_truth is None:
+        raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
+    wanted = tuple(fault) if fault else FAULTS
+    with progress_bar("faults") as bar:
+        task = bar.add_task("driving", total=len(wanted) + 1)
+        scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
+        result = bench_faults(sequence, wanted, parameters, scoring, seed, lambda name: bar.advance(task))
+    _show({"source": str(source)} | result, json_path)
+
+
 def _show(result: dict[str, Any], json_path: Path | None) -> None:
     """Print the tables and write the JSON; with `--json -` the JSON alone."""
     from rich.console import Console

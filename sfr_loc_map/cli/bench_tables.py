@@ -27,11 +27,27 @@ DISPARITY: tuple[Column, ...] = (
     ("coverage", ("accuracy", "coverage"), 1.0),
 )
 
+FAULT_COLUMNS: tuple[Column, ...] = (
+    ("pairs", ("pairs",), 1.0),
+    ("position mm", ("position_m",), 1e3),
+    ("heading deg", ("heading_deg",), 1.0),
+    ("lost", ("lost",), 1.0),
+    ("longest", ("longest_lost",), 1.0),
+    ("silent jumps", ("silent_jumps",), 1.0),
+    ("largest step error / sigma", ("largest_jump_sigma",), 1.0),
+    ("rows off px", ("vertical_offset_px",), 1.0),
+    ("columns off px", ("disparity_offset_px",), 1.0),
+)
+
 
 def tables(result: Mapping[str, Any]) -> list[Table]:
     """Return the tables of a bench of any kind."""
     if result["kind"] == "score":
         return [_score_table(result)]
+    if result["kind"] == "faults":
+        return [
+            _table(f"Localisation with faults, {result['condition']}: mean + 3 sigma", result, FAULT_COLUMNS, "fault")
+        ]
     found = []
     for size in result["sizes"]:
         found += _localise_tables(result, size) if result["kind"] == "localise" else _map_tables(size)
@@ -84,9 +100,9 @@ def _table(title: str, part: Mapping[str, Any], columns: Sequence[Column], what:
     for heading, _, _ in columns:
         table.add_column(heading, justify="right")
     for name, entry in part["entries"].items():
-        table.add_row(name, str(entry[what]), *(_cell(entry, path, factor) for _, path, factor in columns))
+        table.add_row(name, str(entry.get(what, "")), *(_cell(entry, path, factor) for _, path, factor in columns))
     table.add_section()
-    for name, ratio in part["ratios"].items():
+    for name, ratio in part.get("ratios", {}).items():
         table.add_row(f"ours / {name}", "", *(_cell(ratio, path, 1.0) for _, path, _ in columns), style="cyan")
     return table
 

@@ -20,9 +20,9 @@ from sfr_loc_map.localisation.images import LEVELS, Pyramid, build_pyramid
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.patches import HALF, plane_homographies, track_patches
 from sfr_loc_map.localisation.pose_solver import solve_pose
-from sfr_loc_map.localisation.relocation import pose_by_flow
+from sfr_loc_map.localisation.relocation import WellSeen, pose_by_descriptors, pose_by_flow
 from sfr_loc_map.localisation.sparse_stereo import match_corners
-from sfr_loc_map.localisation.window import START_VARIANCE, Landmarks, Window
+from sfr_loc_map.localisation.window import Landmarks, Window
 
 BORDER = HALF + 4
 """Pixels along the edges where no corner is taken: a patch with its gradients must fit."""
@@ -96,7 +96,9 @@ class Localiser:
         self._landmarks: Landmarks
         self._last_left: GreyImage
         self._last_seen: FloatArray
+        self._well_seen: WellSeen
         self._seen_by_keyframe: int
+        self._start_covariance, self._start_position = np.zeros((6, 6)), np.zeros(3)
         self._good_while_lost = 0
         self._keyframe_count = 0
         self._right_offset = RightOffset(self._config.window_keyframes)
@@ -146,7 +148,7 @@ class Localiser:
         self._last_tracked = None
         left, right = both(build_pyramid, (pair.left,), (pair.right,))
         if not len(self._window):
-            return self._start(pair, left, right, np.full(6, START_VARIANCE))
+            return self._start(pair, left, right, np.zeros((6, 6)))
         tracked = self._track(pair, left, right, motion)
         if tracked is None:
             return self._lost(pair, left, right)
@@ -160,6 +162,8 @@ class Localiser:
             self._add_keyframe(left, right, tracked)
             self._rotation, self._position = self._window.rotations[-1], self._window.positions[-1]
             covariance = self._window.last_covariance
+        if tracked.inliers.sum() >= 0.5 * len(tracked.landmarks):
+            self._well_seen = WellSeen(pair.left, self._last_seen, self._landmarks.points)
         statistics = {
             "features": float(len(tracked.landmarks)),
             "inliers": float(tracked.inliers.sum()),
@@ -171,11 +175,14 @@ class Localiser:
         }
         return self._estimate(pair.stamp_ns, TrackingState.TRACKING, covariance, statistics)
 
-    def _start(self, pair: StereoPair, left: Pyramid, right: Pyramid, variance: FloatArray) -> PoseEstimate:
-        """Begin a window at the pose known last, as well known as its `(6,)` variances say."""
+    def _start(self, pair: StereoPair, left: Pyramid, right: Pyramid, covariance: FloatArray) -> PoseEstimate:
+        """Begin a window at the pose known last, as well known as its covariance `(6, 6)` says.
+
+        The window itself takes its first pose as known: a window that may move as a whole would do so with every
+        adjustment, as it is linearised anew.
+        """
         window = Window(self._camera, self._rig.baseline_m, self._config.window_keyframes)
         window.add_keyframe(self._rotation, self._position, np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3)))
-        window.set_prior(variance)
         before, self._window = self._window, window
         self._add_landmarks(left, right, np.zeros((0, 3)))
         if len(self._landmarks) < self._config.min_tracked:
@@ -186,6 +193,8 @@ class Localiser:
             return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"features": features})
         self._last_left, self._last_motion = pair.left, (np.eye(3), np.zeros(3))
         self._good_while_lost = 0
+        self._start_covariance, self._start_position = covariance, self._position
+        self._well_seen = WellSeen(pair.left, self._last_seen, self._landmarks.points)
         self._keyframe_count += 1
         state = TrackingState.INITIALISING if self._keyframe_count == 1 else TrackingState.TRACKING
         features = float(len(self._landmarks))
@@ -195,11 +204,13 @@ class Localiser:
         """Say that the pose is not known; begin anew where good pictures come and none is recognised."""
         self._last_motion = (np.eye(3), np.zeros(3))
         corners = find_corners(left.levels[0], np.zeros((0, 2)), self._config.max_features, BORDER)
-        self._good_while_lost += len(corners) >= self._config.min_tracked and float(np.std(right.levels[-1])) > 1.0
+        enough = max(self._config.min_tracked, len(self._landmarks) // 2)
+        self._good_while_lost += len(corners) >= enough and float(np.std(right.levels[-1])) > 1.0
         if self._good_while_lost > PATIENCE:
             # what was driven meanwhile is not known: as far as the rover may have come, in any direction
             spread = np.array([1.0, 1.0, 0.3, 0.1, 0.1, 0.5])
-            return self._start(pair, left, right, np.maximum(np.diag(self._window.last_covariance), 0.0) + spread**2)
+            known = self._with_start(self._window.last_covariance)
+            return self._start(pair, left, right, known + np.diag(spread**2))
         return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"inliers": 0.0})
 
     def _track(self, pair: StereoPair, left: Pyramid, right: Pyramid, motion: Transform | None) -> Tracked | None:
@@ -209,13 +220,20 @@ class Localiser:
         tracked = self._refine(left, right, marks, *self._align(left, marks, motion))
         if self._trusted(tracked):
             return tracked
-        start = pose_by_flow(
-            self._last_left, pair.left, self._last_seen, marks.points, self._camera, self._config.min_tracked
-        )
-        if start is None:
-            return None
-        again = self._refine(left, right, marks, *self._align_level(left, 0, marks, *start, 6)[:2])
-        return again if self._trusted(again) else None
+        known = (self._last_left, pair.left, self._last_seen, marks.points)
+        start = pose_by_flow(*known, self._camera, self._config.min_tracked)
+        if start is not None and self._trusted(again := self._from_afar(left, right, start)):
+            return again
+        corners = find_corners(left.levels[0], np.zeros((0, 2)), 2 * self._config.max_features, BORDER)
+        start = pose_by_descriptors(self._well_seen, pair.left, corners, self._camera, self._config.min_tracked)
+        if start is not None and self._trusted(again := self._from_afar(left, right, start)):
+            return again
+        return None
+
+    def _from_afar(self, left: Pyramid, right: Pyramid, start: tuple[FloatArray, FloatArray]) -> Tracked:
+        """Track from a start that is right to some pixels."""
+        marks = self._landmarks
+        return self._refine(left, right, marks, *self._align_level(left, 0, marks, *start, 6)[:2])
 
     def _trusted(self, tracked: Tracked) -> bool:
         """Tell whether enough landmarks agree on the pose, of all and of those that were found."""
@@ -345,9 +363,15 @@ class Localiser:
         T_ds_left = self._T_ds_world @ Transform(self._rotation, self._position)
         T_ds_rb = T_ds_left @ self._T_rb_left.inverse()
         if state is not TrackingState.LOST:
-            covariance = covariance * self._config.inflation + np.diag(self._common_variance())
+            covariance = self._with_start(covariance * self._config.inflation) + np.diag(self._common_variance())
             covariance = self._covariance_of_rb(covariance, T_ds_rb.translation - T_ds_left.translation)
         return PoseEstimate(stamp_ns, T_ds_rb, covariance, state, statistics)
+
+    def _with_start(self, covariance: FloatArray) -> FloatArray:
+        """Add how well the first pose of the window is known, `(6, 6)`, left camera in the world."""
+        jacobian = np.eye(6)
+        jacobian[:3, 3:] = -skew(self._position - self._start_position)
+        return np.asarray(covariance + jacobian @ self._start_covariance @ jacobian.T)
 
     def _common_variance(self) -> FloatArray:
         """Return the variances `(6,)` of what a whole picture is off by (blur, jitter): no landmark shows it."""

@@ -40,7 +40,7 @@ def perturb(
         InputError: If the source is broken, or the faults leave no pair.
         OutputError: If the output cannot be written.
     """
-    loc = None if source.loc is None else _FaultyLoc(source.loc, faults, seed)
+    loc = None if source.loc is None else FaultyLoc(source.loc, faults, seed)
     nav = None if source.nav is None else _FaultyNav(source.nav, faults, seed + 1)
     for part in (loc, nav):
         if part is not None and len(part) == 0:
@@ -48,22 +48,29 @@ def perturb(
     return convert(Source(source.path, source.format, loc, nav), destination, ConvertOptions(), progress)
 
 
-class _FaultyLoc:
+class FaultyLoc:
+    """A drive with faults over it; a `LocSequence` whose truth is that of the drive without."""
+
     def __init__(self, inner: LocSequence, faults: Sequence[Fault], seed: int) -> None:
+        """Choose the pairs to strike; the same seed strikes the same ones."""
         self._inner, self._perturber = inner, Perturber(faults, seed, len(inner), inner.rig)
 
     @property
     def rig(self) -> StereoRig:
+        """The rig as the faulty calibration gives it."""
         return self._perturber.rig
 
     @property
     def ground_truth(self) -> Trajectory | None:
+        """The truth of the drive."""
         return self._inner.ground_truth
 
     def __len__(self) -> int:
+        """Return the number of pairs that are left."""
         return int(np.count_nonzero(self._perturber.kept))
 
     def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs with their faults."""
         for _, pair in self._perturber.pairs(self._inner.pairs()):
             yield pair
 
