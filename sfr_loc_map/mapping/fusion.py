@@ -84,7 +84,7 @@ def fused(views: Sequence[View], rig: StereoRig) -> Fusion:
         views: One per pair, in the order of their points' `pair`.
         rig: Rig of all pairs.
     """
-    pictures = [(_weight_picture(view), _grey_picture(view)) for view in views]
+    pictures = [(weight_picture(view), _grey_picture(view)) for view in views]
     statistics = {"points_in": float(sum(len(view.cloud) for view in views)), "merged": 0.0, "dropped_conflict": 0.0}
     warnings: list[str] = []
     clouds = []
@@ -92,7 +92,7 @@ def fused(views: Sequence[View], rig: StereoRig) -> Fusion:
         tally = _Tally(view, pictures[i][0])
         for j, other in enumerate(views):
             if j != i:
-                seen = _looked_up(view.cloud, other, *pictures[j], rig)
+                seen = looked_up(view.cloud, other, *pictures[j], rig)
                 ratios = tally.add(seen, before=j < i), _grey_ratio(seen, max(view.noise_grey, other.noise_grey))
                 _describe(statistics, warnings, (i, j), seen, len(view.cloud), ratios)
         clouds.append(tally.cloud())
@@ -104,7 +104,7 @@ def fused(views: Sequence[View], rig: StereoRig) -> Fusion:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class Seen:
     """What another pair says of the points that it sees too, all `(M,)`; `index` numbers them.
 
     `offset_px` is how far from its own sample it sees the point, `grey_beside` the difference of grey level at a place
@@ -133,7 +133,7 @@ class _Tally:
         self.conflict = np.zeros(len(cloud), np.bool_)
         self._kept = np.ones(len(cloud), np.bool_)
 
-    def add(self, seen: _Seen, *, before: bool) -> float:
+    def add(self, seen: Seen, *, before: bool) -> float:
         """Take in what another pair says; return the ratio of found to expected disagreement (1 for honest sigmas)."""
         index, own = seen.index, self._own[seen.index]
         spread = np.sqrt(np.square(self._view.cloud.sigma[index]) + np.square(seen.deviation))
@@ -166,7 +166,7 @@ def _describe(
     statistics: dict[str, float],
     warnings: list[str],
     pairs: tuple[int, int],
-    seen: _Seen,
+    seen: Seen,
     points: int,
     ratios: tuple[float, float],
 ) -> None:
@@ -184,7 +184,8 @@ def _describe(
     if i < j and wrong and len(seen.index) > LEAST_OVERLAP:
         warnings.append(
             f"pairs {i} and {j} disagree where they overlap: ranges differ by {ratios[0]:.1f} times what is expected, "
-            f"grey levels by {ratios[1]:.2f} of what they differ at places {BESIDE_PX} pixels away: check their poses"
+            f"grey levels by {ratios[1]:.2f} of what they differ at places {BESIDE_PX} pixels away: check their poses, "
+            "or have them fitted (refine_poses)"
         )
 
 
@@ -195,7 +196,7 @@ def _grey_picture(view: View) -> FloatImage:
     return grey
 
 
-def _weight_picture(view: View) -> FloatImage:
+def weight_picture(view: View) -> FloatImage:
     """Return the weight of each pixel, `feather / sigma^2`, 1 / m^2; 0 where there is no point."""
     height, width = view.disparity_px.shape
     sigma = np.full((height, width), np.inf, F)
@@ -206,7 +207,7 @@ def _weight_picture(view: View) -> FloatImage:
     return np.asarray(feather / np.square(sigma), F)
 
 
-def _grey_ratio(seen: _Seen, noise: float) -> float:
+def _grey_ratio(seen: Seen, noise: float) -> float:
     """Return the spread of grey level differences over that at places beside: a wrong pan shows here on any texture.
 
     NaN where there is too little texture or overlap.
@@ -220,7 +221,16 @@ def _spread(values: FloatImage) -> float:
     return 1.4826 * float(np.median(np.abs(known - np.median(known)))) if len(known) else float("nan")
 
 
-def _looked_up(cloud: PointCloud, other: View, weight: FloatImage, grey: FloatImage, rig: StereoRig) -> _Seen:
+def looked_up(cloud: PointCloud, other: View, weight: FloatImage, grey: FloatImage, rig: StereoRig) -> Seen:
+    """Return what another pair says of the points that it sees too.
+
+    Args:
+        cloud: Points in LM.
+        other: The pair that is asked.
+        weight: `(H, W)`, as `weight_picture` gives it.
+        grey: `(H, W)` its left picture, NaN where it has no point.
+        rig: Rig of all pairs.
+    """
     T_left_lm = other.T_lm_left.inverse()
     out = np.empty((6, len(cloud)), F)
     camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy, rig.fx * rig.baseline_m])
@@ -228,7 +238,7 @@ def _looked_up(cloud: PointCloud, other: View, weight: FloatImage, grey: FloatIm
     index = np.flatnonzero(np.isfinite(out[0]))
     difference, deviation, weights, here, beside, offset = out[:, index]
     own = cloud.intensity[index]
-    return _Seen(index, difference, deviation, weights, here - own, beside - own, offset)
+    return Seen(index, difference, deviation, weights, here - own, beside - own, offset)
 
 
 @by_rows

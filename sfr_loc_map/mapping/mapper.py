@@ -17,6 +17,7 @@ from sfr_loc_map.mapping.confidence import sigma_of, trusted
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.fusion import View, fused
 from sfr_loc_map.mapping.matching import match, search_range
+from sfr_loc_map.mapping.overlap import Fit, fitted
 from sfr_loc_map.mapping.refinement import refine
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 
@@ -51,11 +52,13 @@ class FusedMap:
 
     Attributes:
         cloud: Points in LM; each names the pair and pixel that weigh most in it.
+        T_lm_navsb: Poses of the pairs that it was made with: those given, or as refined.
         statistics: Figures of the fusion by name (overlap and disagreement per pair, ...).
         warnings: What is suspicious, one line each.
     """
 
     cloud: PointCloud
+    T_lm_navsb: tuple[Transform, ...] = ()
     statistics: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
@@ -70,6 +73,7 @@ class Mapper:
             ConfigError: If the parameters do not fit together or the rig.
         """
         self._rig = rig
+        self._refine_poses = config.refine_poses
         self._search = search_range(rig, config)
 
     def warm_up(self) -> None:
@@ -139,5 +143,7 @@ class Mapper:
             View(item.cloud, item.disparity_px, item.T_lm_navsb @ self._rig.T_sb_left, item.statistics["noise_grey"])
             for item in maps
         ]
-        result = fused(views, self._rig)
-        return FusedMap(result.cloud, result.statistics, result.warnings)
+        fit = fitted(views, self._rig) if self._refine_poses else Fit(views)
+        result = fused(fit.views, self._rig)
+        poses = tuple(view.T_lm_left @ self._rig.T_sb_left.inverse() for view in fit.views)
+        return FusedMap(result.cloud, poses, {**result.statistics, **fit.statistics}, (*result.warnings, *fit.warnings))

@@ -1,0 +1,123 @@
+"""A digital elevation model: height, its standard deviation and the number of points of square cells in LM."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import MappingError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.transform import Transform
+
+FloatArray = NDArray[np.float64]
+
+MAX_CELLS = 25_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElevationModel:
+    """Heights over a grid whose rows go along y and columns along x of LM.
+
+    Attributes:
+        height_m: `(R, C)` float32, z of LM, NaN in cells without a point.
+        sigma_m: `(R, C)` float32, standard deviation of the height, NaN likewise.
+        count: `(R, C)` int32, points in the cell.
+        origin_m: x and y of the outer corner of cell (0, 0), which has the least x and y.
+        cell_m: Side of a cell.
+    """
+
+    height_m: NDArray[np.float32]
+    sigma_m: NDArray[np.float32]
+    count: NDArray[np.int32]
+    origin_m: tuple[float, float]
+    cell_m: float
+
+
+def elevation_of(cloud: PointCloud, T_lm_left: Sequence[Transform], cell_m: float) -> ElevationModel:
+    """Return the elevation model of a cloud.
+
+    A point that errs by `e` along its ray errs in height by the ray's z component times `e`, and by what the ground
+    rises on that way. Heights of a cell are
+    averaged by the inverse of that variance. Neighbouring points err together, so the mean of a cell is not taken as
+    surer than its points; to their variance comes that of the mean over heights that differ within the cell.
+
+    Args:
+        cloud: Points in LM.
+        T_lm_left: Pose of the left camera of each pair, in the order of the points' `pair`.
+        cell_m: Side of a cell.
+
+    Raises:
+        MappingError: If the cell is not positive, the cloud is empty, or there would be too many cells.
+    """
+    if not cell_m > 0.0:
+        raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
+    if len(cloud) == 0:
+        raise MappingError("the cloud has no points: an elevation model needs some")
+    place = np.floor(cloud.xyz[:, :2].astype(np.float64) / cell_m).astype(np.int64)
+    first = place.min(axis=0)
+    columns, rows = (int(size) for size in place.max(axis=0) - first + 1)
+    if rows * columns > MAX_CELLS:
+        raise MappingError(
+            f"cells of {cell_m} m over {columns * cell_m:.0f} x {rows * cell_m:.0f} m are {rows * columns / 1e6:.0f} "
+            f"million: {MAX_CELLS / 1e6:.0f} million are the most; take larger cells or a smaller max_range_m"
+        )
+    cell = (place[:, 1] - first[1]) * columns + place[:, 0] - first[0]
+    height = cloud.xyz[:, 2].astype(np.float64)
+    weight = 1.0 / _height_variances(cloud, T_lm_left)
+
+    def summed(values: FloatArray | None) -> FloatArray:
+        return np.bincount(cell, values, rows * columns).astype(np.float64).reshape(rows, columns)
+
+    count, weights = summed(None), summed(weight)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = summed(weight * height) / weights
+        spread = summed(weight * np.square(height - mean.ravel()[cell])) / weights
+        variance = count / weights + spread / count
+    return ElevationModel(
+        mean.astype(np.float32),
+        np.sqrt(variance).astype(np.float32),
+        count.astype(np.int32),
+        (float(first[0] * cell_m), float(first[1] * cell_m)),
+        cell_m,
+    )
+
+
+SLOPE = 0.1
+"""Usual slope of ground: a point that slides along its ray comes to lie over ground that is as much higher or lower."""
+
+
+def _height_variances(cloud: PointCloud, T_lm_left: Sequence[Transform]) -> FloatArray:
+    return np.asarray((np.square(rays(cloud, T_lm_left)[:, 2]) + SLOPE**2) * np.square(cloud.sigma, dtype=np.float64))
+
+
+def rays(cloud: PointCloud, T_lm_left: Sequence[Transform]) -> FloatArray:
+    """Return the unit vectors `(N, 3)` in LM along which each point is seen by its pair's left camera."""
+    centres = np.stack([pose.translation for pose in T_lm_left])
+    ray = cloud.xyz - centres[cloud.pair]
+    ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
+    return np.asarray(ray)
+
+
+def covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
+    """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
+
+    Along the ray it is the point's variance. Across, a point stands for its whole pixel: that is a uniform law over a
+    square of side `Z / f`, whose variance is `(Z / f)^2 / 12`.
+
+    Args:
+        cloud: Points in LM.
+        T_lm_left: Pose of the left camera of each pair, in the order of the points' `pair`.
+        focal_px: Focal length, pixels.
+    """
+    ray = rays(cloud, T_lm_left)
+    axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])[cloud.pair]
+    centres = np.stack([pose.translation for pose in T_lm_left])[cloud.pair]
+    depth = np.einsum("ij,ij->i", cloud.xyz - centres, axes)
+    across = np.square(depth / focal_px) / 12.0
+    along = np.square(cloud.sigma.astype(np.float64))
+    outer = np.einsum("n,ni,nj->nij", along - across, ray, ray)
+    outer[:, [0, 1, 2], [0, 1, 2]] += across[:, None]
+    return np.asarray(outer, np.float32)
