@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Lock
+from types import MappingProxyType
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.resources import CallMeter, CallUsage
@@ -16,9 +18,10 @@ from sfr_loc_map.nodes.conversions import header_msg
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
 from sfr_loc_map.pipeline.offline import CallRecord
 
-QUEUE_DEPTH = 100
 STATISTIC = "statistic."
 """What the names of a call's own figures begin with."""
+_ONE_AT_A_TIME = Lock()
+"""Time and memory are those of the whole process: nodes that share one take turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,22 +42,21 @@ class TaskRecord:
 class CallReporter:
     """Measures the calls of one node and publishes what they took."""
 
-    def __init__(self, node: Node, task: str) -> None:
+    def __init__(self, node: Node, task: str, publisher: Any) -> None:  # noqa: ANN401 - rclpy has no types
         """Take the present memory as that of the idle process.
 
         Args:
             node: The node.
             task: `localisation` or `mapping`.
+            publisher: The node's publisher of /diagnostics.
         """
-        self._node, self._task = node, task
+        self._node, self._task, self._publisher = node, task, publisher
         self._meter = CallMeter()
-        self._publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
-        self.topic = str(self._publisher.topic_name)
 
     @contextmanager
     def measure(self) -> Iterator[CallUsage]:
         """Measure what is done in the `with` block."""
-        with self._meter.measure() as usage:
+        with _ONE_AT_A_TIME, self._meter.measure() as usage:
             yield usage
 
     def publish(
@@ -65,8 +67,9 @@ class CallReporter:
         statistics: Mapping[str, float],
         counts: Mapping[str, int],
         level: Level,
-    ) -> None:
-        """Publish one call.
+        times: Mapping[str, float] = MappingProxyType({}),
+    ) -> dict[str, Value]:
+        """Publish one call; return what it took, by name.
 
         Args:
             stamp_ns: Stamp of the pair.
@@ -75,28 +78,24 @@ class CallReporter:
             statistics: Figures of the call.
             counts: Counts since the start of the node.
             level: How good it is.
+            times: Times around the call, seconds, by name.
         """
+        took: dict[str, Value] = {"processing_time_s": usage.processing_time_s}
+        if usage.peak_rss_bytes is not None and usage.above_idle_bytes is not None:
+            took |= {"peak_rss_bytes": usage.peak_rss_bytes, "above_idle_bytes": usage.above_idle_bytes}
+        took |= dict(times)
         values: dict[str, Value] = {
             "task": self._task,
             "stamp_ns": stamp_ns,
             "state": state,
-            "processing_time_s": usage.processing_time_s,
             "memory_method": self._meter.method,
+            **took,
         }
-        if usage.peak_rss_bytes is not None and usage.above_idle_bytes is not None:
-            values |= {"peak_rss_bytes": usage.peak_rss_bytes, "above_idle_bytes": usage.above_idle_bytes}
         values |= {STATISTIC + name: float(value) for name, value in statistics.items()}
         values |= dict(counts)
         name = call_name(self._node.get_fully_qualified_name())
-        status = status_msg(name, level, state, values)
-        self._publisher.publish(array_msg(header_msg(stamp_ns, ""), status))
-
-    def publish_problem(self, text: str, counts: Mapping[str, int]) -> None:
-        """Publish that something keeps the node from working."""
-        values: dict[str, Value] = {"task": self._task, **counts}
-        name = f"{self._node.get_fully_qualified_name().lstrip('/')}: input"
-        now_ns = self._node.get_clock().now().nanoseconds
-        self._publisher.publish(array_msg(header_msg(now_ns, ""), status_msg(name, Level.ERROR, text, values)))
+        self._publisher.publish(array_msg(header_msg(stamp_ns, ""), status_msg(name, level, state, values)))
+        return took
 
 
 def task_record(status: DiagnosticStatus) -> TaskRecord | None:

@@ -113,14 +113,26 @@ def odometry_row(message: Odometry) -> tuple[int, tuple[float, float, float], tu
 def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> GreyImage:
     """Return an image message as 8-bit grey `(H, W)`.
 
-    The size is compared before anything is decoded or allocated: a small message may claim any size.
-
     Args:
         message: sensor_msgs/Image or CompressedImage (PNG or JPEG).
         size: Width and height that the camera_info says.
 
     Raises:
         InputError: If the size is another, the encoding is not read or the data is broken.
+    """
+    check_picture(message, size)
+    return image_from_message(message) if isinstance(message, Image) else image_from_compressed_message(message)
+
+
+def check_picture(message: Image | CompressedImage, size: tuple[int, int]) -> None:
+    """Check what a picture claims to be, before anything is decoded or allocated: a small message may claim any size.
+
+    Args:
+        message: sensor_msgs/Image or CompressedImage (PNG or JPEG).
+        size: Width and height that the camera_info says.
+
+    Raises:
+        InputError: If the size is another or the picture is a Bayer mosaic.
     """
     if isinstance(message, Image):
         found: tuple[int, int] | None = (int(message.width), int(message.height))
@@ -132,7 +144,11 @@ def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> 
             f"image of stamp {stamp_of(message)} is {what}: its camera_info says {size[0]} x {size[1]}; "
             f"publish the camera_info of these pictures"
         )
-    return image_from_message(message) if isinstance(message, Image) else image_from_compressed_message(message)
+    if isinstance(message, Image) and message.encoding.startswith("bayer_"):
+        raise InputError(
+            f"image of stamp {stamp_of(message)} has encoding '{message.encoding}': Bayer mosaics are not supported; "
+            f"debayer and rectify it before (image_proc), and give image_rect"
+        )
 
 
 def compressed_size(data: bytes) -> tuple[int, int] | None:

@@ -1,31 +1,38 @@
-"""The localisation node: stereo pairs in, odometry out."""
+"""The localisation node: stereo pairs in, odometry out.
+
+Messages are received in the executor's thread and handed in order to the worker's thread, which alone touches the
+localiser; a new rig, pose or configuration takes its place in that order.
+"""
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from std_srvs.srv import Trigger
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import ConfigError, InputError, SfrError
+from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.nodes.calls import CallReporter
-from sfr_loc_map.nodes.conversions import odometry_msg, transform_from_pose
+from sfr_loc_map.nodes.conversions import NS, odometry_msg, transform_from_pose
 from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.parameters import declare
+from sfr_loc_map.nodes.latency import latencies
+from sfr_loc_map.nodes.managed import WARN_EVERY_S, ManagedNode, PairNodeConfig
+from sfr_loc_map.nodes.motion_prior import MotionPrior
+from sfr_loc_map.nodes.mount import MountConfig
+from sfr_loc_map.nodes.qos import profile
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.nodes.static_frames import StaticFrames, tf_message_type
-from sfr_loc_map.nodes.stereo_input import WARN_EVERY_S, StereoInput, StereoInputConfig
+from sfr_loc_map.nodes.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
 
 NAME = "localisation_node"
 LEVELS = {
@@ -36,35 +43,23 @@ LEVELS = {
 
 
 @dataclass(frozen=True, slots=True)
-class MountConfig:
-    """Place of the localisation stereo bench on the rover."""
+class MotionPriorConfig:
+    """How wheel odometry on the topic motion_prior is used."""
 
-    translation_m: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", doc="Origin of LOCSB in RB: x, y, z.")
-    quat_xyzw: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0, 0.0),
-        doc="Orientation of LOCSB in RB: x, y, z, w; takes components in LOCSB to RB. All zero: not given, the place "
-        "is then taken from /tf_static (rb_frame to locsb_frame) where tf2_msgs is installed.",
+    max_gap_s: float = param(
+        0.5, unit="s", doc="Neighbouring messages further apart do not cover what lies between.", low=0.001, high=60.0
     )
-
-    def transform(self) -> Transform | None:
-        """Return `T_rb_locsb`, None where it is not given.
-
-        Raises:
-            ConfigError: If the values are not a place.
-        """
-        if len(self.translation_m) != 3 or len(self.quat_xyzw) != 4:
-            raise ConfigError("T_rb_locsb needs translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
-        if not any(self.quat_xyzw):
-            if any(self.translation_m):
-                raise ConfigError("T_rb_locsb.translation_m is given but quat_xyzw is not: give both")
-            return None
-        if abs(float(np.linalg.norm(self.quat_xyzw)) - 1.0) > 1e-3:
-            raise ConfigError(f"T_rb_locsb.quat_xyzw is {list(self.quat_xyzw)}: a unit quaternion is needed")
-        return Transform.from_quat(self.translation_m, self.quat_xyzw)
+    wait_s: float = param(
+        0.0,
+        unit="s",
+        doc="How long a pair waits for a message at or after its stamp, once such messages come; 0: not at all.",
+        low=0.0,
+        high=10.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class LocalisationNodeConfig:
+class LocalisationNodeConfig(PairNodeConfig):
     """Parameters of the localisation node."""
 
     ds_frame: str = param("ds", doc="Name of the world frame DS: parent of the odometry.")
@@ -74,138 +69,218 @@ class LocalisationNodeConfig:
     output_depth: int = param(100, unit="messages", doc="Depth of the odometry's queue.", low=1, high=10000)
     T_rb_locsb: MountConfig = field(default_factory=MountConfig)
     input: StereoInputConfig = field(default_factory=StereoInputConfig)
+    motion_prior: MotionPriorConfig = field(default_factory=MotionPriorConfig)
     localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
 
 
-class LocalisationNode(Node):
+class LocalisationNode(ManagedNode):
     """Publishes the pose of RB in DS for each stereo pair."""
 
-    def __init__(self) -> None:
-        """Declare the parameters, warm up, subscribe.
+    _input: StereoInput | None = None
+
+    def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
+        """Declare the parameters.
+
+        Args:
+            name: Name of the node.
+            options: Of `rclpy.node.Node`.
 
         Raises:
             ConfigError: If a parameter is unknown or not valid.
         """
-        super().__init__(NAME)
-        (self._config,) = declare(self, LocalisationNodeConfig)
-        self._mount = self._config.T_rb_locsb.transform()
-        self._localiser: Localiser | None = None
-        self._first_pose = self._next_pose = Transform.identity()
-        self._frames = StaticFrames()
-        Localiser.warm_up()  # before the first picture: no call pays for it
-        self._calls = CallReporter(self, "localisation")
-        qos = QoSProfile(depth=self._config.output_depth)
-        self._odometry = self.create_publisher(Odometry, "localisation/odometry", qos)
-        self._tf = self._create_tf()
-        # First, so that a pose sent before the first pair is handled before it.
-        poses = self.create_subscription(
-            PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, QoSProfile(depth=1)
-        )
-        self._listen(poses.topic_name)
+        super().__init__(name, "localisation", LocalisationNodeConfig, live=("localisation.",), **options)
+        self.free()
 
-    def _listen(self, pose_topic: str) -> None:
-        topics = [pose_topic]
+    def check(self, config: LocalisationNodeConfig) -> None:
+        """Try whether a localiser can be made with the parameters and the rig, where that is known."""
+        mount = config.T_rb_locsb.transform()
+        if self._input is not None and self._input.rig is not None:
+            rig = replace(self._input.rig, T_rb_sb=mount or Transform.identity())
+            Localiser(rig, config.localisation, Transform.identity())
+
+    def make(self) -> None:
+        """Warm up, advertise."""
+        config: LocalisationNodeConfig = self.config
+        Localiser.warm_up()  # before the first picture: no call pays for it
+        self._settings_in_force = config.localisation
+        self._mount = config.T_rb_locsb.transform()
+        self._calls = CallReporter(self, self.task, self.diagnostics)
+        self._prior = MotionPrior(round(config.motion_prior.max_gap_s * NS))
+        self._odometry = self.publish_on(Odometry, "localisation/odometry", config.output_depth)
+        kind = tf_message_type() if config.publish_tf else None
+        self._tf = self.publish_on(kind, "/tf", 100) if kind else None
+
+    def listen(self) -> None:
+        """Subscribe and offer services."""
+        config: LocalisationNodeConfig = self.config
+        # First, so that a pose sent before the first pair is handled before it.
+        self.listen_to(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, QoSProfile(depth=1))
         if self._mount is None:
-            static = self._frames.subscribe(self, self._look_up_mount)
-            topics += [static] if static else []
+            self._frames.subscribe(self, self._look_up_mount)
+        prior_qos = profile("best_effort", config.input.queue_depth)
+        self.listen_to(Odometry, "motion_prior", self._on_motion_prior, prior_qos)
         self._input = StereoInput(
             self,
             "loc",
-            self._config.input,
-            on_pair=self._on_pair,
-            on_rig=self._on_rig,
-            on_jump_back=self._on_jump_back,
-            on_problem=self._report,
+            config.input,
+            on_pair=lambda pair: self.worker.offer(lambda: self._on_pair(pair)),
+            on_rig=lambda rig: self.worker.put(lambda: self._on_rig(rig)),
+            on_jump_back=lambda: self._restart("stamps have gone back"),
         )
-        service = self.create_service(Trigger, "~/reset", self._on_reset)
-        publishes = [self._odometry.topic_name, self._calls.topic, *(["/tf"] if self._tf else [])]
-        self.get_logger().info(
-            f"listens to {', '.join(topics + self._input.topics)}; publishes {', '.join(publishes)}; "
-            f"offers {self.resolve_service_name(service.srv_name)}"
-        )
+        self.offer("~/reset", self._reset, first=self._forget_waiting)
         if self._mount is None:
-            source = "/tf_static is awaited" if len(topics) > 1 else "tf2_msgs for /tf_static is not installed"
+            source = "/tf_static is awaited" if tf_message_type() else "tf2_msgs for /tf_static is not installed"
             self.get_logger().warning(f"the place of the stereo bench (parameters T_rb_locsb) is not given: {source}")
 
-    def _create_tf(self) -> Any:  # noqa: ANN401 - a publisher of a type that need not be there
-        kind = tf_message_type()
-        return self.create_publisher(kind, "/tf", QoSProfile(depth=100)) if kind and self._config.publish_tf else None
+    def free(self) -> None:
+        """Forget everything."""
+        self._input = None
+        self._rig: StereoRig | None = None
+        self._localiser: Localiser | None = None
+        self._known_ns: int | None = None
+        self._first_pose = self._next_pose = Transform.identity()
+        self._frames = StaticFrames()
+
+    def clock_back(self) -> None:
+        """Begin a new run, unless its pairs have come already."""
+        if self._input is not None and self._input.is_ahead():
+            self._restart("the clock has gone back")
+
+    def _restart(self, reason: str) -> None:
+        """Begin a new run at the first pose, after the pairs that came before."""
+        if self._input is not None:
+            self._input.restart()
+        self.get_logger().warning(f"{reason}: localisation starts anew at its first pose")
+        self.worker.put(self._begin_run)
+
+    def adopt(self, config: LocalisationNodeConfig) -> None:
+        """Start anew at the last pose with other parameters."""
+
+        def change() -> None:
+            self._settings_in_force, self._localiser = config.localisation, None
+
+        self.worker.put(change)
+
+    def counts(self) -> dict[str, int]:
+        """Return what was dropped since the start, by name."""
+        return (self._input.statistics() if self._input is not None else {}) | super().counts()
+
+    def restart_after_fault(self) -> None:
+        """Start anew at the last pose."""
+        self._localiser = None
+        if self._input is not None:
+            self._input.counts.broken += 1
+
+    # ---- in the executor's thread
 
     def _look_up_mount(self) -> None:
         if self._mount is None:
-            self._mount = self._frames.find(self._config.rb_frame, self._config.locsb_frame)
-
-    def _on_rig(self, rig: StereoRig) -> None:
-        if self._localiser is not None:
-            self.get_logger().warning("camera_info has changed: localisation starts anew at its last pose")
-        self._localiser = None
-
-    def _on_jump_back(self) -> None:
-        self.get_logger().warning("stamps have gone back: localisation starts anew at its first pose")
-        self._localiser, self._next_pose = None, self._first_pose
+            self._mount = self._frames.find(self.config.rb_frame, self.config.locsb_frame)
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         frame = message.header.frame_id
-        if frame not in ("", self._config.ds_frame):
-            self.get_logger().warning(f"initialpose is in '{frame}', '{self._config.ds_frame}' is needed: ignored")
+        if frame not in ("", self.config.ds_frame):
+            self.get_logger().warning(f"initialpose is in '{frame}', '{self.config.ds_frame}' is needed: ignored")
             return
         try:
             pose = transform_from_pose(message.pose.pose, "initialpose")
         except InputError as error:
             self.get_logger().warning(f"{error}; ignored")
             return
+        self.worker.put(lambda: self._set_pose(pose))
+
+    def _on_motion_prior(self, message: Odometry) -> None:
+        child, wanted = message.child_frame_id, self.config.rb_frame
+        try:
+            if child not in ("", wanted):
+                raise InputError(f"motion_prior is of '{child}', of '{wanted}' (parameter rb_frame) is needed")
+            pose = transform_from_pose(message.pose.pose, "motion_prior")
+        except InputError as error:
+            self.get_logger().warning(f"{error}; ignored", throttle_duration_sec=WARN_EVERY_S)
+            return
+        self._prior.add(stamp_of(message), pose)
+
+    def _forget_waiting(self) -> None:
+        self.worker.clear()
+        if self._input is not None:
+            self._input.restart()
+
+    # ---- in the worker's thread
+
+    def _on_rig(self, rig: StereoRig) -> None:
+        if self._rig is not None and self._rig.same_cameras(rig):
+            return  # the node was inactive meanwhile
+        if self._rig is not None:
+            self.get_logger().warning("camera_info has changed: localisation starts anew at its last pose")
+        self._rig, self._localiser = rig, None
+
+    def _begin_run(self) -> None:
+        self._localiser, self._next_pose = None, self._first_pose
+
+    def _reset(self) -> str:
+        self._first_pose = Transform.identity()
+        self._begin_run()
+        return "localisation starts anew at the identity"
+
+    def _set_pose(self, pose: Transform) -> None:
         self._first_pose = self._next_pose = pose
         if self._localiser is not None:
             self._localiser.set_pose(pose)
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._localiser = None
-        self._first_pose = self._next_pose = Transform.identity()
-        self._input.restart()
-        response.success, response.message = True, "localisation starts anew at the identity"
-        return response
-
-    def _on_pair(self, pair: StereoPair) -> None:
+    def _on_pair(self, received: ReceivedPair) -> None:
+        begin = time.perf_counter()
         try:
+            pair = received.decode()
+            conversion_s = time.perf_counter() - begin
             localiser = self._localiser or self._begin()
+            motion = self._motion(pair)
             with self._calls.measure() as usage:
-                estimate = localiser.process(pair)
+                estimate = localiser.process(pair, motion)
         except SfrError as error:
-            self._input.counts.rejected += 1
-            self._report(str(error))
+            if self._input is not None:
+                self._input.counts.broken += 1
+            self.report_problem(str(error))
             return
         self._next_pose = estimate.T_ds_rb
+        if estimate.state is not TrackingState.LOST:
+            self._known_ns = pair.stamp_ns
         self._publish(estimate)
-        self._calls.publish(
-            estimate.stamp_ns,
-            usage,
-            estimate.state.value,
-            estimate.statistics,
-            self._input.statistics(),
-            LEVELS[estimate.state],
+        now_ns = self.get_clock().now().nanoseconds
+        times = latencies(received.receipts, pair.stamp_ns, time.time_ns(), now_ns)
+        times |= {"conversion_s": conversion_s}
+        statistics = dict(estimate.statistics)
+        if motion is not None:
+            statistics["motion_prior"] = 1.0
+        level = LEVELS[estimate.state]
+        took = self._calls.publish(
+            estimate.stamp_ns, usage, estimate.state.value, statistics, self.counts(), level, times
         )
+        self.health.called(level, estimate.state.value, took, statistics)
+        self.report_health(only_changes=True)
 
-    def _report(self, text: str) -> None:
-        self.get_logger().error(text, throttle_duration_sec=WARN_EVERY_S)
-        self._calls.publish_problem(text, self._input.statistics())
+    def _motion(self, pair: StereoPair) -> Transform | None:
+        """Return what wheel odometry says of the motion since the pose known last."""
+        if self._known_ns is None:
+            return None
+        return self._prior.between(self._known_ns, pair.stamp_ns, self.config.motion_prior.wait_s)
 
     def _begin(self) -> Localiser:
         """Make the localiser for the rig, at the pose due."""
-        rig = self._input.rig
-        if rig is None or self._mount is None:
+        if self._rig is None or self._mount is None:
             raise InputError(
                 "the place of the stereo bench on the rover is not known: give the parameters T_rb_locsb.translation_m "
                 "and T_rb_locsb.quat_xyzw, or publish it on /tf_static"
             )
-        self._localiser = Localiser(replace(rig, T_rb_sb=self._mount), self._config.localisation, self._next_pose)
+        rig = replace(self._rig, T_rb_sb=self._mount)
+        self._localiser, self._known_ns = Localiser(rig, self._settings_in_force, self._next_pose), None
         return self._localiser
 
     def _publish(self, estimate: PoseEstimate) -> None:
-        message = odometry_msg(estimate, self._config.ds_frame, self._config.rb_frame)
+        message = odometry_msg(estimate, self.config.ds_frame, self.config.rb_frame)
         self._odometry.publish(message)
         if self._tf is None or estimate.state is TrackingState.LOST:
             return
-        motion = TransformStamped(header=message.header, child_frame_id=self._config.rb_frame)
+        motion = TransformStamped(header=message.header, child_frame_id=self.config.rb_frame)
         place = message.pose.pose.position
         motion.transform.translation = Vector3(x=place.x, y=place.y, z=place.z)
         motion.transform.rotation = message.pose.pose.orientation

@@ -1,32 +1,41 @@
-"""The mapping node: up to three stereo pairs with their poses in, one cloud out."""
+"""The mapping node: up to three stereo pairs with their poses in, one cloud out.
+
+Messages are received in the executor's thread, where pairs wait for their poses; the worker's thread alone touches the
+mapper and the set of pairs begun.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
-from std_srvs.srv import Trigger
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.mapper import MAX_PAIRS, Mapper, PairMap
+from sfr_loc_map.mapping.mapper import MAX_PAIRS, FusedMap, Mapper, PairMap
+from sfr_loc_map.metrics.resources import CallUsage
 from sfr_loc_map.nodes.calls import CallReporter
 from sfr_loc_map.nodes.conversions import NS, cloud_msg, disparity_msg, header_msg, transform_from_pose
 from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.parameters import declare
+from sfr_loc_map.nodes.latency import latencies
+from sfr_loc_map.nodes.managed import WARN_EVERY_S, ManagedNode, PairNodeConfig
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.nodes.stereo_input import WARN_EVERY_S, StereoInput, StereoInputConfig
+from sfr_loc_map.nodes.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
 
 NAME = "mapping_node"
+ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)
+"""To warm up and to check parameters with, before the rig is known."""
 MAX_POSES = 1000
 """Poses that are kept for pairs still to come."""
 MAX_WAITING = 2 * MAX_PAIRS
@@ -34,7 +43,7 @@ MAX_WAITING = 2 * MAX_PAIRS
 
 
 @dataclass(frozen=True, slots=True)
-class MappingNodeConfig:
+class MappingNodeConfig(PairNodeConfig):
     """Parameters of the mapping node."""
 
     lm_frame: str = param("lm", doc="Name of the local map frame LM: frame of the cloud.")
@@ -49,68 +58,106 @@ class MappingNodeConfig:
     mapping: MappingConfig = field(default_factory=MappingConfig)
 
 
-class MappingNode(Node):
+class MappingNode(ManagedNode):
     """Publishes the disparity of each stereo pair and the cloud of a set of pairs."""
 
-    def __init__(self) -> None:
-        """Declare the parameters, warm up, subscribe.
+    _input: StereoInput | None = None
+
+    def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
+        """Declare the parameters.
+
+        Args:
+            name: Name of the node.
+            options: Of `rclpy.node.Node`.
 
         Raises:
             ConfigError: If a parameter is unknown or not valid.
         """
-        super().__init__(NAME)
-        (self._config,) = declare(self, MappingNodeConfig)
-        self._mapper: Mapper | None = None
-        self._maps: list[PairMap] = []
-        self._poses: dict[int, Transform] = {}
-        self._waiting: dict[int, tuple[float, StereoPair]] = {}
-        self._without_pose = 0
-        self._warm_up()
-        self._calls = CallReporter(self, "mapping")
-        qos = QoSProfile(depth=self._config.output_depth)
-        self._cloud = self.create_publisher(PointCloud2, "mapping/points", qos)
-        self._disparity = self.create_publisher(DisparityImage, "mapping/disparity", qos)
-        self._listen()
+        super().__init__(name, "mapping", MappingNodeConfig, live=("mapping.",), **options)
+        self.free()
 
-    def _listen(self) -> None:
-        poses = self.create_subscription(PoseStamped, "nav/pose", self._on_pose, QoSProfile(depth=100))
+    def check(self, config: MappingNodeConfig) -> None:
+        """Try whether a mapper can be made with the parameters and the rig, or any where that is not known."""
+        rig = self._input.rig if self._input is not None else None
+        Mapper(rig or ANY_RIG, config.mapping)
+
+    def make(self) -> None:
+        """Warm up, advertise."""
+        config: MappingNodeConfig = self.config
+        self._settings_in_force = config.mapping
+        Mapper(ANY_RIG, config.mapping).warm_up()
+        self._calls = CallReporter(self, self.task, self.diagnostics)
+        self._cloud = self.publish_on(PointCloud2, "mapping/points", config.output_depth)
+        self._disparity = self.publish_on(DisparityImage, "mapping/disparity", config.output_depth)
+
+    def listen(self) -> None:
+        """Subscribe and offer services."""
+        self.listen_to(PoseStamped, "nav/pose", self._on_pose, QoSProfile(depth=100))
         self._input = StereoInput(
             self,
             "nav",
-            self._config.input,
+            self.config.input,
             on_pair=self._on_pair,
             on_rig=self._on_rig,
-            on_jump_back=self._on_jump_back,
-            on_problem=self._report,
+            on_jump_back=lambda: self._restart("stamps have gone back"),
         )
-        services = [
-            self.create_service(Trigger, "~/finish", self._on_finish),
-            self.create_service(Trigger, "~/reset", self._on_reset),
-        ]
-        self._timer = self.create_timer(0.2, self._drop_overdue)
-        names = [self.resolve_service_name(service.srv_name) for service in services]
-        self.get_logger().info(
-            f"listens to {', '.join([poses.topic_name, *self._input.topics])}; publishes {self._cloud.topic_name}, "
-            f"{self._disparity.topic_name}, {self._calls.topic}; offers {', '.join(names)}"
-        )
+        self.offer("~/finish", self._finish)
+        self.offer("~/reset", self._reset, first=self._forget_waiting)
+        self.every(0.2, self._drop_overdue)
 
-    def _warm_up(self) -> None:
-        rig = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)
-        Mapper(rig, self._config.mapping).warm_up()
+    def free(self) -> None:
+        """Forget everything."""
+        self._input = None
+        self._rig: StereoRig | None = None
+        self._mapper: Mapper | None = None
+        self._maps: list[PairMap] = []
+        self._poses: dict[int, Transform] = {}
+        self._waiting: dict[int, tuple[float, ReceivedPair]] = {}
+        self._without_pose = 0
+
+    def clock_back(self) -> None:
+        """Begin a new map, unless its pairs have come already."""
+        if self._input is not None and self._input.is_ahead():
+            self._restart("the clock has gone back")
+
+    def adopt(self, config: MappingNodeConfig) -> None:
+        """Map the next pairs with other parameters; those of the set begun stay as they are."""
+
+        def change() -> None:
+            self._settings_in_force = config.mapping
+            if self._rig is not None:
+                self._mapper = Mapper(self._rig, config.mapping)
+
+        self.worker.put(change)
+
+    def expects_more(self) -> bool:
+        """Tell whether a set of pairs is begun: between maps silence is no sign."""
+        return bool(self._maps)
+
+    def counts(self) -> dict[str, int]:
+        """Return what was dropped since the start, by name."""
+        own = {"dropped_without_pose": self._without_pose} if self._input is not None else {}
+        return (self._input.statistics() if self._input is not None else {}) | own | super().counts()
+
+    def restart_after_fault(self) -> None:
+        """Begin a new map."""
+        self._maps.clear()
+        if self._input is not None:
+            self._input.counts.broken += 1
+
+    # ---- in the executor's thread
 
     def _on_rig(self, rig: StereoRig) -> None:
-        if self._mapper is not None:
-            self.get_logger().warning("camera_info has changed: a new map begins")
-        self._restart()
-        try:
-            self._mapper = Mapper(rig, self._config.mapping)
-        except SfrError as error:
-            self._mapper = None
-            self._report(str(error))
+        self._waiting.clear()
+        self.worker.put(lambda: self._set_rig(rig))
 
-    def _on_jump_back(self) -> None:
-        self.get_logger().warning("stamps have gone back: a new map begins")
-        self._restart()
+    def _restart(self, reason: str) -> None:
+        """Begin a new map after the pairs that came before; poses stay: the next pairs' may be among them."""
+        self.get_logger().warning(f"{reason}: a new map begins")
+        if self._input is not None:
+            self._input.restart()
+        self._waiting.clear()
+        self.worker.put(self._begin_map)
 
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)
@@ -119,8 +166,8 @@ class MappingNode(Node):
         except InputError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=WARN_EVERY_S)
             return
-        if message.header.frame_id not in ("", self._config.lm_frame):
-            found, wanted = message.header.frame_id, self._config.lm_frame
+        if message.header.frame_id not in ("", self.config.lm_frame):
+            found, wanted = message.header.frame_id, self.config.lm_frame
             self.get_logger().warning(f"nav/pose is in '{found}', '{wanted}' is needed (parameter lm_frame): ignored")
             return
         self._poses[stamp_ns] = pose
@@ -128,48 +175,96 @@ class MappingNode(Node):
             self._poses.pop(next(iter(self._poses)))
         self._map_ready()
 
-    def _on_pair(self, pair: StereoPair) -> None:
+    def _on_pair(self, pair: ReceivedPair) -> None:
         self._waiting[pair.stamp_ns] = (time.monotonic(), pair)
         if len(self._waiting) > MAX_WAITING:
             self._drop(next(iter(self._waiting)))
         self._map_ready()
 
     def _map_ready(self) -> None:
-        """Map the waiting pairs whose poses are there, in the order of their coming."""
-        for stamp_ns in [stamp for stamp in self._waiting if self._pose_of(stamp) is not None]:
+        """Hand over the waiting pairs whose poses are there, in the order of their coming."""
+        for stamp_ns in list(self._waiting):
             pose = self._pose_of(stamp_ns)
-            _, pair = self._waiting.pop(stamp_ns)
             if pose is not None:
-                self._map(pair, pose)
+                _, pair = self._waiting.pop(stamp_ns)
+                self.worker.offer(partial(self._map, pair, pose))
 
     def _pose_of(self, stamp_ns: int) -> Transform | None:
-        tolerance_ns = self._config.input.stamp_tolerance_s * NS
+        tolerance_ns = self.config.input.stamp_tolerance_s * NS
         nearest = min(self._poses, key=lambda stamp: abs(stamp - stamp_ns), default=None)
         if nearest is None or abs(nearest - stamp_ns) > tolerance_ns:
             return None
         return self._poses[nearest]
 
-    def _map(self, pair: StereoPair, pose: Transform) -> None:
-        if self._mapper is None or self._input.rig is None:
-            self._report("the parameters of the mapper do not fit the rig: pair dropped")
-            return
+    def _drop_overdue(self) -> None:
+        limit = time.monotonic() - self.config.pose_wait_s
+        for stamp_ns in [stamp for stamp, (since, _) in self._waiting.items() if since < limit]:
+            self._drop(stamp_ns)
+
+    def _drop(self, stamp_ns: int) -> None:
+        self._waiting.pop(stamp_ns)
+        self._without_pose += 1
+        self.report_problem(
+            f"pair of stamp {stamp_ns} dropped: no nav/pose of its stamp came within {self.config.pose_wait_s} s; "
+            f"publish the pose of NAVSB in LM with the stamp of the pair"
+        )
+
+    def _forget_waiting(self) -> None:
+        self.worker.clear()
+        self._waiting.clear()
+        self._poses.clear()
+        if self._input is not None:
+            self._input.restart()
+
+    # ---- in the worker's thread
+
+    def _set_rig(self, rig: StereoRig) -> None:
+        if self._rig is not None and self._rig.same_cameras(rig):
+            return  # the node was inactive meanwhile
+        if self._rig is not None:
+            self.get_logger().warning("camera_info has changed: a new map begins")
+        self._begin_map()
+        self._rig, self._mapper = rig, None
         try:
+            self._mapper = Mapper(rig, self._settings_in_force)
+        except SfrError as error:
+            self.report_problem(str(error))
+
+    def _begin_map(self) -> None:
+        self._maps.clear()
+
+    def _reset(self) -> str:
+        self._begin_map()
+        return "a new map begins"
+
+    def _map(self, received: ReceivedPair, pose: Transform) -> None:
+        if self._mapper is None:
+            self.report_problem("the parameters of the mapper do not fit the rig: pair dropped")
+            return
+        begin = time.perf_counter()
+        try:
+            pair = received.decode()
+            conversion_s = time.perf_counter() - begin
             with self._calls.measure() as usage:
                 result = self._mapper.process(pair, pose, len(self._maps))
         except SfrError as error:
-            self._report(str(error))
+            if self._input is not None:
+                self._input.counts.broken += 1
+            self.report_problem(str(error))
             return
         self._maps.append(result)
-        rig, mapping = self._input.rig, self._config.mapping
-        searched = tuple(rig.fx * rig.baseline_m / depth for depth in (mapping.max_range_m, mapping.min_range_m))
-        frame = self._input.frame_id
-        disparity = disparity_msg(result.disparity_px, rig, searched, header_msg(pair.stamp_ns, frame))
-        self._disparity.publish(disparity)
-        self._calls.publish(pair.stamp_ns, usage, "mapped", result.statistics, self._counts(), Level.OK)
-        if len(self._maps) == self._config.pairs_per_map:
-            self._finish()
+        rig, mapping = received.rig, self._settings_in_force
+        product = rig.fx * rig.baseline_m
+        searched = (product / mapping.max_range_m, product / mapping.min_range_m)
+        header = header_msg(pair.stamp_ns, received.frame_id)
+        self._disparity.publish(disparity_msg(result.disparity_px, rig, searched, header))
+        now_ns = self.get_clock().now().nanoseconds
+        times = latencies(received.receipts, pair.stamp_ns, time.time_ns(), now_ns) | {"conversion_s": conversion_s}
+        self._told(pair.stamp_ns, usage, "mapped", result, times)
+        if len(self._maps) == self.config.pairs_per_map:
+            self._fuse()
 
-    def _finish(self) -> int:
+    def _fuse(self) -> int:
         """Fuse and publish what there is and begin anew; return the number of points."""
         maps, self._maps = self._maps, []
         if self._mapper is None:
@@ -177,50 +272,25 @@ class MappingNode(Node):
         with self._calls.measure() as usage:
             fused = self._mapper.fuse(maps)
         stamp_ns = maps[-1].stamp_ns
-        self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self._config.lm_frame))
-        self._calls.publish(stamp_ns, usage, "fused", fused.statistics, self._counts(), Level.OK)
+        self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self.config.lm_frame))
+        self._told(stamp_ns, usage, "fused", fused, {})
         return len(fused.cloud)
 
-    def _on_finish(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _finish(self) -> str:
         pairs = len(self._maps)
-        try:
-            points = self._finish()
-            response.success, response.message = True, f"{points} points of {pairs} pairs published"
-        except SfrError as error:
-            response.success, response.message = False, str(error)
-        return response
+        return f"{self._fuse()} points of {pairs} pairs published"
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._restart()
-        self._poses.clear()
-        self._input.restart()
-        response.success, response.message = True, "a new map begins"
-        return response
-
-    def _restart(self) -> None:
-        """Forget the set begun; poses stay, since those of the next pairs may be among them."""
-        self._maps.clear()
-        self._waiting.clear()
-
-    def _drop_overdue(self) -> None:
-        limit = time.monotonic() - self._config.pose_wait_s
-        for stamp_ns in [stamp for stamp, (since, _) in self._waiting.items() if since < limit]:
-            self._drop(stamp_ns)
-
-    def _drop(self, stamp_ns: int) -> None:
-        self._waiting.pop(stamp_ns)
-        self._without_pose += 1
-        self._report(
-            f"pair of stamp {stamp_ns} dropped: no nav/pose of its stamp came within {self._config.pose_wait_s} s; "
-            f"publish the pose of NAVSB in LM with the stamp of the pair"
-        )
-
-    def _counts(self) -> dict[str, int]:
-        return self._input.statistics() | {"dropped_without_pose": self._without_pose}
-
-    def _report(self, text: str) -> None:
-        self.get_logger().error(text, throttle_duration_sec=WARN_EVERY_S)
-        self._calls.publish_problem(text, self._counts())
+    def _told(
+        self, stamp_ns: int, usage: CallUsage, state: str, result: PairMap | FusedMap, times: Mapping[str, float]
+    ) -> None:
+        """Publish what a call took and what is suspicious in its result."""
+        level = Level.WARN if result.warnings else Level.OK
+        for warning in result.warnings:
+            self.get_logger().warning(warning, throttle_duration_sec=WARN_EVERY_S)
+            self.health.problem(Level.WARN, warning)
+        took = self._calls.publish(stamp_ns, usage, state, result.statistics, self.counts(), level, times)
+        self.health.called(level, state, took, result.statistics)
+        self.report_health(only_changes=True)
 
 
 def main() -> int:

@@ -1,10 +1,16 @@
-"""The monitor node: scores a run while it goes on and publishes the figures."""
+"""The monitor node: scores a run while it goes on and publishes the figures.
+
+Whatever comes is handed in order to the worker's thread, which alone touches the score.
+"""
 
 from __future__ import annotations
 
+import json
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +18,11 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Float64, String
-from std_srvs.srv import Trigger
 
+from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.io.atomic import atomic_path
@@ -31,10 +36,10 @@ from sfr_loc_map.metrics.results import to_json
 from sfr_loc_map.nodes.calls import task_record
 from sfr_loc_map.nodes.conversions import cloud_from_msg, header_msg, odometry_row, transform_from_pose
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, status_msg
+from sfr_loc_map.nodes.managed import ManagedNode, NodeConfig
 from sfr_loc_map.nodes.monitor_score import MonitorScore, warm_up
-from sfr_loc_map.nodes.parameters import declare
 from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.nodes.stereo_input import WARN_EVERY_S
+from sfr_loc_map.nodes.worker import Overload
 
 NAME = "monitor_node"
 FIGURES = {
@@ -49,7 +54,7 @@ VERDICT_LEVELS = {PASS: Level.OK, FAIL: Level.ERROR}
 
 
 @dataclass(frozen=True, slots=True)
-class MonitorNodeConfig:
+class MonitorNodeConfig(NodeConfig):
     """Parameters of the monitor node."""
 
     publish_period_s: float = param(
@@ -61,43 +66,45 @@ class MonitorNodeConfig:
     score: ScoreConfig = field(default_factory=ScoreConfig)
 
 
-class MonitorNode(Node):
+class MonitorNode(ManagedNode):
     """Listens to estimates, truth, clouds and calls and publishes the score."""
 
-    def __init__(self) -> None:
-        """Declare the parameters, subscribe.
+    def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
+        """Declare the parameters.
+
+        Args:
+            name: Name of the node.
+            options: Of `rclpy.node.Node`.
 
         Raises:
-            ConfigError: If a parameter or the file of limits is not valid.
+            ConfigError: If a parameter is unknown or not valid.
         """
-        super().__init__(NAME)
-        (self._config,) = declare(self, MonitorNodeConfig)
-        limits = load_limits(Path(self._config.limits_file)) if self._config.limits_file else None
-        self._score = MonitorScore(self._config.score, limits)
-        self._infos: dict[str, CameraInfo] = {}
-        self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
-        self._changed = False
-        self._last_ns = 0
-        warm_up(self._config.score)
-        topics = self._advertise()
-        self._listen(topics)
+        super().__init__(name, "monitor", MonitorNodeConfig, live=(), **options)
+        self.free()
 
-    def _advertise(self) -> list[str]:
-        depth = QoSProfile(depth=10)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._metrics = self.create_publisher(DiagnosticArray, "metrics", depth)
-        self._report = self.create_publisher(String, "metrics/report", latched)
+    def make(self) -> None:
+        """Read the limits, warm up, advertise.
+
+        Raises:
+            ConfigError: If the file of limits is not valid.
+        """
+        config: MonitorNodeConfig = self.config
+        limits = load_limits(Path(config.limits_file)) if config.limits_file else None
+        warm_up(config.score)
+        self._score = MonitorScore(config.score, limits)
+        self._metrics = self.publish_on(DiagnosticArray, "metrics", 10)
+        self._report = self.publish_on(String, "metrics/report", 1, latched=True)
         self._figures = {
-            (name, statistic): self.create_publisher(Float64, f"metrics/{name}/{statistic}", depth)
+            (name, statistic): self.publish_on(Float64, f"metrics/{name}/{statistic}", 10)
             for name in FIGURES
             for statistic in STATISTICS
         }
-        self._diagnostics = self.create_publisher(DiagnosticArray, TOPIC, depth)
-        return [p.topic_name for p in (self._metrics, self._report, *self._figures.values(), self._diagnostics)]
 
-    def _listen(self, publishes: list[str]) -> None:
-        many = QoSProfile(depth=self._config.input_depth)
+    def listen(self) -> None:
+        """Subscribe and offer services."""
+        many = QoSProfile(depth=self.config.input_depth)
         few = QoSProfile(depth=10)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         inputs: list[tuple[type[Any], str, Callable[[Any], None], QoSProfile]] = [
             (Odometry, "localisation/odometry", self._on_estimate, many),
             (Odometry, "ground_truth/odometry", self._on_truth, many),
@@ -107,34 +114,47 @@ class MonitorNode(Node):
             (CameraInfo, "nav/right/camera_info", lambda message: self._on_info("right", message), few),
             (PointCloud2, "ground_truth/points", self._on_true_points, few),
             (PointCloud2, "mapping/points", self._on_cloud, few),
+            (
+                String,
+                "localisation/configuration",
+                lambda message: self._on_configuration("localisation", message),
+                latched,
+            ),
+            (String, "mapping/configuration", lambda message: self._on_configuration("mapping", message), latched),
         ]
-        topics = [
-            self.create_subscription(kind, topic, self._guarded(callback), qos).topic_name
-            for kind, topic, callback, qos in inputs
-        ]
-        services = [
-            self.create_service(Trigger, "~/save", self._on_save),
-            self.create_service(Trigger, "~/reset", self._on_reset),
-        ]
-        self._timer = self.create_timer(self._config.publish_period_s, self._publish)
-        names = [self.resolve_service_name(service.srv_name) for service in services]
-        self.get_logger().info(
-            f"listens to {', '.join(topics)}; publishes {', '.join(publishes)}; offers {', '.join(names)}"
-        )
+        for kind, topic, callback, qos in inputs:
+            self.listen_to(kind, topic, self._handed_over(callback), qos)
+        self.offer("~/save", self._save)
+        self.offer("~/reset", self._reset)
+        self.every(self.config.publish_period_s, lambda: self.worker.put(self._publish))
 
-    def _guarded(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return the callback with bad messages reported instead of raised."""
+    def free(self) -> None:
+        """Forget everything."""
+        self._score = MonitorScore(self.config.score, None)
+        self._infos: dict[str, CameraInfo] = {}
+        self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
+        self._configurations: dict[str, Any] = {}
+        self._changed = False
+        self._last_ns = 0
 
-        def received(message: Any) -> None:  # noqa: ANN401 - any message
+    def queue_limits(self) -> tuple[Overload, int]:
+        """Return that every message counts, as far as there is room."""
+        return "every_pair", self.config.input_depth
+
+    # ---- in the executor's thread
+
+    def _handed_over(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a callback that lets the worker do the work, and report bad messages."""
+
+        def work(message: Any) -> None:  # noqa: ANN401 - any message
             try:
                 callback(message)
             except SfrError as error:
-                self.get_logger().error(str(error), throttle_duration_sec=WARN_EVERY_S)
-                name = f"{self.get_fully_qualified_name().lstrip('/')}: input"
-                status = status_msg(name, Level.ERROR, str(error), {})
-                self._diagnostics.publish(array_msg(header_msg(self._last_ns, ""), status))
+                self.report_problem(str(error))
 
-        return received
+        return lambda message: self.worker.offer(partial(work, message))
+
+    # ---- in the worker's thread
 
     def _on_estimate(self, message: Odometry) -> None:
         stamp_ns, position, quat = odometry_row(message)
@@ -194,18 +214,31 @@ class MonitorNode(Node):
         self._score.add_cloud(stamp_of(message), cloud_from_msg(message))
         self._try_maps()
 
+    def _on_configuration(self, task: str, message: String) -> None:
+        try:
+            self._configurations[task] = json.loads(message.data)
+        except ValueError as error:
+            raise InputError(f"{task}/configuration is not JSON ({error}): ignored") from error
+
     def _try_maps(self) -> None:
         self._changed |= self._score.score_maps()
 
     def _note(self, stamp_ns: int) -> None:
         self._changed = True
         self._last_ns = max(self._last_ns, stamp_ns)
+        self.health.arrived()
+
+    def _result(self) -> dict[str, Any]:
+        """Return the score so far, with the configurations that it was made with."""
+        configuration = self._configurations | {"monitor": json.loads(self.configuration)}
+        return self._score.result() | {"provenance": {"version": __version__, "configuration": configuration}}
 
     def _publish(self) -> None:
         if not self._changed:
             return
         self._changed = False
-        score = self._score.result()
+        begin = time.perf_counter()
+        score = self._result()
         score.pop("details", None)
         self._report.publish(String(data=to_json(score)))
         for (name, statistic), publisher in self._figures.items():
@@ -214,24 +247,20 @@ class MonitorNode(Node):
             if value is not None:
                 publisher.publish(Float64(data=float(value)))
         self._metrics.publish(array_msg(header_msg(self._last_ns, ""), *metric_statuses(score)))
+        self.health.called(Level.OK, "scoring", {"processing_time_s": time.perf_counter() - begin}, {})
 
-    def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        path = Path(self._config.save_file)
-        try:
-            if not self._config.save_file:
-                raise InputError("the parameter save_file is empty: start the node with a path")
-            with atomic_path(path) as temporary:
-                temporary.write_text(to_json(self._score.result()), encoding="utf-8")
-            response.success, response.message = True, str(path)
-        except SfrError as error:
-            response.success, response.message = False, str(error)
-        return response
+    def _save(self) -> str:
+        path = Path(self.config.save_file)
+        if not self.config.save_file:
+            raise InputError("the parameter save_file is empty: start the node with a path")
+        with atomic_path(path) as temporary:
+            temporary.write_text(to_json(self._result()), encoding="utf-8")
+        return str(path)
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _reset(self) -> str:
         self._score.restart()
         self._changed = True
-        response.success, response.message = True, "the score starts anew"
-        return response
+        return "the score starts anew"
 
 
 def metric_statuses(score: dict[str, Any]) -> list[DiagnosticStatus]:

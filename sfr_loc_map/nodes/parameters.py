@@ -5,15 +5,17 @@ A field of a dataclass is the only declaration of a parameter: ROS gets its name
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Mapping
-from typing import Any, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, Generic, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from sfr_loc_map.config import ParamInfo, build, flatten, parameters
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, SfrError
 
 C = TypeVar("C")
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -21,35 +23,82 @@ BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _LARGEST_INTEGER = 2**63 - 1
 
 
-def declare(node: Node, *config_types: type[Any]) -> list[Any]:
-    """Declare the parameters of configuration classes on a node and return the configurations.
+class Parameters(Generic[C]):
+    """The parameters of a node as one configuration, which live changes replace as a whole.
 
-    Args:
-        node: A node that has declared none of them yet.
-        config_types: Frozen dataclasses with fields by `sfr_loc_map.config.param`; names differ between them.
-
-    Returns:
-        One configuration for each class, with what the parameter files and the command line gave.
-
-    Raises:
-        ConfigError: For an unknown name, a wrong type or a value out of range.
+    Attributes:
+        config: The configuration in force.
     """
-    given = {n: _plain(p.value) for n, p in node._parameter_overrides.items() if not n.startswith(BUILT_IN)}
-    origin = f"parameters of {node.get_fully_qualified_name()}"
-    configs = _build_all(config_types, given, origin)
-    for config_type, config in zip(config_types, configs, strict=True):
-        values = flatten(config)
-        for info in parameters(config_type):
-            value = values[info.name]
-            value = list(value) if isinstance(value, tuple) else value
-            node.declare_parameter(info.name, value, descriptor(info), ignore_override=True)
-    return configs
+
+    def __init__(
+        self,
+        node: Node,
+        config_type: type[C],
+        *,
+        live: tuple[str, ...] = (),
+        check: Callable[[C], None] = lambda config: None,
+        changed: Callable[[C], None] = lambda config: None,
+    ) -> None:
+        """Declare the parameters with what parameter files and command line gave.
+
+        Args:
+            node: A node that has declared none of them yet.
+            config_type: A frozen dataclass with fields by `sfr_loc_map.config.param`.
+            live: Beginnings of names that may change while the node runs, beside those whose fields say so.
+            check: Raises an `SfrError` where values that are each valid do not fit together.
+            changed: Called with the configuration after each live change.
+
+        Raises:
+            ConfigError: For an unknown name, a wrong type or a value out of range.
+            SfrError: What `check` raises.
+        """
+        self._type, self._check, self._changed = config_type, check, changed
+        self._origin = f"parameters of {node.get_fully_qualified_name()}"
+        self._infos = {info.name: info for info in parameters(config_type)}
+        given = {n: _plain(p.value) for n, p in node._parameter_overrides.items() if not n.startswith(BUILT_IN)}
+        self._refuse_unknown(given)
+        self.config = build(config_type, given, origin=self._origin)
+        check(self.config)
+        values = flatten(self.config)
+        for name, info in self._infos.items():
+            is_live = info.live or name.startswith(live or ("\0",))
+            node.declare_parameter(name, _plain(values[name]), descriptor(info, live=is_live), ignore_override=True)
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._on_changed)
+
+    def to_json(self) -> str:
+        """Return the configuration in force by dotted names."""
+        return json.dumps({name: _plain(value) for name, value in flatten(self.config).items()})
+
+    def _refuse_unknown(self, given: dict[str, Any]) -> None:
+        unknown = sorted(set(given) - set(self._infos))
+        if unknown:
+            known = ", ".join(sorted(self._infos))
+            raise ConfigError(f"{self._origin}: unknown key {', '.join(map(repr, unknown))}; known are: {known}")
+
+    def _with(self, changes: Sequence[Parameter]) -> C:
+        """Return the configuration with changes."""
+        values = flatten(self.config) | {p.name: _plain(p.value) for p in changes if p.name in self._infos}
+        return build(self._type, values, origin=self._origin)
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        try:
+            self._check(self._with(changes))
+        except SfrError as error:
+            return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
+        return SetParametersResult(successful=True)
+
+    def _on_changed(self, changes: list[Parameter]) -> None:
+        config = self._with(changes)
+        if config != self.config:
+            self.config = config
+            self._changed(config)
 
 
-def descriptor(info: ParamInfo) -> ParameterDescriptor:
+def descriptor(info: ParamInfo, *, live: bool) -> ParameterDescriptor:
     """Return what ROS tools show of a parameter: text with unit, range, choices, whether it may change."""
     text = f"{info.doc} [{info.unit}]" if info.unit else info.doc
-    message = ParameterDescriptor(description=text, read_only=not info.live)
+    message = ParameterDescriptor(description=text, read_only=not live)
     if info.choices:
         message.additional_constraints = "one of: " + ", ".join(info.choices)
     if info.low is None and info.high is None:
@@ -61,15 +110,6 @@ def descriptor(info: ParamInfo) -> ParameterDescriptor:
         low, high = _or(info.low, -_LARGEST_INTEGER), _or(info.high, _LARGEST_INTEGER)
         message.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
     return message
-
-
-def _build_all(config_types: tuple[type[Any], ...], given: Mapping[str, Any], origin: str) -> list[Any]:
-    owners = {info.name: kind for kind in config_types for info in parameters(kind)}
-    unknown = sorted(set(given) - set(owners))
-    if unknown:
-        known = ", ".join(sorted(owners))
-        raise ConfigError(f"{origin}: unknown key {', '.join(map(repr, unknown))}; known are: {known}")
-    return [build(kind, {n: v for n, v in given.items() if owners[n] is kind}, origin=origin) for kind in config_types]
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any parameter type

@@ -135,9 +135,9 @@ class Player:
         self._wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(self._resets)} did not start")
         self._spin_for(SETTLE_S)
 
-    def set_pose(self, pose: Transform, frame_id: str) -> None:
-        """Publish the pose at which localisation shall start and wait until it has arrived."""
-        message = PoseWithCovarianceStamped(header=header_msg(0, frame_id))
+    def set_pose(self, pose: Transform) -> None:
+        """Publish the pose at which localisation shall start, in its own world frame, and wait until it has arrived."""
+        message = PoseWithCovarianceStamped(header=header_msg(0, ""))
         message.pose.pose = pose_msg(pose, pose.file_quat_xyzw)
         self._initial_pose.publish(message)
         self._wait_for(self._delivered, ANSWER_TIMEOUT_S, lambda: "initialpose was not taken by localisation_node")
@@ -226,7 +226,7 @@ class Player:
         for status in message.status:
             found = task_record(status)
             if found is None:
-                if level_of(status) is Level.ERROR:
+                if level_of(status) is Level.ERROR and status.name.endswith(": input"):
                     self._problem = f"{status.name.split(':')[0]}: {status.message}"
             elif found.task == "localisation":
                 self.recording.localisation[found.record.stamp_ns] = found.record

@@ -27,8 +27,6 @@ from sfr_loc_map.nodes.playback import messages_of, topics_of
 from sfr_loc_map.nodes.player import Player, Recording
 from sfr_loc_map.nodes.supervisor import Supervisor
 
-DS_FRAME = "ds"
-
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
@@ -87,7 +85,7 @@ def replay(
                 say("waiting for the nodes")
                 player.wait_until_ready()
                 if options.start is not None and source.loc is not None:
-                    player.set_pose(options.start, DS_FRAME)
+                    player.set_pose(options.start)
                 say("playing")
                 published = player.play(messages_of(source, options.remap), options.rate, progress)
                 say("collecting")

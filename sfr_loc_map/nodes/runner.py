@@ -16,6 +16,7 @@ from rclpy.utilities import ok, try_shutdown
 
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.managed import ManagedNode
 from sfr_loc_map.nodes.supervisor import SUPERVISOR_VARIABLE
 
 _PR_SET_PDEATHSIG = 1
@@ -41,6 +42,8 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         executor = SingleThreadedExecutor()
         node = _make(factory)
         executor.add_node(node)
+        if isinstance(node, ManagedNode):
+            node.start()
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -6,11 +6,11 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.nodes.managed import ManagedNode
 
 
 def tf_message_type() -> type[Any] | None:
@@ -28,18 +28,18 @@ class StaticFrames:
         """Start empty."""
         self._parents: dict[str, tuple[str, Transform]] = {}
 
-    def subscribe(self, node: Node, on_change: Callable[[], None]) -> str | None:
-        """Listen to `/tf_static`; return the topic, None where tf2_msgs is not installed."""
+    def subscribe(self, node: ManagedNode, on_change: Callable[[], None]) -> None:
+        """Listen to `/tf_static`, where tf2_msgs is installed."""
         kind = tf_message_type()
         if kind is None:
-            return None
+            return
 
         def received(message: Any) -> None:  # noqa: ANN401 - tf2_msgs need not be there
             self.add(message)
             on_change()
 
         qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        return str(node.create_subscription(kind, "/tf_static", received, qos).topic_name)
+        node.listen_to(kind, "/tf_static", received, qos)
 
     def add(self, message: Any) -> None:  # noqa: ANN401 - a tf2_msgs/TFMessage
         """Take the transforms of a message; one that is no rigid motion is left out."""

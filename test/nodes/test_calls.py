@@ -19,9 +19,8 @@ from sfr_loc_map.nodes.diagnostics import Level, level_of, status_msg, values_of
 
 def published(usage: CallUsage) -> DiagnosticStatus:
     node = rclpy.create_node("tried", namespace="/rover")
-    reporter = CallReporter(node, "localisation")
     taken: list[DiagnosticArray] = []
-    reporter._publisher = type("P", (), {"publish": staticmethod(taken.append)})
+    reporter = CallReporter(node, "localisation", type("P", (), {"publish": staticmethod(taken.append)}))
     statistics = {"inliers": np.float64(1 / 3), "features": 12}
     reporter.publish(5, usage, "lost", statistics, {"dropped_stale": 4}, Level.ERROR)
     node.destroy_node()

@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from sfr_loc_map.config import flatten, param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.parameter_files import FILES, parameter_file
-from sfr_loc_map.nodes.parameters import declare
+from sfr_loc_map.nodes.parameters import Parameters
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 
@@ -36,8 +36,7 @@ class Outer:
 
 def made(*overrides: Parameter) -> tuple[rclpy.node.Node, Outer]:
     node = rclpy.create_node("tried", parameter_overrides=list(overrides))
-    (config,) = declare(node, Outer)
-    return node, config
+    return node, Parameters(node, Outer).config
 
 
 def test_defaults_and_descriptors_come_from_the_fields(ros: None) -> None:
@@ -77,7 +76,7 @@ def test_overrides_reach_the_configuration(ros: None) -> None:
 def test_what_is_not_valid_is_named(ros: None, name: str, value: object, words: str) -> None:
     node = rclpy.create_node("tried", parameter_overrides=[Parameter(name, value=value)])
     with pytest.raises(ConfigError, match="parameters of /tried: ") as caught:
-        declare(node, Outer)
+        Parameters(node, Outer)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
     node.destroy_node()

@@ -1,0 +1,84 @@
+import threading
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sfr_loc_map.nodes.worker import Worker
+
+
+class Held:
+    """A worker whose thread is kept busy until it is let go."""
+
+    def __init__(self, overload: str, room: int) -> None:
+        self.faults: list[Exception] = []
+        self.done: list[int] = []
+        self.worker = Worker("tried", overload, room, self.faults.append)
+        self.gate = threading.Event()
+        begun = threading.Event()
+
+        def hold() -> None:
+            begun.set()
+            self.gate.wait(10)
+
+        self.worker.put(hold)
+        assert begun.wait(10)
+
+    def finish(self) -> list[int]:
+        self.gate.set()
+        self.worker.wait_idle()
+        self.worker.stop()
+        return self.done
+
+
+# True: droppable; the reference is a plain list worked on by the rule in words.
+@settings(max_examples=60, deadline=None)
+@given(kinds=st.lists(st.booleans(), max_size=20), room=st.integers(1, 5), newest=st.booleans())
+def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[bool], room: int, newest: bool) -> None:
+    held = Held("newest_first" if newest else "every_pair", room)
+    for number, droppable in enumerate(kinds):
+        add = held.worker.offer if droppable else held.worker.put
+        add(lambda number=number: held.done.append(number))
+    kept = [number for number, droppable in enumerate(kinds) if droppable][-(1 if newest else room) :]
+    expected = [number for number, droppable in enumerate(kinds) if not droppable or number in kept]
+    assert held.worker.waiting == len(kept)
+    assert held.worker.dropped == sum(kinds) - len(kept)
+    assert held.finish() == expected
+
+
+def test_a_fault_is_told_and_the_next_job_is_done() -> None:
+    held = Held("every_pair", 3)
+    held.worker.offer(lambda: 1 / 0)
+    held.worker.offer(lambda: held.done.append(1))
+    assert held.finish() == [1]
+    assert [type(fault) for fault in held.faults] == [ZeroDivisionError]
+
+
+def test_clear_drops_what_may_be_dropped_without_counting() -> None:
+    held = Held("every_pair", 5)
+    for number in range(3):
+        held.worker.offer(lambda number=number: held.done.append(number))
+    held.worker.put(lambda: held.done.append(9))
+    assert held.worker.clear() == 3
+    assert held.worker.dropped == 0
+    assert held.finish() == [9]
+
+
+def test_stop_waits_for_the_job_under_way_and_forgets_the_rest() -> None:
+    held = Held("every_pair", 5)
+    held.worker.offer(lambda: held.done.append(1))
+    threading.Timer(0.2, held.gate.set).start()
+    begin = time.monotonic()
+    held.worker.stop()
+    assert time.monotonic() - begin == pytest.approx(0.2, abs=0.15)
+    held.worker.put(lambda: held.done.append(2))
+    assert held.done == []
+
+
+def test_a_thread_that_hangs_does_not_keep_the_caller() -> None:
+    held = Held("every_pair", 5)
+    begin = time.monotonic()
+    held.worker.stop(0.1)
+    assert time.monotonic() - begin < 1.0
+    held.gate.set()
