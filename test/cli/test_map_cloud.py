@@ -1,0 +1,41 @@
+"""`sfr map` and what comes with the cloud."""
+
+from pathlib import Path
+
+import numpy as np
+from broken_sources import good_folder
+from cli_result import Sfr
+
+
+def test_products_lie_beside_the_cloud(sfr: Sfr, tmp_path: Path) -> None:
+    source = good_folder(tmp_path / "data")
+    cloud = tmp_path / "c.npz"
+    result = sfr("map", source, "-o", cloud, "--dem", "0.1", "--colour", "--covariance")
+    assert (result.code, result.out) == (0, "")
+    points = len(np.load(cloud)["x"])
+    assert np.load(tmp_path / "c.covariance.npz")["covariance_m2"].shape == (points, 3, 3)
+    assert int(np.load(tmp_path / "c.dem.npz")["count"].sum()) == points
+    for name in ("c.dem.png", "c.colour.ply"):
+        assert (tmp_path / name).stat().st_size > 0
+        assert str(tmp_path / name) in result.err
+
+
+def test_nothing_is_mapped_for_cells_that_cannot_be(sfr: Sfr, tmp_path: Path) -> None:
+    result = sfr("map", good_folder(tmp_path / "data"), "-o", tmp_path / "c.ply", "--dem", "-1")
+    assert result.code == 2
+    assert "'--dem -1.0': the side of a cell must be more than 0" in result.err
+    assert not (tmp_path / "c.ply").exists()
+
+
+def test_poses_that_disagree_are_told(sfr: Sfr, tmp_path: Path) -> None:
+    source = good_folder(tmp_path / "data")
+    table = source / "nav" / "pairs.csv"
+    table = table if table.exists() else source / "pairs.csv"
+    head, first, second = table.read_text().splitlines()[:3]
+    fields, names = second.split(","), head.split(",")
+    place = names.index("navsbOriginPos_m_Lm_z")
+    fields[place] = str(float(fields[place]) + 0.15)
+    table.write_text("\n".join((head, first, ",".join(fields))) + "\n")
+    result = sfr("map", source, "-o", tmp_path / "c.ply")
+    assert result.code == 0
+    assert "Warning: pairs 0 and 1 disagree where they overlap" in result.err
