@@ -111,5 +111,8 @@ def jump_sigmas(estimates: Sequence[PoseEstimate], truth: Trajectory) -> np.ndar
     for (before, true_before), (now, true_now) in pairwise(pairs):
         moved = true_before @ before.T_ds_rb.inverse() @ now.T_ds_rb
         error = np.linalg.norm(moved.translation - true_now.translation)
-        sigmas.append(error / np.sqrt(np.trace(now.covariance[:3, :3])))
+        variance = np.trace(now.covariance[:3, :3])
+        if before.statistics.get("repeated"):
+            variance += np.trace(before.covariance[:3, :3])  # it said that the rover may have gone on unseen
+        sigmas.append(error / np.sqrt(variance))
     return np.array(sigmas)

@@ -1,8 +1,9 @@
 """What the pictures themselves say of small errors of the stereo calibration.
 
-A right picture that lies off by a fraction of a pixel is the commonest error of a rig that was knocked or warmed up.
-Along the rows it is seen in every stereo match. Along the columns it makes all depths wrong, and so the length of the
-drive; it shows only where depths from stereo disagree with depths from motion, in the adjustment of the window.
+A right camera that is turned by some hundredths of a degree is the commonest error of a rig that was knocked or
+warmed up. What it does to the rows is seen in every stereo match: an offset that grows from one side to the other. Its
+offset along the columns makes all depths wrong, and so the length of the drive; it shows only where depths from stereo
+disagree with depths from motion, in the adjustment of the window.
 """
 
 from __future__ import annotations
@@ -17,31 +18,65 @@ FIRST_SIGMA_PX: Final = 0.3
 """How far a rig may be off along the columns before anything was seen (standard deviation)."""
 DRIFT_PX: Final = 0.002
 """Random walk of the offset from one keyframe to the next."""
+LARGEST_STEP_PX: Final = 0.05
+"""Largest change of what is corrected along the columns from one keyframe to the next."""
+FEWEST: Final = 20
+"""Matches needed to learn from a keyframe."""
+ROW_NOISE_PX: Final = 0.15
+"""Usual noise of the row of a match."""
+SLOWEST: Final = 0.02
+"""Share that a new keyframe has in what is known of the rows, once there were many."""
 SURE: Final = 4.0
 """Standard deviations from which on an offset is taken as real; a rig without error is left alone."""
 
 
 class RightOffset:
-    """Learns by how many pixels right pictures lie too far right and too low.
+    """Learns how the right camera is turned against its calibration.
 
     Attributes:
-        u: Offset along the columns that is corrected, pixels; 0 until it is beyond doubt.
-        v: Offset along the rows that is corrected, pixels.
+        u: Pixels by which the middle of right pictures lies too far right; 0 until it is beyond doubt.
+        v: Pixels by which it lies too low.
+        roll: Turn about the optical axis, pixels at a distance of the focal length.
     """
 
-    def __init__(self, window_keyframes: int) -> None:
-        """Start with a rig that is right; `window_keyframes` windows share what they see, and count as one."""
-        self.u, self.v = 0.0, 0.0
-        self._share = float(window_keyframes)
-        self._mean, self._variance = 0.0, FIRST_SIGMA_PX**2
-        self._first = True
+    def __init__(self, camera: FloatArray, window_keyframes: int) -> None:
+        """Start with a rig that is right; camera is fx, fy, cx, cy.
 
-    def learn_rows(self, offsets: FloatArray) -> None:
-        """Learn from stereo matches: row in the right picture minus row in the left `(N,)`, pixels."""
-        if len(offsets) >= 20:
-            rate = 1.0 if self._first else 0.1
-            self.v += rate * (float(np.median(offsets)) - self.v)
-            self._first = False
+        As many windows as a window has keyframes share what they see, and count as one.
+        """
+        self.u, self.v, self.roll = 0.0, 0.0, 0.0
+        self._camera, self._share = camera, float(window_keyframes)
+        self._mean, self._variance = 0.0, FIRST_SIGMA_PX**2
+        self._count = 0
+
+    def at(self, places: FloatArray) -> FloatArray:
+        """Return the offsets `(N, 2)` of places `(N, 2)` in right pictures, pixels: the flow of a small turn."""
+        x, y = ((places - self._camera[2:]) / self._camera[:2]).T
+        along_u = self.u * (1.0 + x * x) + self.v * x * y - self.roll * y
+        along_v = self.v * (1.0 + y * y) + self.u * x * y + self.roll * x
+        return np.column_stack((along_u, along_v))
+
+    def learn_rows(self, places: FloatArray, offsets: FloatArray) -> None:
+        """Learn from stereo matches.
+
+        Args:
+            places: `(N, 2)` in the right picture, pixels.
+            offsets: `(N,)` row there minus row in the left picture, pixels.
+        """
+        if len(offsets) < FEWEST:
+            return
+        x, y = ((places - self._camera[2:]) / self._camera[:2]).T
+        columns = np.column_stack((1.0 + y * y, x))
+        level, weight = offsets - self.u * x * y, np.ones(len(x))
+        solution = np.array([float(np.median(level)), 0.0])
+        for _ in range(5):
+            weight = 1.0 / (1.0 + ((level - columns @ solution) / ROW_NOISE_PX) ** 2)
+            normal = (columns * weight[:, None]).T @ columns + np.diag([0.0, (ROW_NOISE_PX / FIRST_SIGMA_PX) ** 2])
+            solution = np.linalg.solve(normal, (columns * weight[:, None]).T @ level)
+        self._count += 1
+        rate = max(1.0 / self._count, SLOWEST)
+        self.v += rate * (float(solution[0]) - self.v)
+        self.roll += rate * (float(solution[1]) - self.roll)
 
     def learn_columns(self, beyond: float, variance: float) -> float:
         """Learn from an adjusted window.
@@ -57,6 +92,7 @@ class RightOffset:
         gain = self._variance / (self._variance + variance * self._share)
         self._mean += gain * (self.u + beyond - self._mean)
         self._variance *= 1.0 - gain
-        before = self.u
-        self.u = self._mean if abs(self._mean) > SURE * np.sqrt(self._variance) else 0.0
+        before, sure = self.u, abs(self._mean) > SURE * np.sqrt(self._variance)
+        # in small steps, as the pose moves a little with each
+        self.u += float(np.clip((self._mean if sure else 0.0) - self.u, -LARGEST_STEP_PX, LARGEST_STEP_PX))
         return self.u - before

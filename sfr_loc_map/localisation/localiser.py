@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.rotation import FloatArray, skew
+from sfr_loc_map.geometry.rotation import FloatArray, rotvec_from_matrix, skew
 from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.alignment import align_pose
@@ -60,6 +60,12 @@ class Tracked:
         return float(np.median(typical)) if len(typical) else float("nan")
 
     @property
+    def right_share(self) -> float:
+        """Share of the landmarks found in the left picture that were found in the right one."""
+        left = np.isfinite(self.observed[:, 0])
+        return float(np.isfinite(self.observed[left, 2]).mean()) if left.any() else 0.0
+
+    @property
     def inliers(self) -> NDArray[np.bool_]:
         """Landmarks `(M,)` that agree with the pose."""
         return np.nan_to_num(self.chi, nan=1e9) < 9.0
@@ -93,6 +99,9 @@ class Localiser:
         self._T_ds_world = T_ds_rb @ self._T_rb_left
         self._rotation, self._position = np.eye(3), np.zeros(3)
         self._last_motion: tuple[FloatArray, FloatArray] = (np.eye(3), np.zeros(3))
+        self._last_pair: StereoPair | None = None
+        self._lost_now = False
+        self._last_covariance: FloatArray
         self._landmarks: Landmarks
         self._last_left: GreyImage
         self._last_seen: FloatArray
@@ -101,7 +110,7 @@ class Localiser:
         self._start_covariance, self._start_position = np.zeros((6, 6)), np.zeros(3)
         self._good_while_lost = 0
         self._keyframe_count = 0
-        self._right_offset = RightOffset(self._config.window_keyframes)
+        self._right_offset = RightOffset(self._camera, self._config.window_keyframes)
         self._last_tracked: Tracked | None = None
 
     @property
@@ -145,23 +154,27 @@ class Localiser:
             found = f"{pair.left.shape[1]} x {pair.left.shape[0]}"
             wanted = f"{self._rig.width} x {self._rig.height}"
             raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {wanted}: give pictures of the rig")
+        before, self._last_pair = self._last_pair, pair
+        if before is not None and len(self._window) and _same_pictures(before, pair) and not self._lost_now:
+            return self._repeated(pair)
         self._last_tracked = None
         left, right = both(build_pyramid, (pair.left,), (pair.right,))
         if not len(self._window):
             return self._start(pair, left, right, np.zeros((6, 6)))
         tracked = self._track(pair, left, right, motion)
-        if tracked is None:
+        if tracked is None or self._exchanged(left, right, tracked):
             return self._lost(pair, left, right)
+        self._lost_now = False
         motion = Transform(self._rotation, self._position).inverse() @ Transform(tracked.rotation, tracked.position)
         self._last_motion = (motion.rotation, motion.translation)
         self._rotation, self._position = tracked.rotation, tracked.position
-        covariance = np.asarray(np.linalg.inv(tracked.information) + self._window.last_covariance)
+        self._last_covariance = np.asarray(np.linalg.inv(tracked.information) + self._window.last_covariance)
         self._last_left, self._last_seen = pair.left, tracked.observed[:, :2]
         self._good_while_lost = 0
         if self._wants_keyframe(tracked):
             self._add_keyframe(left, right, tracked)
             self._rotation, self._position = self._window.rotations[-1], self._window.positions[-1]
-            covariance = self._window.last_covariance
+            self._last_covariance = self._window.last_covariance
         if tracked.inliers.sum() >= 0.5 * len(tracked.landmarks):
             self._well_seen = WellSeen(pair.left, self._last_seen, self._landmarks.points)
         statistics = {
@@ -172,8 +185,24 @@ class Localiser:
             "residual_px": tracked.residual_px,
             "vertical_offset_px": self._right_offset.v,
             "disparity_offset_px": -self._right_offset.u,
+            "roll_offset_px": self._right_offset.roll,
         }
-        return self._estimate(pair.stamp_ns, TrackingState.TRACKING, covariance, statistics)
+        return self._estimate(pair.stamp_ns, TrackingState.TRACKING, self._last_covariance, statistics)
+
+    def _repeated(self, pair: StereoPair) -> PoseEstimate:
+        """Return the last pose again; the rover may stand still, or have gone on as before unseen."""
+        rotation, step = self._last_motion
+        unseen = np.repeat([np.linalg.norm(step), np.linalg.norm(rotvec_from_matrix(rotation))], 3)
+        covariance = self._last_covariance + np.diag(unseen**2) / self._config.inflation
+        return self._estimate(pair.stamp_ns, TrackingState.TRACKING, covariance, {"repeated": 1.0})
+
+    def _exchanged(self, left: Pyramid, right: Pyramid, tracked: Tracked) -> bool:
+        """Tell whether left and right are the wrong way round: they fit well when exchanged, and do not as they are."""
+        if tracked.right_share > 0.3 or float(np.std(right.levels[-1])) < 1.0:
+            return False
+        position = tracked.position - tracked.rotation[:, 0] * self._rig.baseline_m
+        other = self._refine(right, left, tracked.landmarks, tracked.rotation, position)
+        return self._trusted(other) and other.right_share > 0.6
 
     def _start(self, pair: StereoPair, left: Pyramid, right: Pyramid, covariance: FloatArray) -> PoseEstimate:
         """Begin a window at the pose known last, as well known as its covariance `(6, 6)` says.
@@ -192,7 +221,8 @@ class Localiser:
                 self._refresh()
             return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"features": features})
         self._last_left, self._last_motion = pair.left, (np.eye(3), np.zeros(3))
-        self._good_while_lost = 0
+        self._good_while_lost, self._lost_now = 0, False
+        self._last_covariance = window.last_covariance
         self._start_covariance, self._start_position = covariance, self._position
         self._well_seen = WellSeen(pair.left, self._last_seen, self._landmarks.points)
         self._keyframe_count += 1
@@ -202,7 +232,7 @@ class Localiser:
 
     def _lost(self, pair: StereoPair, left: Pyramid, right: Pyramid) -> PoseEstimate:
         """Say that the pose is not known; begin anew where good pictures come and none is recognised."""
-        self._last_motion = (np.eye(3), np.zeros(3))
+        self._last_motion, self._lost_now = (np.eye(3), np.zeros(3)), True
         corners = find_corners(left.levels[0], np.zeros((0, 2)), self._config.max_features, BORDER)
         enough = max(self._config.min_tracked, len(self._landmarks) // 2)
         self._good_while_lost += len(corners) >= enough and float(np.std(right.levels[-1])) > 1.0
@@ -254,7 +284,7 @@ class Localiser:
         )
         for side in found:
             side[side[:, 6] < 0.6] = np.nan
-        observed = np.column_stack((found[0][:, :2], found[1][:, :2] - [self._right_offset.u, self._right_offset.v]))
+        observed = np.column_stack((found[0][:, :2], found[1][:, :2] - self._right_offset.at(found[1][:, :2])))
         variance = np.stack((self._variance(found[0]), self._variance(found[1])), axis=1)
         rotation, position, information, chi = solve_pose(
             rotation,
@@ -335,14 +365,15 @@ class Localiser:
         if len(corners):
             found = match_corners(left, right, corners, known, self._max_disparity, self._right_offset.v)
             found = found.outside(self._masks[1])
-            self._right_offset.learn_rows(found.right[:, 1] - found.uv[:, 1])
+            self._right_offset.learn_rows(found.right, found.right[:, 1] - found.uv[:, 1])
+            right_seen = found.right - self._right_offset.at(found.right)
             scale = 1.0 / (self._rig.fx * self._rig.baseline_m)
             variance = self._variance(np.column_stack((found.right, found.covariance, found.residual)))
-            observed = np.column_stack((found.uv, found.right - [self._right_offset.u, self._right_offset.v]))
+            observed = np.column_stack((found.uv, right_seen))
             self._window.add_landmarks(
                 left,
                 found.uv,
-                np.maximum(found.disparity + self._right_offset.u, 1e-3) * scale,
+                np.maximum(found.uv[:, 0] - right_seen[:, 0], 1e-3) * scale,
                 found.slope * scale,
                 found.patches,
                 observed,
@@ -387,3 +418,7 @@ class Localiser:
         jacobian[:3, 3:] = -skew(lever) @ turn
         result = jacobian @ covariance @ jacobian.T
         return np.asarray(0.5 * (result + result.T))
+
+
+def _same_pictures(before: StereoPair, now: StereoPair) -> bool:
+    return np.array_equal(before.left, now.left) and np.array_equal(before.right, now.right)

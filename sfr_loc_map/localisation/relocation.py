@@ -79,7 +79,7 @@ def pose_by_descriptors(
     if min(int(known.sum()), len(corners)) < fewest:
         return None
     size = max(8.0, min(now.shape) / 32)
-    sift = cv2.SIFT_create()
+    sift = cv2.SIFT.create()
     _, old = sift.compute(before.left, [cv2.KeyPoint(float(u), float(v), size, 0.0) for u, v in seen[known]])
     _, new = sift.compute(now, [cv2.KeyPoint(float(u), float(v), size, 0.0) for u, v in corners])
     matches = cv2.BFMatcher(cv2.NORM_L2, crossCheck=True).match(old, new)

@@ -200,8 +200,9 @@ class Window:
         self.right_offset = result.right_offset
 
     def move_right_pictures(self, columns: float) -> None:
-        """Move all that was seen in right pictures by so many pixels along the columns."""
-        self.observed[:, :, 2] += columns
+        """Move all that was seen in right pictures as if the camera were turned, by so many pixels in the middle."""
+        x = (self.observed[:, :, 2] - self._camera[2]) / self._camera[0]
+        self.observed[:, :, 2] += columns * (1.0 + x * x)
 
     def _system(
         self,

@@ -1,5 +1,6 @@
 """Errors of the stereo calibration that the pictures themselves show."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -62,24 +63,46 @@ def test_points_at_one_distance_say_little_of_it() -> None:
 
 def test_an_offset_is_corrected_once_it_is_beyond_doubt_and_no_other() -> None:
     random = np.random.default_rng(3)
-    true, knocked, straight = 0.12, RightOffset(7), RightOffset(7)
-    applied = []
+    true, knocked, straight = 0.12, RightOffset(CAMERA, 7), RightOffset(CAMERA, 7)
+    applied = [0.0]
     for _ in range(60):
         change = knocked.learn_columns(true - knocked.u + random.normal(0, 0.015), 0.015**2)
         applied.append(knocked.u)
-        assert change == pytest.approx(applied[-1] - (applied[-2] if len(applied) > 1 else 0.0), abs=1e-15)
+        assert change == pytest.approx(applied[-1] - applied[-2], abs=1e-15)
+        assert abs(change) <= 0.05
         straight.learn_columns(random.normal(0, 0.015) - straight.u, 0.015**2)
         assert straight.u == 0.0
-    assert applied[0] == 0.0
     assert applied[-1] == pytest.approx(true, abs=0.02)
-    assert RightOffset(7).learn_columns(5.0, np.inf) == 0.0
+    assert RightOffset(CAMERA, 7).learn_columns(5.0, np.inf) == 0.0
 
 
-def test_rows_are_followed_slowly_after_the_first_keyframe() -> None:
-    offset = RightOffset(7)
-    offset.learn_rows(np.full(10, 3.0))
-    assert offset.v == 0.0  # too few matches to say
-    offset.learn_rows(np.full(30, 0.5))
-    assert offset.v == 0.5
-    offset.learn_rows(np.full(30, 0.0))
-    assert offset.v == pytest.approx(0.45)
+def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_does() -> None:
+    # independent of the model: rays turned by a rotation matrix and projected again
+    turn = np.radians([0.05, 0.0, -0.1])
+    random = np.random.default_rng(0)
+    places = random.uniform(20, 490, (400, 2))
+    rays = np.column_stack(((places - CAMERA[2:]) / CAMERA[:2], np.ones(400)))
+    rotated = rays @ cv2.Rodrigues(turn)[0].T
+    moved = rotated[:, :2] / rotated[:, 2:] * CAMERA[:2] + CAMERA[2:]
+    offset = RightOffset(CAMERA, 7)
+    noisy = moved[:, 1] - places[:, 1] + random.normal(0, 0.1, 400)
+    noisy[:30] += random.uniform(-3, 3, 30)  # wrong matches
+    offset.learn_rows(moved[:10], noisy[:10])
+    assert (offset.v, offset.roll) == (0.0, 0.0)  # too few to say
+    for _ in range(3):
+        offset.learn_rows(moved, noisy)
+    assert offset.v == pytest.approx(-CAMERA[0] * turn[0], abs=0.03)
+    assert offset.roll == pytest.approx(CAMERA[0] * turn[2], abs=0.06)
+    np.testing.assert_allclose(offset.at(moved), moved - places, atol=0.06)
+
+
+def test_rows_are_followed_ever_more_slowly() -> None:
+    offset, places = RightOffset(CAMERA, 7), np.random.default_rng(1).uniform(20, 490, (50, 2))
+    shapes = 1.0 + ((places[:, 1] - CAMERA[3]) / CAMERA[1]) ** 2
+    offset.learn_rows(places, 0.5 * shapes)
+    assert offset.v == pytest.approx(0.5, abs=1e-3)
+    offset.learn_rows(places, 0.0 * shapes)
+    assert offset.v == pytest.approx(0.25, abs=1e-3)
+    for _ in range(400):
+        offset.learn_rows(places, 0.0 * shapes)
+    assert abs(offset.v) < 1e-3

@@ -12,15 +12,28 @@ from pathlib import Path
 import made_scene
 import numpy as np
 import pytest
-from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, loc_pair, stereo_pair, true_pose
+from made_scene import (
+    HEIGHT,
+    LOC_RIG,
+    PERIOD_NS,
+    START_NS,
+    T_RB_LOCSB,
+    WIDTH,
+    loc_pair,
+    stereo_pair,
+    true_pose,
+    wall_points,
+)
 
 from sfr_loc_map.errors import GeometryError, LocalisationError
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.corners import find_corners
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.relocation import WellSeen, pose_by_descriptors
 
 DRIVE = [loc_pair(index) for index in range(40)]
 BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -230,6 +243,7 @@ from numba.core.registry import CPUDispatcher
 import sfr_loc_map.localisation as package
 from made_scene import LOC_RIG, loc_pair, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.localisation.corners import find_corners
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 
@@ -275,3 +289,40 @@ def test_warm_up_does_not_change_the_state(estimates: list[PoseEstimate]) -> Non
     run(DRIVE[:5], by)
     by.warm_up()
     assert by.process(DRIVE[5]).T_ds_rb.matrix.tobytes() == estimates[5].T_ds_rb.matrix.tobytes()
+
+
+def test_a_pair_that_comes_again_says_that_the_rover_may_have_gone_on() -> None:
+    estimates = run([DRIVE[0], DRIVE[1], DRIVE[2], replace(DRIVE[2], stamp_ns=DRIVE[3].stamp_ns), DRIVE[4]])
+    again, step = estimates[3], np.linalg.norm(true_pose(2).translation - true_pose(1).translation)
+    assert again.state is TrackingState.TRACKING
+    assert again.statistics["repeated"] == 1.0
+    np.testing.assert_array_equal(again.T_ds_rb.matrix, estimates[2].T_ds_rb.matrix)
+    assert np.sqrt(again.covariance[0, 0]) > 0.9 * step > 5 * np.sqrt(estimates[2].covariance[0, 0])
+    assert errors(estimates[4], true_pose(4))[0] < 0.003
+
+
+def test_exchanged_pictures_are_lost_and_not_half_believed() -> None:
+    swapped = StereoPair(DRIVE[3].stamp_ns, DRIVE[3].right, DRIVE[3].left)
+    estimates = run([*DRIVE[:3], swapped, *DRIVE[4:6]])
+    assert [e.state for e in estimates[3:]] == [TrackingState.LOST, TrackingState.TRACKING, TrackingState.TRACKING]
+    assert errors(estimates[5], true_pose(5))[0] < 0.003
+
+
+def test_found_again_after_a_gap() -> None:
+    estimates = run([*DRIVE[:3], black(3), black(4), DRIVE[20], DRIVE[21]])
+    assert [e.state.value for e in estimates[3:]] == ["lost", "lost", "tracking", "tracking"]
+    assert errors(estimates[-1], true_pose(21))[0] < 0.01
+
+
+def test_pose_by_descriptors_from_afar() -> None:
+    first, now = (true_pose(index) @ LOC_RIG.T_rb_left for index in (0, 20))
+    left, other = DRIVE[0].left, DRIVE[20].left
+    corners, found = (find_corners(image.astype(np.float32), np.zeros((0, 2)), 400, 20) for image in (left, other))
+    points = wall_points(first, LOC_RIG)[corners[:, 1].astype(int), corners[:, 0].astype(int)]
+    camera = np.array([LOC_RIG.fx, LOC_RIG.fy, LOC_RIG.cx, LOC_RIG.cy])
+    pose = pose_by_descriptors(WellSeen(left, corners, points), other, found, camera, 20)
+    assert pose is not None
+    np.testing.assert_allclose(pose[1], now.translation, atol=0.05)
+    np.testing.assert_allclose(pose[0], now.rotation, atol=0.02)
+    grey = np.full_like(other, 90)
+    assert pose_by_descriptors(WellSeen(left, corners, points), grey, np.zeros((0, 2)), camera, 20) is None
