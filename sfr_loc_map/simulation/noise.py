@@ -17,6 +17,7 @@ _X = np.uint32(0x9E3779B1)
 _Y = np.uint32(0x85EBCA77)
 _Z = np.uint32(0xC2B2AE3D)
 _S15, _S16 = np.uint32(15), np.uint32(16)
+_TOP_BIT = np.uint32(0x80000000)
 _TO_UNIT = 1.0 / 4294967296.0
 
 
@@ -25,7 +26,12 @@ def jit(function: F) -> F:
     return cast(F, nb.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
-@jit
+def inlined(function: F) -> F:
+    """Compile as `jit`, into each caller, so that a loop around it becomes vector code."""
+    return cast(F, nb.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function))
+
+
+@inlined
 def mix(value: np.uint32) -> np.uint32:
     """Return a well mixed 32-bit number (an xor-shift-multiply finaliser; constants: C. Wellons, "lowbias32")."""
     value ^= value >> _S16
@@ -36,8 +42,8 @@ def mix(value: np.uint32) -> np.uint32:
     return value
 
 
-@jit
-def hash2(i: int, j: int, seed: np.uint32) -> np.uint32:
+@inlined
+def hash2(i: int | np.int32, j: int | np.int32, seed: np.uint32) -> np.uint32:
     """Return the hash of a cell of a grid."""
     return mix(np.uint32(np.uint32(i) * _X) ^ np.uint32(np.uint32(j) * _Y) ^ seed)
 
@@ -48,13 +54,13 @@ def hash3(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
     return mix(np.uint32(np.uint32(i) * _X) ^ np.uint32(np.uint32(j) * _Y) ^ np.uint32(np.uint32(k) * _Z) ^ seed)
 
 
-@jit
+@inlined
 def unit(value: np.uint32) -> float:
     """Return a hash as a number in [0, 1)."""
     return value * _TO_UNIT
 
 
-@jit
+@inlined
 def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
     """Return smooth noise in [-1, 1] with its gradient.
 
@@ -69,8 +75,8 @@ def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
     Returns:
         Value and its derivatives by x and y.
     """
-    xf, yf = math.floor(x), math.floor(y)
-    i, j = int(xf), int(yf)
+    xf, yf = np.floor(x), np.floor(y)
+    i, j = np.int32(xf), np.int32(yf)  # 32 bits and no branch, so that loops over places become vector code
     a, b = x - xf, y - yf
     h00, h10 = _signed(hash2(i, j, seed)), _signed(hash2(i + 1, j, seed))
     h01, h11 = _signed(hash2(i, j + 1, seed)), _signed(hash2(i + 1, j + 1, seed))
@@ -130,9 +136,10 @@ def value3(x: float, y: float, z: float, seed: np.uint32) -> tuple[float, float,
     return value, gx, gy, gz
 
 
-@jit
+@inlined
 def _signed(value: np.uint32) -> float:
-    return value * (2.0 * _TO_UNIT) - 1.0
+    """Return a hash as a number in [-1, 1)."""
+    return np.int32(value ^ _TOP_BIT) * (2.0 * _TO_UNIT)
 
 
 @jit

@@ -6,18 +6,42 @@ import math
 
 import numpy as np
 
-from sfr_loc_map.simulation.noise import hash2, jit, mix, unit
+from sfr_loc_map.simulation.noise import hash2, inlined, jit, mix, unit
 from sfr_loc_map.simulation.terrain import FloatArray, smooth_step
 
 SIZES = 5
 LARGEST_CELL_M = 0.075
 RATIO = 0.56
 _PEBBLE = np.uint32(101)
+_COSINES, _SINES = (f(np.arange(256) * (2.0 * np.pi / 255.0)) for f in (np.cos, np.sin))
+_NUMBERS = 15
+"""Numbers kept of a pebble, in cells: centre 2, reach, inverse of the smaller half axis, the map from offset to outline
+4, shift of the shadow under that map 2, skew, tone, tilt 2, share of the ground from which on it is there."""
+
+
+def throw_values(sun: FloatArray) -> FloatArray:
+    """Return `(3,)` what `pebbles` needs of the sun: direction in plan, and shadow length over height."""
+    level = math.hypot(sun[0], sun[1])
+    return np.array([sun[0] / max(level, 1e-6), sun[1] / max(level, 1e-6), max(level, 1e-3) / sun[2]])
+
+
+@jit
+def pebble_memory() -> FloatArray:
+    """Return room for the pebbles near the last place, of each size; neighbouring rays mostly meet the same ones."""
+    return np.full((SIZES, 1 + 4, _NUMBERS), np.inf)
 
 
 @jit
 def pebbles(
-    x: float, y: float, footprint: float, full: float, bump: float, sun: FloatArray, seed: np.uint32
+    x: float,
+    y: float,
+    footprint: float,
+    full: float,
+    fullest: float,
+    bump: float,
+    throws: FloatArray,
+    seed: np.uint32,
+    memory: FloatArray,
 ) -> tuple[float, float, float, float, float]:
     """Return what pebbles do at a place; the larger lie on top of the smaller.
 
@@ -26,9 +50,11 @@ def pebbles(
         y: Metres, DS.
         footprint: Size of a pixel on the ground, metres.
         full: How full the ground is of them, 0 to 1.
+        fullest: How full any ground of this world is.
         bump: Strength of their relief.
-        sun: `(3,)` unit vector towards the sun.
+        throws: From `throw_values`.
         seed: Of the ground.
+        memory: From `pebble_memory`; for one seed and sun. It saves time only.
 
     Returns:
         Share covered, tone, slopes by x and y, and the share of the sun that they block beside them.
@@ -36,66 +62,95 @@ def pebbles(
     cover, tone, sx, sy, shadow = 0.0, 0.0, 0.0, 0.0, 0.0
     if full < 0.01:
         return cover, tone, sx, sy, shadow
-    cell = LARGEST_CELL_M
-    climb = min(sun[2] / max(math.hypot(sun[0], sun[1]), 1e-3), 10.0)
-    away = 1.0 / max(math.hypot(sun[0], sun[1]), 1e-6)
-    ux, uy = sun[0] * away, sun[1] * away
+    cells = 1.0 / LARGEST_CELL_M
     for k in range(SIZES):
-        weight = min(max(0.45 * cell / footprint - 0.6, 0.0), 1.0)
-        if weight <= 0.0 or cover > 0.97:
+        pixel = footprint * cells
+        if 0.9 * pixel >= 0.5 or cover > 0.97:
             break
-        share = min(full * (0.25 + 0.26 * k), 0.95)
-        qx, qy = x / cell, y / cell
-        i0, j0 = math.floor(qx - 0.5), math.floor(qy - 0.5)
-        for i in range(i0, i0 + 2):
-            for j in range(j0, j0 + 2):
-                h = hash2(i, j, seed ^ _PEBBLE ^ np.uint32(977 * k))
-                if unit(h) >= share:
-                    continue
-                h1 = mix(h ^ np.uint32(0x51ED27))
-                dx = qx - (i + 0.5 + 0.5 * (_byte(h1, 0) - 0.5))
-                dy = qy - (j + 0.5 + 0.5 * (_byte(h1, 1) - 0.5))
-                h2 = mix(h1 ^ np.uint32(0x2F6E2B))
-                a = 0.16 + 0.26 * _byte(h1, 2) * _byte(h2, 3)
-                b = a * (0.5 + 0.5 * _byte(h1, 3))
-                throw = min(0.5 * b / climb, 0.45)
-                bound = 1.6 * a + 0.5 * throw + footprint / cell
-                if dx * dx + dy * dy > bound * bound:
-                    continue
-                angle = 6.2831853 * _byte(h2, 0)
-                ca, sa = math.cos(angle), math.sin(angle)
-                skew = 1.3 * (_byte(h2, 1) - 0.5)
-                d = _outline(ca * dx + sa * dy, ca * dy - sa * dx, a, b, skew)
-                soft = footprint / (cell * b)
-                inside = weight * (1.0 - smooth_step(1.0 - 0.6 * soft, 1.0 + 0.6 * soft + 1e-3, d))
-                if inside > 0.0:
-                    h3 = mix(h2)
-                    part = (1.0 - cover) * inside
-                    tilt = 0.8 * bump
-                    rim = bump * 0.9 * smooth_step(0.5, 1.0, d)
-                    r = 1.0 / max(math.hypot(dx, dy), 1e-6)
-                    total = cover + part
-                    keep = part / total
-                    tone += keep * (0.55 * (_byte(h3, 0) - 0.45) + 0.3 * (_byte(h3, 3) - 0.5) - tone)
-                    sx += keep * (tilt * (_byte(h3, 1) - 0.5) - rim * dx * r - sx)
-                    sy += keep * (tilt * (_byte(h3, 2) - 0.5) - rim * dy * r - sy)
-                    cover = total
-                else:
-                    ox, oy = dx + 0.5 * throw * ux, dy + 0.5 * throw * uy
-                    e = _outline(ca * ox + sa * oy, ca * oy - sa * ox, a, b, skew)
-                    dark = weight * (1.0 - smooth_step(0.85 - 0.5 * soft, 1.1 + 0.5 * soft, e))
-                    shadow = max(shadow, 0.85 * dark)
-        cell *= RATIO
+        weight = min(0.5 / pixel - 0.9, 1.0)
+        share = _share(full, k)
+        qx, qy = x * cells, y * cells
+        i0, j0 = np.floor(qx - 0.5), np.floor(qy - 0.5)
+        if memory[k, 0, 0] != i0 or memory[k, 0, 1] != j0:
+            _remember(
+                np.int32(i0), np.int32(j0), throws, _share(fullest, k), seed ^ _PEBBLE ^ np.uint32(977 * k), k, memory
+            )
+        for m in range(1, 1 + int(memory[k, 0, 2])):
+            if memory[k, m, 14] >= share:
+                continue
+            dx, dy = qx - memory[k, m, 0], qy - memory[k, m, 1]
+            reach = memory[k, m, 2] + pixel
+            if dx * dx + dy * dy > reach * reach:
+                continue
+            p, q = memory[k, m, 4] * dx + memory[k, m, 5] * dy, memory[k, m, 6] * dx + memory[k, m, 7] * dy
+            d = _outline(p, q, memory[k, m, 10])
+            soft = pixel * memory[k, m, 3]
+            inside = weight * (1.0 - smooth_step(1.0 - 0.6 * soft, 1.0 + 0.6 * soft + 1e-3, d))
+            if inside > 0.0:
+                part = (1.0 - cover) * inside
+                cover += part
+                keep = part / cover
+                rim = 0.9 * bump * smooth_step(0.5, 1.0, d) / max(math.sqrt(dx * dx + dy * dy), 1e-6)
+                tone += keep * (memory[k, m, 11] - tone)
+                sx += keep * (0.8 * bump * memory[k, m, 12] - rim * dx - sx)
+                sy += keep * (0.8 * bump * memory[k, m, 13] - rim * dy - sy)
+            else:
+                e = _outline(p + memory[k, m, 8], q + memory[k, m, 9], memory[k, m, 10])
+                dark = weight * (1.0 - smooth_step(0.85 - 0.5 * soft, 1.1 + 0.5 * soft, e))
+                shadow = max(shadow, 0.85 * dark)
+        cells /= RATIO
     return cover, tone, sx, sy, shadow
 
 
 @jit
+def _remember(
+    i0: np.int32, j0: np.int32, throws: FloatArray, fullest: float, key: np.uint32, k: int, memory: FloatArray
+) -> None:
+    """Write the pebbles of four cells; each is there only where the ground is fuller than the share kept last."""
+    memory[k, 0, 0], memory[k, 0, 1] = i0, j0
+    count = 0
+    for m in range(4):
+        i, j = i0 + m // 2, j0 + m % 2
+        h = hash2(i, j, key)
+        if unit(h) >= fullest:
+            continue
+        count += 1
+        memory[k, count, 14] = unit(h)
+        h1, h2, h3 = mix(h ^ np.uint32(0x51ED27)), mix(h ^ np.uint32(0x2F6E2B)), mix(h ^ np.uint32(0x6C8E94))
+        a = 0.16 + 0.26 * _byte(h1, 2) * _byte(h2, 3)
+        b = a * (0.5 + 0.5 * _byte(h1, 3))
+        throw = 0.5 * min(0.5 * max(throws[2], 0.1) * b, 0.45)
+        ca, sa = _COSINES[h2 & np.uint32(255)], _SINES[h2 & np.uint32(255)]
+        skew = 1.3 * (_byte(h2, 1) - 0.5)
+        memory[k, count, 0] = i + 0.25 + 0.5 * _byte(h1, 0)
+        memory[k, count, 1] = j + 0.25 + 0.5 * _byte(h1, 1)
+        by_a, by_b = 1.0 / a, 1.0 / b
+        qx, qy = -sa * by_b, ca * by_b
+        px, py = ca * by_a + 0.5 * skew * qx, sa * by_a + 0.5 * skew * qy
+        memory[k, count, 2], memory[k, count, 3] = 1.6 * a + throw, by_b
+        memory[k, count, 4], memory[k, count, 5], memory[k, count, 6], memory[k, count, 7] = px, py, qx, qy
+        memory[k, count, 8], memory[k, count, 9] = (
+            throw * (px * throws[0] + py * throws[1]),
+            throw * (qx * throws[0] + qy * throws[1]),
+        )
+        memory[k, count, 10] = skew
+        memory[k, count, 11] = 0.55 * (_byte(h3, 0) - 0.45) + 0.3 * (_byte(h3, 3) - 0.5)
+        memory[k, count, 12], memory[k, count, 13] = _byte(h3, 1) - 0.5, _byte(h3, 2) - 0.5
+    memory[k, 0, 2] = count
+
+
+@inlined
+def _share(full: float, k: int) -> float:
+    """Return how many cells of a size have a pebble."""
+    return min(full * (0.25 + 0.26 * k), 0.95)
+
+
+@inlined
 def _byte(value: np.uint32, which: int) -> float:
     return ((value >> np.uint32(8 * which)) & np.uint32(255)) * (1.0 / 255.0)
 
 
-@jit
-def _outline(u: float, v: float, a: float, b: float, skew: float) -> float:
+@inlined
+def _outline(p: float, q: float, skew: float) -> float:
     """Return 1 on the outline of a stone with seven unlike sides, less inside."""
-    p, q = u / a + 0.5 * skew * v / b, v / b
     return max(abs(p), abs(q), 0.74 * (p + q), 0.66 * (p - q), -0.7 * (p + q) * (1.0 + 0.3 * skew))

@@ -13,7 +13,7 @@ from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.mesh import Mesh
-from sfr_loc_map.simulation.noise import hash2, jit, mix, unit
+from sfr_loc_map.simulation.noise import jit
 from sfr_loc_map.simulation.terrain import FloatArray
 
 BAND_RAYS = 1 << 17
@@ -170,36 +170,60 @@ def _facing(
     return count
 
 
-def pixel_rays(rig: StereoRig, u: FloatArray, v: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Return unit rays `(N, 3)` in DS of pixel places `(N,)`; `rotation` takes the optical frame to DS."""
-    out = np.empty((len(u), 3))
-    _pixel_rays(u, v, rig.fx, rig.fy, rig.cx, rig.cy, np.ascontiguousarray(rotation), out)
+def hidden(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoRig) -> NDArray[np.bool_]:
+    """Tell which hits `(N,)` a camera does not see: outside its picture or behind something; the sky counts as seen."""
+    count = len(hits.objects)
+    out = np.zeros(count, bool)
+    which = np.empty(count, np.int64)
+    starts, away = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+    lens = np.array([rig.fx, rig.fy, 0.5 * rig.width, 0.5 * rig.height])
+    T_cam_ds = T_ds_cam.inverse().matrix
+    inside = _in_picture(
+        hits.points, hits.normals, hits.objects, hits.ranges, T_cam_ds, T_ds_cam.translation, lens,
+        out, which, starts, away,
+    )  # fmt: skip
+    if inside:
+        reach = np.full(inside, 0.999, np.float32)
+        out[which[:inside]] = tracer.blocked(starts[:inside], away[:inside], reach)
     return out
 
 
 @jit
-def _pixel_rays(
-    u: FloatArray, v: FloatArray, fx: float, fy: float, cx: float, cy: float, rotation: FloatArray, out: FloatArray
-) -> None:
-    for n in range(len(u)):
-        x, y = (u[n] - cx) / fx, (v[n] - cy) / fy
-        length = 1.0 / np.sqrt(x * x + y * y + 1.0)
+def _in_picture(
+    points: FloatArray,
+    normals: FloatArray,
+    objects: NDArray[np.int32],
+    ranges: FloatArray,
+    T_cam_ds: FloatArray,
+    camera: FloatArray,
+    lens: FloatArray,
+    out: NDArray[np.bool_],
+    which: NDArray[np.int64],
+    starts: NDArray[np.float32],
+    away: NDArray[np.float32],
+) -> int:
+    """Mark the hits outside a picture; collect the others, with points just above them and the way to the camera."""
+    count = 0
+    local = np.empty(3)
+    for n in range(len(objects)):
+        if objects[n] == SKY_OBJECT:
+            continue
         for k in range(3):
-            out[n, k] = (rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2]) * length
-
-
-def sample_offsets(samples: int) -> FloatArray:
-    """Return where in a pixel and when in the exposure each sample lies.
-
-    Returns:
-        `(S, 3)`: column and row offset and time, all in [-0.5, 0.5), with mean zero: the additive sequence of the
-        plastic number in two dimensions, so that a few samples cover the pixel evenly.
-    """
-    k = np.arange(samples)
-    root = 1.32471795724474602596
-    place = np.mod(0.5 + np.outer(k + 1, (1 / root, 1 / root**2)), 1.0)
-    table = np.column_stack((place, (k + 0.5) / samples))
-    return np.asarray(table - table.mean(axis=0))
+            local[k] = T_cam_ds[k, 3]
+            for m in range(3):
+                local[k] += T_cam_ds[k, m] * points[n, m]
+        across, down = (
+            abs(lens[0] * local[0]),
+            abs(lens[1] * local[1]),
+        )  # from the principal point, the picture's middle
+        out[n] = not (local[2] > 0.0 and across < lens[2] * local[2] and down < lens[3] * local[2])
+        if not out[n]:
+            which[count] = n
+            for k in range(3):
+                starts[count, k] = points[n, k] + (LIFT_M + LIFT_PER_RANGE * ranges[n]) * normals[n, k]
+                away[count, k] = camera[k] - points[n, k]
+            count += 1
+    return count
 
 
 @jit
@@ -248,32 +272,3 @@ def _resolve(
         length = 1.0 / np.sqrt(length)
         for k in range(3):
             normals[n, k] *= length
-
-
-def sun_rays(sun: FloatArray, radius_rad: float, count: int, key: np.uint32) -> NDArray[np.float32]:
-    """Return directions `(N, 3)` towards points of the sun's disc, evenly spread, the same for the same key."""
-    side = np.cross(sun, (0.0, 0.0, 1.0) if abs(sun[2]) < 0.99 else (1.0, 0.0, 0.0))
-    side /= np.linalg.norm(side)
-    out = np.empty((count, 3), np.float32)
-    _disc(sun, side, np.cross(sun, side), radius_rad, key, out)
-    return out
-
-
-@jit
-def _disc(
-    sun: FloatArray, side: FloatArray, up: FloatArray, radius: float, key: np.uint32, out: NDArray[np.float32]
-) -> None:
-    for n in range(len(out)):
-        h = hash2(n, 17, key)
-        r, angle = radius * np.sqrt(unit(h)), 6.283185307179586 * unit(mix(h))
-        a, b = r * np.cos(angle), r * np.sin(angle)
-        for k in range(3):
-            out[n, k] = sun[k] + a * side[k] + b * up[k]
-
-
-def camera_pose(T_ds_sb: Transform, rig: StereoRig, right: bool) -> Transform:
-    """Return `T_ds_cam` of the left or right optical frame, from the pose of the stereo bench."""
-    T_ds_left = T_ds_sb @ rig.T_sb_left
-    if not right:
-        return T_ds_left
-    return T_ds_left @ Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))

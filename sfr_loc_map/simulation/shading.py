@@ -12,16 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig
-from sfr_loc_map.simulation.noise import hash2, jit, mix, unit, value2, value3
-from sfr_loc_map.simulation.pebbles import pebbles
-from sfr_loc_map.simulation.terrain import FloatArray, materials, smooth_step
+from sfr_loc_map.simulation.ground import fade_of, ground_texture, plates
+from sfr_loc_map.simulation.noise import inlined, jit, mix, unit, value3
+from sfr_loc_map.simulation.pebbles import pebble_memory, pebbles, throw_values
+from sfr_loc_map.simulation.terrain import FloatArray, smooth_step
 
 FloatImage = NDArray[np.float32]
-UNMADE_M = 0.12
-UNMADE_PER_RANGE = 0.03
-"""Waves shorter than this, or than this share of the range, are too fine for the triangles of the ground."""
-GRAIN_M = 0.045
-_FINE, _STONE, _PLATE = (np.uint32(k) for k in (102, 103, 104))
+SKY, GROUND = -2, -1
+"""What a ray hit, if not the rock of that number."""
+RUN = 1024
+"""Rays shaded at once: their numbers stay in the processor's first cache."""
+_STONE = np.uint32(103)
 
 
 def look_values(ground: GroundConfig, rocks: RockConfig, light: LightConfig, sun: FloatArray) -> FloatArray:
@@ -47,6 +48,7 @@ def look_values(ground: GroundConfig, rocks: RockConfig, light: LightConfig, sun
             light.sky_grey,
             1.0 / (ground.albedo * level),
             *sun,
+            *throw_values(sun),
         ]
     )
 
@@ -82,35 +84,89 @@ def shade(
         target: Brightness of level mean ground.
         out: `(N,)`.
     """
-    for n in range(len(objects)):
-        if objects[n] == -2:
-            out[n] = _sky(rays[n, 2], look)
-            continue
-        nx, ny, nz = normals[n, 0], normals[n, 1], normals[n, 2]
-        cosine = max(-(nx * rays[n, 0] + ny * rays[n, 1] + nz * rays[n, 2]), 0.08)
-        small = ranges[n] * pixel_rad
-        footprint = small / cosine**0.35
-        x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        if objects[n] == -1:
-            albedo, sx, sy, seen = _ground(x, y, ranges[n], footprint, small, look, shares, seed)
-            nx, ny, nz = nx - sx * nz, ny - sy * nz, nz
-        else:
-            albedo, gx, gy, gz = _stone(x, y, z, footprint, objects[n], look, seed)
-            along = gx * nx + gy * ny + gz * nz
-            nx, ny, nz = nx - (gx - along * nx), ny - (gy - along * ny), nz - (gz - along * nz)
-            seen = 1.0
-        length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-        nx, ny, nz = nx * length, ny * length, nz * length
-        mu0 = max(nx * look[10] + ny * look[11] + nz * look[12], 0.0)
-        mu = max(-(nx * rays[n, 0] + ny * rays[n, 1] + nz * rays[n, 2]), 0.05)
-        direct = _reflect(mu0, mu, look[4]) * mu0 * seen * lit[n]
-        open_sky = look[6] * (0.55 + 0.45 * nz) * (0.6 + 0.4 * seen)
-        bright = target * look[9] * albedo * (direct + open_sky)
-        clear = math.exp(-ranges[n] / look[7])
-        out[n] = bright * clear + (1.0 - clear) * 0.9 * look[8]
+    which, place, made = np.empty(RUN, np.int64), np.empty((4, RUN)), np.empty((7, RUN))
+    throws, memory = look[13:16], pebble_memory()
+    for start in range(0, len(objects), RUN):
+        end = min(start + RUN, len(objects))
+        count = _gather_ground(points, normals, objects, rays, ranges, pixel_rad, start, end, which, place)
+        ground_texture(count, place, look[2], shares, seed, made)
+        for m in range(count):
+            n = which[m]
+            albedo, sx, sy, seen = _ground(place[:, m], made[:, m], pixel_rad, look, throws, seed, memory)
+            nx, ny, nz = normals[n, 0], normals[n, 1], normals[n, 2]
+            nx, ny = nx - sx * nz, ny - sy * nz
+            out[n] = _lit_surface(nx, ny, nz, rays[n], ranges[n], target * albedo, seen, lit[n], look)
+        for n in range(start, end):
+            if objects[n] == SKY:
+                out[n] = _sky(rays[n, 2], look)
+            elif objects[n] != GROUND:
+                nx, ny, nz = normals[n, 0], normals[n, 1], normals[n, 2]
+                footprint = _footprint(normals[n], rays[n], ranges[n] * pixel_rad)
+                albedo, gx, gy, gz = _stone(points[n], footprint, objects[n], look, seed)
+                along = gx * nx + gy * ny + gz * nz
+                nx, ny, nz = nx - (gx - along * nx), ny - (gy - along * ny), nz - (gz - along * nz)
+                out[n] = _lit_surface(nx, ny, nz, rays[n], ranges[n], target * albedo, 1.0, lit[n], look)
 
 
 @jit
+def _gather_ground(
+    points: FloatArray,
+    normals: FloatArray,
+    objects: NDArray[np.int32],
+    rays: FloatArray,
+    ranges: FloatArray,
+    pixel_rad: float,
+    start: int,
+    end: int,
+    which: NDArray[np.int64],
+    place: FloatArray,
+) -> int:
+    """Collect the hits of the ground: number; x, y, range, size of a pixel there."""
+    count = 0
+    for n in range(start, end):
+        if objects[n] == GROUND:
+            which[count] = n
+            place[0, count], place[1, count], place[2, count] = points[n, 0], points[n, 1], ranges[n]
+            place[3, count] = _footprint(normals[n], rays[n], ranges[n] * pixel_rad)
+            count += 1
+    return count
+
+
+@inlined
+def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
+    """Return the size of a pixel on a surface, between that across and that along the line of sight."""
+    cosine = max(-(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2]), 0.08)
+    root = math.sqrt(math.sqrt(cosine))
+    return float(small / (root * math.sqrt(root)))
+
+
+@inlined
+def _lit_surface(
+    nx: float,
+    ny: float,
+    nz: float,
+    ray: FloatArray,
+    distance: float,
+    albedo: float,
+    seen: float,
+    lit: float,
+    look: FloatArray,
+) -> float:
+    """Return the brightness of a surface in the light of sun and sky, through the haze.
+
+    The normal need not have unit length; `seen` is the share of the sun that pebbles leave, `lit` that of solids.
+    """
+    length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx * length, ny * length, nz * length
+    mu0 = max(nx * look[10] + ny * look[11] + nz * look[12], 0.0)
+    mu = max(-(nx * ray[0] + ny * ray[1] + nz * ray[2]), 0.05)
+    direct = _reflect(mu0, mu, look[4]) * mu0 * seen * lit
+    open_sky = look[6] * (0.55 + 0.45 * nz) * (0.6 + 0.4 * seen)
+    clear = math.exp(-distance / look[7])
+    return float(look[9] * albedo * (direct + open_sky) * clear + (1.0 - clear) * 0.9 * look[8])
+
+
+@inlined
 def _reflect(mu0: float, mu: float, lunar: float) -> float:
     """Lunar-Lambert reflection over the cosine of incidence: `2 L / (mu0 + mu) + 1 - L` (McEwen 1991)."""
     return 2.0 * lunar / (mu0 + mu + 1e-6) + 1.0 - lunar
@@ -122,35 +178,27 @@ def _sky(rise: float, look: FloatArray) -> float:
     return float(look[8] * (1.0 - 0.25 * up + 0.06 * math.exp(-12.0 * up)))
 
 
-@jit
-def _fade(length: float, footprint: float) -> float:
-    """Return how much of a wave a pixel shows: none under 1.4 footprints, all over 3.4."""
-    return min(max((length / footprint - 1.4) * 0.5, 0.0), 1.0)
-
-
-@jit
+@inlined
 def _ground(
-    x: float,
-    y: float,
-    distance: float,
-    footprint: float,
-    small: float,
+    place: FloatArray,
+    made: FloatArray,
+    pixel_rad: float,
     look: FloatArray,
-    shares: FloatArray,
+    throws: FloatArray,
     seed: np.uint32,
+    memory: FloatArray,
 ) -> tuple[float, float, float, float]:
     """Return reflectance, slopes of the fine relief, and the share of the sun that pebbles leave."""
-    sand, gravel, rock = materials(x, y, shares, seed)
-    unmade, rough = max(UNMADE_M, UNMADE_PER_RANGE * distance), 0.5 * sand + gravel + 1.3 * rock
-    tone, sx, sy = _fine(x, y, footprint, unmade, rough, look[2], seed)
+    x, y, small, footprint = place[0], place[1], place[2] * pixel_rad, place[3]
+    sand, gravel, rock, tone, sx, sy = made[0], made[1], made[2], made[3], made[4], made[5]
     tone = 0.85 * tone + 0.10 * sand + 0.22 * rock - 0.10 * gravel
     seen = 1.0
     if rock > 0.02:
-        crack, cx, cy = _plates(x, y, footprint, seed)
+        crack, cx, cy = plates(x, y, footprint, seed)
         tone -= 0.9 * rock * rock * rock * crack
         sx, sy = sx + rock * cx * look[2], sy + rock * cy * look[2]
     full = look[3] * (gravel + 0.05 * sand + 0.12 * rock)
-    cover, grey, px, py, shadow = pebbles(x, y, small, full, look[2], look[10:13], seed)
+    cover, grey, px, py, shadow = pebbles(x, y, small, full, look[3], look[2], throws, seed, memory)
     if cover > 0.0 or shadow > 0.0:
         tone = (1.0 - cover) * tone + cover * grey
         sx, sy = (1.0 - cover) * sx + cover * px, (1.0 - cover) * sy + cover * py
@@ -159,74 +207,23 @@ def _ground(
 
 
 @jit
-def _fine(
-    x: float, y: float, footprint: float, unmade: float, rough: float, bump: float, seed: np.uint32
-) -> tuple[float, float, float]:
-    """Return tone and slopes of the fine structure: octaves of 3 m down to the footprint.
-
-    Waves shorter than `unmade` are not in the triangles and show as slopes; those shorter than `GRAIN_M` are grains.
-    The slopes are the gradient of the tone turned by a right angle: if they went with the tone, each bright spot would
-    have a side that faces the left camera, and as dusty ground looks brighter where it is seen aslant, the two cameras
-    would see the texture shifted against each other by some 0.02 px.
-    """
-    tone, sx, sy = 0.0, 0.0, 0.0
-    length, c, s = 3.1, 1.0, 0.0
-    for k in range(9):
-        fade = _fade(length, footprint)
-        if fade <= 0.0:
-            break
-        v, gx, gy = value2((c * x + s * y) / length + 0.37 * k, (c * y - s * x) / length, seed ^ _FINE ^ np.uint32(k))
-        if length < unmade:
-            slope = fade * bump * (0.03 + 0.11 * rough if length < UNMADE_M else 0.07)
-            sx -= slope * (s * gx + c * gy)
-            sy += slope * (c * gx - s * gy)
-        tone += fade * v * (0.11 if length > GRAIN_M else 0.17 + 0.26 * rough)
-        c, s = 0.8 * c - 0.6 * s, 0.6 * c + 0.8 * s
-        length *= 0.46
-    return tone, sx, sy
-
-
-@jit
-def _plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return darkness of the cracks between plates of bare rock and the tilt of the plate: a warped Voronoi pattern."""
-    cell = 0.42
-    wx = x / cell + 0.35 * value2(x * 2.1, y * 2.1, seed ^ _PLATE)[0]
-    wy = y / cell + 0.35 * value2(x * 2.1 + 7.0, y * 2.1, seed ^ _PLATE)[0]
-    i0, j0 = math.floor(wx), math.floor(wy)
-    first, second, best = 9.0, 9.0, np.uint32(0)
-    for i in range(i0 - 1, i0 + 2):
-        for j in range(j0 - 1, j0 + 2):
-            h = hash2(i, j, seed ^ _PLATE)
-            dx, dy = i + unit(h) - wx, j + unit(mix(h)) - wy
-            d = dx * dx + dy * dy
-            if d < first:
-                second, first, best = first, d, h
-            elif d < second:
-                second = d
-    edge = (math.sqrt(second) - math.sqrt(first)) * cell
-    width = 0.012
-    crack = (1.0 - smooth_step(0.3 * width, width + footprint, edge)) * min(1.0, width / footprint)
-    tilt = mix(best ^ np.uint32(5))
-    return crack, 0.16 * (unit(tilt) - 0.5), 0.16 * (unit(mix(tilt)) - 0.5)
-
-
-@jit
 def _stone(
-    x: float, y: float, z: float, footprint: float, number: int, look: FloatArray, seed: np.uint32
+    point: FloatArray, footprint: float, number: int, look: FloatArray, seed: np.uint32
 ) -> tuple[float, float, float, float]:
     """Return reflectance and bump gradient of a rock's surface."""
+    x, y, z = point[0], point[1], point[2]
     h = mix(np.uint32(number) ^ seed ^ _STONE)
     tone = 0.5 * (unit(h) - 0.5)
     gx, gy, gz = 0.0, 0.0, 0.0
     length = 0.24
     for k in range(7):
-        fade = _fade(length, footprint)
+        fade = fade_of(length, footprint)
         if fade <= 0.0:
             break
         v, a, b, c = value3(x / length + 0.41 * k, y / length + 0.17 * k, z / length, seed ^ _STONE ^ np.uint32(k))
         tone += 0.16 * fade * v
         slope = 0.13 * fade * look[2]
-        gx, gy, gz = gx + slope * b, gy + slope * c, gz + slope * a  # not the tone's own gradient, as in _fine
+        gx, gy, gz = gx + slope * b, gy + slope * c, gz + slope * a  # not the tone's own gradient, as for the ground
         length *= 0.5
     dust = smooth_step(0.75, 1.0, 0.5 + 0.5 * unit(mix(h)))
     return look[5] * math.exp(min(max(look[1] * (tone + 0.2 * dust), -1.5), 1.2)), gx, gy, gz

@@ -18,19 +18,14 @@ from sfr_loc_map.simulation.config import CamerasConfig, SimulationConfig
 from sfr_loc_map.simulation.drive import Drive, make_drive
 from sfr_loc_map.simulation.mesh import Mesh, ground_mesh
 from sfr_loc_map.simulation.noise import sub_seed
+from sfr_loc_map.simulation.rays import camera_pose, pixel_rays, sample_offsets, sun_rays
 from sfr_loc_map.simulation.renderer import (
     BAND_RAYS,
-    LIFT_M,
-    LIFT_PER_RANGE,
     SKY_OBJECT,
-    Hits,
     Occluder,
     Tracer,
-    camera_pose,
-    pixel_rays,
-    sample_offsets,
+    hidden,
     see,
-    sun_rays,
     sun_seen,
 )
 from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh
@@ -209,7 +204,7 @@ class World:
             points[pixels] = np.where(sky[:, None], np.nan, T_lm_ds.apply(hits.points))
             suns = np.repeat(self._sun[None].astype(np.float32), len(pixels), axis=0)
             lit = sun_seen(self._tracer, hits, suns, occluder)
-            unseen = ~sky & self._hidden(hits, right, rig)
+            unseen = hidden(self._tracer, hits, right, rig)
             mask[pixels] = SKY * sky + SHADOW * (~sky & (lit == 0)) + UNSEEN * unseen
         return points.reshape(rig.height, rig.width, 3), mask.reshape(rig.height, rig.width)
 
@@ -235,14 +230,3 @@ class World:
             self.plan.terrain.shares, self.plan.terrain.seed, self.plan.config.sensor.target_grey, out,
         )  # fmt: skip
         return out
-
-    def _hidden(self, hits: Hits, right: Transform, rig: StereoRig) -> NDArray[np.bool_]:
-        """Tell which points the right camera does not see: outside its picture or behind something."""
-        local = right.inverse().apply(hits.points)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u, v = rig.fx * local[:, 0] / local[:, 2] + rig.cx, rig.fy * local[:, 1] / local[:, 2] + rig.cy
-        outside = ~((local[:, 2] > 0) & (abs(u - rig.cx) < 0.5 * rig.width) & (abs(v - rig.cy) < 0.5 * rig.height))
-        away = right.translation - hits.points
-        starts = hits.points + (LIFT_M + LIFT_PER_RANGE * hits.ranges[:, None]) * hits.normals
-        reach = np.full(len(starts), 0.999, np.float32)
-        return outside | self._tracer.blocked(starts.astype(np.float32), away.astype(np.float32), reach)

@@ -9,7 +9,8 @@ import pytest
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.mesh import Mesh
-from sfr_loc_map.simulation.renderer import Occluder, Tracer, see, sun_rays, sun_seen
+from sfr_loc_map.simulation.rays import sun_rays
+from sfr_loc_map.simulation.renderer import Occluder, Tracer, see, sun_seen
 from sfr_loc_map.simulation.rover import rover_mesh
 from sfr_loc_map.simulation.world import NAV, SHADOW, Plan, World
 

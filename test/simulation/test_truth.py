@@ -9,7 +9,7 @@ import pytest
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.renderer import sample_offsets
+from sfr_loc_map.simulation.rays import sample_offsets
 from sfr_loc_map.simulation.sensor import FloatImage
 from sfr_loc_map.simulation.world import NAV, SHADOW, SKY, UNSEEN, Plan, World
 
