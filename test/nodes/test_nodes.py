@@ -12,55 +12,24 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, loc_pair, nav_pair, true_pose
+from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, START_NS, loc_pair, nav_pair, true_pose
 from nav_msgs.msg import Odometry
 from processes import Peer, node_process
+from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Float64, String
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.nodes.conversions import cloud_from_msg, disparity_from_msg, header_msg, odometry_row, pose_msg
 from sfr_loc_map.nodes.diagnostics import values_of
-
-MOUNT = [
-    "-p",
-    f"T_rb_locsb.translation_m:={T_RB_LOCSB.translation.tolist()}",
-    "-p",
-    f"T_rb_locsb.quat_xyzw:={T_RB_LOCSB.file_quat_xyzw.tolist()}",
-]
-
-
-def raw(message) -> bytes:  # noqa: ANN001
-    return bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
-
-
-def send_infos(peer: Peer, bench: str, rig, prefix: str = "", stamp_ns: int = START_NS) -> None:  # noqa: ANN001
-    for side in ("left", "right"):
-        message = raw(bag_messages.camera_info(stamp_ns, rig, bench, side))
-        peer.publish(CameraInfo, f"{prefix}{bench}/{side}/camera_info", message)
-
-
-def send_pair(peer: Peer, bench: str, pair, prefix: str = "") -> None:  # noqa: ANN001
-    for side, picture in (("left", pair.left), ("right", pair.right)):
-        message = raw(bag_messages.image(pair.stamp_ns, picture, bench, side))
-        peer.publish(Image, f"{prefix}{bench}/{side}/image_rect", message)
-
-
-def calls(diagnostics: list[DiagnosticArray]) -> list[DiagnosticStatus]:
-    return [status for array in diagnostics for status in array.status if status.name.endswith(": call")]
-
-
-def problems(diagnostics: list[DiagnosticArray]) -> list[str]:
-    return [status.message for array in diagnostics for status in array.status if status.name.endswith(": input")]
 
 
 def test_localisation_in_a_namespace_with_remapping_and_a_parameter_file(ros: None, tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
 # ruff: noqa: E402 - ROS may be absent
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,7 +12,7 @@ pytestmark = pytest.mark.ros
 import rclpy
 from rclpy.parameter import Parameter
 
-from sfr_loc_map.config import flatten, param
+from sfr_loc_map.config import build, flatten, param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.parameter_files import FILES, parameter_file
 from sfr_loc_map.nodes.parameters import Parameters
@@ -82,6 +83,40 @@ def test_what_is_not_valid_is_named(ros: None, name: str, value: object, words: 
     node.destroy_node()
 
 
+def test_live_changes_are_judged_as_a_whole(ros: None) -> None:
+    def check(config: Outer) -> None:
+        if config.inner.gain > config.axis[1]:
+            raise ConfigError("gain must not be\nabove the second of axis")
+
+    changes: list[Outer] = []
+    node = rclpy.create_node("tried")
+    held = Parameters(node, Outer, live=("inner.", "axis"), check=check, changed=changes.append)
+    assert not node.describe_parameter("inner.gain").read_only
+    (refused,) = node.set_parameters([Parameter("inner.gain", value=1.5)])
+    assert (refused.successful, refused.reason) == (False, "gain must not be above the second of axis")
+    assert node.get_parameter("inner.gain").value == 0.5
+    both = [Parameter("inner.gain", value=1.5), Parameter("axis", value=[0.0, 2.0])]
+    assert node.set_parameters_atomically(both).successful
+    assert held.config == Outer(axis=(0.0, 2.0), inner=Inner(gain=1.5))
+    assert changes == [held.config]
+    assert not node.set_parameters_atomically(
+        [Parameter("inner.gain", value=1.0), Parameter("count", value=9)]
+    ).successful
+    assert held.config.inner.gain == 1.5
+    assert json.loads(held.to_json())["inner.gain"] == 1.5
+    node.destroy_node()
+
+
+def test_values_that_do_not_fit_together_are_refused_at_start(ros: None) -> None:
+    def check(config: Outer) -> None:
+        raise ConfigError("no")
+
+    node = rclpy.create_node("tried")
+    with pytest.raises(ConfigError, match="no"):
+        Parameters(node, Outer, check=check)
+    node.destroy_node()
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_parameter_files_hold_all_fields_at_their_defaults(name: str) -> None:
     node_name, config_type = FILES[name]
@@ -97,3 +132,11 @@ def test_parameter_files_hold_all_fields_at_their_defaults(name: str) -> None:
 
     values = {n: tuple(v) if isinstance(v, list) else v for n, v in flat(content).items()}
     assert values == flatten(config_type())
+
+
+def test_the_file_for_rep_105_names_parameters_that_there_are() -> None:
+    content = yaml.safe_load((CONFIG / "rep105.yaml").read_text(encoding="utf-8"))
+    types = {f"/**/{node_name}": config_type for node_name, config_type in FILES.values()}
+    configs = {name: build(types[name], block["ros__parameters"]) for name, block in content.items()}
+    localisation, mapping = configs["/**/localisation_node"], configs["/**/mapping_node"]
+    assert (localisation.ds_frame, localisation.rb_frame, mapping.lm_frame) == ("odom", "base_link", "map")

@@ -1,0 +1,49 @@
+"""The made scene as messages."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from made_scene import START_NS, T_RB_LOCSB
+from sensor_msgs.msg import CameraInfo, Image
+
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import TYPESTORE
+
+if TYPE_CHECKING:
+    from processes import Peer
+
+MOUNT = [
+    "-p",
+    f"T_rb_locsb.translation_m:={T_RB_LOCSB.translation.tolist()}",
+    "-p",
+    f"T_rb_locsb.quat_xyzw:={T_RB_LOCSB.file_quat_xyzw.tolist()}",
+]
+
+
+def raw(message: Any) -> bytes:
+    return bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
+
+
+def send_infos(peer: Peer, bench: str, rig: StereoRig, prefix: str = "", stamp_ns: int = START_NS) -> None:
+    for side in ("left", "right"):
+        message = raw(bag_messages.camera_info(stamp_ns, rig, bench, side))
+        peer.publish(CameraInfo, f"{prefix}{bench}/{side}/camera_info", message)
+
+
+def send_pair(peer: Peer, bench: str, pair: StereoPair, prefix: str = "") -> None:
+    for side, picture in (("left", pair.left), ("right", pair.right)):
+        message = raw(bag_messages.image(pair.stamp_ns, picture, bench, side))
+        peer.publish(Image, f"{prefix}{bench}/{side}/image_rect", message)
+
+
+def calls(diagnostics: list[DiagnosticArray]) -> list[DiagnosticStatus]:
+    """Return the statuses that describe calls."""
+    return [status for array in diagnostics for status in array.status if status.name.endswith(": call")]
+
+
+def problems(diagnostics: list[DiagnosticArray]) -> list[str]:
+    """Return what was wrong with the input."""
+    return [status.message for array in diagnostics for status in array.status if status.name.endswith(": input")]

@@ -1,0 +1,90 @@
+# ruff: noqa: E402 - ROS may be absent
+import pytest
+
+pytest.importorskip("rclpy")  # levels are those of a message
+pytestmark = pytest.mark.ros
+
+from sfr_loc_map.nodes.diagnostics import Level
+from sfr_loc_map.nodes.health import Health, HealthConfig, Verdict
+
+
+class Node:
+    def __init__(self, **settings: float) -> None:
+        self.now = 100.0
+        self.health = Health(HealthConfig(**settings), lambda: self.now)
+        self.counts = {"dropped_stale": 0}
+
+    def judge(self, *, expecting: bool = True, lifecycle: str = "active") -> Verdict:
+        return self.health.judge(lifecycle, self.counts, 0, expecting=expecting)
+
+    def call(self, level: Level = Level.OK, state: str = "tracking", **statistics: float) -> None:
+        self.health.arrived()
+        self.health.called(level, state, {"processing_time_s": 0.1, "latency_transport_s": 0.002}, statistics)
+
+
+def test_a_node_that_works_is_well_and_gives_its_figures() -> None:
+    node = Node()
+    for _ in range(20):
+        node.now += 0.1
+        node.call()
+    verdict = node.judge()
+    assert (verdict.level, verdict.message) == (Level.OK, "tracking")
+    assert verdict.values["processed_hz"] == pytest.approx(10.0)
+    assert verdict.values["last_processing_time_s"] == 0.1
+    assert verdict.values["latency_transport_p95_s"] == 0.002
+    assert verdict.values["dropped_stale"] == 0
+
+
+def test_silence_is_stale_only_where_something_is_due() -> None:
+    node = Node(stale_after_s=2.0)
+    node.call()
+    node.now += 2.1
+    assert node.judge().level is Level.STALE
+    assert node.judge(expecting=False).level is Level.OK
+    assert node.judge(lifecycle="inactive").level is Level.OK
+    node.health.arrived()
+    assert node.judge().level is Level.OK
+
+
+def test_drops_and_problems_show_for_the_window() -> None:
+    node = Node(window_s=3.0)
+    node.call()
+    node.counts["dropped_stale"] = 1
+    assert (node.judge().level, node.judge().message) == (Level.WARN, "dropped_stale")
+    node.health.problem(Level.ERROR, "no camera_info")
+    assert node.judge().message == "no camera_info; dropped_stale"
+    assert node.judge().level is Level.ERROR
+    node.now += 3.1
+    assert node.judge().level is Level.OK
+
+
+@pytest.mark.parametrize(("rows", "level"), [(0.29, Level.OK), (0.31, Level.WARN), (-0.31, Level.WARN)])
+def test_a_calibration_that_is_off_is_warned_of(rows: float, level: Level) -> None:
+    node = Node()
+    node.call(vertical_offset_px=rows)
+    node.call()  # a call that does not say keeps what was known
+    assert node.judge().level is level
+
+
+def test_lost_is_an_error_and_much_memory_a_warning() -> None:
+    node = Node(memory_warn_mb=1)
+    node.call()
+    assert (node.judge().level, "more than 1 MB" in node.judge().message) == (Level.WARN, True)
+    node.call(Level.ERROR, "lost")
+    assert node.judge().level is Level.ERROR
+
+
+def test_an_error_says_more_than_silence() -> None:
+    node = Node(stale_after_s=1.0, window_s=60.0)
+    node.health.problem(Level.ERROR, "camera_info is not rectified")
+    node.now += 2.0
+    verdict = node.judge()
+    assert verdict.level is Level.ERROR
+    assert verdict.message == "camera_info is not rectified; nothing came for more than 1 s"
+
+
+def test_what_was_before_is_forgotten_when_the_node_begins_anew() -> None:
+    node = Node()
+    node.call(Level.ERROR, "lost")
+    node.health.begin()
+    assert node.judge().level is Level.OK
