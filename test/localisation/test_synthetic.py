@@ -323,6 +323,6 @@ def test_pose_by_descriptors_from_afar() -> None:
     pose = pose_by_descriptors(WellSeen(left, corners, points), other, found, camera, 20)
     assert pose is not None
     np.testing.assert_allclose(pose[1], now.translation, atol=0.05)
-    np.testing.assert_allclose(pose[0], now.rotation, atol=0.02)
+    np.testing.assert_allclose(pose[0], now.rotation, atol=0.05)
     grey = np.full_like(other, 90)
     assert pose_by_descriptors(WellSeen(left, corners, points), grey, np.zeros((0, 2)), camera, 20) is None
