@@ -271,6 +271,11 @@ def test_wheel_odometry_tells_where_to_look(ros: None, tmp_path: Path) -> None:
     with node_process(tmp_path, "localisation_node", *arguments) as node, Manager() as peer:
         node.wait_for("listens to")
         send_infos(peer, "loc", LOC_RIG)
+        # the subscription takes best effort: what is sent before it knows the publisher does not come
+        early = bag_messages.odometry(loc_pair(0).stamp_ns - 10**10, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+        early.child_frame_id = "rb"
+        peer.publish(Odometry, "motion_prior", raw(early))
+        peer.spin(1.0)
         expected, sent = [], []
         for index, ahead in ((0, 0), (1, 0), (2, -1), (12, 1)):
             pair = loc_pair(index)
