@@ -7,13 +7,18 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo test lint types config format check clean
+.PHONY: help demo sample test lint types config format check clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
 
 demo: $(STAMP)  ## Replay the sample bag through the three nodes and score it
 	$(BIN)/sfr replay sample/sample.mcap --start truth --out $(OUT)
+
+sample: $(DEV_STAMP)  ## Make the sample bag anew by the simulator
+	rm -rf out/sample sample/sample.mcap
+	$(BIN)/sfr simulate config/simulation/sample.yaml out/sample
+	$(BIN)/sfr convert out/sample sample/sample.mcap --jpeg-quality 82 --compression zstd --truth-grid 0.0001220703125
 
 test: $(DEV_STAMP)  ## Run all tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile

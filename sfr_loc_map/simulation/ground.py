@@ -58,7 +58,7 @@ def ground_texture(
     finest = np.inf
     for n in range(count):
         tone[n], sx[n], sy[n] = 0.0, 0.0, 0.0
-        grain[n] = 0.5 * out[0, n] + out[1, n] + 1.3 * out[2, n]
+        grain[n] = 0.5 * out[0, n] + out[1, n] + 0.65 * out[2, n]
         finest = min(finest, footprints[n])
     length, c, s = LONGEST_M, 1.0, 0.0
     for k in range(OCTAVES):
@@ -96,6 +96,8 @@ def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float
     cell = 0.42
     wx = x / cell + 0.35 * value2(x * 2.1, y * 2.1, seed ^ _PLATE)[0]
     wy = y / cell + 0.35 * value2(x * 2.1 + 7.0, y * 2.1, seed ^ _PLATE)[0]
+    jag, shove, _ = value2(x * 17.0 + 3.0 * y, y * 17.0 - 3.0 * x, seed ^ _PLATE)
+    wx, wy = wx + 0.045 * jag, wy + 0.02 * shove
     i0, j0 = math.floor(wx), math.floor(wy)
     first, second, best = 9.0, 9.0, np.uint32(0)
     for i in range(i0 - 1, i0 + 2):
@@ -108,7 +110,7 @@ def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float
             elif d < second:
                 second = d
     edge = (math.sqrt(second) - math.sqrt(first)) * cell
-    width = 0.012
+    width = 0.009 * (1.0 + 0.8 * jag)
     crack = (1.0 - smooth_step(0.3 * width, width + footprint, edge)) * min(1.0, width / footprint)
     tilt = mix(best ^ np.uint32(5))
     return crack, 0.16 * (unit(tilt) - 0.5), 0.16 * (unit(mix(tilt)) - 0.5)

@@ -191,7 +191,7 @@ def _ground(
     """Return reflectance, slopes of the fine relief, and the share of the sun that pebbles leave."""
     x, y, small, footprint = place[0], place[1], place[2] * pixel_rad, place[3]
     sand, gravel, rock, tone, sx, sy = made[0], made[1], made[2], made[3], made[4], made[5]
-    tone = 0.85 * tone + 0.10 * sand + 0.22 * rock - 0.10 * gravel
+    tone = 0.85 * tone + 0.10 * sand + 0.14 * rock - 0.10 * gravel
     seen = 1.0
     if rock > 0.02:
         crack, cx, cy = plates(x, y, footprint, seed)

@@ -21,13 +21,13 @@ def plan(name: str) -> Plan:
 
 def test_all_scenarios_are_there() -> None:
     wanted = {"flat", "rolling", "rocky", "crater_rim", "low_sun", "point_turn", "stop_and_go", "long_drive"}
-    assert wanted | {"mapping_panorama"} == set(NAMES)
+    assert wanted | {"mapping_panorama", "sample"} == set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_scenario_makes_pairs(name: str) -> None:
     made = plan(name)
-    assert made.count(NAV) == (3 if name == "mapping_panorama" else 0)
+    assert made.count(NAV) == (3 if name in ("mapping_panorama", "sample") else 0)
     assert made.count(LOC) >= (0 if name == "mapping_panorama" else 75)
 
 
