@@ -23,6 +23,8 @@ SEVERITY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)
 """From good to bad: that nothing comes is worse than a warning, a known error is worse still."""
 REMEMBERED = 200
 """Calls over which latencies are summarised."""
+MOST_WORDS = 4
+"""Reasons that a message names."""
 MB = 1_000_000
 
 
@@ -53,11 +55,19 @@ class HealthConfig:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Level, the reasons for it in words, and figures."""
+    """Level, the reasons for it in words, and figures.
+
+    Attributes:
+        level: How well the node is.
+        message: Why, the worst first.
+        values: Figures by name.
+        kind: Equal for two verdicts between which nothing has changed but single problems and figures.
+    """
 
     level: Level
     message: str
     values: Mapping[str, Value]
+    kind: tuple[str, ...]
 
 
 class Health:
@@ -116,6 +126,7 @@ class Health:
     def problem(self, level: Level, text: str) -> None:
         """Note something that shows for a while."""
         with self._lock:
+            self._problems.pop(text, None)  # the latest is last
             self._problems[text] = (self._clock(), level)
 
     def judge(self, lifecycle: str, counts: Mapping[str, int], waiting: int, *, expecting: bool) -> Verdict:
@@ -131,7 +142,9 @@ class Health:
             now = self._clock()
             self._note_drops(counts, now)
             memory = int(self._process.memory_info().rss)
-            findings = self._findings(now, memory, active=lifecycle == "active", expecting=expecting)
+            problems = self._recent_problems(now)
+            lasting = self._findings(now, memory, active=lifecycle == "active", expecting=expecting)
+            findings = problems + lasting
             level = max((found for found, _ in findings), key=SEVERITY.index, default=Level.OK)
             words = [text for severity in reversed(SEVERITY) for found, text in findings if found is severity]
             values: dict[str, Value] = {
@@ -143,12 +156,19 @@ class Health:
                 "vertical_offset_px": self._vertical_px,
             }
             values |= {n.removesuffix("_s") + "_p95_s": float(np.quantile(v, 0.95)) for n, v in self._latencies.items()}
+            if len(words) > MOST_WORDS:
+                words[MOST_WORDS:] = [f"and {len(words) - MOST_WORDS} more"]
             message = "; ".join(words) or (lifecycle if self._last_call is None else self._last_call[1])
-            return Verdict(level, message, values | self._last_values | dict(counts))
+            kind = (lifecycle, level.name, *(text for _, text in lasting))
+            return Verdict(level, message, values | self._last_values | dict(counts), kind)
+
+    def _recent_problems(self, now: float) -> list[tuple[Level, str]]:
+        """Return the problems that still show, the latest first."""
+        self._problems = {t: (at, lv) for t, (at, lv) in self._problems.items() if now - at <= self._config.window_s}
+        return [(level, text) for text, (_, level) in reversed(self._problems.items())]
 
     def _findings(self, now: float, memory: int, *, active: bool, expecting: bool) -> list[tuple[Level, str]]:
-        self._problems = {t: (at, lv) for t, (at, lv) in self._problems.items() if now - at <= self._config.window_s}
-        found = [(level, text) for text, (_, level) in self._problems.items()]
+        found: list[tuple[Level, str]] = []
         if memory > self._config.memory_warn_mb * MB:
             found.append((Level.WARN, f"more than {self._config.memory_warn_mb} MB of memory in use"))
         if not active:

@@ -11,6 +11,7 @@ each state:
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import traceback
 from collections.abc import Callable
@@ -78,6 +79,14 @@ class PairNodeConfig(NodeConfig):
     )
 
 
+def _give_memory_back() -> None:
+    """Free what cycles hold, and let the C library return what is free to the system where it can (glibc)."""
+    gc.collect()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
+
+
 class ManagedNode(LifecycleNode):
     """A managed node whose work is done in a thread of its own.
 
@@ -120,7 +129,7 @@ class ManagedNode(LifecycleNode):
         self._topics: dict[str, list[str]] = {"listens to": [], "publishes": [], "offers": []}
         self._service_group = MutuallyExclusiveCallbackGroup()
         self.health = Health(self.common.health)
-        self._last_health: tuple[Level, str] | None = None
+        self._last_health: tuple[str, ...] = ()
         self.diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=QUEUE_DEPTH))
         self._topics["publishes"] = [self.diagnostics.topic_name]
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -244,15 +253,15 @@ class ManagedNode(LifecycleNode):
         self.health.problem(Level.ERROR, text)
         status = status_msg(f"{self._label}: input", Level.ERROR, text, {"task": self.task, **self.counts()})
         self.diagnostics.publish(array_msg(header_msg(self.get_clock().now().nanoseconds, ""), status))
+        self.report_health(only_changes=True)
 
     def report_health(self, *, only_changes: bool = False) -> None:
         """Publish the health. May be called in any thread."""
         waiting = self._worker.waiting if self._worker is not None else 0
         verdict = self.health.judge(self.state, self.counts(), waiting, expecting=self.expects_more())
-        now = (verdict.level, verdict.message)
-        if only_changes and now == self._last_health:
+        if only_changes and verdict.kind == self._last_health:
             return
-        self._last_health = now
+        self._last_health = verdict.kind
         status = status_msg(f"{self._label}: health", verdict.level, verdict.message, verdict.values)
         self.diagnostics.publish(array_msg(header_msg(self.get_clock().now().nanoseconds, ""), status))
 
@@ -376,7 +385,7 @@ class ManagedNode(LifecycleNode):
         self._removing.clear()
         self._topics["publishes"] = [self.diagnostics.topic_name]
         self.free()
-        gc.collect()
+        _give_memory_back()
 
     def _guard_transitions(self) -> None:
         """Let a transition that is not there from the present state be answered by failure: rclpy ends the node."""
@@ -443,3 +452,4 @@ class ManagedNode(LifecycleNode):
     def _warn_of_qos(self, text: str) -> None:
         self.get_logger().warning(text)
         self.health.problem(Level.WARN, text)
+        self.report_health(only_changes=True)

@@ -27,6 +27,9 @@ from sfr_loc_map.nodes.playback import messages_of, topics_of
 from sfr_loc_map.nodes.player import Player, Recording
 from sfr_loc_map.nodes.supervisor import Supervisor
 
+PLAYED = {"autostart": True, "output_reliability": "reliable"}
+"""What a replay needs of each node, whatever a parameter file says."""
+
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
@@ -128,7 +131,8 @@ def _parameters(source: Source, options: ReplayOptions) -> dict[str, dict[str, A
         place = source.loc.rig.T_rb_sb
         localisation["T_rb_locsb.translation_m"] = place.translation.tolist()
         localisation["T_rb_locsb.quat_xyzw"] = place.file_quat_xyzw.tolist()
-    return {"localisation_node": localisation, "mapping_node": mapping, "monitor_node": monitor}
+    nodes = {"localisation_node": localisation, "mapping_node": mapping, "monitor_node": monitor}
+    return {name: parameters | PLAYED for name, parameters in nodes.items()}
 
 
 def _changed(prefix: str, config: Any) -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass

@@ -88,3 +88,18 @@ def test_what_was_before_is_forgotten_when_the_node_begins_anew() -> None:
     node.call(Level.ERROR, "lost")
     node.health.begin()
     assert node.judge().level is Level.OK
+
+
+def test_many_problems_are_counted_not_listed_and_are_one_change() -> None:
+    node = Node()
+    node.call()
+    well = node.judge()
+    node.health.problem(Level.ERROR, "pair 0 is broken")
+    ill = node.judge()
+    assert ill.kind != well.kind
+    for number in range(1, 10):
+        node.health.problem(Level.ERROR, f"pair {number} is broken")
+    verdict = node.judge()
+    assert verdict.kind == ill.kind
+    listed = "; ".join(f"pair {number} is broken" for number in (9, 8, 7, 6))
+    assert verdict.message == f"{listed}; and 6 more"

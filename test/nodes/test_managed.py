@@ -8,6 +8,7 @@ from signal import SIGCONT, SIGINT, SIGSTOP, SIGTERM
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 pytest.importorskip("rclpy")
@@ -23,8 +24,8 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from scenes import MOUNT, calls, raw, send_infos, send_pair
-from sensor_msgs.msg import Image
+from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
+from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import String
 
 from sfr_loc_map.geometry.stereo import StereoPair
@@ -32,7 +33,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.nodes.conversions import odometry_row, time_msg
+from sfr_loc_map.nodes.conversions import header_msg, odometry_row, time_msg
 from sfr_loc_map.nodes.diagnostics import Level, level_of, values_of
 from sfr_loc_map.nodes.motion_prior import MotionPrior
 
@@ -435,3 +436,23 @@ def test_a_clock_that_goes_back_begins_a_new_run(ros: None, tmp_path: Path) -> N
         assert "stamps have gone back" not in node.text  # once is enough
         latency = values_of(calls(peer.diagnostics)[-1])["latency_stamp_to_publish_s"]
         assert float(latency) < 60.0  # by the simulated clock
+
+
+def test_pictures_that_claim_to_be_huge_do_no_harm(ros: None, tmp_path: Path) -> None:
+    with node_process(tmp_path, "localisation_node", "--ros-args", *MOUNT) as node, Manager() as peer:
+        node.wait_for("listens to")
+        send_infos(peer, "loc", LOC_RIG)
+        before = psutil.Process(node.popen.pid).memory_info().rss
+        size = (65_535).to_bytes(4, "big")
+        bomb = b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + b"IHDR" + size + size + b"\x10\x06\0\0\0" + bytes(64)
+        for side in ("left", "right"):
+            header = header_msg(loc_pair(0).stamp_ns - 5, "")
+            picture = CompressedImage(header=header, format="png", data=bomb)
+            peer.publish(CompressedImage, f"loc/{side}/image_rect/compressed", picture)
+            mosaic = Image(header=header_msg(loc_pair(0).stamp_ns - 3, ""), width=160, height=120, step=160)
+            mosaic.encoding, mosaic.data = "bayer_rggb8", bytes(160 * 120)
+            peer.publish(Image, f"loc/{side}/image_rect", mosaic)
+        peer.until(lambda: any("is 65535 x 65535" in text for text in problems(peer.diagnostics)), "refusal")
+        peer.until(lambda: any("Bayer mosaics are not supported" in t for t in problems(peer.diagnostics)), "refusal")
+        peer.play(0)
+        assert psutil.Process(node.popen.pid).memory_info().rss - before < 100e6

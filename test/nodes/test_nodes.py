@@ -295,7 +295,9 @@ def test_monitor_scores_what_it_hears(ros: None, tmp_path: Path) -> None:
         peer.until(lambda: verdicts() == [(b"\x02", "fail")], "the verdict")
         answer = peer.call("monitor_node/save")
         assert (answer.success, answer.message) == (True, str(save))
-        assert json.loads(save.read_text())["trajectory"] == score["trajectory"]
+        saved = json.loads(save.read_text())
+        assert saved["trajectory"] == score["trajectory"]
+        assert saved["provenance"]["configuration"]["monitor"]["score.trajectory.spacing"] == 5
         assert peer.call("monitor_node/reset").success
         peer.until(lambda: "trajectory" not in json.loads(report[-1].data), "the reset")
         assert node.end(SIGINT) == 0

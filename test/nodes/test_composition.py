@@ -1,0 +1,81 @@
+"""Nodes within another program's process."""
+
+# ruff: noqa: E402 - ROS may be absent
+import time
+import weakref
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from made_scene import LOC_RIG, NAV_RIG, T_RB_LOCSB, loc_pair, nav_pair
+from nav_msgs.msg import Odometry
+from processes import Peer
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from scenes import calls, raw, send_infos, send_pair
+from sensor_msgs.msg import PointCloud2
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.nodes.localisation_node import LocalisationNode
+from sfr_loc_map.nodes.mapping_node import MappingNode
+
+MOUNT = [
+    Parameter("T_rb_locsb.translation_m", value=T_RB_LOCSB.translation.tolist()),
+    Parameter("T_rb_locsb.quat_xyzw", value=T_RB_LOCSB.file_quat_xyzw.tolist()),
+]
+
+
+def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -> None:
+    localisation = LocalisationNode(namespace="rover", parameter_overrides=MOUNT)
+    mapping = MappingNode(namespace="rover", parameter_overrides=[Parameter("pairs_per_map", value=2)])
+    executor = SingleThreadedExecutor()
+    with Peer() as peer:
+        odometry = peer.listen(Odometry, "/rover/localisation/odometry")
+        clouds = peer.listen(PointCloud2, "/rover/mapping/points")
+        diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
+        for node in (localisation, mapping):
+            executor.add_node(node)
+            node.start()
+            assert node.state == "active"
+        executor.add_node(peer.node)
+        peer._executor = executor
+        send_infos(peer, "loc", LOC_RIG, "/rover/")
+        send_infos(peer, "nav", NAV_RIG, "/rover/")
+        for index in range(2):
+            send_pair(peer, "loc", loc_pair(index), "/rover/")
+            item = nav_pair(index)
+            pose = bag_messages.pose(item.pair.stamp_ns, item.T_lm_navsb)
+            peer.publish(PoseStamped, "/rover/nav/pose", raw(pose))
+            send_pair(peer, "nav", item.pair, "/rover/")
+        peer.until(lambda: len(odometry) == 2 and len(clouds) == 1 and len(calls(diagnostics)) == 5, "all results")
+        held = [weakref.ref(localisation._localiser), weakref.ref(mapping._mapper), weakref.ref(mapping.worker)]
+        for node in (localisation, mapping):
+            node.trigger_deactivate()
+            node.trigger_cleanup()
+            assert node.state == "unconfigured"
+        peer.spin(0.1)
+        assert [item() for item in held] == [None, None, None]
+        for node in (localisation, mapping):
+            executor.remove_node(node)
+            node.destroy_node()
+
+
+def test_a_node_that_cannot_start_says_why_to_the_program(ros: None) -> None:
+    with pytest.raises(ConfigError, match="a unit quaternion is needed"):
+        LocalisationNode(parameter_overrides=[Parameter("T_rb_locsb.quat_xyzw", value=[0.0, 0.0, 0.0, 3.0])])
+
+
+def test_destroying_a_node_that_works_waits_for_the_call_under_way(ros: None) -> None:
+    node = LocalisationNode(parameter_overrides=MOUNT)
+    node.start()
+    done: list[int] = []
+    node.worker.put(lambda: (time.sleep(0.3), done.append(1)))
+    time.sleep(0.1)
+    node.worker.put(lambda: done.append(2))
+    node.destroy_node()
+    assert done == [1]
