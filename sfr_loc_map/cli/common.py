@@ -12,7 +12,15 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sfr_loc_map.config import build, load_yaml
-from sfr_loc_map.errors import ConfigError, GeometryError, InputError, LocalisationError, MappingError, OutputError
+from sfr_loc_map.errors import (
+    ConfigError,
+    GeometryError,
+    InputError,
+    LocalisationError,
+    MappingError,
+    MissingExtraError,
+    OutputError,
+)
 
 C = TypeVar("C")
 
@@ -35,6 +43,23 @@ def check_start(start: str) -> str:
     if start not in ("identity", "truth"):
         raise ConfigError(f"'--start {start}': must be identity or truth")
     return start
+
+
+def require_ros(command: str) -> None:
+    """Check that ROS can be imported.
+
+    Args:
+        command: Subcommand that needs it.
+
+    Raises:
+        MissingExtraError: If it cannot.
+    """
+    try:
+        from sfr_loc_map.nodes import conversions, qos  # noqa: F401 - only whether their ROS imports succeed
+    except ImportError as error:
+        raise MissingExtraError(
+            f"sfr {command} needs ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"
+        ) from error
 
 
 @contextmanager

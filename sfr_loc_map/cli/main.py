@@ -16,10 +16,25 @@ import typer
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import FailedVerdictError, SfrError
 
-COMMANDS = ("localise", "map", "convert", "score", "replay", "report", "simulate", "perturb", "compare", "doctor")
-GROUPS = ("bench",)
+COMMANDS = (
+    "localise",
+    "map",
+    "convert",
+    "score",
+    "replay",
+    "run",
+    "report",
+    "simulate",
+    "perturb",
+    "compare",
+    "doctor",
+)
+GROUPS = ("bench", "campaign")
 MODULES = {"map": "map_cloud"}
 FUNCTIONS = {"map": "map_cloud"}
+PASSES_ON = ("run",)
+PASSED_ON = {"ignore_unknown_options": True}
+"""Settings of commands that pass on what they do not know to ROS."""
 INTERRUPTED = 130
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version
@@ -51,7 +66,8 @@ def _root(
 
 for _name in COMMANDS:
     _module = importlib.import_module(f"sfr_loc_map.cli.{MODULES.get(_name, _name)}")
-    app.command(_name)(getattr(_module, FUNCTIONS.get(_name, _name)))
+    _settings = PASSED_ON if _name in PASSES_ON else None
+    app.command(_name, context_settings=_settings)(getattr(_module, FUNCTIONS.get(_name, _name)))
 for _name in GROUPS:
     app.add_typer(importlib.import_module(f"sfr_loc_map.cli.{_name}").app, name=_name)
 

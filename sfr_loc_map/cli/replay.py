@@ -20,9 +20,10 @@ from sfr_loc_map.cli.common import (
     parse_remaps,
     progress_bar,
     read_config,
+    require_ros,
 )
 from sfr_loc_map.cli.score import ConditionOption, LimitsOption, present
-from sfr_loc_map.errors import MissingExtraError, NodeError, OutputError
+from sfr_loc_map.errors import NodeError, OutputError
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
@@ -54,7 +55,7 @@ def replay(
     remaps = parse_remaps(remap)
     opened = open_source(source, remaps)
     parsed_limits = load_limits(limits) if limits is not None else None
-    _require_ros()
+    require_ros("replay")
     from sfr_loc_map.config import build
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
@@ -88,15 +89,6 @@ def replay(
             present(score, None if out is None else str(files.report), None if out is None else files.page)
         finally:
             _say_where(result, files, out)
-
-
-def _require_ros() -> None:
-    try:
-        from sfr_loc_map.nodes import player  # noqa: F401 - only whether its ROS imports succeed
-    except ImportError as error:
-        raise MissingExtraError(
-            f"sfr replay needs ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"
-        ) from error
 
 
 @contextmanager

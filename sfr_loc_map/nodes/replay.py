@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import os
-import signal
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import yaml
@@ -25,7 +22,7 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.playback import messages_of, topics_of
 from sfr_loc_map.nodes.player import Player, Recording
-from sfr_loc_map.nodes.supervisor import Supervisor
+from sfr_loc_map.nodes.supervisor import Supervisor, endable
 
 PLAYED = {"autostart": True, "output_reliability": "reliable"}
 """What a replay needs of each node, whatever a parameter file says."""
@@ -81,7 +78,7 @@ def replay(
     with tempfile.TemporaryDirectory(prefix="sfr-replay-") as name:
         folder = Path(name)
         os.environ.setdefault("ROS_LOG_DIR", str(folder / "log"))
-        with _endable(), Supervisor(folder) as supervisor:
+        with endable(), Supervisor(folder) as supervisor:
             for node, parameters in _parameters(source, options).items():
                 supervisor.start(node, _arguments(folder, node, parameters, options.parameter_file))
             with Player(supervisor, topics_of(source, options.remap)) as player:
@@ -159,20 +156,3 @@ def is_ros_parameter_file(path: Path) -> bool:
         ConfigError: If it is not YAML.
     """
     return any(isinstance(block, dict) and "ros__parameters" in block for block in load_yaml(path).values())
-
-
-@contextmanager
-def _endable() -> Iterator[None]:
-    """Turn SIGTERM into KeyboardInterrupt, so that the nodes are ended; more signals are ignored while that is done."""
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        for other in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(other, signal.SIG_IGN)
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

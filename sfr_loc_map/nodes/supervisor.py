@@ -7,9 +7,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 from sfr_loc_map.errors import NodeError
 
@@ -17,23 +19,26 @@ SUPERVISOR_VARIABLE = "SFR_SUPERVISOR_PID"
 """Tells a node which process started it and must not outlive; see `runner.end_with_supervisor`."""
 ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """Signals that end a process, and how many seconds each gets."""
+CANNOT_START = 2
+"""Exit code of a node that cannot work with what it was given."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Process:
     name: str
+    arguments: tuple[str, ...]
     popen: subprocess.Popen[bytes]
-    log: Path
 
 
 class Supervisor:
     """Starts nodes and makes sure that none is left; a context manager."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path | None = None) -> None:
         """Start nothing yet.
 
         Args:
-            folder: Folder for what the nodes write to standard output and error.
+            folder: Folder for what the nodes write to standard output and error; None: they write to those of this
+                process.
         """
         self._folder = folder
         self._processes: list[_Process] = []
@@ -61,23 +66,23 @@ class Supervisor:
         Raises:
             NodeError: If the system cannot start a process.
         """
-        log = self._folder / f"{name}.log"
         environment = os.environ | {SUPERVISOR_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
         command = [sys.executable, "-m", f"sfr_loc_map.nodes.{name}", *arguments]
         try:
-            with log.open("wb") as stream:
+            with ExitStack() as stack:
+                log = stack.enter_context(self._log(name).open("wb")) if self._folder is not None else None
                 # A session of its own: Ctrl-C at the terminal reaches this process alone, which then ends the nodes.
                 popen = subprocess.Popen(
                     command,
                     stdin=subprocess.DEVNULL,
-                    stdout=stream,
-                    stderr=subprocess.STDOUT,
+                    stdout=log,
+                    stderr=subprocess.STDOUT if log is not None else None,
                     env=environment,
                     start_new_session=True,
                 )
         except OSError as error:
             raise NodeError(f"cannot start {name}: {error.strerror}; check memory and process limits") from error
-        self._processes.append(_Process(name, popen, log))
+        self._processes.append(_Process(name, tuple(arguments), popen))
 
     def check(self) -> None:
         """Make sure that all nodes live.
@@ -86,18 +91,38 @@ class Supervisor:
             NodeError: If one has ended; says how and its last words.
         """
         for process in self._processes:
+            if process.popen.poll() is not None:
+                words = f"{_how_it_ended(process)}: {self.last_words(process.name)}"
+                raise NodeError(f"{words}; correct that and start again")
+
+    def revive(self) -> list[str]:
+        """Start the nodes again that have broken down.
+
+        Returns:
+            How each of them ended.
+
+        Raises:
+            NodeError: If one ended on purpose, or because it cannot work with what it was given.
+        """
+        ends = []
+        for process in list(self._processes):
             code = process.popen.poll()
+            if code in (0, CANNOT_START):
+                self.check()
             if code is not None:
-                how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-                raise NodeError(f"{process.name} {how}: {self.last_words(process.name)}; correct that and start again")
+                ends.append(_how_it_ended(process))
+                self._processes.remove(process)
+                self.start(process.name, process.arguments)
+        return ends
 
     def last_words(self, name: str) -> str:
         """Return the last line that a node wrote."""
-        for process in self._processes:
-            if process.name == name:
-                lines = process.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-                return lines[-1].strip() if lines else "it said nothing"
-        return "it was not started"
+        if self._folder is None:
+            return "what it said is above"
+        if name not in self.pids:
+            return "it was not started"
+        lines = self._log(name).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return lines[-1].strip() if lines else "it said nothing"
 
     def stop(self) -> None:
         """End all nodes: ask, then insist, then kill. Returns when none is left."""
@@ -112,3 +137,29 @@ class Supervisor:
                 except subprocess.TimeoutExpired:
                     continue
         self._processes = [process for process in self._processes if process.popen.poll() is None]
+
+    def _log(self, name: str) -> Path:
+        return (self._folder or Path()) / f"{name}.log"
+
+
+def _how_it_ended(process: _Process) -> str:
+    code = process.popen.returncode
+    how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+    return f"{process.name} {how}"
+
+
+@contextmanager
+def endable() -> Iterator[None]:
+    """Turn SIGTERM into KeyboardInterrupt, so that the nodes are ended; more signals are ignored while that is done."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        for other in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(other, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

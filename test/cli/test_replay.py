@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from made_scene import fill, loc_pair, write_bag, write_folder
-from processes import Process, wait_until
+from processes import Process, handles_signals, nodes_of, segments_of, wait_until
 
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.io.bag_writer import BagWriter
@@ -28,32 +28,6 @@ def sfr(*arguments: str | Path, environment: dict[str, str] | None = None) -> su
     command = [sys.executable, *COMMAND, *map(str, arguments)]
     variables = {k: v for k, v in os.environ.items() if k != "ROS_DOMAIN_ID"} | (environment or {})
     return subprocess.run(command, capture_output=True, text=True, timeout=280, env=variables, check=False)
-
-
-def nodes_of(pid: int) -> list[int]:
-    """Return the processes of our nodes that a process has started."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(path.read_text().rpartition(")")[2].split()[1])
-            words = (path.parent / "cmdline").read_bytes()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if parent == pid and b"sfr_loc_map.nodes." in words:
-            found.append(int(path.parent.name))
-    return found
-
-
-def handles_signals(pid: int) -> bool:
-    """Tell whether a process has its own handler of SIGTERM, as nodes have once ROS has started."""
-    (line,) = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigCgt:")]
-    return bool(int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
-
-
-def segments_of(pids: list[int]) -> set[Path]:
-    """Return the segments of Fast DDS that processes have mapped (its small port files may serve others too)."""
-    lines = [line for pid in pids for line in Path(f"/proc/{pid}/maps").read_text().splitlines()]
-    return {Path(line.split()[-1]) for line in lines if "/dev/shm/fastrtps_" in line and "_port" not in line}
 
 
 def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(tmp_path: Path) -> None:

@@ -64,6 +64,32 @@ def node_process(folder: Path, name: str, *arguments: str) -> Process:
     return Process(folder / f"{name}.log", "-m", f"sfr_loc_map.nodes.{name}", *arguments)
 
 
+def nodes_of(pid: int) -> list[int]:
+    """Return the processes of our nodes that a process has started."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(path.read_text().rpartition(")")[2].split()[1])
+            words = (path.parent / "cmdline").read_bytes()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if parent == pid and b"sfr_loc_map.nodes." in words:
+            found.append(int(path.parent.name))
+    return found
+
+
+def handles_signals(pid: int) -> bool:
+    """Tell whether a process has its own handler of SIGTERM, as nodes have once ROS has started."""
+    (line,) = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigCgt:")]
+    return bool(int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def segments_of(pids: list[int]) -> set[Path]:
+    """Return the segments of Fast DDS that processes have mapped (its small port files may serve others too)."""
+    lines = [line for pid in pids for line in Path(f"/proc/{pid}/maps").read_text().splitlines()]
+    return {Path(line.split()[-1]) for line in lines if "/dev/shm/fastrtps_" in line and "_port" not in line}
+
+
 class Peer:
     """A node in the test's process."""
 

@@ -1,0 +1,54 @@
+"""`sfr run`: the nodes, without `ros2 launch`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sfr_loc_map.cli.common import require_ros
+from sfr_loc_map.errors import InputError
+
+ROS_ARGS = "--ros-args"
+
+
+def run(
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[all|localisation|mapping|monitor]... [--ros-args ...]",
+            help="Nodes, all by default; what follows --ros-args goes to each of them (a parameter of one: "
+            "-p localisation_node:NAME:=VALUE).",
+        ),
+    ] = None,
+    params_file: Annotated[
+        list[Path] | None,
+        typer.Option("--params-file", help="ROS parameter file, for all nodes named in it; repeatable."),
+    ] = None,
+    namespace: Annotated[str, typer.Option("--namespace", help="Namespace of nodes and topics.")] = "",
+    remap: Annotated[
+        list[str] | None, typer.Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
+    ] = None,
+    log_level: Annotated[str, typer.Option("--log-level", help="debug, info, warn or error.")] = "info",
+    respawn: Annotated[
+        bool, typer.Option("--respawn", help="Start a node again that breaks down; else the others are ended.")
+    ] = False,
+) -> None:
+    """Run the nodes, one process each, until Ctrl-C or SIGTERM; exit 2 if one ends before."""
+    require_ros("run")
+    from sfr_loc_map.nodes.group import nodes_of, run_group
+
+    given = list(words or ())
+    cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)
+    arguments = [ROS_ARGS, "--log-level", log_level]
+    for path in params_file or ():
+        if not path.is_file():
+            raise InputError(f"there is no parameter file '{path}': give a file, as those in config/")
+        arguments += ["--params-file", str(path)]
+    for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
+        arguments += ["-r", item]
+    nodes = nodes_of(given[:cut])
+    run_group(
+        nodes, [*arguments, *given[cut + 1 :]], lambda text: typer.echo(f"sfr run: {text}", err=True), respawn=respawn
+    )

@@ -1,0 +1,119 @@
+"""`sfr run` over DDS: which nodes, with what, and how they end."""
+
+# ruff: noqa: E402 - ROS may be absent
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
+
+from made_scene import LOC_RIG, loc_pair
+from nav_msgs.msg import Odometry
+from processes import Peer, Process, handles_signals, nodes_of, segments_of, wait_until
+from scenes import MOUNT, raw, send_infos
+from sensor_msgs.msg import Image
+
+from sfr_loc_map.cli.main import main
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.group import nodes_of as chosen
+
+COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+
+
+@pytest.fixture(autouse=True)
+def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+
+
+def test_words_choose_nodes_each_once() -> None:
+    everything = ["localisation_node", "mapping_node", "monitor_node"]
+    assert chosen([]) == chosen(["all"]) == chosen(["monitor", "all"]) == everything
+    assert chosen(["monitor", "localisation", "monitor"]) == ["localisation_node", "monitor_node"]
+    with pytest.raises(ConfigError, match="'mapper' is no node"):
+        chosen(["mapper"])
+
+
+def test_namespace_remaps_and_parameters_reach_the_nodes_and_ctrl_c_ends_all(tmp_path: Path) -> None:
+    import rclpy
+
+    params = tmp_path / "p.yaml"
+    params.write_text("/**/localisation_node:\n  ros__parameters:\n    ds_frame: mars\n", encoding="utf-8")
+    options = ["--namespace", "rover1", "--params-file", str(params), "-r", "loc/left/image_rect:=/eye/left"]
+    rclpy.init(args=[])
+    with (
+        Process(tmp_path / "log", *COMMAND, "run", "localisation", *options, "--ros-args", *MOUNT) as run,
+        Peer() as peer,
+    ):
+        run.wait_for("/rover1/loc/right/image_rect")
+        odometry = peer.listen(Odometry, "/rover1/localisation/odometry")
+        send_infos(peer, "loc", LOC_RIG, "/rover1/")
+        pair = loc_pair(0)
+        peer.publish(Image, "/eye/left", raw(bag_messages.image(pair.stamp_ns, pair.left, "loc", "left")))
+        peer.publish(
+            Image, "/rover1/loc/right/image_rect", raw(bag_messages.image(pair.stamp_ns, pair.right, "loc", "right"))
+        )
+        peer.until(lambda: odometry, "odometry")
+        assert odometry[0].header.frame_id == "mars"
+        (pid,) = nodes_of(run.popen.pid)
+        shared = segments_of([pid])
+        assert run.end(signal.SIGINT, signal.SIGINT) == 0
+        assert not Path(f"/proc/{pid}").exists()
+        assert "Traceback" not in run.text
+    rclpy.try_shutdown()
+    assert shared
+    assert not [path for path in shared if path.exists()]
+
+
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])
+def test_all_three_run_and_none_is_left(tmp_path: Path, end: signal.Signals) -> None:
+    with Process(tmp_path / "log", *COMMAND, "run", "--log-level", "info") as run:
+        pids = wait_until(lambda: len(nodes_of(run.popen.pid)) == 3 and nodes_of(run.popen.pid), "three nodes")
+        wait_until(lambda: all(map(handles_signals, pids)), "the start of the nodes")
+        code = run.end(end)
+        assert code == (0 if end is signal.SIGTERM else -signal.SIGKILL)
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes", 15)
+
+
+def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) -> None:
+    for respawn in (False, True):
+        options = ["--respawn"] * respawn
+        with Process(tmp_path / f"log{respawn}", *COMMAND, "run", "monitor", "mapping", *options) as run:
+            pids = wait_until(lambda run=run: len(nodes_of(run.popen.pid)) == 2 and nodes_of(run.popen.pid), "two")
+            wait_until(lambda pids=pids: all(map(handles_signals, pids)), "the start of the nodes")
+            os.kill(pids[0], signal.SIGKILL)
+            if not respawn:
+                assert run.popen.wait(20) == 2
+                assert "was killed by SIGKILL: what it said is above" in run.text.splitlines()[-1]
+                assert not Path(f"/proc/{pids[1]}").exists()
+                continue
+            run.wait_for("was killed by SIGKILL: started again")
+            new = wait_until(lambda run=run: len(nodes_of(run.popen.pid)) == 2 and nodes_of(run.popen.pid), "both")
+            assert pids[1] in new
+            wait_until(lambda new=new: all(map(handles_signals, new)), "the start of the node")
+            time.sleep(0.2)
+            assert run.end(signal.SIGTERM) == 0
+
+
+def test_what_cannot_start_is_one_line_of_the_node_and_one_of_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words in (["mapper"], ["--params-file", "/nowhere.yaml"]):
+        monkeypatch.setattr(sys, "argv", ["sfr", "run", *words])
+        assert main() == 2
+        assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    command = ["run", "monitor", "--respawn", "--ros-args", "-p", "no_such_key:=1"]
+    with Process(tmp_path / "log", *COMMAND, *command) as run:
+        assert run.popen.wait(30) == 2
+        node, command_line = run.text.strip().splitlines()
+        assert "unknown key 'no_such_key'" in node
+        assert "monitor_node ended with exit code 2" in command_line
