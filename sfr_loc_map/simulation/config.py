@@ -114,7 +114,7 @@ class DriveConfig:
     enabled: bool = param(True, doc="Whether to make the drive (localisation pairs).")
     segments: tuple[str, ...] = param(
         ("straight 4", "arc 6 40", "arc -8 30", "straight 4"),
-        doc="The way: straight M, arc RADIUS_M ANGLE_DEG (radius > 0 to the left), turn DEG, stop S, goto X Y.",
+        doc="The way: straight M (< 0: back), arc RADIUS_M (> 0: left) ANGLE_DEG, turn DEG, stop S, goto X Y.",
     )
     start_x_m: float = param(0.0, unit="m", doc="East place of the start in DS.")
     start_y_m: float = param(0.0, unit="m", doc="North place of the start in DS.")

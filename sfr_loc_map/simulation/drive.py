@@ -19,6 +19,8 @@ STEP_S = 0.05
 SHAKE_HZ = 6.0
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}
 NEAR_M = 1e-6
+FARTHEST_M = 400.0
+"""Farthest that a way may lead along x or y: the ground is 1024 m wide, its middle that of the way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +90,10 @@ def make_drive(seed: int, config: DriveConfig, terrain: Terrain) -> Drive:
     """Return the way of a configuration over a ground.
 
     Raises:
-        ConfigError: If a segment is not understood.
+        ConfigError: If there is no segment, one is not understood, or one leads beyond the ground.
     """
+    if not config.segments:
+        raise ConfigError("drive.segments is empty: give at least one, as 'stop 1', or set drive.enabled=false")
     rng = np.random.default_rng([seed, 5])
     legs = _legs(config)
     states = _states(config, legs, rng)
@@ -128,6 +132,9 @@ def _legs(config: DriveConfig) -> list[_Leg]:
         for leg in new:
             x, y, heading = _advance(x, y, heading, leg.length_m, leg.turn_rad)
         legs += new
+        away = max(abs(x - config.start_x_m), abs(y - config.start_y_m))
+        if away > FARTHEST_M:
+            raise ConfigError(f"drive.segments go {away:.3g} m away: the ground reaches {FARTHEST_M:g} m")
     return legs
 
 
@@ -172,8 +179,8 @@ def _rate(config: DriveConfig, leg: _Leg, wander: float) -> float:
     if leg.wait_s:
         return 1.0 / leg.wait_s
     kept = 1.0 - min(max(config.slip * (1.0 + 0.6 * wander), 0.0), 0.95)
-    if leg.length_m > NEAR_M:
-        return config.speed_m_s * kept / leg.length_m
+    if abs(leg.length_m) > NEAR_M:  # backwards if it is negative
+        return config.speed_m_s * kept / abs(leg.length_m)
     return math.radians(config.turn_rate_deg_s) * kept / max(abs(leg.turn_rad), 1e-9)
 
 

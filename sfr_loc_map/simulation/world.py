@@ -61,7 +61,7 @@ class Plan:
         """Return the plan of a configuration.
 
         Raises:
-            ConfigError: If pans and tilts do not match, or nothing is asked for.
+            ConfigError: If pans and tilts do not match, nothing is asked for, or the way or the distortion is wrong.
         """
         if len(config.panorama.pan_deg) != len(config.panorama.tilt_deg):
             raise ConfigError(
@@ -70,6 +70,8 @@ class Plan:
             )
         if not (config.drive.enabled or config.panorama.enabled):
             raise ConfigError("neither drive nor panorama is enabled: enable at least one")
+        if len(config.sensor.distortion) != 4:
+            raise ConfigError(f"sensor.distortion has {len(config.sensor.distortion)} numbers: k1 k2 p1 p2 are needed")
         terrain = Terrain.make(config.seed, config.terrain, config.ground)
         drive = make_drive(config.seed, config.drive, terrain)
         start = drive.pose(0.0)

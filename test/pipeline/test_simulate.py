@@ -1,7 +1,6 @@
 """A simulated data set: read back, the same for any number of workers, continued after a kill, refused when unlike."""
 
 import hashlib
-import os
 import signal
 import subprocess
 import sys
@@ -68,21 +67,36 @@ def test_same_bytes_with_two_workers(made: Path, tmp_path: Path) -> None:
     assert digest(tmp_path / "two") == digest(made)
 
 
-def test_killed_run_continues_to_the_same_bytes(made: Path, tmp_path: Path) -> None:
-    out = tmp_path / "killed"
-    config = tmp_path / "config.yaml"
-    config.write_text(settings_text(CONFIG))
+def start(config: Path, out: Path) -> subprocess.Popen[bytes]:
     code = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
     command = [sys.executable, "-c", code, "simulate", str(config), str(out), "--workers", "2"]
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    end = time.monotonic() + 100
-    while not list(out.glob("loc/left/*.png")) and time.monotonic() < end and process.poll() is None:
-        time.sleep(0.005)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    time.sleep(0.2)
-    subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
-    assert digest(out) == digest(made)
+    return subprocess.Popen(command, stderr=subprocess.DEVNULL)
+
+
+def test_run_killed_twice_continues_to_the_same_bytes(tmp_path: Path) -> None:
+    """Each time it is killed amid rendering, with pictures done and others not; what is done is not made again."""
+    slow = build(SimulationConfig, {**TINY, "drive.pairs": 6, "sensor.samples": 36})
+    whole, out, config = tmp_path / "whole", tmp_path / "killed", tmp_path / "config.yaml"
+    config.write_text(settings_text(slow))
+    simulate(slow, whole, workers=1)
+    kept: dict[Path, int] = {}
+    for _ in range(2):
+        process = start(config, out)
+        end = time.monotonic() + 100
+        while time.monotonic() < end and process.poll() is None:
+            if len(list(out.glob("loc/*/*.png"))) > len(kept):
+                break
+            time.sleep(0.005)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert not (out / "loc" / "pairs.csv").exists()
+        done = {path: path.stat().st_mtime_ns for path in out.glob("loc/*/*.png")}
+        assert len(kept) < len(done) < 12
+        assert kept.items() <= done.items()
+        kept = done
+    assert start(config, out).wait() == 0
+    assert all(path.stat().st_mtime_ns == made_ns for path, made_ns in kept.items())
+    assert digest(out) == digest(whole)
 
 
 def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:

@@ -1,0 +1,156 @@
+"""`sfr simulate` and `sfr perturb` as users call them: what they make, and one line for what they cannot do."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from broken_sources import good_folder
+from cli_result import Result, Sfr
+
+from sfr_loc_map.io.registry import open_source
+
+TINY = """
+seed: 3
+rocks: {cover: 0.01, smallest_m: 0.2}
+drive: {segments: ["straight 1"], pairs: 3}
+panorama: {enabled: true, pan_deg: [5], tilt_deg: [25]}
+loc: {width: 48, height: 40, focal_px: 40}
+nav: {width: 48, height: 40, focal_px: 40}
+sensor: {samples: 1}
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path: Path) -> Path:
+    path = tmp_path / "tiny.yaml"
+    path.write_text(TINY)
+    return path
+
+
+def refused(result: Result, *words: str) -> None:
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith("sfr: ")
+    assert len(result.err.splitlines()) == 1
+    for word in words:
+        assert word in result.err
+
+
+def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
+    pytest.importorskip("embreex")
+    out = tmp_path / "data"
+    made = sfr("simulate", tiny, out, "--workers", "1", "--seed", "8", "--set", "drive.pairs=2")
+    assert (made.code, made.out) == (0, "")
+    assert made.err.strip() == f"3 pairs: {out}"
+    settings = yaml.safe_load((out / "simulation.yaml").read_text())
+    assert (settings["seed"], settings["drive.pairs"], settings["loc.width"]) == (8, 2, 48)
+    source = open_source(out, {})
+    assert source.loc is not None
+    assert source.nav is not None
+    assert (len(source.loc), len(source.nav)) == (2, 1)
+    truth = tmp_path / "truth.csv"
+    assert sfr("convert", out, truth).code == 0
+    assert sfr("score", truth, out, "--condition", "frames=1", "--spacing", "1").code == 0
+
+
+def test_settings_of_a_run_make_the_same_run(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
+    pytest.importorskip("embreex")
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert sfr("simulate", tiny, first, "--workers", "1", "--set", "panorama.enabled=false").code == 0
+    assert sfr("simulate", first / "simulation.yaml", second, "--workers", "1").code == 0
+    for file in ("simulation.yaml", "pairs.csv", "groundtruth.csv", "rig.json", "left/000002.png"):
+        assert (first / file).read_bytes() == (second / file).read_bytes()
+
+
+def test_other_settings_over_a_run_are_refused(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
+    pytest.importorskip("embreex")
+    out, bag = tmp_path / "data", tmp_path / "run.mcap"
+    assert sfr("simulate", tiny, out, "--workers", "1").code == 0
+    before = sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*"))
+    refused(sfr("simulate", tiny, out, "--seed", "9"), str(out), "other settings", "remove it or choose another name")
+    assert sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*")) == before
+    assert sfr("simulate", tiny, bag, "--workers", "1").code == 0
+    refused(sfr("simulate", tiny, bag, "--workers", "1"), str(bag), "it exists", "choose another name")
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("terain.relief_m=0.2", "unknown key 'terain.relief_m'"),
+        ("drive.segments=[fly 3]", "fly 3"),
+        ("drive.segments=[straight]", "straight"),
+        ("drive.segments=[]", "segments"),
+        ("panorama.pan_deg=[1, 2]", "2 pans and 1 tilts"),
+        ("rocks.cover=.nan", "cover"),
+        ("loc.width=1", "must lie in"),
+        ("sensor.distortion=[0.1]", "distortion"),
+    ],
+)
+def test_wrong_setting_is_one_line(sfr: Sfr, tmp_path: Path, tiny: Path, setting: str, words: str) -> None:
+    pytest.importorskip("embreex")
+    refused(sfr("simulate", tiny, tmp_path / "data", "--set", setting), words)
+    assert not (tmp_path / "data").exists()
+
+
+def test_missing_scenario_and_missing_paths(sfr: Sfr, tmp_path: Path) -> None:
+    refused(sfr("simulate", tmp_path / "nope.yaml", tmp_path / "data"), "nope.yaml", "No such file")
+    refused(sfr("simulate"), "Missing argument")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_the_ray_tracer_only_simulate_refuses(
+    sfr: Sfr, tmp_path: Path, tiny: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Faults, and all else that does not render, work without the extra."""
+    for name in [name for name in sys.modules if name.partition(".")[0] == "embreex"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "embreex", None)
+    refused(sfr("simulate", tiny, tmp_path / "data"), "embreex", "pip install 'sfr_loc_map[sim]'")
+    assert not (tmp_path / "data").exists()
+    source = good_folder(tmp_path / "source")
+    assert sfr("perturb", source, tmp_path / "bad", "--fault", "noisy").code == 0
+    assert sfr("localise", source, "-o", tmp_path / "t.csv").code == 0
+
+
+def test_perturb_writes_what_it_says(sfr: Sfr, tmp_path: Path) -> None:
+    source = good_folder(tmp_path / "source")
+    bad, again = tmp_path / "bad", tmp_path / "again.mcap"
+    fault = ("--fault", "noisy:amount=30,share=1,start=0", "--seed", "4")
+    done = sfr("perturb", source, bad, *fault)
+    assert (done.code, done.out, done.err.strip()) == (0, "", f"5 of 5 pairs: {bad}")
+    assert sfr("perturb", source, again, *fault).code == 0
+    sources = [open_source(path, {}).loc for path in (source, bad, again)]
+    assert all(part is not None for part in sources)
+    for clean, noisy, same in zip(*(part.pairs() for part in sources if part is not None), strict=True):
+        assert clean.stamp_ns == noisy.stamp_ns == same.stamp_ns
+        assert 15 < (noisy.left.astype(float) - clean.left).std() < 35
+        assert np.array_equal(noisy.right, same.right)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("rain", "'rain' is unknown"),
+        ("noisy:strength=3", "must be NAME=VALUE"),
+        ("noisy:share=2", "share must lie in 0 .. 1"),
+        ("black:camera=top", "camera must be one of both, left, right"),
+        ("dropped:share=1,start=0", "the faults leave no pair"),
+    ],
+)
+def test_wrong_fault_is_one_line(sfr: Sfr, tmp_path: Path, fault: str, words: str) -> None:
+    source = good_folder(tmp_path / "source")
+    refused(sfr("perturb", source, tmp_path / "bad", "--fault", fault), words)
+    assert not (tmp_path / "bad").exists()
+
+
+def test_perturb_does_not_write_over_other_data(sfr: Sfr, tmp_path: Path) -> None:
+    source, full = good_folder(tmp_path / "source"), tmp_path / "full"
+    full.mkdir()
+    (full / "mine.txt").write_text("mine")
+    refused(sfr("perturb", source, full, "--fault", "noisy"), str(full))
+    refused(sfr("perturb", source, source, "--fault", "noisy"), str(source))
+    assert (full / "mine.txt").read_text() == "mine"
+    assert len(list(full.iterdir())) == 1
