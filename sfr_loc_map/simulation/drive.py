@@ -66,14 +66,24 @@ class Drive:
         return min(whole, self.config.pairs) if self.config.pairs else whole
 
     def pose(self, time_s: float) -> Transform:
-        """Return `T_ds_rb` at a time, held at both ends."""
-        t = min(max(time_s, 0.0), self.duration_s)
-        i = min(int(np.searchsorted(self.times_s, t, side="right")) - 1, len(self.times_s) - 2)
-        share = (t - self.times_s[i]) / (self.times_s[i + 1] - self.times_s[i])
+        """Return `T_ds_rb` at a time; shortly before the start and after the end the rover moves as just inside."""
+        inside = self._clamped(time_s)
+        pose = self._pose_inside(inside)
+        if time_s == inside:
+            return pose
+        # a first exposure that began before the rover moved would show another place than that of its stamp
+        return pose @ self._pose_inside(self._clamped(2.0 * inside - time_s)).inverse() @ pose
+
+    def _clamped(self, time_s: float) -> float:
+        return min(max(time_s, 0.0), self.duration_s)
+
+    def _pose_inside(self, time_s: float) -> Transform:
+        i = min(int(np.searchsorted(self.times_s, time_s, side="right")) - 1, len(self.times_s) - 2)
+        share = (time_s - self.times_s[i]) / (self.times_s[i + 1] - self.times_s[i])
         origin = (1 - share) * self.origins[i] + share * self.origins[i + 1]
         rotation = _orthonormal((1 - share) * self.rotations[i] + share * self.rotations[i + 1])
         moving = (1 - share) * self.moving[i] + share * self.moving[i + 1]
-        shake = moving * self._shake(t)
+        shake = moving * self._shake(time_s)
         angles = np.radians(self.config.vibration_deg) * shake[:3]
         lift = rotation[:, 2] * (self.config.vibration_m * shake[3])
         return Transform(rotation @ matrix_from_rotvec(angles), origin + lift)

@@ -77,6 +77,15 @@ def test_rover_that_stops_does_not_shake(config: Maker) -> None:
     assert np.allclose(drive.pose(0.5).matrix, drive.pose(2.2).matrix, atol=1e-12)
 
 
+def test_exposures_at_the_start_and_the_end_are_centred_on_their_stamps(config: Maker) -> None:
+    """The mean place over an exposure around a stamp is the place at the stamp, also of the first and the last pair."""
+    drive = Plan.make(config(**FLAT, **STEADY)).drive
+    for stamp_s in (0.0, drive.duration_s):
+        around = [drive.pose(stamp_s + delay).translation for delay in (-0.01, 0.01)]
+        assert np.linalg.norm(around[1] - around[0]) > 1e-3
+        assert np.allclose(np.mean(around, axis=0), drive.pose(stamp_s).translation, atol=1e-9)
+
+
 def test_poses_are_rotations_and_change_little_between_pairs(config: Maker) -> None:
     plan = Plan.make(config(drive__segments=["straight 1", "arc 2 30"]))
     truth = plan.trajectory()
