@@ -6,6 +6,7 @@ The bag is opened for each pass and closed after it, so nothing is held open, an
 from __future__ import annotations
 
 import heapq
+import logging
 import struct
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -14,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.errors import GeometryError, InputError, SfrError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.mcap_recovery import RecoveringReader, is_unfinished
 from sfr_loc_map.io.trajectory_file import check_order
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
@@ -33,6 +34,8 @@ POINTS = "sensor_msgs/msg/PointCloud2"
 TF = "tf2_msgs/msg/TFMessage"
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, "stereo_msgs/msg/DisparityImage"}
 """Types whose first field is a header."""
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +61,12 @@ def is_bag(path: Path) -> bool:
 
 
 class Bag:
-    """A ROS 2 bag and the names of its topics."""
+    """A ROS 2 bag and the names of its topics.
+
+    Attributes:
+        path: Where it is.
+        unfinished: Whether its recording broke off: what was written whole is read.
+    """
 
     def __init__(self, path: Path, remap: Mapping[str, str] | None = None) -> None:
         """Read the list of topics.
@@ -72,6 +80,9 @@ class Bag:
         """
         self.path = path
         self._files = _reader_paths(path)
+        self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
+        if self.unfinished:
+            _log.warning("bag '%s' was not finished: it is read up to its last whole part", path)
         with self._reading() as readers:
             self._types = {c.topic: c.msgtype for reader in readers for c in reader.connections}
             count = sum(reader.message_count for reader in readers)
@@ -84,6 +95,11 @@ class Bag:
         """Types of all topics by their names in the bag."""
         return dict(self._types)
 
+    def matches(self, name: str) -> list[str]:
+        """Return the names in the bag of the topics that a relative name may stand for, within any one namespace."""
+        exact = [topic for topic, new in self._names.items() if new == name]
+        return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
+
     def find(self, name: str, *msgtypes: str) -> Topic | None:
         """Return the topic of a relative name, within any one namespace, or None.
 
@@ -94,9 +110,9 @@ class Bag:
         Raises:
             InputError: If several namespaces have it, or its type is another one.
         """
-        found = self._match(name)
+        found = self.matches(name)
         if not found and COMPRESSED in msgtypes:
-            found = self._match(f"{name}/compressed")
+            found = self.matches(f"{name}/compressed")
         if not found:
             return None
         if len(found) > 1:
@@ -222,10 +238,6 @@ class Bag:
                 edges[item.child_frame_id.strip("/")] = (item.header.frame_id.strip("/"), pose)
         return _chain(edges, parent, child)
 
-    def _match(self, name: str) -> list[str]:
-        exact = [topic for topic, new in self._names.items() if new == name]
-        return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
-
     def _renamed(self, remap: Mapping[str, str]) -> dict[str, str]:
         wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
         names = {topic: topic.strip("/") for topic in self._types}
@@ -237,14 +249,14 @@ class Bag:
         return {topic: wanted.get(name, name) for topic, name in names.items()}
 
     @contextmanager
-    def _reading(self) -> Iterator[list[Reader]]:
+    def _reading(self) -> Iterator[list[RecoveringReader]]:
         """Open the files of the bag; whatever goes wrong within becomes one `InputError` with the path.
 
         The reader raises many kinds of exceptions for broken data (its own, those of sqlite and zstd, KeyError, ...).
         """
         try:
             with ExitStack() as stack:
-                yield [stack.enter_context(Reader(file)) for file in self._files]
+                yield [stack.enter_context(RecoveringReader(file)) for file in self._files]
         except SfrError:
             raise
         except Exception as error:

@@ -24,10 +24,11 @@ CHUNK_HEAD = 9 + 24
 """Bytes from the start of an mcap chunk record to its CRC: opcode and length, two times and the size (mcap 1.0)."""
 
 
-class _CheckedMcapWriter(McapWriter):
+class CheckedMcapWriter(McapWriter):
     """Gives each chunk the CRC-32 that the format has room for, so that readers notice flipped bytes."""
 
     def close_chunk(self) -> None:
+        """End the chunk."""
         crc = zlib.crc32(self.chunk.bio.getbuffer())
         start = self.bio.tell()
         super().close_chunk()
@@ -37,8 +38,10 @@ class _CheckedMcapWriter(McapWriter):
         self.bio.seek(end)
 
 
-class _CheckedWriter(Writer):
-    STORAGE_PLUGINS = MappingProxyType({**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: _CheckedMcapWriter})
+class CheckedWriter(Writer):
+    """Writer of bags with checksums."""
+
+    STORAGE_PLUGINS = MappingProxyType({**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: CheckedMcapWriter})
 
 
 class BagWriter:
@@ -70,7 +73,7 @@ class BagWriter:
             raise OutputError("only mcap bags can be compressed by chunks: name the output *.mcap or leave zstd out")
         if jpeg_quality is not None and not 1 <= jpeg_quality <= 100:
             raise OutputError(f"JPEG quality is {jpeg_quality}: 1 to 100 is needed")
-        self._writer = _CheckedWriter(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+        self._writer = CheckedWriter(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
         if zstd:
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._jpeg_quality = jpeg_quality
