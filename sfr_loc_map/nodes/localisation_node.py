@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Vector3
@@ -15,7 +16,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.errors import InputError, OutputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
@@ -30,6 +31,7 @@ from sfr_loc_map.nodes.managed import WARN_EVERY_S, ManagedNode, PairNodeConfig
 from sfr_loc_map.nodes.motion_prior import MotionPrior
 from sfr_loc_map.nodes.mount import MountConfig
 from sfr_loc_map.nodes.qos import profile
+from sfr_loc_map.nodes.resume import KnownPose, PoseFile
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.nodes.static_frames import StaticFrames, tf_message_type
 from sfr_loc_map.nodes.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
@@ -67,6 +69,13 @@ class LocalisationNodeConfig(PairNodeConfig):
     locsb_frame: str = param("locsb", doc="Name of the stereo bench's frame LOCSB in /tf_static.")
     publish_tf: bool = param(True, doc="Publish ds to rb on /tf, where tf2_msgs is installed.")
     output_depth: int = param(100, unit="messages", doc="Depth of the odometry's queue.", low=1, high=10000)
+    resume_file: str = param(
+        "",
+        doc="File that keeps the pose known last, so that a node that was killed goes on there; empty: none is kept.",
+    )
+    resume_max_age_s: float = param(
+        60.0, unit="s", doc="A kept pose this much older than the first pair is not gone on from.", low=0.1, high=1e6
+    )
     T_rb_locsb: MountConfig = field(default_factory=MountConfig)
     input: StereoInputConfig = field(default_factory=StereoInputConfig)
     motion_prior: MotionPriorConfig = field(default_factory=MotionPriorConfig)
@@ -105,6 +114,10 @@ class LocalisationNode(ManagedNode):
         self._settings_in_force = config.localisation
         self._mount = config.T_rb_locsb.transform()
         self._calls = CallReporter(self, self.task, self.diagnostics)
+        file = config.resume_file
+        if file:
+            self._pose_file = PoseFile(Path(file), config.resume_max_age_s)
+        self._resumes = self._pose_file is not None
         self._prior = MotionPrior(round(config.motion_prior.max_gap_s * NS))
         self._odometry = self.publish_on(Odometry, "localisation/odometry", config.output_depth)
         kind = tf_message_type() if config.publish_tf else None
@@ -139,6 +152,9 @@ class LocalisationNode(ManagedNode):
         self._localiser: Localiser | None = None
         self._known_ns: int | None = None
         self._first_pose = self._next_pose = Transform.identity()
+        self._pose_file: PoseFile | None = None
+        self._resumes = False
+        self._resumed: KnownPose | None = None
         self._frames = StaticFrames()
 
     def clock_back(self) -> None:
@@ -216,6 +232,7 @@ class LocalisationNode(ManagedNode):
 
     def _begin_run(self) -> None:
         self._localiser, self._next_pose = None, self._first_pose
+        self._resumes, self._resumed = False, None
 
     def _reset(self) -> str:
         self._first_pose = Transform.identity()
@@ -224,6 +241,7 @@ class LocalisationNode(ManagedNode):
 
     def _set_pose(self, pose: Transform) -> None:
         self._first_pose = self._next_pose = pose
+        self._resumes, self._resumed = False, None
         if self._localiser is not None:
             self._localiser.set_pose(pose)
 
@@ -232,7 +250,7 @@ class LocalisationNode(ManagedNode):
         try:
             pair = received.decode()
             conversion_s = time.perf_counter() - begin
-            localiser = self._localiser or self._begin()
+            localiser = self._localiser or self._begin(pair.stamp_ns)
             motion = self._motion(pair)
             with self._calls.measure() as usage:
                 estimate = localiser.process(pair, motion)
@@ -244,6 +262,7 @@ class LocalisationNode(ManagedNode):
         self._next_pose = estimate.T_ds_rb
         if estimate.state is not TrackingState.LOST:
             self._known_ns = pair.stamp_ns
+            estimate = self._keep(estimate)
         self._publish(estimate)
         now_ns = self.get_clock().now().nanoseconds
         times = latencies(received.receipts, pair.stamp_ns, time.time_ns(), now_ns)
@@ -264,16 +283,44 @@ class LocalisationNode(ManagedNode):
             return None
         return self._prior.between(self._known_ns, pair.stamp_ns, self.config.motion_prior.wait_s)
 
-    def _begin(self) -> Localiser:
-        """Make the localiser for the rig, at the pose due."""
+    def _begin(self, stamp_ns: int) -> Localiser:
+        """Make the localiser for the rig, at the pose due at this pair."""
         if self._rig is None or self._mount is None:
             raise InputError(
                 "the place of the stereo bench on the rover is not known: give the parameters T_rb_locsb.translation_m "
                 "and T_rb_locsb.quat_xyzw, or publish it on /tf_static"
             )
+        self._resume(stamp_ns)
         rig = replace(self._rig, T_rb_sb=self._mount)
         self._localiser, self._known_ns = Localiser(rig, self._settings_in_force, self._next_pose), None
         return self._localiser
+
+    def _resume(self, stamp_ns: int) -> None:
+        """Go on at the pose that was kept, if this is the first pair after a start and nobody has said a pose."""
+        resumes, self._resumes = self._resumes, False
+        if not resumes or self._pose_file is None:
+            return
+        try:
+            known = self._pose_file.load(stamp_ns)
+        except InputError as error:
+            self.warn(str(error))
+            return
+        if known is not None:
+            self._next_pose, self._resumed = known.T_ds_rb, known.after_gap()
+            gap_s = (stamp_ns - known.stamp_ns) * 1e-9
+            self.warn(f"localisation goes on at the pose of {gap_s:.1f} s before: what was driven since is not known")
+
+    def _keep(self, estimate: PoseEstimate) -> PoseEstimate:
+        """Keep a pose before it is published; return it as well known as the start of its run."""
+        if self._resumed is not None:
+            added = self._resumed.added_covariance(estimate.T_ds_rb)
+            estimate = replace(estimate, covariance=estimate.covariance + added)
+        if self._pose_file is not None:
+            try:
+                self._pose_file.save(KnownPose(estimate.stamp_ns, estimate.T_ds_rb, estimate.covariance))
+            except OutputError as error:
+                self.warn(str(error))
+        return estimate
 
     def _publish(self, estimate: PoseEstimate) -> None:
         message = odometry_msg(estimate, self.config.ds_frame, self.config.rb_frame)

@@ -255,6 +255,12 @@ class ManagedNode(LifecycleNode):
         self.diagnostics.publish(array_msg(header_msg(self.get_clock().now().nanoseconds, ""), status))
         self.report_health(only_changes=True)
 
+    def warn(self, text: str) -> None:
+        """Say that something is not as it should be, though the node works. May be called in any thread."""
+        self.get_logger().warning(text, throttle_duration_sec=WARN_EVERY_S)
+        self.health.problem(Level.WARN, text)
+        self.report_health(only_changes=True)
+
     def report_health(self, *, only_changes: bool = False) -> None:
         """Publish the health. May be called in any thread."""
         waiting = self._worker.waiting if self._worker is not None else 0
@@ -450,6 +456,4 @@ class ManagedNode(LifecycleNode):
         self._configuration.publish(String(data=self.configuration))
 
     def _warn_of_qos(self, text: str) -> None:
-        self.get_logger().warning(text)
-        self.health.problem(Level.WARN, text)
-        self.report_health(only_changes=True)
+        self.warn(text)

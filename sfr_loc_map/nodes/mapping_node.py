@@ -286,8 +286,7 @@ class MappingNode(ManagedNode):
         """Publish what a call took and what is suspicious in its result."""
         level = Level.WARN if result.warnings else Level.OK
         for warning in result.warnings:
-            self.get_logger().warning(warning, throttle_duration_sec=WARN_EVERY_S)
-            self.health.problem(Level.WARN, warning)
+            self.warn(warning)
         took = self._calls.publish(stamp_ns, usage, state, result.statistics, self.counts(), level, times)
         self.health.called(level, state, took, result.statistics)
         self.report_health(only_changes=True)

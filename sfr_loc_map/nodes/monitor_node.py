@@ -6,6 +6,7 @@ Whatever comes is handed in order to the worker's thread, which alone touches th
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections import deque
 from collections.abc import Callable
@@ -62,6 +63,14 @@ class MonitorNodeConfig(NodeConfig):
     )
     limits_file: str = param("", doc="YAML file with limits to judge by; empty for none.")
     save_file: str = param("", doc="JSON file that ~/save writes the report to.")
+    save_period_s: float = param(
+        0.0,
+        unit="s",
+        doc="How often the report is saved without being asked, if anything has come, so that little is lost with the "
+        "process; one that is there at the start is kept as *.before.json. 0: only when asked.",
+        low=0.0,
+        high=3600.0,
+    )
     input_depth: int = param(1000, unit="messages", doc="Depth of the queues of poses and calls.", low=1, high=100000)
     score: ScoreConfig = field(default_factory=ScoreConfig)
 
@@ -127,6 +136,9 @@ class MonitorNode(ManagedNode):
         self.offer("~/save", self._save)
         self.offer("~/reset", self._reset)
         self.every(self.config.publish_period_s, lambda: self.worker.put(self._publish))
+        if self.config.save_file and self.config.save_period_s:
+            self._keep_before()
+            self.every(self.config.save_period_s, lambda: self.worker.put(self._autosave))
 
     def free(self) -> None:
         """Forget everything."""
@@ -134,7 +146,7 @@ class MonitorNode(ManagedNode):
         self._infos: dict[str, CameraInfo] = {}
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
         self._configurations: dict[str, Any] = {}
-        self._changed = False
+        self._changed = self._unsaved = False
         self._last_ns = 0
 
     def queue_limits(self) -> tuple[Overload, int]:
@@ -217,14 +229,14 @@ class MonitorNode(ManagedNode):
     def _on_configuration(self, task: str, message: String) -> None:
         try:
             self._configurations[task] = json.loads(message.data)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{task}/configuration is not JSON ({error}): ignored") from error
 
     def _try_maps(self) -> None:
         self._changed |= self._score.score_maps()
 
     def _note(self, stamp_ns: int) -> None:
-        self._changed = True
+        self._changed = self._unsaved = True
         self._last_ns = max(self._last_ns, stamp_ns)
         self.health.arrived()
 
@@ -256,6 +268,25 @@ class MonitorNode(ManagedNode):
         with atomic_path(path) as temporary:
             temporary.write_text(to_json(self._result()), encoding="utf-8")
         return str(path)
+
+    def _keep_before(self) -> None:
+        """Give the report of a run before another name: it may be all that is left of it."""
+        path = Path(self.config.save_file)
+        try:
+            if path.exists():
+                os.replace(path, path.with_name(f"{path.stem}.before{path.suffix}"))
+        except OSError as error:
+            self.warn(f"cannot keep '{path}' of the run before: {error.strerror}")
+
+    def _autosave(self) -> None:
+        if not self._unsaved:
+            return
+        try:
+            self._save()
+        except SfrError as error:
+            self.warn(str(error))
+        else:
+            self._unsaved = False
 
     def _reset(self) -> str:
         self._score.restart()

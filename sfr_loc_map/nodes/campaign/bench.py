@@ -76,6 +76,7 @@ class Bench:
         """
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.settings, self.scene = folder, settings, scene or Scene()
+        self.saved_pose, self.saved_report = folder / "pose.json", folder / "report.json"
         self.nodes = {name: self._process(name, (arguments or {}).get(name, ())) for name in nodes}
         self.odometry: dict[int, tuple[float, Odometry]] = {}
         self.calls: dict[tuple[str, str, int], tuple[float, dict[str, str]]] = {}
@@ -113,9 +114,10 @@ class Bench:
     def _process(self, name: str, more: Sequence[str]) -> NodeProcess:
         arguments = ["--ros-args", "-p", "health.period_s:=0.2"]
         if name == LOCALISATION:
-            arguments += [*MOUNT_ARGUMENTS]
+            arguments += [*MOUNT_ARGUMENTS, "-p", f"resume_file:={self.saved_pose}"]
         if name == MONITOR:
-            arguments += ["-p", "publish_period_s:=0.2"]
+            arguments += ["-p", "publish_period_s:=0.2", "-p", "save_period_s:=1.0"]
+            arguments += ["-p", f"save_file:={self.saved_report}"]
         return NodeProcess(name, [*arguments, *more], self.folder, {"ROS_LOG_DIR": str(self.folder / "ros_log")})
 
     # ---- what the nodes say
@@ -238,6 +240,10 @@ class Bench:
         if LOCALISATION in self.nodes:
             self.start_at_truth()
             self.localise()
+            begin = time.monotonic()
+            # that the monitor hears localisation cannot be seen from here
+            while MONITOR in self.nodes and not self.monitored and time.monotonic() - begin < self.settings.patience_s:
+                self.localise()
         if MAPPING in self.nodes:
             self.map()
         self.settle()

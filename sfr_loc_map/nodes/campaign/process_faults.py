@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -56,7 +57,7 @@ def kill_mapping(bench: Bench, outcome: Outcome) -> None:
 def kill_monitor(bench: Bench, outcome: Outcome) -> None:
     """Kill the monitor in the middle of a drive."""
     with bench.driving(RATE_HZ):
-        _await_odometry(bench, 5)
+        _await_odometry(bench, 30)
         before = bench.monitored
         bench.nodes[MONITOR].kill()
         bench.report = {}
@@ -66,7 +67,10 @@ def kill_monitor(bench: Bench, outcome: Outcome) -> None:
     bench.settle()
     lost = (len(bench.odometry) - heard) - (bench.monitored - counted)
     outcome.expect(abs(lost) <= 3, f"{lost} poses published after the restart are not in the score")
-    outcome.lost = f"the score of the {before} poses before (published and saved reports stay)"
+    saved = json.loads(bench.saved_report.with_name("report.before.json").read_text(encoding="utf-8"))
+    kept = saved.get("trajectory", {}).get("estimate_poses", 0)
+    outcome.lost = f"of the score of {before} poses before what was not saved yet: {before - kept}"
+    outcome.expect(before - kept <= 2 * RATE_HZ, f"the saved report has {kept} of {before} poses")
     outcome.observed.append("localisation was not disturbed, the score began anew")
 
 
