@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.machine import FAST
+from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.projection import linearise_landmark
 from sfr_loc_map.localisation.small import inverse, turned
 
@@ -22,8 +23,8 @@ KERNEL = 6.0
 """Squared Mahalanobis residual of a position at which its weight has fallen to a quarter (Geman-McClure)."""
 
 
-@njit(cache=True, fastmath=FAST)
-def linearise(  # noqa: C901 - one loop of machine code
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _linearise(  # noqa: C901 - one loop of machine code
     rotations: FloatArray,
     positions: FloatArray,
     host: NDArray[np.int64],
@@ -34,7 +35,7 @@ def linearise(  # noqa: C901 - one loop of machine code
     baseline: float,
     only_host: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Linearise all landmarks and eliminate them.
+    """Linearise landmarks and eliminate them.
 
     The unknowns are the poses (position and rotation about the world's axes) and, last, by how many pixels all
     positions in right pictures lie too far right: an error of calibration that no landmark shows alone, but all of them
@@ -43,7 +44,7 @@ def linearise(  # noqa: C901 - one loop of machine code
     Args:
         rotations: `(K, 3, 3)` cameras to world.
         positions: `(K, 3)` metres.
-        host: `(N,)` int64, keyframe of each landmark.
+        host: `(N,)` int64, keyframe of each landmark, before all others that see it.
         uvrho: `(N, 3)` host pixel and inverse depth.
         observed: `(N, K, 4)` u, v left, u, v right; NaN where not seen.
         variance: `(N, K, 2, 3)` uu, uv, vv, px^2.
@@ -52,8 +53,8 @@ def linearise(  # noqa: C901 - one loop of machine code
         only_host: Take only the landmarks of this keyframe; -1 for all.
 
     Returns:
-        Reduced normal matrix `(6 K + 1, 6 K + 1)` and right side `(6 K + 1,)`; for each landmark the inverse of its own
-        block `(N, 3, 3)`, its right side `(N, 3)` and its coupling `(N, 3, 6 K + 1)`.
+        Upper half of the reduced normal matrix `(6 K + 1, 6 K + 1)` and its right side `(6 K + 1,)`; for each landmark
+        the inverse of its own block `(N, 3, 3)`, its right side `(N, 3)` and its coupling `(N, 3, 6 K + 1)`.
     """
     count, window = observed.shape[0], observed.shape[1]
     last = 6 * window
@@ -61,7 +62,7 @@ def linearise(  # noqa: C901 - one loop of machine code
     h, g = np.zeros((size, size)), np.zeros(size)
     inverses, right_side = np.zeros((count, 3, 3)), np.zeros((count, 3))
     coupling = np.zeros((count, 3, size))
-    j_all, j_mark, out = np.zeros((4, 12)), np.zeros((4, 3)), np.zeros(4)
+    j_mark, out = np.zeros((4, 3)), np.zeros(4)
     j_pose, j_host = np.zeros((4, 6)), np.zeros((4, 6))
     ray, residual, columns = np.ones(3), np.zeros(2), np.zeros(size, np.int64)
     weighted = np.zeros((2, 15))
@@ -73,8 +74,9 @@ def linearise(  # noqa: C901 - one loop of machine code
         ll, rl, cl = np.zeros((3, 3)), right_side[n], coupling[n]
         ll[2, 2] = 1e-6  # a landmark that nothing is known of stays where it is
         ray[0], ray[1] = (uvrho[n, 0] - camera[2]) / camera[0], (uvrho[n, 1] - camera[3]) / camera[1]
-        used = 1
-        columns[0] = last
+        for a in range(6):
+            columns[a] = 6 * hk + a
+        used = 6
         own_h, own_g = 0.0, 0.0
         for k in range(window):
             left, right = not np.isnan(observed[n, k, 0]), not np.isnan(observed[n, k, 2])
@@ -90,9 +92,6 @@ def linearise(  # noqa: C901 - one loop of machine code
                 for a in range(6):
                     columns[used + a] = 6 * k + a
                 used += 6
-            for i in range(4):
-                for a in range(6):
-                    j_all[i, a], j_all[i, 6 + a] = j_pose[i, a], j_host[i, a]
             for side in range(2):
                 if not (left if side == 0 else right):
                     continue
@@ -117,29 +116,35 @@ def linearise(  # noqa: C901 - one loop of machine code
                         cl[b, last] += p * j_mark[i, b] + q * j_mark[i + 1, b]
                     if k != hk:
                         for b in range(6):
-                            h[last, 6 * k + b] += p * j_all[i, b] + q * j_all[i + 1, b]
-                            h[last, 6 * hk + b] += p * j_all[i, 6 + b] + q * j_all[i + 1, 6 + b]
+                            h[6 * k + b, last] += p * j_pose[i, b] + q * j_pose[i + 1, b]
+                            h[6 * hk + b, last] += p * j_host[i, b] + q * j_host[i + 1, b]
                 if k == hk:
                     continue  # the host sees its landmarks where they are, wherever it is
-                for a in range(12):
-                    row = 6 * k + a if a < 6 else 6 * hk + a - 6
-                    p, q = weight * j_all[i, a], weight * j_all[i + 1, a]
+                for a in range(6):
+                    p, q = weight * j_pose[i, a], weight * j_pose[i + 1, a]
                     p, q = i00 * p + i01 * q, i01 * p + i11 * q
-                    g[row] += p * residual[0] + q * residual[1]
+                    g[6 * k + a] += p * residual[0] + q * residual[1]
                     for b in range(3):
-                        cl[b, row] += p * j_mark[i, b] + q * j_mark[i + 1, b]
+                        cl[b, 6 * k + a] += p * j_mark[i, b] + q * j_mark[i + 1, b]
+                    for b in range(a, 6):
+                        h[6 * k + a, 6 * k + b] += p * j_pose[i, b] + q * j_pose[i + 1, b]
+                    p, q = weight * j_host[i, a], weight * j_host[i + 1, a]
+                    p, q = i00 * p + i01 * q, i01 * p + i11 * q
+                    g[6 * hk + a] += p * residual[0] + q * residual[1]
+                    for b in range(3):
+                        cl[b, 6 * hk + a] += p * j_mark[i, b] + q * j_mark[i + 1, b]
+                    for b in range(a, 6):
+                        h[6 * hk + a, 6 * hk + b] += p * j_host[i, b] + q * j_host[i + 1, b]
                     for b in range(6):
-                        h[row, 6 * k + b] += p * j_all[i, b] + q * j_all[i + 1, b]
-                        h[row, 6 * hk + b] += p * j_all[i, 6 + b] + q * j_all[i + 1, 6 + b]
+                        h[6 * hk + a, 6 * k + b] += p * j_pose[i, b] + q * j_pose[i + 1, b]
         li = inverse(ll)
         for i in range(3):
             for j in range(3):
                 inverses[n, i, j] = li[i, j]
-        if used == 1:
+        if used == 6:  # only the host sees it
             continue
-        for a in range(6):
-            columns[used + a] = 6 * hk + a
-        used += 6
+        columns[used] = last
+        used += 1
         h[last, last] += own_h
         g[last] += own_g
         for m in range(used):
@@ -149,10 +154,35 @@ def linearise(  # noqa: C901 - one loop of machine code
         for m in range(used):
             a = columns[m]
             g[a] -= reduced[0, a] * rl[0] + reduced[1, a] * rl[1] + reduced[2, a] * rl[2]
-            for o in range(used):
+            for o in range(m, used):
                 b = columns[o]
                 h[a, b] -= cl[0, a] * reduced[0, b] + cl[1, a] * reduced[1, b] + cl[2, a] * reduced[2, b]
-    h[:last, last] = h[last, :last]
+    return h, g, inverses, right_side, coupling
+
+
+def linearise(
+    rotations: FloatArray,
+    positions: FloatArray,
+    host: NDArray[np.int64],
+    uvrho: FloatArray,
+    observed: FloatArray,
+    variance: FloatArray,
+    camera: FloatArray,
+    baseline: float,
+    only_host: int,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return what `_linearise` does, with the whole normal matrix; half of the landmarks in a thread of its own."""
+    middle = len(host) // 2
+    first, second = both(
+        _linearise,
+        *(
+            (rotations, positions, host[part], uvrho[part], observed[part], variance[part], camera, baseline, only_host)
+            for part in (slice(middle), slice(middle, None))
+        ),
+    )
+    upper, g = first[0] + second[0], first[1] + second[1]
+    h = upper + np.triu(upper, 1).T
+    inverses, right_side, coupling = (np.concatenate(pair) for pair in zip(first[2:], second[2:], strict=True))
     return h, g, inverses, right_side, coupling
 
 

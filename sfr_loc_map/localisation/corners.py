@@ -11,9 +11,12 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation.images import FloatImage
+from sfr_loc_map.localisation.parallel import both
 
 BLOCK = 7
 """Side of the neighbourhood over which the gradients of a corner are summed, pixels."""
+STRIP = 64
+"""Rows worked on at a time."""
 
 
 def find_corners(
@@ -37,7 +40,7 @@ def find_corners(
     Returns:
         `(N, 2)` float64, whole pixels, the strongest first.
     """
-    strength = np.asarray(cv2.cornerMinEigenVal(image, BLOCK, ksize=3), dtype=np.float32)
+    strength = _strength(image)
     if mask is not None:
         strength[mask == 0] = 0.0
     height, width = image.shape
@@ -73,6 +76,21 @@ def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
         found = "nothing that can be read" if mask is None else f"{mask.shape[1]} x {mask.shape[0]} pixels"
         raise ConfigError(f"mask '{path}': {found}; give a grey picture of {rig.width} x {rig.height} pixels")
     return np.asarray(cv2.erode(mask, np.ones((2 * BLOCK + 1, 2 * BLOCK + 1), np.uint8)), dtype=np.uint8)
+
+
+def _strength(image: FloatImage) -> FloatImage:
+    """Return the smaller eigenvalue at each pixel: strip by strip, so that what is worked on stays in the cache."""
+    strength = np.empty_like(image)
+    height, reach = len(image), BLOCK // 2 + 1
+
+    def fill(first: int, end: int) -> None:
+        for top in range(first, end, STRIP):
+            bottom, above = min(top + STRIP, end), max(top - reach, 0)
+            strip = cv2.cornerMinEigenVal(image[above : min(bottom + reach, height)], BLOCK, ksize=3)
+            strength[top:bottom] = strip[top - above :][: bottom - top]
+
+    both(fill, (0, height // 2), (height // 2, height))
+    return strength
 
 
 @njit(cache=True)

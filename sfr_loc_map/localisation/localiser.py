@@ -324,7 +324,7 @@ class Localiser:
             starts.append((said.rotation, said.translation))
         results = [self._align_level(left, top, marks, *start, 6) for start in starts]
         best = max(results, key=lambda result: result[2])
-        for level in range(top - 1, -1, -1):
+        for level in range(top - 1, 0, -1):
             best = self._align_level(left, level, marks, best[0], best[1], 4)
         return best[0], best[1]
 

@@ -1,4 +1,4 @@
-"""Left and right picture worked on at the same time, each in its own thread; the results do not depend on timing."""
+"""Work shared by two threads: left and right picture, or two halves of many points. Results do not depend on timing."""
 
 from __future__ import annotations
 
@@ -7,6 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, TypeVar
 
+import numpy as np
+
+from sfr_loc_map.geometry.rotation import FloatArray
+
+FEWEST = 64
+"""Points from which on a second thread is worth its start."""
 R = TypeVar("R")
 
 
@@ -20,3 +26,16 @@ def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ..
     future = _second_thread().submit(function, *right)
     result = function(*left)
     return result, future.result()
+
+
+def in_halves(function: Callable[..., FloatArray], *points: Any) -> FloatArray:  # noqa: ANN401 - any arrays
+    """Return `function(*points)`, an array with a row for each point, from two calls with half of the points each.
+
+    Args:
+        function: It lets go of the interpreter's lock; a point's row depends on that point alone.
+        points: Arrays with a row for each point.
+    """
+    middle = len(points[0]) // 2
+    if len(points[0]) < FEWEST:
+        return function(*points)
+    return np.concatenate(both(function, tuple(a[:middle] for a in points), tuple(a[middle:] for a in points)))

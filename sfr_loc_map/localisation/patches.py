@@ -47,15 +47,17 @@ def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> NDArray[np.floa
     """
     side = 2 * half + 1
     out = np.empty((len(uv), 3, side * side), np.float32)
+    grid = np.empty((side + 2, side + 2), np.float32)
     for n in range(len(uv)):
+        for j in range(side + 2):
+            for i in range(side + 2):
+                grid[j, i] = sample(image, uv[n, 0] + i - half - 1, uv[n, 1] + j - half - 1)
         k = 0
-        for j in range(-half, half + 1):
-            for i in range(-half, half + 1):
-                x = uv[n, 0] + i
-                y = uv[n, 1] + j
-                out[n, 0, k] = sample(image, x, y)
-                out[n, 1, k] = 0.5 * (sample(image, x + 1, y) - sample(image, x - 1, y))
-                out[n, 2, k] = 0.5 * (sample(image, x, y + 1) - sample(image, x, y - 1))
+        for j in range(1, side + 1):
+            for i in range(1, side + 1):
+                out[n, 0, k] = grid[j, i]
+                out[n, 1, k] = np.float32(0.5) * (grid[j, i + 1] - grid[j, i - 1])
+                out[n, 2, k] = np.float32(0.5) * (grid[j + 1, i] - grid[j - 1, i])
                 k += 1
     return out
 

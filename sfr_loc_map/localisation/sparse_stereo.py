@@ -12,12 +12,16 @@ from scipy.spatial import cKDTree
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.images import FloatImage, Pyramid
 from sfr_loc_map.localisation.machine import FAST
+from sfr_loc_map.localisation.parallel import in_halves
 from sfr_loc_map.localisation.patches import HALF, cut_patches, normalise, track_patches
+from sfr_loc_map.localisation.small import solve
 
 SEARCH_LEVEL = 1
 SEARCH_HALF = 4
 NEIGHBOURS = 9
 """Points that a local plane is fitted to."""
+FEWEST = 4
+"""Points that a plane is fitted to at least."""
 MAX_SLOPE = 0.7
 """Steepest plane, pixels of disparity a pixel: beyond, the right camera hardly sees it."""
 
@@ -72,18 +76,17 @@ def match_corners(
     Returns:
         The corners that were matched, fewer than were given.
     """
-    rough, found = _search(left, right, uv, max_disparity, offset_v)
-    uv, rough = uv[found], rough[found]
+    disparity, found = _search(left, right, uv, max_disparity, offset_v)
+    uv, disparity = uv[found], disparity[found]
     patches = cut_patches(left.levels[0], uv, HALF)
-    points = np.column_stack((uv, rough))
-    slope = local_slopes(points, np.concatenate((points, known)))
+    planes = _LocalPlanes(uv, known)
+    good = np.ones(len(uv), np.bool_)
     for _ in range(2):
-        tracked = _refine(right.levels[0], patches, uv, rough, slope, offset_v)
+        slope = planes.slopes(disparity, good)
+        tracked = _refine(right.levels[0], patches, uv, disparity, slope, offset_v)
         good = np.isfinite(tracked[:, 0])
-        disparity = np.where(good, uv[:, 0] - tracked[:, 0], rough)
-        points = np.column_stack((uv, disparity))
-        slope = local_slopes(points, np.concatenate((points[good], known)))
-        rough = disparity
+        disparity = np.where(good, uv[:, 0] - tracked[:, 0], disparity)
+    slope = planes.slopes(disparity, good)
     good &= (tracked[:, 6] > 0.7) & (np.abs(tracked[:, 1] - uv[:, 1] - offset_v) < 1.0) & (disparity > -0.5)
     return StereoMatches(
         uv[good],
@@ -104,7 +107,7 @@ def _refine(
     homographies[:, 0, 2] = slope[:, 0] * uv[:, 0] + slope[:, 1] * uv[:, 1] - disparity
     homographies[:, 1, 1] = homographies[:, 2, 2] = 1.0
     homographies[:, 1, 2] = dv
-    return track_patches(right, patches, uv, homographies, 2.5, 12)
+    return in_halves(lambda *points: track_patches(right, *points, 2.5, 12), patches, uv, homographies)
 
 
 def _search(
@@ -115,13 +118,8 @@ def _search(
     patches = cut_patches(
         left.levels[SEARCH_LEVEL], _inside(small, left.levels[SEARCH_LEVEL], SEARCH_HALF + 2), SEARCH_HALF
     )
-    found = _scan(
-        right.levels[SEARCH_LEVEL],
-        patches[:, 0],
-        small,
-        int(np.ceil(max_disparity / scale)),
-        int(np.round(offset_v / scale)),
-    )
+    limits = int(np.ceil(max_disparity / scale)), int(np.round(offset_v / scale))
+    found = in_halves(lambda *points: _scan(right.levels[SEARCH_LEVEL], *points, *limits), patches[:, 0], small)
     good = (found[:, 1] > 0.75) & (1.0 - found[:, 1] < 0.85 * (1.0 - found[:, 2]))
     return found[:, 0] * scale, good
 
@@ -180,35 +178,59 @@ def _scan(  # noqa: C901 - one loop of machine code
     return out
 
 
-def local_slopes(points: FloatArray, support: FloatArray) -> FloatArray:
-    """Fit the local plane in disparity around each point.
+class _LocalPlanes:
+    """The planes in disparity around points, fitted to the points near them."""
 
-    Args:
-        points: `(N, 3)` u, v, disparity, pixels.
-        support: `(M, 3)` the same of the points around.
+    def __init__(self, uv: FloatArray, known: FloatArray) -> None:
+        """Find the neighbours of points `(N, 2)` among themselves and known ones `(M, 3)` (u, v, disparity), pixels."""
+        self._uv, self._known = uv, known
+        self._support = np.concatenate((uv, known[:, :2]))
+        count = min(NEIGHBOURS, len(self._support))
+        self._enough = count >= FEWEST and len(uv) > 0
+        if self._enough:
+            self._distance, self._index = cKDTree(self._support).query(uv, k=count)
 
-    Returns:
-        `(N, 2)` change of the disparity along u and v.
-    """
-    if len(support) < 4 or not len(points):
-        return np.zeros((len(points), 2))
-    count = min(NEIGHBOURS, len(support))
-    distance, index = cKDTree(support[:, :2]).query(points[:, :2], k=count)
-    return _fit_slopes(points, support, np.asarray(index), np.asarray(distance))
+    def slopes(self, disparity: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+        """Return the change `(N, 2)` of the disparity `(N,)` along u and v; only good `(N,)` points are fitted to."""
+        if not self._enough:
+            return np.zeros((len(self._uv), 2))
+        support = np.column_stack((self._support, np.concatenate((disparity, self._known[:, 2]))))
+        usable = np.concatenate((good, np.ones(len(self._known), np.bool_)))
+        points = (self._uv, disparity, self._index, self._distance)
+        return in_halves(lambda *some: _fit_slopes(*some, support, usable), *points)
 
 
-def _fit_slopes(points: FloatArray, support: FloatArray, index: NDArray[np.intp], distance: FloatArray) -> FloatArray:
-    reach = np.maximum(distance[:, -1:], 1.0)
-    near = np.exp(-2.0 * (distance / reach) ** 2)
-    rows = np.concatenate((np.ones((*index.shape, 1)), support[index, :2] - points[:, None, :2]), axis=2)
-    level = support[index, 2] - points[:, 2:3]
-    # a weak wish for a level patch keeps lonely points sane
-    wish = np.concatenate((np.ones_like(reach), 0.02 * reach**2, 0.02 * reach**2), axis=1)
-    plane = np.zeros((len(points), 3))
-    for _ in range(4):
-        residual = level - np.einsum("nki,ni->nk", rows, plane)
-        weighted = rows * (near / (1.0 + (residual / 0.3) ** 2))[:, :, None]
-        h = np.swapaxes(weighted, 1, 2) @ rows
-        h[:, (0, 1, 2), (0, 1, 2)] += wish
-        plane = np.linalg.solve(h, np.einsum("nki,nk->ni", weighted, level)[:, :, None])[:, :, 0]
-    return np.clip(plane[:, 1:], -MAX_SLOPE, MAX_SLOPE)
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _fit_slopes(
+    uv: FloatArray,
+    disparity: FloatArray,
+    index: NDArray[np.int64],
+    distance: FloatArray,
+    support: FloatArray,
+    usable: NDArray[np.bool_],
+) -> FloatArray:
+    out = np.zeros((len(uv), 2))
+    row, h, g, plane = np.ones(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    for n in range(len(uv)):
+        reach = max(distance[n, -1], 1.0)
+        plane[:] = 0.0
+        for _ in range(4):
+            # a weak wish for a level patch keeps lonely points sane
+            h[:], g[:] = 0.0, 0.0
+            h[0, 0], h[1, 1], h[2, 2] = 1.0, 0.02 * reach * reach, 0.02 * reach * reach
+            for k in range(index.shape[1]):
+                m = index[n, k]
+                if not usable[m]:
+                    continue
+                row[1], row[2] = support[m, 0] - uv[n, 0], support[m, 1] - uv[n, 1]
+                level = support[m, 2] - disparity[n]
+                residual = (level - plane[0] - row[1] * plane[1] - row[2] * plane[2]) / 0.3
+                weight = np.exp(-2.0 * (distance[n, k] / reach) ** 2) / (1.0 + residual * residual)
+                for i in range(3):
+                    g[i] += weight * row[i] * level
+                    for j in range(3):
+                        h[i, j] += weight * row[i] * row[j]
+            plane = solve(h, g)
+        for i in range(2):
+            out[n, i] = min(max(plane[1 + i], -MAX_SLOPE), MAX_SLOPE)
+    return out
