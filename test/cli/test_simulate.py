@@ -95,10 +95,26 @@ def test_wrong_setting_is_one_line(sfr: Sfr, tmp_path: Path, tiny: Path, setting
     assert not (tmp_path / "data").exists()
 
 
-def test_missing_scenario_and_missing_paths(sfr: Sfr, tmp_path: Path) -> None:
-    refused(sfr("simulate", tmp_path / "nope.yaml", tmp_path / "data"), "nope.yaml", "No such file")
+def test_wrong_scenario_and_wrong_paths(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
+    out, broken = tmp_path / "data", tmp_path / "broken.yaml"
+    broken.write_text("seed: [1")
+    refused(sfr("simulate", tmp_path / "nope.yaml", out), "nope.yaml", "No such file")
+    refused(sfr("simulate", broken, out), "broken.yaml")
     refused(sfr("simulate"), "Missing argument")
-    assert list(tmp_path.iterdir()) == []
+    refused(sfr("simulate", tiny, tiny, out), "3 paths given")
+    refused(sfr("simulate", tiny, out, "--workers", "0"), "--workers")
+    refused(sfr("simulate", tiny, out, "--set", "seed"), "KEY=VALUE")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["broken.yaml", "tiny.yaml"]
+
+
+def test_output_that_is_something_else_is_left_alone(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
+    pytest.importorskip("embreex")
+    full = tmp_path / "full"
+    full.mkdir()
+    (full / "mine.txt").write_text("mine")
+    refused(sfr("simulate", tiny, full), str(full), "no simulation")
+    refused(sfr("simulate", tiny, full / "mine.txt" / "data"), "mine.txt")
+    assert [(path.name, path.read_text()) for path in full.iterdir()] == [("mine.txt", "mine")]
 
 
 def test_without_the_ray_tracer_only_simulate_refuses(
@@ -143,6 +159,12 @@ def test_perturb_writes_what_it_says(sfr: Sfr, tmp_path: Path) -> None:
 def test_wrong_fault_is_one_line(sfr: Sfr, tmp_path: Path, fault: str, words: str) -> None:
     source = good_folder(tmp_path / "source")
     refused(sfr("perturb", source, tmp_path / "bad", "--fault", fault), words)
+    assert not (tmp_path / "bad").exists()
+
+
+def test_perturb_without_fault_or_source(sfr: Sfr, tmp_path: Path) -> None:
+    refused(sfr("perturb", good_folder(tmp_path / "source"), tmp_path / "bad"), "no --fault given", "dropped")
+    refused(sfr("perturb", tmp_path / "nope", tmp_path / "bad", "--fault", "noisy"), "nope")
     assert not (tmp_path / "bad").exists()
 
 
