@@ -1,0 +1,261 @@
+"""`sfr doctor` on bags and graphs with one thing wrong in each: the right cause, and no other."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import broken_sources as broken
+import numpy as np
+import pytest
+from cli_result import Sfr
+from made_scene import write_bag
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
+
+from processes import Process, wait_until
+
+from sfr_loc_map.pipeline.doctor.checks import examine
+from sfr_loc_map.pipeline.doctor.observation import Observation, SeenNode, SeenTopic
+
+Edit = broken.Edit
+
+
+def keep(topic: str, number: int, message: Any) -> Any:
+    return message
+
+
+def edit_of(part: str, **changes: Any) -> Edit:
+    return lambda topic, number, message: replace(message, **changes) if part in topic else message
+
+
+def without(part: str) -> Edit:
+    return lambda topic, number, message: None if part in topic else message
+
+
+def not_rectified(topic: str, number: int, message: Any) -> Any:
+    return replace(message, d=np.array([0.1, 0, 0, 0, 0])) if topic == "/loc/left/camera_info" else message
+
+
+def no_baseline(topic: str, number: int, message: Any) -> Any:
+    if topic != "/loc/right/camera_info":
+        return message
+    p = message.p.copy()
+    p[3] = 0.0
+    return replace(message, p=p)
+
+
+def unsynchronised(topic: str, number: int, message: Any) -> Any:
+    if topic == "/loc/right/image_rect":
+        message.header.stamp.nanosec += 7_000_000
+    return message
+
+
+def mirrored_order(topic: str, number: int, message: Any) -> Any:
+    """Mirror both pictures of the drive: what was further left is then further right, as in exchanged pictures."""
+    if "/loc/" not in topic or not topic.endswith("image_rect"):
+        return message
+    data = message.data.reshape(message.height, message.width)[:, ::-1]
+    return replace(message, data=np.ascontiguousarray(data).reshape(-1))
+
+
+def late_truth(topic: str, number: int, message: Any) -> Any:
+    if topic == "/ground_truth/odometry":
+        message.header.stamp.sec += 100
+    return message
+
+
+def late_pose(topic: str, number: int, message: Any) -> Any:
+    if topic == "/nav/pose":
+        message.header.stamp.nanosec += 1000
+    return message
+
+
+BAGS: dict[str, tuple[Edit, list[tuple[str, bool]]]] = {
+    "good": (keep, []),
+    "not rectified": (not_rectified, [("camera_info", True)]),
+    "no baseline": (no_baseline, [("camera_info", True)]),
+    "unequal sizes": (edit_of("/loc/right/camera_info", width=100), [("camera_info", True)]),
+    "no camera_info": (without("/loc/left/camera_info"), [("silent", True)]),
+    "unsynchronised": (unsynchronised, [("unsynchronised", True)]),
+    "Bayer": (edit_of("loc/left/image_rect", encoding="bayer_rggb8"), [("encoding", True)]),
+    "unknown encoding": (edit_of("loc/left/image_rect", encoding="yuv422"), [("encoding", True)]),
+    "other camera's info": (edit_of("loc/", width=80), [("camera_info", True), ("picture_size", True)]),
+    "exchanged": (mirrored_order, [("exchanged", True)]),
+    "no truth": (without("/ground_truth/odometry"), [("truth", False)]),
+    "truth by another clock": (late_truth, [("truth_clock", False)]),
+    "frames not joined": (edit_of("/tf_static", transforms=[]), [("frames", True)]),
+    "poses of other stamps": (late_pose, [("pose_stamps", True)]),
+}
+
+
+@pytest.mark.parametrize("name", BAGS)
+def test_a_bag_with_one_thing_wrong(tmp_path: Path, sfr: Sfr, name: str) -> None:
+    edit, expected = BAGS[name]
+    if name == "other camera's info":
+        edit, expected = _smaller_camera, [("picture_size", True)]
+    bag = broken.rewritten_bag(tmp_path / "x.mcap", edit)
+    result = sfr("doctor", bag, "--json", "-")
+    findings = json.loads(result.out)["findings"]
+    assert [(f["cause"], f["stops"]) for f in findings] == expected, findings
+    assert result.code == int(any(stops for _, stops in expected))
+    assert all(f["cure"] and f["where"] for f in findings)
+    if name not in ("good", "exchanged"):
+        return
+    plain = sfr("doctor", bag)
+    assert plain.out.count("cure: ") == len(expected)
+    assert ("nothing would stop us" in plain.out) == (not expected)
+
+
+def _smaller_camera(topic: str, number: int, message: Any) -> Any:
+    return replace(message, width=80) if topic.startswith("/loc/") and topic.endswith("camera_info") else message
+
+
+def test_bags_that_cannot_be_read_or_whose_topics_are_not_ours(tmp_path: Path, sfr: Sfr) -> None:
+    cases: dict[str, tuple[Path, list[str]]] = {
+        "empty": (broken.empty_bag(tmp_path / "empty.mcap"), ["broken"]),
+        "cut off": (broken.truncated_bag(tmp_path / "cut.mcap"), ["broken"]),
+    }
+    bag = write_bag(tmp_path / "whole.mcap", 3, 0)
+    names = {
+        f"--remap=loc/{side}/{kind}:=cam/{side}/{kind}"
+        for side in ("left", "right")
+        for kind in ("image_rect", "camera_info")
+    }
+    result = sfr("doctor", bag, *names, "--json", "-")
+    assert result.code == 1
+    (finding,) = json.loads(result.out)["findings"]
+    assert finding["cause"] == "no_topic"
+    assert "/loc/left/image_rect" in finding["text"]
+    result = sfr(
+        "doctor", bag, "--remap=loc/right/camera_info:=loc/right/image_rect", "--remap=loc/right/image_rect:=x"
+    )
+    assert "its type is sensor_msgs/msg/CameraInfo" in result.out
+    for path, causes in cases.values():
+        result = sfr("doctor", path, "--json", "-")
+        assert [f["cause"] for f in json.loads(result.out)["findings"]] == causes
+        assert result.code == 1
+    (storage,) = bag.glob("*.mcap")
+    (bag / "metadata.yaml").unlink()
+    storage.write_bytes(storage.read_bytes()[:-100])
+    result = sfr("doctor", bag, "--json", "-")
+    assert [(f["cause"], f["stops"]) for f in json.loads(result.out)["findings"]] == [("unfinished", False)]
+    assert result.code == 0
+
+
+def test_a_parameter_file_may_say_where_the_cameras_are(tmp_path: Path, sfr: Sfr) -> None:
+    bag = broken.rewritten_bag(tmp_path / "x.mcap", edit_of("/tf_static", transforms=[]))
+    config = tmp_path / "p.yaml"
+    for quat, code in (("[0.0, 0.0, 0.0, 1.0]", 0), ("[0.0, 0.0, 0.0, 0.0]", 1)):
+        config.write_text(f"/**/localisation_node:\n  ros__parameters:\n    T_rb_locsb:\n      quat_xyzw: {quat}\n")
+        assert sfr("doctor", bag, "--config", config).code == code
+
+
+def test_usage(tmp_path: Path, sfr: Sfr) -> None:
+    for words in ([], ["--graph", "x"], ["nowhere.mcap"]):
+        result = sfr("doctor", *words)
+        assert result.code == 2
+        assert len(result.err.strip().splitlines()) == 1
+
+
+def test_what_only_a_host_or_a_graph_can_have_wrong() -> None:
+    good = {
+        f"loc/{side}/{kind}": SeenTopic("x", ()) for side in ("left", "right") for kind in ("image_rect", "camera_info")
+    }
+    nodes = (SeenNode("/localisation_node", "loc", place_given=True), SeenNode("/monitor_node", ""))
+    seen = Observation("graph", live=True, topics=good, nodes=nodes, segment_bytes=64 << 20)
+    for size, causes in ((64 << 20, {"shared_memory"}), (128 << 20, set()), (None, set())):
+        found = {f.cause for f in examine(replace(seen, shared_memory_bytes=size))} - {"silent", "truth", "wrong_type"}
+        assert found == causes
+    asleep = replace(seen, nodes=(replace(nodes[0], state="inactive"),))
+    (finding,) = [f for f in examine(asleep) if f.cause == "inactive"]
+    assert finding.cure == "ros2 lifecycle set /localisation_node activate"
+    two = replace(
+        seen,
+        topics={},
+        nodes=(),
+        ambiguous={"loc/left/image_rect": ("/a/loc/left/image_rect", "/b/loc/left/image_rect")},
+    )
+    assert [f.cause for f in examine(two)] == ["ambiguous"]
+
+
+COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+WITH_NODE = ("good", "no clock")
+GRAPHS = {
+    "good": [],
+    "no publisher": [("no_publisher", True)],
+    "silent": [("silent", True)],
+    "qos": [("qos", True), ("qos", True)],
+    "wrong type": [("wrong_type", True)],
+    "unsynchronised": [("unsynchronised", True)],
+    "clocks apart": [("clocks_apart", False)],
+    "no clock": [("clock", True)],
+}
+
+
+@pytest.fixture(scope="module")
+def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """Return report, exit code and text of the doctor for rovers of one process each, in a ROS domain each."""
+    pytest.importorskip("rclpy")
+    from scenes import MOUNT
+
+    from sfr_loc_map.nodes import environment
+
+    folder = tmp_path_factory.mktemp("rovers")
+    script = str(Path(__file__).with_name("rover_process.py"))
+    environments: dict[str, dict[str, str]] = {}
+    doctors: dict[str, Process] = {}
+    mount = folder / "mount.yaml"
+    mount.write_text("/**/localisation_node:\n  ros__parameters:\n    T_rb_locsb.quat_xyzw: [0.0, 0.0, 0.0, 1.0]\n")
+    with ExitStack() as stack:
+        started: list[tuple[Process, str]] = []
+        taken: set[str] = set()
+        for what in GRAPHS:
+            domain = next(d for d in iter(lambda: str(environment.free_domain()), "") if d not in taken)
+            variables = {
+                "ROS_DOMAIN_ID": domain,
+                "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+                "ROS_LOG_DIR": str(folder),
+            }
+            environment.prepare(variables)
+            taken.add(domain)
+            environments[what] = variables
+            process = Process(folder / f"{what}.log", script, what, environment=variables)
+            started.append((stack.enter_context(process), "ready"))
+            if what in WITH_NODE:
+                arguments = [*MOUNT, "-p", f"use_sim_time:={str(what == 'no clock').lower()}"]
+                command = ["-m", "sfr_loc_map.nodes.localisation_node", "--ros-args", *arguments]
+                node = Process(folder / f"{what}_node.log", *command, environment=variables)
+                started.append((stack.enter_context(node), "listens to"))
+        for process, words in started:
+            process.wait_for(words)
+        for what, variables in environments.items():
+            command = [*COMMAND, "doctor", "--graph", "--seconds", "1", "--json", str(folder / f"{what}.json")]
+            config = ["--config", str(mount)] if what not in WITH_NODE else []
+            doctors[what] = Process(folder / f"{what}_doctor.log", *command, *config, environment=variables)
+            stack.enter_context(doctors[what])
+        for doctor in doctors.values():
+            wait_until(lambda doctor=doctor: doctor.popen.poll() is not None, "the end of the doctor")
+        for process, _ in started:
+            process.popen.terminate()
+        for process, _ in started:
+            wait_until(lambda process=process: process.popen.poll() is not None, "the end of a rover")
+        yield {
+            what: (json.loads((folder / f"{what}.json").read_text()), d.popen.poll(), d.text)
+            for what, d in doctors.items()
+        }
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("what", GRAPHS)
+def test_a_graph_with_one_thing_wrong(verdicts: dict[str, Any], what: str) -> None:
+    report, code, text = verdicts[what]
+    findings = report["findings"]
+    assert [(f["cause"], f["stops"]) for f in findings] == GRAPHS[what], findings
+    assert code == int(any(stops for _, stops in GRAPHS[what]))
+    assert text.count("cure: ") == len(GRAPHS[what])
