@@ -34,7 +34,10 @@ def _linearise(  # noqa: C901 - one loop of machine code
     camera: FloatArray,
     baseline: float,
     only_host: int,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    inverses: FloatArray,
+    right_side: FloatArray,
+    coupling: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """Linearise landmarks and eliminate them.
 
     The unknowns are the poses (position and rotation about the world's axes) and, last, by how many pixels all
@@ -51,17 +54,18 @@ def _linearise(  # noqa: C901 - one loop of machine code
         camera: `(4,)` fx, fy, cx, cy.
         baseline: Metres.
         only_host: Take only the landmarks of this keyframe; -1 for all.
+        inverses: `(N, 3, 3)`, filled with the inverse of each landmark's own block.
+        right_side: `(N, 3)`, filled with its right side.
+        coupling: `(N, 3, 6 K + 1)`, filled with its coupling to the other unknowns.
 
     Returns:
-        Upper half of the reduced normal matrix `(6 K + 1, 6 K + 1)` and its right side `(6 K + 1,)`; for each landmark
-        the inverse of its own block `(N, 3, 3)`, its right side `(N, 3)` and its coupling `(N, 3, 6 K + 1)`.
+        Upper half of the reduced normal matrix `(6 K + 1, 6 K + 1)` and its right side `(6 K + 1,)`.
     """
     count, window = observed.shape[0], observed.shape[1]
     last = 6 * window
     size = last + 1
     h, g = np.zeros((size, size)), np.zeros(size)
-    inverses, right_side = np.zeros((count, 3, 3)), np.zeros((count, 3))
-    coupling = np.zeros((count, 3, size))
+    inverses[:], right_side[:], coupling[:] = 0.0, 0.0, 0.0
     j_mark, out = np.zeros((4, 3)), np.zeros(4)
     j_pose, j_host = np.zeros((4, 6)), np.zeros((4, 6))
     ray, residual, columns = np.ones(3), np.zeros(2), np.zeros(size, np.int64)
@@ -157,7 +161,7 @@ def _linearise(  # noqa: C901 - one loop of machine code
             for o in range(m, used):
                 b = columns[o]
                 h[a, b] -= cl[0, a] * reduced[0, b] + cl[1, a] * reduced[1, b] + cl[2, a] * reduced[2, b]
-    return h, g, inverses, right_side, coupling
+    return h, g
 
 
 def linearise(
@@ -171,19 +175,23 @@ def linearise(
     baseline: float,
     only_host: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return what `_linearise` does, with the whole normal matrix; half of the landmarks in a thread of its own."""
-    middle = len(host) // 2
-    first, second = both(
-        _linearise,
-        *(
-            (rotations, positions, host[part], uvrho[part], observed[part], variance[part], camera, baseline, only_host)
-            for part in (slice(middle), slice(middle, None))
-        ),
-    )
-    upper, g = first[0] + second[0], first[1] + second[1]
-    h = upper + np.triu(upper, 1).T
-    inverses, right_side, coupling = (np.concatenate(pair) for pair in zip(first[2:], second[2:], strict=True))
-    return h, g, inverses, right_side, coupling
+    """Linearise landmarks and eliminate them, each half in a thread of its own; arguments as `_linearise`.
+
+    Returns:
+        Reduced normal matrix and right side as `_linearise`; what it fills.
+    """
+    count, size = len(host), 6 * len(rotations) + 1
+    filled = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3, size))
+
+    def part(which: slice) -> tuple[FloatArray, FloatArray]:
+        marks = (host[which], uvrho[which], observed[which], variance[which])
+        outputs = (array[which] for array in filled)
+        upper, g = _linearise(rotations, positions, *marks, camera, baseline, only_host, *outputs)
+        return upper, g
+
+    first, second = both(part, (slice(count // 2),), (slice(count // 2, None),))
+    upper = first[0] + second[0]
+    return upper + np.triu(upper, 1).T, first[1] + second[1], *filled
 
 
 def right_offset(h: FloatArray, g: FloatArray) -> tuple[float, float]:

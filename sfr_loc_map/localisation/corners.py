@@ -11,12 +11,11 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation.images import FloatImage
+from sfr_loc_map.localisation.machine import FAST
 from sfr_loc_map.localisation.parallel import both
 
 BLOCK = 7
 """Side of the neighbourhood over which the gradients of a corner are summed, pixels."""
-STRIP = 64
-"""Rows worked on at a time."""
 
 
 def find_corners(
@@ -79,18 +78,45 @@ def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
 
 
 def _strength(image: FloatImage) -> FloatImage:
-    """Return the smaller eigenvalue at each pixel: strip by strip, so that what is worked on stays in the cache."""
-    strength = np.empty_like(image)
-    height, reach = len(image), BLOCK // 2 + 1
-
-    def fill(first: int, end: int) -> None:
-        for top in range(first, end, STRIP):
-            bottom, above = min(top + STRIP, end), max(top - reach, 0)
-            strip = cv2.cornerMinEigenVal(image[above : min(bottom + reach, height)], BLOCK, ksize=3)
-            strength[top:bottom] = strip[top - above :][: bottom - top]
-
-    both(fill, (0, height // 2), (height // 2, height))
+    """Return the smaller eigenvalue at each pixel, upper and lower half at the same time; 0 along the edges."""
+    strength = np.zeros_like(image)
+    middle = len(image) // 2
+    both(_fill_strength, (image, strength, 0, middle), (image, strength, middle, len(image)))
     return strength
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _fill_strength(image: FloatImage, strength: FloatImage, first: int, end: int) -> None:
+    """Fill rows of the strength: gradients by Sobel's filter, their products summed over the block."""
+    height, width = image.shape
+    reach = BLOCK // 2
+    products = np.zeros((3, BLOCK, width), np.float32)  # xx, xy, yy of the last rows, one after the other
+    sums = np.empty((3, width), np.float32)
+    across = np.empty((3, width), np.float32)
+    two, half = np.float32(2.0), np.float32(0.5)
+    for row in range(max(first - reach, 1), min(end + reach, height - 1)):
+        xx, xy, yy = products[0, row % BLOCK], products[1, row % BLOCK], products[2, row % BLOCK]
+        above, here, below = image[row - 1], image[row], image[row + 1]
+        for x in range(1, width - 1):
+            dx = above[x + 1] - above[x - 1] + two * (here[x + 1] - here[x - 1]) + below[x + 1] - below[x - 1]
+            dy = below[x - 1] - above[x - 1] + two * (below[x] - above[x]) + below[x + 1] - above[x + 1]
+            xx[x], xy[x], yy[x] = dx * dx, dx * dy, dy * dy
+        centre = row - reach
+        if centre < max(first, 1 + reach):
+            continue
+        for c in range(3):
+            sums[c] = products[c, 0]
+            for k in range(1, BLOCK):
+                for x in range(width):
+                    sums[c, x] += products[c, k, x]
+            across[c] = 0.0
+            for k in range(-reach, reach + 1):
+                for x in range(reach, width - reach):
+                    across[c, x] += sums[c, x + k]
+        out = strength[centre]
+        for x in range(reach + 1, width - reach - 1):
+            mean, split = half * (across[0, x] + across[2, x]), half * (across[0, x] - across[2, x])
+            out[x] = mean - np.sqrt(split * split + across[1, x] * across[1, x])
 
 
 @njit(cache=True)

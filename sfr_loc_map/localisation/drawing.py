@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import GreyImage
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.localisation.localiser import Tracked
+from sfr_loc_map.localisation.tracking import Tracked
 
 ColourImage = NDArray[np.uint8]
 
@@ -23,7 +23,7 @@ STATES = {
     TrackingState.TRACKING: (120, 220, 120),
     TrackingState.LOST: (60, 60, 255),
 }
-FIGURES = {"inliers": "in", "features": "of", "keyframes": "kf", "chi_median": "chi", "reprojection_rms_px": "rms"}
+FIGURES = {"inliers": "in", "features": "of", "keyframes": "kf", "chi_median": "chi", "residual_px": "px"}
 """Statistics that are written below the picture, as far as the estimate has them, and their short names."""
 STRIP = 18
 """Height of the strip of text below the picture, pixels."""

@@ -33,7 +33,9 @@ class PoseEstimate:
         covariance: `(6, 6)` float64, ROS order: x, y, z (m, in DS), then rotation about the fixed axes of DS (rad).
             9999 on the diagonal when lost.
         state: State after this call.
-        statistics: Figures of this call by name (features, inliers, reprojection_rms_px, ...).
+        statistics: Figures of this call by name (features, inliers, residual_px, ...).
+        stage_s: Seconds that its stages took, by name: `wait` for the keyframe of the call before, which took
+            `keyframe` in the background; `pyramid`, `align`, `refine`, and `relocate` where tracking failed.
     """
 
     stamp_ns: int
@@ -41,6 +43,7 @@ class PoseEstimate:
     covariance: FloatArray
     state: TrackingState
     statistics: Mapping[str, float] = field(default_factory=dict)
+    stage_s: Mapping[str, float] = field(default_factory=dict)
 
 
 def lost_covariance() -> FloatArray:

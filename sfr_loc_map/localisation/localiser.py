@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from concurrent.futures import Future
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.rotation import FloatArray, rotvec_from_matrix, skew
+from sfr_loc_map.geometry.rotation import FloatArray, rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.alignment import align_pose
 from sfr_loc_map.localisation.calibration import RightOffset
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.corners import find_corners, load_mask
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
-from sfr_loc_map.localisation.images import LEVELS, Pyramid, build_pyramid
-from sfr_loc_map.localisation.parallel import both
-from sfr_loc_map.localisation.patches import HALF, plane_homographies, track_patches
-from sfr_loc_map.localisation.pose_solver import solve_pose
+from sfr_loc_map.localisation.images import Pyramid, build_pyramid
+from sfr_loc_map.localisation.parallel import both, in_background
+from sfr_loc_map.localisation.patches import HALF
+from sfr_loc_map.localisation.pose_covariance import Start, common_covariance, covariance_of_rb
 from sfr_loc_map.localisation.relocation import WellSeen, pose_by_descriptors, pose_by_flow
 from sfr_loc_map.localisation.sparse_stereo import match_corners
+from sfr_loc_map.localisation.stages import Stages
+from sfr_loc_map.localisation.tracking import Pose, Tracked, Tracker
 from sfr_loc_map.localisation.window import Landmarks, Window
 
 BORDER = HALF + 4
@@ -30,49 +31,12 @@ PATIENCE = 2
 """Good pictures that are tried against the old window before a new one is begun."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tracked:
-    """A pair tracked against the window.
-
-    Attributes:
-        rotation: `(3, 3)` left camera to world.
-        position: `(3,)` metres.
-        information: `(6, 6)` of the pose given the window.
-        landmarks: The M landmarks looked for.
-        observed: `(M, 4)` u, v left, u, v right; NaN where not seen.
-        variance: `(M, 2, 3)` uu, uv, vv, px^2.
-        chi: `(M,)` squared Mahalanobis residual a degree of freedom; NaN where not seen.
-    """
-
-    rotation: FloatArray
-    position: FloatArray
-    information: FloatArray
-    landmarks: Landmarks
-    observed: FloatArray
-    variance: FloatArray
-    chi: FloatArray
-
-    @property
-    def residual_px(self) -> float:
-        """Typical residual of the agreeing landmarks, pixels: root of the median of chi times the variance."""
-        variance = self.variance[:, :, (0, 2)].mean(axis=(1, 2))
-        typical = np.sqrt(self.chi * variance)[self.inliers]
-        return float(np.median(typical)) if len(typical) else float("nan")
-
-    @property
-    def right_share(self) -> float:
-        """Share of the landmarks found in the left picture that were found in the right one."""
-        left = np.isfinite(self.observed[:, 0])
-        return float(np.isfinite(self.observed[left, 2]).mean()) if left.any() else 0.0
-
-    @property
-    def inliers(self) -> NDArray[np.bool_]:
-        """Landmarks `(M,)` that agree with the pose."""
-        return np.nan_to_num(self.chi, nan=1e9) < 9.0
-
-
 class Localiser:
-    """Estimates the pose of RB in DS at each stereo pair."""
+    """Estimates the pose of RB in DS at each stereo pair.
+
+    What a keyframe needs besides its pose (new landmarks, the adjustment of the window) is done after its call, in a
+    thread of its own; the next call waits for the end of it, so that results do not depend on timing.
+    """
 
     def __init__(self, rig: StereoRig, config: LocalisationConfig, T_ds_rb: Transform) -> None:
         """Start at a given pose.
@@ -90,11 +54,14 @@ class Localiser:
         self._T_rb_left = rig.T_rb_left
         self._camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy])
         self._masks = tuple(load_mask(path, rig) for path in (config.left_mask, config.right_mask))
+        self._tracker = Tracker(rig, config, self._camera)
+        self._keyframe: Future[float] | None = None
         self._max_disparity = min(rig.fx * rig.baseline_m / config.min_depth_m, 0.5 * rig.width)
         self.reset(T_ds_rb)
 
     def reset(self, T_ds_rb: Transform) -> None:
         """Forget everything and start anew at this pose."""
+        self._end_keyframe()
         self._window = Window(self._camera, self._rig.baseline_m, self._config.window_keyframes)
         self._T_ds_world = T_ds_rb @ self._T_rb_left
         self._rotation, self._position = np.eye(3), np.zeros(3)
@@ -107,7 +74,7 @@ class Localiser:
         self._last_seen: FloatArray
         self._well_seen: WellSeen
         self._seen_by_keyframe: int
-        self._start_covariance, self._start_position = np.zeros((6, 6)), np.zeros(3)
+        self._start: Start
         self._good_while_lost = 0
         self._keyframe_count = 0
         self._right_offset = RightOffset(self._camera, self._config.window_keyframes)
@@ -120,6 +87,7 @@ class Localiser:
 
     def set_pose(self, T_ds_rb: Transform) -> None:
         """Let the next estimate start at this pose."""
+        self._end_keyframe()
         current = Transform(self._rotation, self._position)
         self._T_ds_world = T_ds_rb @ self._T_rb_left @ current.inverse()
 
@@ -137,6 +105,7 @@ class Localiser:
             left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
             other.process(StereoPair(stamp_ns, left, right))
         other.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
+        other._end_keyframe()
 
     def process(self, pair: StereoPair, motion: Transform | None = None) -> PoseEstimate:
         """Return the pose at one pair; pairs come in the order of their stamps.
@@ -154,29 +123,34 @@ class Localiser:
             found = f"{pair.left.shape[1]} x {pair.left.shape[0]}"
             wanted = f"{self._rig.width} x {self._rig.height}"
             raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {wanted}: give pictures of the rig")
+        self._stages = Stages()
+        with self._stages("wait"):
+            self._end_keyframe()
         before, self._last_pair = self._last_pair, pair
         if before is not None and len(self._window) and _same_pictures(before, pair) and not self._lost_now:
             return self._repeated(pair)
         self._last_tracked = None
-        left, right = both(build_pyramid, (pair.left,), (pair.right,))
+        with self._stages("pyramid"):
+            left, right = both(build_pyramid, (pair.left,), (pair.right,))
         if not len(self._window):
-            return self._start(pair, left, right, np.zeros((6, 6)))
+            return self._begin(pair, left, right, np.zeros((6, 6)))
         tracked = self._track(pair, left, right, motion)
         if tracked is None or self._exchanged(left, right, tracked):
             return self._lost(pair, left, right)
-        self._lost_now = False
+        return self._tracking(pair, left, right, tracked)
+
+    def _tracking(self, pair: StereoPair, left: Pyramid, right: Pyramid, tracked: Tracked) -> PoseEstimate:
+        """Take the pose that was found; begin a keyframe where one is wanted."""
+        self._lost_now, self._good_while_lost = False, 0
         motion = Transform(self._rotation, self._position).inverse() @ Transform(tracked.rotation, tracked.position)
         self._last_motion = (motion.rotation, motion.translation)
         self._rotation, self._position = tracked.rotation, tracked.position
         self._last_covariance = np.asarray(np.linalg.inv(tracked.information) + self._window.last_covariance)
         self._last_left, self._last_seen = pair.left, tracked.observed[:, :2]
-        self._good_while_lost = 0
-        if self._wants_keyframe(tracked):
-            self._add_keyframe(left, right, tracked)
-            self._rotation, self._position = self._window.rotations[-1], self._window.positions[-1]
-            self._last_covariance = self._window.last_covariance
         if tracked.inliers.sum() >= 0.5 * len(tracked.landmarks):
             self._well_seen = WellSeen(pair.left, self._last_seen, self._landmarks.points)
+        wanted = self._wants_keyframe(tracked)
+        self._keyframe_count += wanted
         statistics = {
             "features": float(len(tracked.landmarks)),
             "inliers": float(tracked.inliers.sum()),
@@ -187,7 +161,10 @@ class Localiser:
             "disparity_offset_px": -self._right_offset.u,
             "roll_offset_px": self._right_offset.roll,
         }
-        return self._estimate(pair.stamp_ns, TrackingState.TRACKING, self._last_covariance, statistics)
+        estimate = self._estimate(pair.stamp_ns, TrackingState.TRACKING, self._last_covariance, statistics)
+        if wanted:  # from here on all belongs to the other thread, until the next call
+            self._keyframe = in_background(self._add_keyframe, left, right, tracked)
+        return estimate
 
     def _repeated(self, pair: StereoPair) -> PoseEstimate:
         """Return the last pose again; the rover may stand still, or have gone on as before unseen."""
@@ -201,10 +178,10 @@ class Localiser:
         if tracked.right_share > 0.3 or float(np.std(right.levels[-1])) < 1.0:
             return False
         position = tracked.position - tracked.rotation[:, 0] * self._rig.baseline_m
-        other = self._refine(right, left, tracked.landmarks, tracked.rotation, position)
-        return self._trusted(other) and other.right_share > 0.6
+        other = self._tracker.refine(right, left, tracked.landmarks, (tracked.rotation, position), self._right_offset)
+        return self._tracker.trusted(other) and other.right_share > 0.6
 
-    def _start(self, pair: StereoPair, left: Pyramid, right: Pyramid, covariance: FloatArray) -> PoseEstimate:
+    def _begin(self, pair: StereoPair, left: Pyramid, right: Pyramid, covariance: FloatArray) -> PoseEstimate:
         """Begin a window at the pose known last, as well known as its covariance `(6, 6)` says.
 
         The window itself takes its first pose as known: a window that may move as a whole would do so with every
@@ -223,7 +200,8 @@ class Localiser:
         self._last_left, self._last_motion = pair.left, (np.eye(3), np.zeros(3))
         self._good_while_lost, self._lost_now = 0, False
         self._last_covariance = window.last_covariance
-        self._start_covariance, self._start_position = covariance, self._position
+        common = common_covariance(self._landmarks.rho, self._config.common_px, self._rig.fx)
+        self._start = Start(self._position, covariance + common)
         self._well_seen = WellSeen(pair.left, self._last_seen, self._landmarks.points)
         self._keyframe_count += 1
         state = TrackingState.INITIALISING if self._keyframe_count == 1 else TrackingState.TRACKING
@@ -239,82 +217,45 @@ class Localiser:
         if self._good_while_lost > PATIENCE:
             # what was driven meanwhile is not known: as far as the rover may have come, in any direction
             spread = np.array([1.0, 1.0, 0.3, 0.1, 0.1, 0.5])
-            known = self._with_start(self._window.last_covariance)
-            return self._start(pair, left, right, known + np.diag(spread**2))
+            known = self._window.last_covariance + self._start.carried_to(self._position)
+            return self._begin(pair, left, right, known + np.diag(spread**2))
         return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"inliers": 0.0})
 
     def _track(self, pair: StereoPair, left: Pyramid, right: Pyramid, motion: Transform | None) -> Tracked | None:
         marks = self._landmarks
         if len(marks) < self._config.min_tracked:
             return None
-        tracked = self._refine(left, right, marks, *self._align(left, marks, motion))
-        if self._trusted(tracked):
+        with self._stages("align"):
+            start = self._tracker.align(left, marks, self._predictions(motion))
+        with self._stages("refine"):
+            tracked = self._tracker.refine(left, right, marks, start, self._right_offset)
+        self._last_tracked = tracked
+        if self._tracker.trusted(tracked):
             return tracked
+        with self._stages("relocate"):
+            return self._relocate(pair, left, right)
+
+    def _relocate(self, pair: StereoPair, left: Pyramid, right: Pyramid) -> Tracked | None:
+        """Look for the landmarks where prediction has failed."""
+        marks, fewest = self._landmarks, self._config.min_tracked
         known = (self._last_left, pair.left, self._last_seen, marks.points)
-        start = pose_by_flow(*known, self._camera, self._config.min_tracked)
-        if start is not None and self._trusted(again := self._from_afar(left, right, start)):
-            return again
+        start = pose_by_flow(*known, self._camera, fewest)
+        if (found := self._found_from(start, left, right)) is not None:
+            return found
         corners = find_corners(left.levels[0], np.zeros((0, 2)), 2 * self._config.max_features, BORDER)
-        start = pose_by_descriptors(self._well_seen, pair.left, corners, self._camera, self._config.min_tracked)
-        if start is not None and self._trusted(again := self._from_afar(left, right, start)):
-            return again
-        return None
+        start = pose_by_descriptors(self._well_seen, pair.left, corners, self._camera, fewest)
+        return self._found_from(start, left, right)
 
-    def _from_afar(self, left: Pyramid, right: Pyramid, start: tuple[FloatArray, FloatArray]) -> Tracked:
-        """Track from a start that is right to some pixels."""
-        marks = self._landmarks
-        return self._refine(left, right, marks, *self._align_level(left, 0, marks, *start, 6)[:2])
+    def _found_from(self, start: Pose | None, left: Pyramid, right: Pyramid) -> Tracked | None:
+        if start is None:
+            return None
+        tracked = self._tracker.refine_from_afar(left, right, self._landmarks, start, self._right_offset)
+        self._last_tracked = tracked
+        return tracked if self._tracker.trusted(tracked) else None
 
-    def _trusted(self, tracked: Tracked) -> bool:
-        """Tell whether enough landmarks agree on the pose, of all and of those that were found."""
-        agree, found = int(tracked.inliers.sum()), int(np.isfinite(tracked.chi).sum())
-        return agree >= self._config.min_tracked and agree > 0.5 * found and found > 0.2 * len(tracked.landmarks)
-
-    def _refine(
-        self, left: Pyramid, right: Pyramid, marks: Landmarks, rotation: FloatArray, position: FloatArray
-    ) -> Tracked:
-        baseline = self._rig.baseline_m
-        places = (rotation, position, marks.host_rotations, marks.host_positions, marks.uv, marks.rho, marks.slopes)
-        found = both(
-            track_patches,
-            *(
-                (image.levels[0], marks.patches[0], marks.uv, plane_homographies(*places, self._camera, shift), 2.5, 6)
-                for image, shift in ((left, 0.0), (right, baseline))
-            ),
-        )
-        for side in found:
-            side[side[:, 6] < 0.6] = np.nan
-        observed = np.column_stack((found[0][:, :2], found[1][:, :2] - self._right_offset.at(found[1][:, :2])))
-        variance = np.stack((self._variance(found[0]), self._variance(found[1])), axis=1)
-        rotation, position, information, chi = solve_pose(
-            rotation,
-            position,
-            marks.host_rotations,
-            marks.host_positions,
-            marks.rays,
-            marks.rho,
-            marks.covariance,
-            observed,
-            variance,
-            self._camera,
-            baseline,
-            10,
-        )
-        self._last_tracked = Tracked(rotation, position, information, marks, observed, variance, chi)
-        return self._last_tracked
-
-    def _variance(self, found: FloatArray) -> FloatArray:
-        """Return the variances `(N, 3)` of tracked positions, half of it the patch's and half the picture's."""
-        residual = found[:, 5:6]
-        typical = np.nanmedian(residual) if np.isfinite(residual).any() else 1.0
-        variance = found[:, 2:5] * (1.2 * np.maximum(residual, typical) ** 2)
-        variance[:, 0] += self._config.pixel_floor**2
-        variance[:, 2] += self._config.pixel_floor**2
-        return variance
-
-    def _align(self, left: Pyramid, marks: Landmarks, motion: Transform | None) -> tuple[FloatArray, FloatArray]:
+    def _predictions(self, motion: Transform | None) -> list[Pose]:
+        """Return where the camera may be: moved on as before, standing still, moved as another source says."""
         moved, step = self._last_motion
-        top = LEVELS - 1
         starts = [
             (self._rotation @ moved, self._position + self._rotation @ step),
             (self._rotation, self._position),
@@ -322,18 +263,7 @@ class Localiser:
         if motion is not None:
             said = Transform(self._rotation, self._position) @ self._T_rb_left.inverse() @ motion @ self._T_rb_left
             starts.append((said.rotation, said.translation))
-        results = [self._align_level(left, top, marks, *start, 6) for start in starts]
-        best = max(results, key=lambda result: result[2])
-        for level in range(top - 1, 0, -1):
-            best = self._align_level(left, level, marks, best[0], best[1], 4)
-        return best[0], best[1]
-
-    def _align_level(
-        self, left: Pyramid, level: int, marks: Landmarks, rotation: FloatArray, position: FloatArray, rounds: int
-    ) -> tuple[FloatArray, FloatArray, float, float]:
-        places = (rotation, position, marks.host_rotations, marks.host_positions, marks.uv, marks.rho)
-        homographies = plane_homographies(*places, marks.slopes, self._camera, 0.0)
-        return align_pose(left.levels[level], level, marks.patches[level], homographies, *places, self._camera, rounds)
+        return starts
 
     def _wants_keyframe(self, tracked: Tracked) -> bool:
         before = tracked.landmarks.last_seen[:, :2]
@@ -343,7 +273,20 @@ class Localiser:
             return True
         return float(np.median(flow)) > self._config.keyframe_flow * self._rig.width
 
-    def _add_keyframe(self, left: Pyramid, right: Pyramid, tracked: Tracked) -> None:
+    def _end_keyframe(self) -> None:
+        """Wait for the keyframe in work, and go on from its adjusted pose."""
+        pending, self._keyframe = self._keyframe, None
+        if pending is None:
+            return
+        self._stages.seconds["keyframe"] = pending.result()
+        self._rotation, self._position = self._window.rotations[-1], self._window.positions[-1]
+        self._last_covariance = self._window.last_covariance
+        if self._well_seen.left is self._last_left:
+            self._well_seen = WellSeen(self._last_left, self._last_seen, self._landmarks.points)
+
+    def _add_keyframe(self, left: Pyramid, right: Pyramid, tracked: Tracked) -> float:
+        """Make a tracked pair a keyframe; return the seconds that it took."""
+        start = time.perf_counter()
         window = self._window
         good = tracked.inliers
         window.alive[tracked.landmarks.index[~good]] = False
@@ -358,7 +301,7 @@ class Localiser:
         known = window.observed[window.alive, -1]
         known = np.column_stack((known[:, :2], known[:, 0] - known[:, 2]))
         self._add_landmarks(left, right, known[np.isfinite(known).all(axis=1)])
-        self._keyframe_count += 1
+        return time.perf_counter() - start
 
     def _add_landmarks(self, left: Pyramid, right: Pyramid, known: FloatArray) -> None:
         corners = find_corners(left.levels[0], known[:, :2].copy(), self._config.max_features, BORDER, self._masks[0])
@@ -368,7 +311,7 @@ class Localiser:
             self._right_offset.learn_rows(found.right, found.right[:, 1] - found.uv[:, 1])
             right_seen = found.right - self._right_offset.at(found.right)
             scale = 1.0 / (self._rig.fx * self._rig.baseline_m)
-            variance = self._variance(np.column_stack((found.right, found.covariance, found.residual)))
+            variance = self._tracker.variance(np.column_stack((found.covariance, found.residual)))
             observed = np.column_stack((found.uv, right_seen))
             self._window.add_landmarks(
                 left,
@@ -394,30 +337,11 @@ class Localiser:
         T_ds_left = self._T_ds_world @ Transform(self._rotation, self._position)
         T_ds_rb = T_ds_left @ self._T_rb_left.inverse()
         if state is not TrackingState.LOST:
-            covariance = self._with_start(covariance * self._config.inflation) + np.diag(self._common_variance())
-            covariance = self._covariance_of_rb(covariance, T_ds_rb.translation - T_ds_left.translation)
-        return PoseEstimate(stamp_ns, T_ds_rb, covariance, state, statistics)
-
-    def _with_start(self, covariance: FloatArray) -> FloatArray:
-        """Add how well the first pose of the window is known, `(6, 6)`, left camera in the world."""
-        jacobian = np.eye(6)
-        jacobian[:3, 3:] = -skew(self._position - self._start_position)
-        return np.asarray(covariance + jacobian @ self._start_covariance @ jacobian.T)
-
-    def _common_variance(self) -> FloatArray:
-        """Return the variances `(6,)` of what a whole picture is off by (blur, jitter): no landmark shows it."""
-        depth = 1.0 / max(float(np.median(self._landmarks.rho)), 1e-3) if len(self._landmarks) else 0.0
-        angle = self._config.common_px / self._rig.fx
-        return np.repeat(np.square([angle * depth, angle]), 3)
-
-    def _covariance_of_rb(self, covariance: FloatArray, lever: FloatArray) -> FloatArray:
-        """Turn the covariance of the left camera in the world into that of RB in DS (lever `(3,)` metres in DS)."""
-        turn = self._T_ds_world.rotation
-        jacobian = np.zeros((6, 6))
-        jacobian[:3, :3] = jacobian[3:, 3:] = turn
-        jacobian[:3, 3:] = -skew(lever) @ turn
-        result = jacobian @ covariance @ jacobian.T
-        return np.asarray(0.5 * (result + result.T))
+            covariance = covariance * self._config.inflation + self._start.carried_to(self._position)
+            covariance = covariance + common_covariance(self._landmarks.rho, self._config.common_px, self._rig.fx)
+            lever = T_ds_rb.translation - T_ds_left.translation
+            covariance = covariance_of_rb(covariance, self._T_ds_world.rotation, lever)
+        return PoseEstimate(stamp_ns, T_ds_rb, covariance, state, statistics, self._stages.seconds)
 
 
 def _same_pictures(before: StereoPair, now: StereoPair) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from typing import Any, TypeVar
 
@@ -19,6 +19,16 @@ R = TypeVar("R")
 @cache
 def _second_thread() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=1, thread_name_prefix="right")
+
+
+@cache
+def _background() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
+
+
+def in_background(function: Callable[..., R], *arguments: Any) -> Future[R]:  # noqa: ANN401 - any arguments
+    """Start work that may itself share its parts between threads; its result is waited for by `result()`."""
+    return _background().submit(function, *arguments)
 
 
 def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ...]) -> tuple[R, R]:

@@ -107,7 +107,11 @@ def _refine(
     homographies[:, 0, 2] = slope[:, 0] * uv[:, 0] + slope[:, 1] * uv[:, 1] - disparity
     homographies[:, 1, 1] = homographies[:, 2, 2] = 1.0
     homographies[:, 1, 2] = dv
-    return in_halves(lambda *points: track_patches(right, *points, 2.5, 12), patches, uv, homographies)
+
+    def track(patches: NDArray[np.float32], uv: FloatArray, homographies: FloatArray) -> FloatArray:
+        return np.asarray(track_patches(right, patches, uv, homographies, 2.5, 12))
+
+    return in_halves(track, patches, uv, homographies)
 
 
 def _search(
@@ -118,8 +122,12 @@ def _search(
     patches = cut_patches(
         left.levels[SEARCH_LEVEL], _inside(small, left.levels[SEARCH_LEVEL], SEARCH_HALF + 2), SEARCH_HALF
     )
-    limits = int(np.ceil(max_disparity / scale)), int(np.round(offset_v / scale))
-    found = in_halves(lambda *points: _scan(right.levels[SEARCH_LEVEL], *points, *limits), patches[:, 0], small)
+    last, down = int(np.ceil(max_disparity / scale)), int(np.round(offset_v / scale))
+
+    def scan(patches: NDArray[np.float32], small: FloatArray) -> FloatArray:
+        return np.asarray(_scan(right.levels[SEARCH_LEVEL], patches, small, last, down))
+
+    found = in_halves(scan, patches[:, 0], small)
     good = (found[:, 1] > 0.75) & (1.0 - found[:, 1] < 0.85 * (1.0 - found[:, 2]))
     return found[:, 0] * scale, good
 
@@ -138,6 +146,7 @@ def _scan(  # noqa: C901 - one loop of machine code
     half = (int(np.sqrt(patches.shape[1] + 0.5)) - 1) // 2
     side = 2 * half + 1
     out = np.zeros((count, 3))
+    sums, scores = np.empty((3, max_disparity + 2), np.float32), np.empty(max_disparity + 2)
     for n in range(count):
         template = patches[n].copy()
         power = normalise(template)
@@ -145,23 +154,27 @@ def _scan(  # noqa: C901 - one loop of machine code
         last = min(max_disparity, u - half)
         if power < 1e-3 or v < half or v >= height - half or u >= width - half or last < 2:
             continue
-        scores = np.empty(last + 2)
-        scores[:] = -1.0
-        for d in range(-1, last + 1):
-            if u - d + half >= width:
-                continue
-            total, square, dot = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-            k = 0
-            for j in range(v - half, v + half + 1):
-                for i in range(u - d - half, u - d + half + 1):
-                    value = image[j, i]
-                    total += value
-                    square += value * value
-                    dot += value * template[k]
-                    k += 1
-            variance = square - total * total / (side * side)
+        # place p is the disparity last - p: all of them at once, along the row
+        places = last + 2
+        total, square, dot = sums[0, :places], sums[1, :places], sums[2, :places]
+        sums[:, :places] = 0.0
+        usable = places if u + 1 + half < width else places - 1
+        k = 0
+        for j in range(v - half, v + half + 1):
+            for i in range(-half, half + 1):
+                row = image[j, u - last + i :]
+                weight = template[k]
+                k += 1
+                for p in range(usable):
+                    value = row[p]
+                    total[p] += value
+                    square[p] += value * value
+                    dot[p] += value * weight
+        scores[:places] = -1.0
+        for p in range(usable):
+            variance = square[p] - total[p] * total[p] / (side * side)
             if variance > 1e-3:
-                scores[d + 1] = dot / np.sqrt(variance * power)
+                scores[last + 1 - p] = dot[p] / np.sqrt(variance * power)
         best, second = 0, -1.0
         for d in range(1, last + 2):
             if scores[d] > scores[best]:
@@ -188,7 +201,8 @@ class _LocalPlanes:
         count = min(NEIGHBOURS, len(self._support))
         self._enough = count >= FEWEST and len(uv) > 0
         if self._enough:
-            self._distance, self._index = cKDTree(self._support).query(uv, k=count)
+            nearest = cKDTree(self._support).query(uv, k=count)
+            self._distance, self._index = np.asarray(nearest[0]), np.asarray(nearest[1])
 
     def slopes(self, disparity: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
         """Return the change `(N, 2)` of the disparity `(N,)` along u and v; only good `(N,)` points are fitted to."""
@@ -196,8 +210,11 @@ class _LocalPlanes:
             return np.zeros((len(self._uv), 2))
         support = np.column_stack((self._support, np.concatenate((disparity, self._known[:, 2]))))
         usable = np.concatenate((good, np.ones(len(self._known), np.bool_)))
-        points = (self._uv, disparity, self._index, self._distance)
-        return in_halves(lambda *some: _fit_slopes(*some, support, usable), *points)
+
+        def fit(uv: FloatArray, disparity: FloatArray, index: NDArray[np.intp], distance: FloatArray) -> FloatArray:
+            return np.asarray(_fit_slopes(uv, disparity, index, distance, support, usable))
+
+        return in_halves(fit, self._uv, disparity, self._index, self._distance)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)

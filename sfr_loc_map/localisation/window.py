@@ -13,6 +13,8 @@ from sfr_loc_map.localisation.images import LEVELS, Pyramid
 from sfr_loc_map.localisation.patches import SIDE, cut_patches
 
 COARSE_HALF = 3
+SIDES = (SIDE, *[2 * COARSE_HALF + 1] * (LEVELS - 1))
+"""Sides of the patches at each level."""
 START_VARIANCE = 1e-10
 """Variance of the first pose (m^2, rad^2): it is given, not estimated."""
 
@@ -68,7 +70,8 @@ class Window:
         slopes: `(N, 2)` change of the inverse depth a pixel, of its local plane.
         covariance: `(N, 3, 3)` of uvrho given the poses.
         alive: `(N,)` whether it is still looked for.
-        patches: Its patches, one array `(N, 3, S * S)` a level of the pyramid.
+        patches: For each keyframe the patches of the landmarks that it hosts, one array `(n, 3, S * S)` a level of the
+            pyramid: what is large is neither copied when landmarks come nor when they go.
         observed: `(N, K, 4)` where it was seen: u, v left, u, v right; NaN where not.
         variance: `(N, K, 2, 3)` uu, uv, vv of these, px^2.
         pose_covariance: `(6 K, 6 K)` of all poses, position and rotation about the world's axes.
@@ -82,9 +85,7 @@ class Window:
         self.host, self.alive = np.zeros(0, np.int64), np.zeros(0, np.bool_)
         self.uv, self.uvrho, self.slopes = np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 2))
         self.covariance = np.zeros((0, 3, 3))
-        self.patches = [
-            np.zeros((0, 3, SIDE**2 if i == 0 else (2 * COARSE_HALF + 1) ** 2), np.float32) for i in range(LEVELS)
-        ]
+        self.patches: list[list[NDArray[np.float32]]] = []
         self.observed, self.variance = np.zeros((0, 0, 4)), np.zeros((0, 0, 2, 3))
         self.pose_covariance = np.zeros((0, 0))
         self.right_offset = (0.0, np.inf)
@@ -113,7 +114,7 @@ class Window:
             self.uvrho[which, 2].copy(),
             self.slopes[which],
             self.covariance[which],
-            [patches[which] for patches in self.patches],
+            [self._living(level) for level in range(LEVELS)],
             self.observed[which, -1],
         )
 
@@ -140,6 +141,7 @@ class Window:
         self.observed[seen, window], self.variance[seen, window] = observed, variance
         self.rotations = np.concatenate((self.rotations, rotation[None]))
         self.positions = np.concatenate((self.positions, position[None]))
+        self.patches.append([np.zeros((0, 3, side * side), np.float32) for side in SIDES])
         self._prior = Prior(
             np.pad(self._prior.h, (0, 6)),
             np.pad(self._prior.g, (0, 6)),
@@ -165,7 +167,7 @@ class Window:
         observed: FloatArray,
         variance: FloatArray,
     ) -> None:
-        """Add landmarks hosted by the newest keyframe.
+        """Add the landmarks hosted by the newest keyframe, once for each.
 
         Args:
             left: Left pyramid of the keyframe.
@@ -183,9 +185,7 @@ class Window:
         self.uvrho = np.concatenate((self.uvrho, np.column_stack((uv, rho))))
         self.slopes = np.concatenate((self.slopes, slopes))
         self.covariance = np.concatenate((self.covariance, np.zeros((count, 3, 3))))
-        for level in range(LEVELS):
-            cut = patches if level == 0 else _coarse_patches(left, uv, level)
-            self.patches[level] = np.concatenate((self.patches[level], cut))
+        self.patches[-1] = [patches, *(_coarse_patches(left, uv, level) for level in range(1, LEVELS))]
         all_observed, all_variance = np.full((count, window, 4), np.nan), np.ones((count, window, 2, 3))
         all_observed[:, -1], all_variance[:, -1] = observed, variance
         self.observed = np.concatenate((self.observed, all_observed))
@@ -210,6 +210,11 @@ class Window:
         poses = (self.rotations, self.positions)
         return *poses, self.host, self.uvrho, self.observed, self.variance, self._camera, self._baseline
 
+    def _living(self, level: int) -> NDArray[np.float32]:
+        ends = np.cumsum([len(hosted[level]) for hosted in self.patches])[:-1]
+        living = np.split(self.alive, ends)
+        return np.concatenate([hosted[level][which] for hosted, which in zip(self.patches, living, strict=True)])
+
     def _marginalise_oldest(self) -> None:
         """Turn what the oldest keyframe and its landmarks say of the others into the prior."""
         h, g, *_ = linearise(*self._system(), 0)
@@ -224,7 +229,7 @@ class Window:
         for name in ("alive", "uv", "uvrho", "slopes", "covariance", "variance", "observed"):
             setattr(self, name, getattr(self, name)[keep])
         self.observed, self.variance = self.observed[:, 1:].copy(), self.variance[:, 1:].copy()
-        self.patches = [patches[keep] for patches in self.patches]
+        del self.patches[0]
 
 
 def _coarse_patches(left: Pyramid, uv: FloatArray, level: int) -> NDArray[np.float32]:

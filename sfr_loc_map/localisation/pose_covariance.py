@@ -1,0 +1,56 @@
+"""From the covariance of the newest camera in its window to that of the rover in its frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfr_loc_map.geometry.rotation import FloatArray, skew
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Where a window began, and how well that is known.
+
+    Attributes:
+        position: `(3,)` metres, world.
+        covariance: `(6, 6)` of the left camera, position and rotation about the world's axes.
+    """
+
+    position: FloatArray
+    covariance: FloatArray
+
+    def carried_to(self, position: FloatArray) -> FloatArray:
+        """Return its share `(6, 6)` of the covariance at another place `(3,)`: a turn at the start swings the way."""
+        jacobian = np.eye(6)
+        jacobian[:3, 3:] = -skew(position - self.position)
+        return np.asarray(jacobian @ self.covariance @ jacobian.T)
+
+
+def common_covariance(rho: FloatArray, common_px: float, focal_px: float) -> FloatArray:
+    """Return the covariance `(6, 6)` of what a whole picture is off by (blur, jitter): no landmark shows it.
+
+    Args:
+        rho: `(N,)` inverse depths of what is seen, 1/m.
+        common_px: Standard deviation, pixels.
+        focal_px: Focal length, pixels.
+    """
+    depth = 1.0 / max(float(np.median(rho)), 1e-3) if len(rho) else 0.0
+    angle = common_px / focal_px
+    return np.diag(np.repeat(np.square([angle * depth, angle]), 3))
+
+
+def covariance_of_rb(covariance: FloatArray, turn: FloatArray, lever: FloatArray) -> FloatArray:
+    """Return the covariance `(6, 6)` of RB in DS.
+
+    Args:
+        covariance: `(6, 6)` of the left camera in the world.
+        turn: `(3, 3)` world to DS.
+        lever: `(3,)` from the camera to RB, metres, DS.
+    """
+    jacobian = np.zeros((6, 6))
+    jacobian[:3, :3] = jacobian[3:, 3:] = turn
+    jacobian[:3, 3:] = -skew(lever) @ turn
+    result = jacobian @ covariance @ jacobian.T
+    return np.asarray(0.5 * (result + result.T))
