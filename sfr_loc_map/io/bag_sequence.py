@@ -10,10 +10,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Literal
 
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.stereo import GreyImage, NavPair, StereoPair, StereoRig
@@ -23,6 +20,7 @@ from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, POINTS, POSE, Bag
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.folder import check_size
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message
+from sfr_loc_map.io.organised_points import points_image
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.io.trajectory_file import check_order
 
@@ -212,28 +210,6 @@ class BagNavSequence:
             if topics.points and topics.points.name in raw:
                 truth = points_image(topics.bag.deserialise(topics.points, raw[topics.points.name]), self._rig)
             yield NavPair(topics.pair(stamp_ns, raw, self._rig), self._poses[stamp_ns], truth)
-
-
-def points_image(message: Any, rig: StereoRig) -> NDArray[np.float32]:  # noqa: ANN401 - a PointCloud2 of any library
-    """Return an organised sensor_msgs/PointCloud2 as `(H, W, 3)` float32, metres.
-
-    Raises:
-        InputError: If it is not of the rig's size or has no float32 x, y, z.
-    """
-    offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == 7}
-    shape, step, row = (int(message.height), int(message.width)), int(message.point_step), int(message.row_step)
-    size_ok = shape == (rig.height, rig.width) and row >= step * shape[1] and len(message.data) >= row * shape[0]
-    if not size_ok or any(name not in offsets or offsets[name] + 4 > step for name in "xyz"):
-        raise InputError(
-            f"ground_truth/points is {shape[1]} x {shape[0]} with float32 fields {sorted(offsets)}: an organised cloud "
-            f"of {rig.width} x {rig.height} with x, y, z is needed"
-        )
-    order = ">f4" if message.is_bigendian else "<f4"
-    layout = np.dtype(
-        {"names": list("xyz"), "formats": [order] * 3, "offsets": [offsets[n] for n in "xyz"], "itemsize": step}
-    )
-    records = np.ndarray(shape, layout, np.frombuffer(message.data, np.uint8), strides=(row, step))
-    return np.stack([records[name] for name in "xyz"], axis=-1).astype(np.float32, copy=False)
 
 
 def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:

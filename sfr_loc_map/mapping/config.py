@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from sfr_loc_map.config import param
 
+MAX_PAIRS = 3
+"""Most stereo pairs of one map [1.3]."""
+
 
 @dataclass(frozen=True, slots=True)
 class MappingConfig:

@@ -14,15 +14,12 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.checks import check_matches, check_pictures, matched_share
 from sfr_loc_map.mapping.confidence import sigma_of, trusted
-from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.fusion import View, fused
 from sfr_loc_map.mapping.matching import match, search_range
 from sfr_loc_map.mapping.overlap import Fit, fitted
 from sfr_loc_map.mapping.refinement import refine
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
-
-MAX_PAIRS = 3
-"""Most stereo pairs of one map [1.3]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,14 +7,17 @@ cloud: the share of those true points with a cloud point nearer than two pixel f
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.metrics.cloud_truth import PairTruth
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 BoolImage = NDArray[np.bool_]
 FOOTPRINTS = 2.0
@@ -40,6 +43,8 @@ def footprint_coverage(
     cloud: PointCloud, truths: Sequence[PairTruth], ranges: Sequence[FloatArray], farthest_m: float
 ) -> list[BoolImage]:
     """Return for each pair which true points `(H, W)` up to a range have a cloud point within two footprints."""
+    from scipy.spatial import cKDTree  # slow to import, and a node seldom needs it
+
     tree = cKDTree(cloud.xyz.astype(np.float64), balanced_tree=False, compact_nodes=False) if len(cloud) else None
     covered = []
     for number, (truth, distance) in enumerate(zip(truths, ranges, strict=True)):

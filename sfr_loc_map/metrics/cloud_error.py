@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
-from scipy.stats import chi2
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -17,6 +15,7 @@ from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.metrics.cloud_coverage import BoolImage, footprint_coverage, looks_fused, pixel_coverage
 from sfr_loc_map.metrics.cloud_truth import PairTruth
 from sfr_loc_map.metrics.config import MapScoreConfig
+from sfr_loc_map.metrics.quantiles import chi2_quantile
 from sfr_loc_map.metrics.statistics import summary
 
 NEES_BLOCK_PX = 32
@@ -116,6 +115,8 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
 
     It reads low, because the nearest true point is seldom the one that was seen.
     """
+    from scipy.spatial import cKDTree  # slow to import, and seldom needed by a node
+
     true = [truth.points[np.isfinite(truth.points).all(axis=2)] for truth in truths]
     tree = cKDTree(np.concatenate(true).astype(np.float64), balanced_tree=False, compact_nodes=False)
     distance = np.asarray(tree.query(np.asarray(xyz, np.float64), workers=-1)[0])
@@ -227,8 +228,8 @@ def _consistency(cloud: PointCloud, errors: PointErrors) -> dict[str, Any] | Non
         "mean": float(np.mean(squares)),
         "median": float(np.median(squares)),
         "expected": 1.0,
-        "expected_median": float(chi2.ppf(0.5, 1)),
-        "interval95": [float(chi2.ppf(p, count) / count) for p in (0.025, 0.975)],
+        "expected_median": chi2_quantile(0.5, 1),
+        "interval95": [chi2_quantile(p, count) / count for p in (0.025, 0.975)],
     }
 
 

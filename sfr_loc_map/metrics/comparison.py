@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.metrics.condition_score import FIGURES
 from sfr_loc_map.metrics.confidence import MIN_FREEDOM, MIN_INDEPENDENT, WIDENING, blocks_share, resampled_figures
+from sfr_loc_map.metrics.quantiles import student_quantile
 from sfr_loc_map.metrics.statistics import norm
 
 SCHEMA = "sfr-compare/1"
@@ -136,7 +136,7 @@ def _difference(a: FloatArray, b: FloatArray, overlap: float) -> dict[str, Any]:
     block = max(1, int(np.ceil(overlap)))
     scatter = np.std(resampled_figures(b, block) - resampled_figures(a, block))
     share = (1.0 - 1.0 / independent) * blocks_share(overlap, float(block))
-    factor = WIDENING * student.ppf(0.975, max(independent - 1.0, MIN_FREEDOM))
+    factor = WIDENING * student_quantile(0.975, max(independent - 1.0, MIN_FREEDOM))
     half = float(factor * scatter / np.sqrt(share)) + _PRECISION
     word = "no difference shown" if abs(difference) <= half else "better" if difference < 0 else "worse"
     return result | {"ci95": [difference - half, difference + half], "verdict": word}

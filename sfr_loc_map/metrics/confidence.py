@@ -23,9 +23,9 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.metrics.quantiles import student_quantile
 
 MAX_GRAINS = 512
 """Sums are kept for at most so many stretches of consecutive values; a stretch grows by doubling."""
@@ -119,7 +119,7 @@ def interval95(grains: Grains, columns: slice, overlap: float, *, unsigned: bool
     directions = float(variances.sum() ** 2 / np.square(variances).sum())
     freedom = max((independent - 1.0) * np.sqrt(directions), MIN_FREEDOM)
     widening = WIDENING_UNSIGNED if unsigned else WIDENING
-    factor = float(np.exp(widening * student.ppf(0.975, freedom) * error / centre))
+    factor = float(np.exp(widening * student_quantile(0.975, freedom) * error / centre))
     return [centre / factor, centre * factor]
 
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from sfr_loc_map.geometry.rotation import (
     FloatArray,
@@ -24,6 +23,7 @@ from sfr_loc_map.geometry.rotation import (
     quat_rotate,
     skew,
 )
+from sfr_loc_map.metrics.quantiles import chi2_quantile
 
 LOST_VARIANCE = 9999.0
 """A variance this large says that the pose is not known."""
@@ -81,7 +81,7 @@ class Consistency:
             result[name] = {"mean": None, "expected": float(degrees), "interval95": None, "consistent": None}
             if self._count:
                 mean = self._totals[name] / self._count
-                low, high = (float(chi2.ppf(p, degrees * self._count) / self._count) for p in (0.025, 0.975))
+                low, high = (chi2_quantile(p, degrees * self._count) / self._count for p in (0.025, 0.975))
                 result[name] |= {"mean": mean, "interval95": [low, high], "consistent": low <= mean <= high}
         return result
 

@@ -16,7 +16,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.resources import CallMeter, CallUsage
 from sfr_loc_map.nodes.conversions import header_msg
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
-from sfr_loc_map.pipeline.offline import CallRecord
+from sfr_loc_map.pipeline.call_record import CallRecord
 
 STATISTIC = "statistic."
 """What the names of a call's own figures begin with."""

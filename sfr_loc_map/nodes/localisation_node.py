@@ -14,6 +14,7 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Image
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, OutputError, SfrError
@@ -21,10 +22,11 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.drawing import draw_tracks
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.nodes.calls import CallReporter
-from sfr_loc_map.nodes.conversions import NS, odometry_msg, transform_from_pose
+from sfr_loc_map.nodes.conversions import NS, header_msg, odometry_msg, picture_msg, transform_from_pose
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.latency import latencies
 from sfr_loc_map.nodes.managed import WARN_EVERY_S, ManagedNode, PairNodeConfig
@@ -37,6 +39,7 @@ from sfr_loc_map.nodes.static_frames import StaticFrames, tf_message_type
 from sfr_loc_map.nodes.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
 
 NAME = "localisation_node"
+DEBUG_DEPTH = 2
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,
@@ -86,6 +89,7 @@ class LocalisationNode(ManagedNode):
     """Publishes the pose of RB in DS for each stereo pair."""
 
     _input: StereoInput | None = None
+    _pose_file: PoseFile | None = None
 
     def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters.
@@ -120,6 +124,7 @@ class LocalisationNode(ManagedNode):
         self._resumes = self._pose_file is not None
         self._prior = MotionPrior(round(config.motion_prior.max_gap_s * NS))
         self._odometry = self.publish_on(Odometry, "localisation/odometry", config.output_depth)
+        self._debug_picture = self.publish_on(Image, "localisation/debug_image", DEBUG_DEPTH)
         kind = tf_message_type() if config.publish_tf else None
         self._tf = self.publish_on(kind, "/tf", 100) if kind else None
 
@@ -152,7 +157,7 @@ class LocalisationNode(ManagedNode):
         self._localiser: Localiser | None = None
         self._known_ns: int | None = None
         self._first_pose = self._next_pose = Transform.identity()
-        self._pose_file: PoseFile | None = None
+        self._pose_file = None
         self._resumes = False
         self._resumed: KnownPose | None = None
         self._frames = StaticFrames()
@@ -264,10 +269,11 @@ class LocalisationNode(ManagedNode):
             self._known_ns = pair.stamp_ns
             estimate = self._keep(estimate)
         self._publish(estimate)
+        self._publish_debug_picture(pair, localiser, estimate)
         now_ns = self.get_clock().now().nanoseconds
         times = latencies(received.receipts, pair.stamp_ns, time.time_ns(), now_ns)
         times |= {"conversion_s": conversion_s}
-        statistics = dict(estimate.statistics)
+        statistics = estimate.figures
         if motion is not None:
             statistics["motion_prior"] = 1.0
         level = LEVELS[estimate.state]
@@ -321,6 +327,12 @@ class LocalisationNode(ManagedNode):
             except OutputError as error:
                 self.warn(str(error))
         return estimate
+
+    def _publish_debug_picture(self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate) -> None:
+        """Show what was found in the left picture, where somebody wants to see it."""
+        if self._debug_picture.get_subscription_count():
+            picture = draw_tracks(pair.left, localiser.last_tracked, estimate)
+            self._debug_picture.publish(picture_msg(picture, header_msg(pair.stamp_ns, "")))
 
     def _publish(self, estimate: PoseEstimate) -> None:
         message = odometry_msg(estimate, self.config.ds_frame, self.config.rb_frame)

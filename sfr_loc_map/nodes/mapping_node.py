@@ -22,8 +22,8 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.mapper import MAX_PAIRS, FusedMap, Mapper, PairMap
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.metrics.resources import CallUsage
 from sfr_loc_map.nodes.calls import CallReporter
 from sfr_loc_map.nodes.conversions import NS, cloud_msg, disparity_msg, header_msg, transform_from_pose

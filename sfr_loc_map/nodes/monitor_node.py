@@ -27,10 +27,10 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.bag_sequence import points_image
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.mapping.mapper import MAX_PAIRS
+from sfr_loc_map.io.organised_points import points_image
+from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import FAIL, PASS, load_limits
 from sfr_loc_map.metrics.results import to_json

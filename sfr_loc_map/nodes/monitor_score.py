@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import LOST_VARIANCE
-from sfr_loc_map.mapping.mapper import MAX_PAIRS
+from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.cloud_error import score_map
 from sfr_loc_map.metrics.cloud_truth import PairTruth
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.costs import Calls, merge_parts, score_calls
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.live import LiveTrajectoryScore
 from sfr_loc_map.metrics.results import build_score
-from sfr_loc_map.pipeline.offline import CallRecord
+from sfr_loc_map.pipeline.call_record import CallRecord
 
 MAX_CALLS = 100_000
 """Calls that times and memory are summarised over, the last ones."""

@@ -36,7 +36,7 @@ from sfr_loc_map.nodes.diagnostics import TOPIC as DIAGNOSTICS
 from sfr_loc_map.nodes.diagnostics import Level, level_of
 from sfr_loc_map.nodes.playback import POSE_TOPIC, Message
 from sfr_loc_map.nodes.supervisor import Supervisor
-from sfr_loc_map.pipeline.offline import CallRecord
+from sfr_loc_map.pipeline.call_record import CallRecord
 
 START_TIMEOUT_S = 300.0
 """Starting compiles machine code where that was never done before."""

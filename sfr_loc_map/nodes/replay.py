@@ -16,8 +16,7 @@ from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.mapper import MAX_PAIRS
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.playback import messages_of, topics_of

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -20,9 +19,10 @@ from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.mapper import MAX_PAIRS, FusedMap, Mapper, PairMap
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.metrics.resources import CallMeter
+from sfr_loc_map.pipeline.call_record import CallRecord
 
 Progress = Callable[[int], None]
 Watch = Callable[[StereoPair, PoseEstimate, Localiser], None]
@@ -31,29 +31,6 @@ Watch = Callable[[StereoPair, PoseEstimate, Localiser], None]
 
 def look_away(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
     """Watch nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class CallRecord:
-    """One call of a processing API.
-
-    Attributes:
-        stamp_ns: Stamp of the pair.
-        processing_time_s: Wall-clock time of the call on this host.
-        state: What the call said: initialising, tracking, lost; mapped, fused.
-        peak_rss_bytes: Peak resident memory of the process during the call, None where it cannot be measured.
-        above_idle_bytes: The same above the idle process, None where it cannot be measured.
-        statistics: Figures of the call by name.
-        covariance: `(6, 6)` of the pose (ROS order), None for mapping.
-    """
-
-    stamp_ns: int
-    processing_time_s: float
-    state: str
-    peak_rss_bytes: int | None
-    above_idle_bytes: int | None
-    statistics: Mapping[str, float] = field(default_factory=dict)
-    covariance: FloatArray | None = None
 
 
 def localise(
@@ -82,7 +59,7 @@ def localise(
                 estimate.state.value,
                 call.peak_rss_bytes,
                 call.above_idle_bytes,
-                estimate.statistics,
+                estimate.figures,
                 estimate.covariance,
             ),
         )

@@ -21,8 +21,9 @@ from sfr_loc_map.metrics.costs import merge_parts, score_calls
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.results import build_score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import load_call_stats
-from sfr_loc_map.pipeline.offline import CallRecord, save_stats
+from sfr_loc_map.pipeline.offline import save_stats
 from sfr_loc_map.pipeline.scoring import (
     ScoreInputs,
     camera_place,

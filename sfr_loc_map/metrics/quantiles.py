@@ -1,0 +1,19 @@
+"""Quantiles of two distributions, as scipy.stats computes them, without its slow import: nodes must start quickly."""
+
+from __future__ import annotations
+
+from scipy.special import gammaincinv, stdtrit
+
+
+def chi2_quantile(share: float, freedom: float) -> float:
+    """Return the value that a chi-squared variable stays below with this probability.
+
+    Its distribution function is the regularised lower incomplete gamma function P(freedom / 2, x / 2)
+    (Abramowitz and Stegun 26.4.19).
+    """
+    return float(2.0 * gammaincinv(freedom / 2.0, share))
+
+
+def student_quantile(share: float, freedom: float) -> float:
+    """Return the value that a Student t variable stays below with this probability."""
+    return float(stdtrit(freedom, share))
