@@ -45,6 +45,11 @@ class PoseEstimate:
     statistics: Mapping[str, float] = field(default_factory=dict)
     stage_s: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def figures(self) -> dict[str, float]:
+        """Statistics and times of stages (`stage_<name>_s`) together."""
+        return dict(self.statistics) | {f"stage_{name}_s": seconds for name, seconds in self.stage_s.items()}
+
 
 def lost_covariance() -> FloatArray:
     """Return the covariance `(6, 6)` of a pose that is not known."""

@@ -204,6 +204,14 @@ def disparity_msg(
     return message
 
 
+def picture_msg(picture: NDArray[np.uint8], header: Header) -> Image:
+    """Return a colour picture `(H, W, 3)` uint8, blue, green, red, as a message."""
+    height, width = picture.shape[:2]
+    message = Image(header=header, height=height, width=width, encoding="bgr8", step=3 * width)
+    message.data = _bytes(picture)
+    return message
+
+
 def disparity_from_msg(message: DisparityImage) -> NDArray[np.float32]:
     """Return a disparity image `(H, W)` float32, pixels, NaN where none.
 

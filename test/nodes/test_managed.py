@@ -31,7 +31,9 @@ from std_msgs.msg import String
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.drawing import draw_tracks
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.nodes.conversions import header_msg, odometry_row, time_msg
 from sfr_loc_map.nodes.diagnostics import Level, level_of, values_of
@@ -456,3 +458,20 @@ def test_pictures_that_claim_to_be_huge_do_no_harm(ros: None, tmp_path: Path) ->
         peer.until(lambda: any("Bayer mosaics are not supported" in t for t in problems(peer.diagnostics)), "refusal")
         peer.play(0)
         assert psutil.Process(node.popen.pid).memory_info().rss - before < 100e6
+
+
+def test_the_debug_picture_shows_what_the_localiser_found(ros: None, tmp_path: Path) -> None:
+    with node_process(tmp_path, "localisation_node", "--ros-args", *MOUNT) as node, Manager() as peer:
+        node.wait_for("listens to")
+        pictures = peer.listen(Image, "localisation/debug_image")
+        send_infos(peer, "loc", LOC_RIG)
+        localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
+        for index in range(3):
+            peer.play(index)
+            peer.until(lambda count=index: len(pictures) > count, "the debug picture")
+            pair = loc_pair(index)
+            estimate = localiser.process(pair)
+            drawn = draw_tracks(pair.left, localiser.last_tracked, estimate)
+            sent = pictures[-1]
+            assert (sent.encoding, sent.step, stamp_of(sent)) == ("bgr8", 3 * sent.width, pair.stamp_ns)
+            assert np.array_equal(np.frombuffer(sent.data, np.uint8).reshape(drawn.shape), drawn)
