@@ -17,6 +17,8 @@ PAIRED = 0.5
 """Share of stamps with a partner below which nothing sensible comes out."""
 COMPLETE = 0.9
 """Share below which is warned."""
+QUEUES_BYTES = 1_000_000
+"""What a process has in /dev/shm beside its segment."""
 EDGE = 0.1
 """Share of the time observed at either end in which a partner may not have been seen."""
 
@@ -268,8 +270,8 @@ def _clocks(seen: Observation, tasks: list[str]) -> Iterator[Finding]:
 
 
 def _host(seen: Observation) -> Iterator[Finding]:
-    processes = max(len(seen.nodes), 1)
-    needed = processes * seen.segment_bytes
+    processes = max(len(seen.nodes), 1) + 1  # and the publisher of the pictures
+    needed = processes * (seen.segment_bytes + QUEUES_BYTES) if seen.segment_bytes else 0
     if seen.shared_memory_bytes is not None and seen.shared_memory_bytes < needed:
         yield Finding(
             "shared_memory",
