@@ -23,6 +23,7 @@ COMMANDS = (
     "score",
     "replay",
     "run",
+    "record",
     "report",
     "simulate",
     "perturb",

@@ -1,0 +1,36 @@
+"""`sfr record`: topics into a bag that a crash leaves readable."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sfr_loc_map.cli.common import require_ros
+
+
+def record(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the bag (mcap); must not exist.")],
+    topics: Annotated[
+        list[str] | None, typer.Argument(metavar="[TOPIC]...", help="Topics; by default ours and our inputs.")
+    ] = None,
+    everything: Annotated[bool, typer.Option("--all", help="All topics.")] = False,
+    namespace: Annotated[str, typer.Option("--namespace", help="Namespace of the rover.")] = "",
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, help="Seconds; by default until Ctrl-C or SIGTERM.")
+    ] = None,
+    zstd: Annotated[bool, typer.Option("--zstd", help="Compress.")] = False,
+) -> None:
+    """Record topics as they come; each half second what came is on file, so that a crash costs no more."""
+    require_ros("record")
+    from sfr_loc_map.nodes.record import RecordOptions
+    from sfr_loc_map.nodes.record import record as run
+
+    options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
+    tallies = run(out, options, lambda text: typer.echo(text, err=True))
+    count, lost = (sum(getattr(tally, name) for tally in tallies.values()) for name in ("count", "lost"))
+    typer.echo(f"{out}: {count} messages of {sum(tally.count > 0 for tally in tallies.values())} topics, {lost} lost")
+    for name, tally in tallies.items():
+        if tally.lost:
+            typer.echo(f"  {tally.lost} of {name} lost on the way", err=True)

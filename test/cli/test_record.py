@@ -1,0 +1,118 @@
+"""`sfr record` of a rover that publishes over DDS: ended by request, by kill -9, by a full disk."""
+
+# ruff: noqa: E402 - ROS may be absent
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from signal import SIGINT, SIGKILL, SIGTERM
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
+
+from processes import Process, wait_until
+from rosbags.highlevel import AnyReader
+
+from sfr_loc_map.io.bag import Bag
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.nodes import environment
+
+COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+PICTURES = ["loc/left/image_rect", "loc/right/image_rect"]
+
+
+@pytest.fixture(autouse=True)
+def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    monkeypatch.setenv(environment.PROFILE_VARIABLE, str(environment.PROFILE))
+
+
+@pytest.fixture
+def rover(own_domain: None, tmp_path: Path) -> Iterator[Process]:
+    script = str(Path(__file__).with_name("rover_process.py"))
+    with Process(tmp_path / "rover.log", script, "good") as process:
+        process.wait_for("ready")
+        yield process
+        process.popen.terminate()
+        process.popen.wait(10)
+
+
+def readable(path: Path) -> int:
+    """Return how many pictures can be read while the recording goes on."""
+    if not list(path.glob("*.mcap")):
+        return 0
+    try:
+        return sum(1 for _ in Bag(path).raw_messages(PICTURES))
+    except Exception:
+        return 0
+
+
+def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_path: Path) -> None:
+    out = tmp_path / "drive.mcap"
+    with Process(tmp_path / "log", *COMMAND, "record", str(out)) as process:
+        process.wait_for("records /ground_truth/odometry")
+        wait_until(lambda: readable(out) > 20, "pictures")
+        assert process.end(SIGINT, SIGTERM, pause_s=0.0) == 0, process.text
+        assert "messages of 5 topics, 0 lost" in process.text.splitlines()[-1]
+    assert (out / "metadata.yaml").exists()
+    source = open_source(out, {})
+    assert source.loc is not None
+    assert len(source.loc) >= 10
+    stamps = [pair.stamp_ns for pair in source.loc.pairs()]
+    assert max(b - a for a, b in pairwise(stamps)) < 5e9
+    with AnyReader([out]) as reader:
+        assert {c.topic for c in reader.connections} == {f"/{n}" for n in (*PICTURES, "ground_truth/odometry")} | {
+            f"/loc/{side}/camera_info" for side in ("left", "right")
+        }
+        assert all(c.msgdef.data for c in reader.connections)
+
+
+def test_kill_9_costs_a_second_at_most(rover: Process, tmp_path: Path) -> None:
+    out = tmp_path / "drive.mcap"
+    with Process(tmp_path / "log", *COMMAND, "record", str(out), "--all") as process:
+        wait_until(lambda: readable(out) > 20, "pictures")
+        killed_ns = time.time_ns()
+        process.end(SIGKILL)
+    (file,) = out.glob("*.mcap")
+    with AnyReader([file]) as reader:  # another reader, without any repair
+        theirs = [stamp for connection, stamp, _ in reader.messages() if connection.topic == "/loc/left/image_rect"]
+        assert "/rosout" in reader.topics
+    ours = [stamp for name, _, stamp, _ in Bag(out).raw_messages(PICTURES[:1])]
+    assert len(ours) == len(theirs)
+    assert killed_ns - ours[-1] < 1.5e9  # of which the load of this host may be a part
+    assert len(open_source(out, {}).loc or ()) >= 10
+
+
+def test_what_cannot_be_recorded_is_one_line(tmp_path: Path) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    nothing = tmp_path / "nothing"
+    cases = [([str(there)], "it exists"), ([str(nothing), "/no_such_topic", "--duration", "1"], "nothing came")]
+    for words, expected in cases:
+        with Process(tmp_path / "log", *COMMAND, "record", *words) as process:
+            assert process.popen.wait(60) == 2
+            (line,) = process.text.strip().splitlines()
+            assert expected in line
+    assert not nothing.exists()
+
+
+def test_a_full_disk_ends_the_recording_with_what_is_there(rover: Process, tmp_path: Path) -> None:
+    out = tmp_path / "drive.mcap"
+    limited = (
+        "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (800_000, 800_000)); " + COMMAND[1]
+    )
+    variables = {environment.PROFILE_VARIABLE: "/dev/null"}  # segments in shared memory are files as well
+    with Process(tmp_path / "log", "-c", limited, "record", str(out), environment=variables) as process:
+        assert process.popen.wait(60) == 2
+        assert "broke off after" in process.text.splitlines()[-1]
+        assert "Traceback" not in process.text
+    assert readable(out) > 10
