@@ -27,6 +27,8 @@ from sfr_loc_map.localisation.window import Landmarks, Window
 
 BORDER = HALF + 4
 """Pixels along the edges where no corner is taken: a patch with its gradients must fit."""
+MOST_MISSED = 4
+"""Pairs that may be missing for the motion before them still to be a guess."""
 PATIENCE = 2
 """Good pictures that are tried against the old window before a new one is begun."""
 
@@ -67,6 +69,7 @@ class Localiser:
         self._rotation, self._position = np.eye(3), np.zeros(3)
         self._last_motion: tuple[FloatArray, FloatArray] = (np.eye(3), np.zeros(3))
         self._last_pair: StereoPair | None = None
+        self._last_stamp_ns, self._last_step_ns = 0, 0
         self._lost_now = False
         self._last_covariance: FloatArray
         self._landmarks: Landmarks
@@ -75,7 +78,7 @@ class Localiser:
         self._well_seen: WellSeen
         self._seen_by_keyframe: int
         self._start: Start
-        self._good_while_lost = 0
+        self._good_while_lost = self._repeats = 0
         self._keyframe_count = 0
         self._right_offset = RightOffset(self._camera, self._config.window_keyframes)
         self._last_tracked: Tracked | None = None
@@ -141,15 +144,19 @@ class Localiser:
 
     def _tracking(self, pair: StereoPair, left: Pyramid, right: Pyramid, tracked: Tracked) -> PoseEstimate:
         """Take the pose that was found; begin a keyframe where one is wanted."""
-        self._lost_now, self._good_while_lost = False, 0
+        self._lost_now, self._good_while_lost, self._repeats = False, 0, 0
         motion = Transform(self._rotation, self._position).inverse() @ Transform(tracked.rotation, tracked.position)
         self._last_motion = (motion.rotation, motion.translation)
+        self._last_stamp_ns, self._last_step_ns = pair.stamp_ns, pair.stamp_ns - self._last_stamp_ns
         self._rotation, self._position = tracked.rotation, tracked.position
         self._last_covariance = np.asarray(np.linalg.inv(tracked.information) + self._window.last_covariance)
-        self._last_left, self._last_seen = pair.left, tracked.observed[:, :2]
-        if tracked.inliers.sum() >= 0.5 * len(tracked.landmarks):
-            self._well_seen = WellSeen(pair.left, self._last_seen, self._landmarks.points)
-        wanted = self._wants_keyframe(tracked)
+        # by the right picture alone a pose is found, but nothing that later pairs could go on from
+        by_left = tracked.left_count >= self._config.min_tracked
+        if by_left:
+            self._last_left, self._last_seen = pair.left, tracked.observed[:, :2]
+            if tracked.left_count >= 0.5 * len(tracked.landmarks):
+                self._well_seen = WellSeen(pair.left, self._last_seen, self._landmarks.points)
+        wanted = by_left and self._wants_keyframe(tracked)
         self._keyframe_count += wanted
         statistics = {
             "features": float(len(tracked.landmarks)),
@@ -168,8 +175,9 @@ class Localiser:
 
     def _repeated(self, pair: StereoPair) -> PoseEstimate:
         """Return the last pose again; the rover may stand still, or have gone on as before unseen."""
+        self._repeats += 1
         rotation, step = self._last_motion
-        unseen = np.repeat([np.linalg.norm(step), np.linalg.norm(rotvec_from_matrix(rotation))], 3)
+        unseen = self._repeats * np.repeat([np.linalg.norm(step), np.linalg.norm(rotvec_from_matrix(rotation))], 3)
         covariance = self._last_covariance + np.diag(unseen**2) / self._config.inflation
         return self._estimate(pair.stamp_ns, TrackingState.TRACKING, covariance, {"repeated": 1.0})
 
@@ -198,6 +206,7 @@ class Localiser:
                 self._refresh()
             return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"features": features})
         self._last_left, self._last_motion = pair.left, (np.eye(3), np.zeros(3))
+        self._last_stamp_ns, self._last_step_ns = pair.stamp_ns, 0
         self._good_while_lost, self._lost_now = 0, False
         self._last_covariance = window.last_covariance
         common = common_covariance(self._landmarks.rho, self._config.common_px, self._rig.fx)
@@ -226,7 +235,7 @@ class Localiser:
         if len(marks) < self._config.min_tracked:
             return None
         with self._stages("align"):
-            start = self._tracker.align(left, marks, self._predictions(motion))
+            start = self._tracker.align(left, marks, self._predictions(pair.stamp_ns, motion))
         with self._stages("refine"):
             tracked = self._tracker.refine(left, right, marks, start, self._right_offset)
         self._last_tracked = tracked
@@ -253,13 +262,19 @@ class Localiser:
         self._last_tracked = tracked
         return tracked if self._tracker.trusted(tracked) else None
 
-    def _predictions(self, motion: Transform | None) -> list[Pose]:
+    def _predictions(self, stamp_ns: int, motion: Transform | None) -> list[Pose]:
         """Return where the camera may be: moved on as before, standing still, moved as another source says."""
         moved, step = self._last_motion
         starts = [
             (self._rotation @ moved, self._position + self._rotation @ step),
             (self._rotation, self._position),
         ]
+        missed = round((stamp_ns - self._last_stamp_ns) / self._last_step_ns) - 1 if self._last_step_ns > 0 else 0
+        if 0 < missed <= MOST_MISSED:  # pairs that did not come, or the same one again
+            further = starts[0]
+            for _ in range(missed):
+                further = (further[0] @ moved, further[1] + further[0] @ step)
+            starts.append(further)
         if motion is not None:
             said = Transform(self._rotation, self._position) @ self._T_rb_left.inverse() @ motion @ self._T_rb_left
             starts.append((said.rotation, said.translation))

@@ -57,6 +57,11 @@ class Tracked:
         return float(np.median(typical)) if len(typical) else float("nan")
 
     @property
+    def left_count(self) -> int:
+        """Number of agreeing landmarks that were found in the left picture."""
+        return int(np.count_nonzero(self.inliers & np.isfinite(self.observed[:, 0])))
+
+    @property
     def right_share(self) -> float:
         """Share of the landmarks found in the left picture that were found in the right one."""
         left = np.isfinite(self.observed[:, 0])

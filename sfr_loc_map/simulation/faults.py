@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
 
 KINDS: dict[str, tuple[float, str]] = {
     "dropped": (0.0, "the pair is missing"),
-    "repeated": (0.0, "the pictures of the pair before come again"),
+    "repeated": (0.0, "the pictures that came last come again"),
     "swapped": (0.0, "left and right are exchanged"),
     "black": (0.0, "the picture is black"),
     "blinded": (1.0, "glare: AMOUNT of the picture's width is saturated around a place"),
@@ -119,7 +119,12 @@ class Perturber:
         for index, (pair, following) in enumerate(_with_next(pairs)):
             if self.kept[index]:
                 yield index, self._strike(index, pair, before, following)
-            before = pair
+            if not self._repeats(index):  # what comes again is what came last, also twice running
+                before = pair
+
+    def _repeats(self, index: int) -> bool:
+        strikes = zip(self._faults, self._struck, strict=True)
+        return any(fault.kind == "repeated" and struck[index] for fault, struck in strikes)
 
     def _strike(
         self, index: int, pair: StereoPair, before: StereoPair | None, following: StereoPair | None
