@@ -16,3 +16,8 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def panorama(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_folder(tmp_path_factory.mktemp("bench") / "panorama", 0, 2)
+
+
+@pytest.fixture(scope="session")
+def long_drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_folder(tmp_path_factory.mktemp("bench") / "long", 30, 0)
