@@ -18,6 +18,7 @@ from sfr_loc_map.nodes.conversions import header_msg
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
 from sfr_loc_map.pipeline.call_record import CallRecord
 
+LONGEST_CALL_S = 1e6
 STATISTIC = "statistic."
 """What the names of a call's own figures begin with."""
 _ONE_AT_A_TIME = Lock()
@@ -112,8 +113,8 @@ def task_record(status: DiagnosticStatus) -> TaskRecord | None:
             name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)
         }
         record = CallRecord(
-            stamp_ns=int(values["stamp_ns"]),
-            processing_time_s=float(values["processing_time_s"]),
+            stamp_ns=_whole(values, "stamp_ns"),
+            processing_time_s=_seconds(values["processing_time_s"]),
             state=values["state"],
             peak_rss_bytes=_optional(values, "peak_rss_bytes"),
             above_idle_bytes=_optional(values, "above_idle_bytes"),
@@ -125,4 +126,18 @@ def task_record(status: DiagnosticStatus) -> TaskRecord | None:
 
 
 def _optional(values: Mapping[str, str], name: str) -> int | None:
-    return int(values[name]) if name in values else None
+    return _whole(values, name) if name in values else None
+
+
+def _whole(values: Mapping[str, str], name: str) -> int:
+    number = int(values[name])
+    if not 0 <= number < 2**63:  # what arrays of whole numbers can hold
+        raise ValueError(f"{name} is out of range")
+    return number
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 <= seconds <= LONGEST_CALL_S:
+        raise ValueError(f"a call of {seconds} s")
+    return seconds

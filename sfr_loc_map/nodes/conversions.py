@@ -34,6 +34,8 @@ from sfr_loc_map.io.image_codec import (
 )
 from sfr_loc_map.localisation.estimate import LOST_VARIANCE, PoseEstimate
 
+MAX_POSITION_M = 1e9
+"""Farther positions are not believed: their squares would swamp every sum."""
 NS = 1_000_000_000
 POINT_TYPES: dict[type[np.generic], int] = {
     np.int8: PointField.INT8,
@@ -75,15 +77,17 @@ def transform_from_pose(pose: Pose, name: str) -> Transform:
         name: What it is, for the message of an error.
 
     Raises:
-        InputError: If a number is not finite or the quaternion is not of unit length within 1e-3 (an empty message
-            has none).
+        InputError: If a number is not finite, the position is absurd or the quaternion is not of unit length within
+            1e-3 (an empty message has none).
     """
     position = np.array([pose.position.x, pose.position.y, pose.position.z])
     q = pose.orientation
     quat = np.array([q.x, q.y, q.z, q.w])
     if not (np.isfinite(position).all() and np.isfinite(quat).all()):
         raise InputError(f"{name} has a number that is not finite: a position and a unit quaternion are needed")
-    length = float(np.sqrt(quat @ quat))
+    if np.abs(position).max() > MAX_POSITION_M:
+        raise InputError(f"{name} lies more than {MAX_POSITION_M:g} m away: a position in metres is needed")
+    length = float(np.hypot(np.hypot(q.x, q.y), np.hypot(q.z, q.w)))
     if abs(length - 1.0) > 1e-3:
         raise InputError(f"{name} has a quaternion of length {length:.4g}: a unit quaternion is needed")
     return Transform.from_quat(position, quat)

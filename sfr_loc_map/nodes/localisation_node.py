@@ -29,7 +29,7 @@ from sfr_loc_map.nodes.calls import CallReporter
 from sfr_loc_map.nodes.conversions import NS, header_msg, odometry_msg, picture_msg, transform_from_pose
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.latency import latencies
-from sfr_loc_map.nodes.managed import WARN_EVERY_S, ManagedNode, PairNodeConfig
+from sfr_loc_map.nodes.managed import ManagedNode, PairNodeConfig
 from sfr_loc_map.nodes.motion_prior import MotionPrior
 from sfr_loc_map.nodes.mount import MountConfig
 from sfr_loc_map.nodes.qos import profile
@@ -201,12 +201,12 @@ class LocalisationNode(ManagedNode):
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         frame = message.header.frame_id
         if frame not in ("", self.config.ds_frame):
-            self.get_logger().warning(f"initialpose is in '{frame}', '{self.config.ds_frame}' is needed: ignored")
+            self.warn(f"initialpose is in '{frame}', '{self.config.ds_frame}' is needed: ignored")
             return
         try:
             pose = transform_from_pose(message.pose.pose, "initialpose")
         except InputError as error:
-            self.get_logger().warning(f"{error}; ignored")
+            self.warn(f"{error}; ignored")
             return
         self.worker.put(lambda: self._set_pose(pose))
 
@@ -217,7 +217,7 @@ class LocalisationNode(ManagedNode):
                 raise InputError(f"motion_prior is of '{child}', of '{wanted}' (parameter rb_frame) is needed")
             pose = transform_from_pose(message.pose.pose, "motion_prior")
         except InputError as error:
-            self.get_logger().warning(f"{error}; ignored", throttle_duration_sec=WARN_EVERY_S)
+            self.warn(f"{error}; ignored")
             return
         self._prior.add(stamp_of(message), pose)
 

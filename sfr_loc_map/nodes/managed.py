@@ -44,6 +44,7 @@ QUEUE_DEPTH = 100
 JUMP_BACK_NS = 1_000_000_000
 """A stamp or clock this far behind the last one is a new run (a bag that loops), not a late picture."""
 WARN_EVERY_S = 5.0
+MOST_LETTERS = 500
 SUCCESS, FAILURE, ERROR = (
     TransitionCallbackReturn.SUCCESS,
     TransitionCallbackReturn.FAILURE,
@@ -77,6 +78,11 @@ class PairNodeConfig(NodeConfig):
     queue_size: int = param(
         30, doc="Most pairs that wait to be worked on (every_pair); the oldest are dropped.", low=1, high=1000
     )
+
+
+def _short(text: str) -> str:
+    """Return a text cut to what a log can bear: it may quote a message of any length."""
+    return text if len(text) <= MOST_LETTERS else f"{text[:MOST_LETTERS]} ... ({len(text)} letters)"
 
 
 def _give_memory_back() -> None:
@@ -249,6 +255,7 @@ class ManagedNode(LifecycleNode):
 
     def report_problem(self, text: str) -> None:
         """Say that something keeps the node from working: log, /diagnostics, health. May be called in any thread."""
+        text = _short(text)
         self.get_logger().error(text, throttle_duration_sec=WARN_EVERY_S)
         self.health.problem(Level.ERROR, text)
         status = status_msg(f"{self._label}: input", Level.ERROR, text, {"task": self.task, **self.counts()})
@@ -257,6 +264,7 @@ class ManagedNode(LifecycleNode):
 
     def warn(self, text: str) -> None:
         """Say that something is not as it should be, though the node works. May be called in any thread."""
+        text = _short(text)
         self.get_logger().warning(text, throttle_duration_sec=WARN_EVERY_S)
         self.health.problem(Level.WARN, text)
         self.report_health(only_changes=True)

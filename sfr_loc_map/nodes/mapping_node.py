@@ -29,7 +29,7 @@ from sfr_loc_map.nodes.calls import CallReporter
 from sfr_loc_map.nodes.conversions import NS, cloud_msg, disparity_msg, header_msg, transform_from_pose
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.latency import latencies
-from sfr_loc_map.nodes.managed import WARN_EVERY_S, ManagedNode, PairNodeConfig
+from sfr_loc_map.nodes.managed import ManagedNode, PairNodeConfig
 from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.nodes.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
 
@@ -164,11 +164,11 @@ class MappingNode(ManagedNode):
         try:
             pose = transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
         except InputError as error:
-            self.get_logger().warning(str(error), throttle_duration_sec=WARN_EVERY_S)
+            self.warn(f"{error}; ignored")
             return
         if message.header.frame_id not in ("", self.config.lm_frame):
             found, wanted = message.header.frame_id, self.config.lm_frame
-            self.get_logger().warning(f"nav/pose is in '{found}', '{wanted}' is needed (parameter lm_frame): ignored")
+            self.warn(f"nav/pose is in '{found}', '{wanted}' is needed (parameter lm_frame): ignored")
             return
         self._poses[stamp_ns] = pose
         if len(self._poses) > MAX_POSES:

@@ -71,3 +71,22 @@ def test_values_read_back_to_the_same_number() -> None:
         "text",
     )
     assert float(texts["e"]) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("stamp_ns", "9" * 30),
+        ("stamp_ns", "9" * 5000),
+        ("stamp_ns", "-1"),
+        ("processing_time_s", "nan"),
+        ("processing_time_s", "-0.1"),
+        ("processing_time_s", "1e400"),
+        ("peak_rss_bytes", "9" * 30),
+    ],
+)
+def test_a_call_whose_figures_no_array_could_hold_is_refused(name: str, text: str) -> None:
+    values = {"task": "localisation", "stamp_ns": "5", "state": "tracking", "processing_time_s": "0.1"}
+    values |= {"peak_rss_bytes": "7", "above_idle_bytes": "3"} | {name: text}
+    with pytest.raises(InputError, match="cannot be read"):
+        task_record(status_msg("n: call", Level.OK, "tracking", values))

@@ -45,6 +45,9 @@ MOUNT_ARGUMENTS = (
     f"T_rb_locsb.quat_xyzw:={MOUNT.file_quat_xyzw.tolist()}",
 )
 POLL_S = 0.005
+MATCH_S = 0.5
+"""The other side may know of a match a little later."""
+STAMP_DIGITS = 19
 START_S = 300.0
 """Starting compiles machine code where that was never done before."""
 
@@ -137,7 +140,7 @@ class Bench:
         for status in message.status:
             node, _, kind = status.name.partition(": ")
             values, now = values_of(status), time.monotonic()
-            if kind == "call":
+            if kind == "call" and len(values.get("stamp_ns", "")) == STAMP_DIGITS:  # not the hostile ones
                 self.calls[node, values["state"], int(values["stamp_ns"])] = (now, values)
             elif kind == "health":
                 self.health[node] = (now, level_of(status), status.message, values)
@@ -158,15 +161,21 @@ class Bench:
     # ---- what is said to them
 
     def publisher(self, kind: type[Any], topic: str) -> Any:  # noqa: ANN401 - rclpy has no types
-        """Return the publisher of a topic."""
+        """Return the publisher of a topic, of a latched one where the nodes take it so."""
         if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(kind, topic, SENT_DEPTH)
+            qos = QoSProfile(depth=SENT_DEPTH)
+            if topic.endswith("/configuration"):
+                qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+            self._publishers[topic] = self.node.create_publisher(kind, topic, qos)
         return self._publishers[topic]
 
     def publish(self, kind: type[Any], topic: str, message: Any) -> None:  # noqa: ANN401 - a message or its bytes
         """Publish a message or its serialised form, once somebody listens."""
+        is_new = topic not in self._publishers
         publisher = self.publisher(kind, topic)
         self.until(lambda: publisher.get_subscription_count() > 0, f"a listener on {topic}")
+        if is_new:
+            time.sleep(MATCH_S)
         publisher.publish(message)
 
     def next_stamp(self) -> int:
@@ -274,13 +283,17 @@ class Bench:
     def _until_heard(self, publisher: Any, name: str, patience_s: float | None) -> None:  # noqa: ANN401
         self.until(lambda: publisher.get_subscription_count() > 0, f"{name} on {publisher.topic_name}", patience_s)
 
+    def await_pose(self, stamp_ns: int, what: str = "odometry") -> None:
+        """Wait for the odometry of a pair."""
+        self.until(lambda: stamp_ns in self.odometry, what)
+
     def localise(self, count: int = 1) -> list[int]:
         """Localise pairs in lock step; return their stamps."""
         self.send_infos("loc")
         stamps = []
         for _ in range(count):
             stamps.append(self.send_loc())
-            self.until(lambda: stamps[-1] in self.odometry, "odometry")
+            self.await_pose(stamps[-1])
         return stamps
 
     def map(self, pairs: Sequence[int] = (0, 1, 2)) -> list[int]:
@@ -331,6 +344,13 @@ class Bench:
             now = (len(self.odometry), self.monitored)
             if now != state:
                 state, since = now, time.monotonic()
+
+    def forget(self) -> None:
+        """Forget what was sent and heard, so that this process does not grow in a long run."""
+        memories: tuple[dict[Any, Any], ...] = (self.odometry, self.calls, self.clouds, self.sent)
+        for kept in memories:
+            for stamp in list(kept)[:-10]:
+                del kept[stamp]
 
     def memory_mb(self, name: str) -> float:
         """Return the resident memory of a node, MB."""

@@ -6,6 +6,7 @@ import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ class Fault:
         run: Does it with the bench.
         arguments: ROS arguments of nodes beside the usual ones, by node; rows with the same share their processes.
         own_mounts: Whether it needs file systems of its own: it then runs in a mount namespace (Linux, root).
+        prepare: Done to the folder of logs and saved files before the nodes start.
     """
 
     name: str
@@ -84,6 +86,7 @@ class Fault:
     run: Callable[[Bench, Outcome], None]
     arguments: Mapping[str, Sequence[str]] = field(default_factory=dict)
     own_mounts: bool = False
+    prepare: Callable[[Path], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,11 +16,19 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.nodes import environment
-from sfr_loc_map.nodes.campaign import process_faults
+from sfr_loc_map.nodes.campaign import disk_faults, message_faults, process_faults, soak, time_faults
 from sfr_loc_map.nodes.campaign.bench import Bench
 from sfr_loc_map.nodes.campaign.outcome import CampaignSettings, Fault, Outcome, Row, row_not_run, row_of
 
-FAULTS: tuple[Fault, ...] = (*process_faults.FAULTS,)
+FAULTS: tuple[Fault, ...] = (
+    *process_faults.FAULTS,
+    *message_faults.FAULTS,
+    *time_faults.FAULTS,
+    message_faults.EMPTY,
+    *disk_faults.FAULTS,
+    *soak.FAULTS,
+)
+"""Those with the same arguments of the nodes stand together, so that they share their processes."""
 NAMESPACE = ("unshare", "--mount", "--propagation", "private")
 CHILD_S = 300.0
 
@@ -73,6 +81,9 @@ def run_campaign(
                 try:
                     if bench is None:
                         place = folder / fault.name
+                        place.mkdir(parents=True, exist_ok=True)
+                        if fault.prepare is not None:
+                            fault.prepare(place)
                         bench = stack.enter_context(Bench(place, settings, fault.arguments))
                         bench.wait_ready()
                     fault.run(bench, outcome)
