@@ -59,7 +59,7 @@ def localisation_peers(peer_python: Path | None, vocabulary: Path | None) -> Pee
         peer_python: Interpreter that may have the wheel `pyorbslam3`.
         vocabulary: Text file with ORB-SLAM3's vocabulary.
     """
-    always = (Peer(OURS, "our_localiser.py"), Peer("opencv", "opencv_odometry.py"))
+    always = (Peer(OURS, "our_localiser.py", background=True), Peer("opencv", "opencv_odometry.py"))
     reason = lacks(peer_python, "pyorbslam3", "pip install pyorbslam3 opencv-python-headless")
     if reason is None and vocabulary is None:
         reason = "needs its vocabulary: give --vocab FILE"

@@ -205,7 +205,7 @@ def test_vocabulary_is_asked_for_where_the_wheel_is_there(tmp_path: Path, monkey
     assert "no vocabulary" in localisation_peers(here, tmp_path / "none.txt").missing["orbslam3"]
     (tmp_path / "vocabulary.txt").touch()
     found = localisation_peers(here, tmp_path / "vocabulary.txt")
-    assert [peer.name for peer in found.present if peer.background] == ["orbslam3"]
+    assert [peer.name for peer in found.present if peer.background] == ["ours", "orbslam3"]
 
 
 @pytest.mark.parametrize("name", ["loop.py", "measured.py", "peer_orbslam3.py", "peer_pandora.py"])
