@@ -32,7 +32,7 @@ ALIKE_GREY = 8.0
 NEAR_PX = 3.0
 WINDOW_RADIUS = 4
 """Neighbours of like grey and near by speak for a pixel: where the weight is 1/e, and how far they are looked at."""
-EVIDENCE_PER_SIGMA = F(8.0)
+EVIDENCE_PER_SIGMA = F(4.0)
 EVIDENCE_OFFSET = F(3.0)
 """Evidence for its own surface against another that a pixel beside a jump needs, in standard deviations of noise: so
 much per pixel of its own sigma, less the offset. The weaker a match, the surer it must be of its side."""
