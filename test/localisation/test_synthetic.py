@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -118,6 +119,28 @@ def test_same_pairs_give_the_same_bits(estimates: list[PoseEstimate]) -> None:
             assert a.T_ds_rb.matrix.tobytes() == b.T_ds_rb.matrix.tobytes()
             assert a.covariance.tobytes() == b.covariance.tobytes()
             assert repr((a.state, a.statistics)) == repr((b.state, b.statistics))  # NaN is equal to itself here
+
+
+def test_bits_do_not_depend_on_how_fast_pairs_come(estimates: list[PoseEstimate]) -> None:
+    """Keyframe work goes on between the calls: it ends early, late, or beside that of another localiser."""
+    by, beside = localiser(), localiser()
+    for index, pair in enumerate(DRIVE):
+        estimate = by.process(pair)
+        beside.process(DRIVE[-1 - index])
+        time.sleep(0.03 * (index % 3))
+        assert estimate.T_ds_rb.matrix.tobytes() == estimates[index].T_ds_rb.matrix.tobytes()
+        assert estimate.covariance.tobytes() == estimates[index].covariance.tobytes()
+
+
+def test_stages_of_a_call_are_timed(estimates: list[PoseEstimate]) -> None:
+    keyframes = np.array([e.statistics.get("keyframes", 0.0) for e in estimates])
+    for index, estimate in enumerate(estimates):
+        assert all(seconds >= 0.0 for seconds in estimate.stage_s.values())
+        assert {"wait", "pyramid"} <= set(estimate.stage_s)
+        after_keyframe = index > 1 and keyframes[index - 1] > keyframes[index - 2] > 0
+        assert ("keyframe" in estimate.stage_s) == after_keyframe or index < 3
+    assert sum("keyframe" in e.stage_s for e in estimates) >= 3
+    assert estimates[5].figures["stage_align_s"] == estimates[5].stage_s["align"]
 
 
 def test_the_start_moves_the_whole_trajectory(estimates: list[PoseEstimate]) -> None:
