@@ -23,6 +23,10 @@ sample: $(DEV_STAMP)  ## Make the sample bag anew by the simulator
 test: $(DEV_STAMP)  ## Run all tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
+faults: $(STAMP)  ## Do one fault after the other to the nodes; the table goes to out/faults.md
+	mkdir -p out
+	$(BIN)/sfr campaign faults --json out/faults.json --markdown out/faults.md
+
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -25,6 +25,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
+from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.image_codec import stamp_of
@@ -356,7 +357,6 @@ class Bench:
         """Return the resident memory of a node, MB."""
         return self.nodes[name].resident_bytes / MB
 
-    def error_m(self, stamp_ns: int) -> float:
-        """Return how far an odometry message lies from the truth, metres."""
-        truth = self.scene.true_pose(self.sent[stamp_ns]).translation
-        return float(np.linalg.norm(np.array(odometry_row(self.odometry[stamp_ns][1])[1]) - truth))
+    def position(self, stamp_ns: int) -> FloatArray:
+        """Return the position of an odometry message, `(3,)`, metres."""
+        return np.array(odometry_row(self.odometry[stamp_ns][1])[1])

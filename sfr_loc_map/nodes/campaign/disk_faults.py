@@ -67,9 +67,8 @@ def _without_disk(bench: Bench, outcome: Outcome) -> None:
         bench.until(told, "warning of the kept pose", 5.0)
     except NodeError as error:
         outcome.expect(False, str(error))
-    outcome.observed.append(
-        f"{len(bench.odometry) - before} of 5 pairs localised; ~/save answered '{answer.message[:90]}'"
-    )
+    reason = answer.message.split(": ", 1)[-1].split(";")[0]
+    outcome.observed.append(f"{len(bench.odometry) - before} of 5 pairs localised; ~/save answered '{reason}'")
     outcome.observed.append("health of localisation and monitor WARN")
     outcome.expect(bench.health[MONITOR][1] != 0, "the monitor does not warn that it cannot save")
 

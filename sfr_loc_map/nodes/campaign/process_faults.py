@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import signal
+import threading
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+
+import numpy as np
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.nodes.campaign.bench import LOCALISATION, MAPPING, MONITOR, NODES, Bench
@@ -24,16 +27,20 @@ def kill_localisation(bench: Bench, outcome: Outcome) -> None:
         _await_odometry(bench, 5)
         bench.nodes[LOCALISATION].kill()
         last = max(bench.odometry)
+        before = threading.Thread(target=_compare, args=(bench, outcome, unheard, len(bench.odometry)))
+        before.start()
         _restart(bench, outcome, [LOCALISATION], lambda: max(bench.odometry) > last)
+        before.join()
         _await_odometry(bench, 5)
-    _compare(bench, outcome, unheard)
+    bench.settle()
     first = min(stamp for stamp in bench.odometry if stamp > last)
     missed = sum(last < stamp < first for stamp in bench.sent)
-    before = bench.odometry[last][1].pose.pose.position
-    after = bench.odometry[first][1].pose.pose.position
-    step = sum((getattr(after, axis) - getattr(before, axis)) ** 2 for axis in "xyz") ** 0.5
+    step = float(np.linalg.norm(bench.position(first) - bench.position(last)))
+    late = max(len(bench.odometry) - unheard - bench.monitored, 0)
     outcome.lost = f"the {missed} pairs of {(first - last) * 1e-9:.1f} s without the node"
-    outcome.figures |= {"pairs_missed": missed, "step_m": step}
+    if late:
+        outcome.lost += f"; the first {late} poses after it for the monitor, which discovered the new node so late"
+    outcome.figures |= {"pairs_missed": missed, "step_m": step, "poses_before_discovery": late}
     outcome.observed.append(f"goes on {step:.3f} m from the last pose it had published")
     outcome.expect(step < 0.05, "the pose known last was forgotten")
 
@@ -134,7 +141,6 @@ def stop(name: str, bench: Bench, outcome: Outcome) -> None:
 
 def publisher_dies(bench: Bench, outcome: Outcome) -> None:
     """Kill the process that publishes the pictures; another one takes its place."""
-    outcome.observed.append("")
     camera = NodeProcess("campaign.camera", [str(RATE_HZ)], bench.folder, {})
     camera.start()
     try:
@@ -142,7 +148,7 @@ def publisher_dies(bench: Bench, outcome: Outcome) -> None:
         bench.until(lambda: len(bench.odometry) > count + 5, "odometry")
         camera.kill()
         bench.until(lambda: "nothing came" in bench.health[LOCALISATION][2], "STALE health")
-        outcome.observed[-1] = "STALE after 5 s of silence"
+        outcome.observed.append("STALE after 5 s of silence")
         count, begin = len(bench.odometry), time.monotonic()
         camera.start()
         bench.until(lambda: len(bench.odometry) > count, "odometry")
@@ -182,17 +188,19 @@ def _dropped(bench: Bench) -> int:
     return sum(int(value) for name, value in values.items() if name.startswith("dropped_"))
 
 
-def _compare(bench: Bench, outcome: Outcome, unheard: int) -> None:
+def _compare(bench: Bench, outcome: Outcome, unheard: int, published: int | None = None) -> None:
     """Hold the score's poses against those that were published: what was acknowledged must not be lost.
 
     What a reader missed while it was stopped it gets with the writer's next heartbeat, 3 s later at most (Fast DDS).
     """
-    bench.settle()
+    if published is None:
+        bench.settle()
+        published = len(bench.odometry)
     try:
-        late_s = bench.until(lambda: unheard + bench.monitored >= len(bench.odometry), "score", HEARTBEATS_S)
+        late_s = bench.until(lambda: unheard + bench.monitored >= published, "score", HEARTBEATS_S)
     except NodeError:
         late_s = HEARTBEATS_S
-    lost = max(len(bench.odometry) - unheard - bench.monitored, 0)
+    lost = max(published - unheard - bench.monitored, 0)
     outcome.figures |= {"published_not_scored": lost, "score_late_s": late_s}
     outcome.expect(not lost, f"{lost} poses that were published are not in the monitor's score")
 
