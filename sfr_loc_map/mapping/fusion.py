@@ -184,8 +184,8 @@ def _describe(
     if i < j and wrong and len(seen.index) > LEAST_OVERLAP:
         warnings.append(
             f"pairs {i} and {j} disagree where they overlap: ranges differ by {ratios[0]:.1f} times what is expected, "
-            f"grey levels by {ratios[1]:.2f} of what they differ at places {BESIDE_PX} pixels away: check their poses, "
-            "or have them fitted (refine_poses)"
+            f"grey levels by {ratios[1]:.2f} of what they differ at places {BESIDE_PX} pixels away: check the baseline "
+            "and their poses, or have the poses fitted (refine_poses)"
         )
 
 

@@ -1,11 +1,15 @@
 """The sample bag is what the simulator makes of its scenario."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.world import LOC, NAV, Plan
 
@@ -33,3 +37,12 @@ def test_sample_has_the_truth_of_its_scenario() -> None:
 
 def test_sample_is_small_enough_to_clone() -> None:
     assert sum(file.stat().st_size for file in SAMPLE.iterdir()) < 20e6
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.0, 1.4])
+def test_a_wrong_baseline_is_named_where_pairs_overlap(factor: float) -> None:
+    nav = open_source(SAMPLE, {}).nav
+    assert nav is not None
+    mapper = Mapper(replace(nav.rig, baseline_m=factor * nav.rig.baseline_m), MappingConfig())
+    fused = mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, i) for i, item in enumerate(nav.pairs())])
+    assert any("check the baseline" in line for line in fused.warnings) == (factor != 1.0)
