@@ -26,6 +26,12 @@ REMEMBERED = 200
 MOST_WORDS = 4
 """Reasons that a message names."""
 MB = 1_000_000
+OFFSETS = {
+    "vertical_offset_px": "right pictures lie more than {:g} rows off: check the calibration",
+    "roll_offset_px": "right pictures are rolled by more than {:g} px over the focal length: check the calibration",
+    "disparity_offset_px": "disparities are more than {:g} px off: check the calibration",
+}
+"""Statistics of the localiser that are watched, and what is said of them; limits are `..._offset_warn_px`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +50,19 @@ class HealthConfig:
     vertical_offset_warn_px: float = param(
         0.3,
         unit="px",
-        doc="Rows by which right pictures may lie off before the calibration is warned of.",
+        doc="Rows by which right pictures may lie off (camera pitched) before the calibration is warned of.",
         low=0.0,
         high=100.0,
+    )
+    roll_offset_warn_px: float = param(
+        0.5,
+        unit="px",
+        doc="The same for how much that grows over a distance of the focal length (camera rolled).",
+        low=0.0,
+        high=100.0,
+    )
+    disparity_offset_warn_px: float = param(
+        0.3, unit="px", doc="The same for pixels of disparity (camera yawed).", low=0.0, high=100.0
     )
     memory_warn_mb: int = param(
         4000, unit="MB", doc="Resident memory of the process above which is warned.", low=1, high=10_000_000
@@ -97,7 +113,7 @@ class Health:
             self._drops: dict[str, float] = {}
             self._last_call: tuple[Level, str] | None = None
             self._last_values: dict[str, Value] = {}
-            self._vertical_px = 0.0
+            self._offsets: dict[str, float] = {}
 
     def arrived(self) -> None:
         """Note that something to work on has come."""
@@ -112,13 +128,13 @@ class Health:
             level: How good its result is.
             state: The result in a word.
             values: What it took; names that begin with `latency_` are summarised.
-            statistics: Its figures; `vertical_offset_px` is watched.
+            statistics: Its figures; those of `OFFSETS` are watched.
         """
         with self._lock:
             self._calls.append(self._clock())
             self._last_call = (level, state)
             self._last_values = {f"last_{name}": value for name, value in values.items()}
-            self._vertical_px = statistics.get("vertical_offset_px", self._vertical_px)
+            self._offsets |= {name: float(statistics[name]) for name in OFFSETS if name in statistics}
             for name, value in values.items():
                 if name.startswith("latency_"):
                     self._latencies.setdefault(name, deque(maxlen=REMEMBERED)).append(float(value))
@@ -153,8 +169,8 @@ class Health:
                 "processed_hz": self._rate(self._calls, now),
                 "waiting": waiting,
                 "resident_memory_bytes": memory,
-                "vertical_offset_px": self._vertical_px,
             }
+            values |= self._offsets
             values |= {n.removesuffix("_s") + "_p95_s": float(np.quantile(v, 0.95)) for n, v in self._latencies.items()}
             if len(words) > MOST_WORDS:
                 words[MOST_WORDS:] = [f"and {len(words) - MOST_WORDS} more"]
@@ -178,9 +194,10 @@ class Health:
         if self._last_call is not None and self._last_call[0] is not Level.OK:
             found.append(self._last_call)
         found += [(Level.WARN, name) for name, at in self._drops.items() if now - at <= self._config.window_s]
-        if abs(self._vertical_px) > self._config.vertical_offset_warn_px:
-            limit = self._config.vertical_offset_warn_px
-            found.append((Level.WARN, f"right pictures lie more than {limit:g} rows off: check the calibration"))
+        for name, offset in self._offsets.items():
+            limit = float(getattr(self._config, name.replace("_px", "_warn_px")))
+            if abs(offset) > limit:
+                found.append((Level.WARN, OFFSETS[name].format(limit)))
         return found
 
     def _note_drops(self, counts: Mapping[str, int], now: float) -> None:

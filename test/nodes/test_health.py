@@ -103,3 +103,19 @@ def test_many_problems_are_counted_not_listed_and_are_one_change() -> None:
     assert verdict.kind == ill.kind
     listed = "; ".join(f"pair {number} is broken" for number in (9, 8, 7, 6))
     assert verdict.message == f"{listed}; and 6 more"
+
+
+@pytest.mark.parametrize("name", ["vertical_offset_px", "roll_offset_px", "disparity_offset_px"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_calibration_that_is_off_is_warned_of_beyond_its_limit(name: str, sign: float) -> None:
+    node = Node(**{name.replace("_px", "_warn_px"): 0.2})
+    node.call(**{name: sign * 0.19})
+    assert node.judge().level is Level.OK
+    node.call(**{name: sign * 0.21})
+    verdict = node.judge()
+    assert verdict.level is Level.WARN
+    assert "0.2" in verdict.message
+    assert "check the calibration" in verdict.message
+    assert verdict.values[name] == sign * 0.21
+    node.call()  # a call without the figure (lost) does not take it back
+    assert node.judge().level is Level.WARN
