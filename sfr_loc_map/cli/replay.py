@@ -26,6 +26,7 @@ from sfr_loc_map.cli.score import ConditionOption, LimitsOption, present
 from sfr_loc_map.errors import NodeError, OutputError
 
 if TYPE_CHECKING:
+    from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.nodes.replay import ReplayOptions
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
@@ -39,13 +40,22 @@ def replay(
     rate: Annotated[
         float, typer.Option(min=0.0, help="0: wait for the result of each pair; else multiple of the recorded speed.")
     ] = 0.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until q or Ctrl-C.")] = False,
+    start_offset: Annotated[float, typer.Option(min=0.0, help="Seconds of the source that are left out.")] = 0.0,
+    start_paused: Annotated[bool, typer.Option("--start-paused", help="Wait for space, s or ~/resume.")] = False,
     limits: LimitsOption = None,
     condition: ConditionOption = None,
     start: StartOption = "identity",
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
-    """Play a source to the three nodes over topics, record what they answer, score it."""
+    """Play a source to the three nodes over topics, record what they answer, score it.
+
+    Keys, where standard input is a terminal: space pauses and goes on, s or the right arrow plays one pair, the left
+    arrow goes 5 s back and f 5 s on, up and down change the rate, l the loop, q ends and scores. The same as services
+    of /sfr_player: ~/pause, ~/resume, ~/toggle_paused, ~/play_next, ~/stop, ~/set_loop; parameters rate and seek_s.
+    What is scored is the last run: each jump begins a new one.
+    """
     import tempfile
 
     from sfr_loc_map.io.registry import open_source
@@ -65,8 +75,12 @@ def replay(
 
     values = {"trajectory.conditions": tuple(condition)} if condition else {}
     score_config: ScoreConfig = build(ScoreConfig, values, origin="options")
+
+    def first_pose(offset_s: float) -> Transform | None:
+        return start_pose(opened.loc, start, offset_s) if opened.loc is not None and start != "identity" else None
+
     with naming(source):
-        first_pose = start_pose(opened.loc, start) if opened.loc is not None and start != "identity" else None
+        first_pose(start_offset)
     options = ReplayOptions(
         localisation=read_config(LocalisationConfig, config, "localisation"),
         mapping=read_config(MappingConfig, config, "mapping"),
@@ -74,6 +88,9 @@ def replay(
         limits=limits,
         start=first_pose,
         rate=rate,
+        offset_s=start_offset,
+        paused=start_paused,
+        loop=loop,
         remap=remaps,
         parameter_file=config if config is not None and is_ros_parameter_file(config) else None,
     )
@@ -109,6 +126,7 @@ def _folder(out: Path) -> Iterator[Path]:
 
 def _run(source: Source, options: ReplayOptions) -> ReplayResult:
     """Replay with progress bars and return what came out."""
+    from sfr_loc_map.nodes.replay import AGAIN
     from sfr_loc_map.nodes.replay import replay as run
     from sfr_loc_map.pipeline.replay import ReplayResult
 
@@ -116,14 +134,25 @@ def _run(source: Source, options: ReplayOptions) -> ReplayResult:
     labels = {"loc": "localisation", "nav": "mapping"}
     with progress_bar("pairs") as bar:
         tasks = {name: bar.add_task(labels[name], total=total) for name, total in totals.items()}
-        recording = run(source, options, lambda bench: bar.advance(tasks[bench]), lambda text: None)
-    missing = totals.get("loc", 0) - len(recording.rows)
+
+        def say(text: str) -> None:
+            again = text.startswith(AGAIN)
+            if again or bar.console.is_terminal:
+                bar.console.print(text, highlight=False)
+            if again:
+                for name, task in tasks.items():
+                    bar.reset(task, total=totals[name])
+
+        recording = run(source, options, lambda bench: bar.advance(tasks[bench]), say)
+    played = {bench: sum(each == bench for each, _ in recording.published) for bench in totals}
+    missing = played.get("loc", 0) - len(recording.rows)
     if missing > 0:
-        typer.echo(f"{missing} of {totals['loc']} pairs have no odometry: the nodes could not keep up", err=True)
-    if totals.get("nav") and not recording.clouds:
+        typer.echo(f"{missing} of {played['loc']} pairs have no odometry: the nodes could not keep up", err=True)
+    if played.get("nav") and not recording.clouds:
         raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
     cloud = recording.clouds[-1] if recording.clouds else None
-    return ReplayResult(recording.trajectory, cloud, recording.records, recording.report)
+    mapped = frozenset(stamp_ns for bench, stamp_ns in recording.published if bench == "nav")
+    return ReplayResult(recording.trajectory, cloud, recording.records, recording.report, mapped)
 
 
 def _say_where(result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:

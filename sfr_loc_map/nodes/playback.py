@@ -5,7 +5,7 @@ A bag is passed on as it is, byte by byte. Of other sources the messages are mad
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,6 +81,28 @@ def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
         yield from _loc_messages(source.loc)
     if source.nav is not None:
         yield from _nav_messages(source.nav)
+
+
+def begin_at(
+    messages: Iterator[Message], offset_s: float, told: Callable[[float], None] = lambda position_s: None
+) -> Iterator[Message]:
+    """Yield the messages from a place on; the first camera_info of each camera stay, whatever their stamps.
+
+    Args:
+        messages: From their begin.
+        offset_s: Seconds after the first message of each bench.
+        told: Called with the place of each message before it is yielded.
+    """
+    first: dict[str, int] = {}
+    infos: set[str] = set()
+    for message in messages:
+        position_s = (message.stamp_ns - first.setdefault(message.bench, message.stamp_ns)) * 1e-9
+        is_first_info = message.topic.endswith("camera_info") and message.topic not in infos
+        if is_first_info:
+            infos.add(message.topic)
+        if is_first_info or position_s >= offset_s:
+            told(max(position_s, offset_s))
+            yield message
 
 
 def _benches(source: Source) -> list[str]:

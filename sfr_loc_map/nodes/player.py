@@ -2,42 +2,33 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-import os
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
-from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
-from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.nodes.calls import task_record
-from sfr_loc_map.nodes.conversions import cloud_from_msg, header_msg, odometry_row, pose_msg
-from sfr_loc_map.nodes.diagnostics import TOPIC as DIAGNOSTICS
-from sfr_loc_map.nodes.diagnostics import Level, level_of
-from sfr_loc_map.nodes.playback import POSE_TOPIC, Message
+from sfr_loc_map.nodes.control_services import offer_controls
+from sfr_loc_map.nodes.controls import Controls, Pace, Pairs
+from sfr_loc_map.nodes.conversions import header_msg, pose_msg
+from sfr_loc_map.nodes.keyboard import Keyboard
+from sfr_loc_map.nodes.message_types import message_type
+from sfr_loc_map.nodes.playback import Message
+from sfr_loc_map.nodes.recording import Recording
 from sfr_loc_map.nodes.supervisor import Supervisor
-from sfr_loc_map.pipeline.call_record import CallRecord
 
+NAME = "sfr_player"
 START_TIMEOUT_S = 300.0
 """Starting compiles machine code where that was never done before."""
 ANSWER_TIMEOUT_S = 120.0
@@ -45,70 +36,39 @@ QUIET_S = 5.0
 """At a rate, answers are awaited for so long after the last one."""
 REPORT_TIMEOUT_S = 20.0
 SETTLE_S = 0.3
-QUEUE_DEPTH = 1000
 SOURCE_DEPTH = 20
 COLLECT_S = 0.05
-
-
-@dataclass(slots=True)
-class Recording:
-    """What the nodes have answered.
-
-    Attributes:
-        rows: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, numbers as received.
-        covariances: Covariance `(6, 6)` of the pose by stamp.
-        localisation: Calls of the localiser by stamp.
-        mapping: Calls of the mapper by stamp, and of the fusion by stamp.
-        clouds: Fused clouds.
-        report: Last report of the monitor (JSON), empty where there is none.
-    """
-
-    rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
-    covariances: dict[int, FloatArray] = field(default_factory=dict)
-    localisation: dict[int, CallRecord] = field(default_factory=dict)
-    mapping: dict[tuple[str, int], CallRecord] = field(default_factory=dict)
-    clouds: list[PointCloud] = field(default_factory=list)
-    report: str = ""
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The estimated trajectory."""
-        if not self.rows:
-            return Trajectory.empty()
-        stamps, positions, quats = zip(*self.rows, strict=True)
-        return Trajectory(np.array(stamps, np.int64), np.array(positions), np.array(quats))
-
-    @property
-    def records(self) -> list[CallRecord]:
-        """All calls: those of the localiser, with the covariances of the odometry, then those of the mapper."""
-        localised = [replace(r, covariance=self.covariances.get(s)) for s, r in self.localisation.items()]
-        return [*localised, *self.mapping.values()]
 
 
 class Player:
     """Publishes messages of a source and records the answers; a context manager."""
 
-    def __init__(self, supervisor: Supervisor, topics: Mapping[str, str]) -> None:
+    def __init__(
+        self, supervisor: Supervisor, topics: Mapping[str, str], controls: Controls, keyboard: Keyboard
+    ) -> None:
         """Join the graph; signals stay with the program.
 
         Args:
             supervisor: The nodes.
             topics: Types of the topics to be published, by name.
+            controls: What the operator wants.
+            keyboard: Another way to say it.
         """
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.recording = Recording()
-        self._supervisor = supervisor
-        self._node: Node = rclpy.create_node(f"sfr_player_{os.getpid()}")
+        self.controls = controls
+        self._supervisor, self._keyboard = supervisor, keyboard
+        self._node: Node = rclpy.create_node(NAME)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         depth = QoSProfile(depth=SOURCE_DEPTH)
         self._publishers = {
-            name: self._node.create_publisher(_type(kind), name, depth) for name, kind in topics.items()
+            name: self._node.create_publisher(message_type(kind), name, depth) for name, kind in topics.items()
         }
         self._initial_pose = self._node.create_publisher(PoseWithCovarianceStamped, "initialpose", depth)
-        self._problem = ""
-        self._subscribe()
+        self.recording.listen(self._node)
         self._resets = {name: self._node.create_client(Trigger, f"{name}/reset") for name in supervisor.pids}
+        offer_controls(self._node, controls)
 
     def __enter__(self) -> Player:
         """Return itself."""
@@ -142,56 +102,93 @@ class Player:
         self._initial_pose.publish(message)
         self._wait_for(self._delivered, ANSWER_TIMEOUT_S, lambda: "initialpose was not taken by localisation_node")
 
-    def play(self, messages: Iterable[Message], rate: float, progress: Callable[[str], None]) -> set[tuple[str, int]]:
-        """Publish messages.
+    def begin_anew(self) -> None:
+        """Let the nodes forget what came before.
+
+        Raises:
+            NodeError: If one does not answer.
+        """
+        for name, client in self._resets.items():
+            self._call(client, f"{name} did not reset")
+        self._spin_for(SETTLE_S)  # what was on its way
+        self.recording.forget()
+
+    def play(self, messages: Iterator[Message], progress: Callable[[str], None]) -> None:
+        """Publish messages as the controls want, until they are at an end or the controls interrupt.
 
         Args:
             messages: In the order in which they are to be published.
-            rate: 0: after each stereo pair its result is awaited; otherwise multiple of the speed of the stamps.
             progress: Called with `loc` or `nav` for each stereo pair published.
-
-        Returns:
-            Bench and stamp of each pair published.
 
         Raises:
             NodeError: If a node ends or does not answer.
             InputError: If a node refuses what it was given (rate 0).
         """
-        pairs = _Pairs()
-        clock = _Clock(rate)
+        pairs = Pairs()
+        pace = Pace(self.controls)
         for message in messages:
-            if rate > 0:
-                self._spin_until(clock.due(message))
+            self._hold(pace, message)
+            if self.controls.interrupted:
+                return
             self._publishers[message.topic].publish(message.raw)
             pair = pairs.add(message)
             if pair is None:
                 continue
-            if rate > 0:
+            self.recording.published.add(pair)
+            if self.controls.rate > 0:
                 self._supervisor.check()
             else:
                 self._await_result(*pair)
+            self.controls.steps = max(self.controls.steps - 1, 0)
             progress(pair[0])
-        return pairs.complete
 
-    def finish(self, published: set[tuple[str, int]], pairs_per_map: int) -> None:
+    def _hold(self, pace: Pace, message: Message) -> None:
+        """Wait until a message is due, or until the controls interrupt."""
+        while True:
+            for key in self._keyboard.pressed():
+                self.controls.key(key)
+            wait_s = pace.wait_s(message)
+            if self.controls.interrupted or not (wait_s or self.controls.held):
+                break
+            self._spin_until(time.monotonic() + min(wait_s or COLLECT_S, COLLECT_S))
+            self._supervisor.check()
+        self._executor.spin_once(timeout_sec=0.0)
+
+    def finish(self, pairs_per_map: int) -> None:
         """Wait for what is still to come: results, cloud, the monitor's report.
 
         Args:
-            published: What `play` returned.
-            pairs_per_map: Pairs after which the mapper makes a cloud.
+            pairs_per_map: Pairs after which the mapper makes a cloud by itself.
         """
+        published = self.recording.published
         mapped = sum(bench == "nav" for bench, _ in published)
         clouds = mapped // pairs_per_map if pairs_per_map else 0
+        if mapped and mapped % pairs_per_map:
+            for bench, stamp_ns in sorted(published):
+                if bench == "nav":
+                    self._await_result(bench, stamp_ns)
+            self._call(self._node.create_client(Trigger, "mapping_node/finish"), "mapping_node did not finish its map")
+            clouds += 1
+
+        self.settle(clouds)
+        self._await_report(clouds > 0)
+
+    def settle(self, clouds: int = 0) -> None:
+        """Wait for the results of what was published, as long as some come.
+
+        Args:
+            clouds: How many clouds there will be.
+        """
+        published = self.recording.published
 
         def complete() -> bool:
-            return all(self._answered(*pair) for pair in published) and len(self.recording.clouds) >= clouds
+            return all(self.recording.answered(*pair) for pair in published) and len(self.recording.clouds) >= clouds
 
         count, deadline = -1, 0.0
-        while not complete() and (count != self._answers() or time.monotonic() < deadline):
-            if count != self._answers():
-                count, deadline = self._answers(), time.monotonic() + QUIET_S
+        while not complete() and (count != self.recording.answers or time.monotonic() < deadline):
+            if count != self.recording.answers:
+                count, deadline = self.recording.answers, time.monotonic() + QUIET_S
             self._spin_for(COLLECT_S)
-        self._await_report(clouds > 0)
 
     def _await_report(self, with_map: bool) -> None:
         """Wait for the report that has everything; without it the score is made of the recording all the same."""
@@ -210,51 +207,13 @@ class Player:
                 return
             self._spin_for(COLLECT_S)
 
-    def _subscribe(self) -> None:
-        depth = QoSProfile(depth=QUEUE_DEPTH)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._node.create_subscription(Odometry, "localisation/odometry", self._on_odometry, depth)
-        self._node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, depth)
-        self._node.create_subscription(PointCloud2, "mapping/points", self._on_cloud, QoSProfile(depth=10))
-        self._node.create_subscription(String, "metrics/report", self._on_report, latched)
-
-    def _on_odometry(self, message: Odometry) -> None:
-        self.recording.rows.append(odometry_row(message))
-        self.recording.covariances[stamp_of(message)] = np.array(message.pose.covariance).reshape(6, 6)
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            found = task_record(status)
-            if found is None:
-                if level_of(status) is Level.ERROR and status.name.endswith(": input"):
-                    self._problem = f"{status.name.split(':')[0]}: {status.message}"
-            elif found.task == "localisation":
-                self.recording.localisation[found.record.stamp_ns] = found.record
-            else:
-                self.recording.mapping[found.record.state, found.record.stamp_ns] = found.record
-
-    def _on_cloud(self, message: PointCloud2) -> None:
-        self.recording.clouds.append(cloud_from_msg(message))
-
-    def _on_report(self, message: String) -> None:
-        self.recording.report = message.data
-
-    def _answered(self, bench: str, stamp_ns: int) -> bool:
-        if bench == "loc":
-            return stamp_ns in self.recording.localisation and stamp_ns in self.recording.covariances
-        return ("mapped", stamp_ns) in self.recording.mapping
-
-    def _answers(self) -> int:
-        recording = self.recording
-        return len(recording.rows) + len(recording.localisation) + len(recording.mapping) + len(recording.clouds)
-
     def _await_result(self, bench: str, stamp_ns: int) -> None:
         name = {"loc": "localisation_node", "nav": "mapping_node"}[bench]
 
         def answered() -> bool:
-            if self._problem:
-                raise InputError(self._problem)
-            return self._answered(bench, stamp_ns)
+            if self.recording.problem:
+                raise InputError(self.recording.problem)
+            return self.recording.answered(bench, stamp_ns)
 
         def problem() -> str:
             words = self._supervisor.last_words(name)
@@ -264,7 +223,13 @@ class Player:
 
     def _delivered(self) -> bool:
         publisher = self._initial_pose
-        return bool(publisher.get_subscription_count()) and bool(publisher.wait_for_all_acked(_duration(0.05)))
+        return bool(publisher.get_subscription_count()) and bool(publisher.wait_for_all_acked(Duration(seconds=0.05)))
+
+    def _call(self, client: Any, problem: str) -> None:  # noqa: ANN401 - rclpy has no types for it
+        """Call a Trigger service and wait for its answer."""
+        self._wait_for(client.service_is_ready, ANSWER_TIMEOUT_S, lambda: problem)
+        future = client.call_async(Trigger.Request())
+        self._wait_for(future.done, ANSWER_TIMEOUT_S, lambda: problem)
 
     def _wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
         deadline = time.monotonic() + timeout_s
@@ -281,48 +246,3 @@ class Player:
     def _spin_until(self, moment: float) -> None:
         while (left := moment - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=min(left, COLLECT_S))
-
-
-class _Pairs:
-    """Tells when a stereo pair, with its pose where it needs one, has been published."""
-
-    def __init__(self) -> None:
-        self.complete: set[tuple[str, int]] = set()
-        self._parts: dict[tuple[str, int], set[str]] = {}
-
-    def add(self, message: Message) -> tuple[str, int] | None:
-        """Take a message; return bench and stamp of the pair that it completes."""
-        part = message.topic.removesuffix("/compressed")
-        if not part.endswith("image_rect") and part != POSE_TOPIC:
-            return None
-        key = (message.bench, message.stamp_ns)
-        parts = self._parts.setdefault(key, set())
-        parts.add(part)
-        if len(parts) < (2 if message.bench == "loc" else 3):
-            return None
-        del self._parts[key]
-        self.complete.add(key)
-        return key
-
-
-class _Clock:
-    """Says when a message is due; each bench begins with its first message."""
-
-    def __init__(self, rate: float) -> None:
-        self._rate = rate
-        self._begins: dict[str, tuple[float, int]] = {}
-
-    def due(self, message: Message) -> float:
-        begin, first_ns = self._begins.setdefault(message.bench, (time.monotonic(), message.stamp_ns))
-        return begin + (message.stamp_ns - first_ns) * 1e-9 / self._rate
-
-
-def _type(msgtype: str) -> type[Any]:
-    package, _, name = msgtype.split("/")
-    return getattr(importlib.import_module(f"{package}.msg"), name)
-
-
-def _duration(seconds: float) -> Any:  # noqa: ANN401 - rclpy has no types for it
-    from rclpy.duration import Duration
-
-    return Duration(seconds=seconds)

@@ -19,10 +19,15 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.nodes import environment
-from sfr_loc_map.nodes.playback import messages_of, topics_of
-from sfr_loc_map.nodes.player import Player, Recording
+from sfr_loc_map.nodes.controls import HELP, Controls
+from sfr_loc_map.nodes.keyboard import Keyboard
+from sfr_loc_map.nodes.playback import begin_at, messages_of, topics_of
+from sfr_loc_map.nodes.player import Player
+from sfr_loc_map.nodes.recording import Recording
 from sfr_loc_map.nodes.supervisor import Supervisor, endable
 
+AGAIN = "plays again from"
+"""Begin of what is said when the nodes begin anew."""
 PLAYED = {"autostart": True, "output_reliability": "reliable"}
 """What a replay needs of each node, whatever a parameter file says."""
 
@@ -36,8 +41,11 @@ class ReplayOptions:
         mapping: Parameters of the mapper.
         score: Settings of the monitor's score.
         limits: Limits that the monitor judges by, None for none.
-        start: Pose of RB in DS at the first pair; None for the identity.
+        start: Returns the pose of RB in DS at the first pair after so many seconds; None for the identity.
         rate: 0: each pair's result is awaited; otherwise multiple of the speed of the stamps.
+        offset_s: Where it begins, seconds after the first message.
+        paused: Whether it waits for the operator before the first pair.
+        loop: Whether it begins again at its end, until the operator or a signal ends it.
         remap: New names of topics by the names in the bag.
         parameter_file: ROS parameter file for all nodes; what is set above comes after it.
     """
@@ -46,8 +54,11 @@ class ReplayOptions:
     mapping: MappingConfig
     score: ScoreConfig
     limits: Path | None
-    start: Transform | None
+    start: Callable[[float], Transform | None]
     rate: float
+    offset_s: float
+    paused: bool
+    loop: bool
     remap: Mapping[str, str]
     parameter_file: Path | None
 
@@ -80,16 +91,49 @@ def replay(
         with endable(), Supervisor(folder) as supervisor:
             for node, parameters in _parameters(source, options).items():
                 supervisor.start(node, _arguments(folder, node, parameters, options.parameter_file))
-            with Player(supervisor, topics_of(source, options.remap)) as player:
+            controls = Controls(rate=options.rate, paused=options.paused, loop=options.loop)
+            with (
+                Keyboard() as keyboard,
+                Player(supervisor, topics_of(source, options.remap), controls, keyboard) as player,
+            ):
                 say("waiting for the nodes")
                 player.wait_until_ready()
-                if options.start is not None and source.loc is not None:
-                    player.set_pose(options.start)
-                say("playing")
-                published = player.play(messages_of(source, options.remap), options.rate, progress)
+                if keyboard.there:
+                    say(HELP)
+                _play(source, options, player, progress, say)
                 say("collecting")
-                player.finish(published, _pairs_per_map(source))
+                player.finish(_pairs_per_map(source))
                 return player.recording
+
+
+def _play(
+    source: Source,
+    options: ReplayOptions,
+    player: Player,
+    progress: Callable[[str], None],
+    say: Callable[[str], None],
+) -> None:
+    """Play from one place after the other, as the controls want."""
+    controls = player.controls
+    offset_s, anew = options.offset_s, False
+    while True:
+        if anew:
+            player.begin_anew()
+        start = options.start(offset_s) if source.loc is not None else None
+        if start is not None:
+            player.set_pose(start)
+        say(f"{AGAIN if anew else 'plays from'} {offset_s:g} s")
+
+        def told(position_s: float) -> None:
+            controls.position_s = position_s
+
+        player.play(begin_at(messages_of(source, options.remap), offset_s, told), progress)
+        jump_s, controls.jump_s = controls.jump_s, None
+        if controls.stopped or (jump_s is None and not controls.loop):
+            return
+        if jump_s is None:
+            player.settle()
+        offset_s, anew = jump_s or 0.0, True
 
 
 def check(source: Source) -> None:

@@ -65,12 +65,13 @@ def localise(
         )
 
 
-def start_pose(sequence: LocSequence, start: str) -> Transform:
+def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> Transform:
     """Return the pose at which a drive starts.
 
     Args:
         sequence: The drive.
         start: `identity` (RB is DS at the first pair) or `truth` (the truth's first pose).
+        offset_s: Seconds of the truth that are left out.
 
     Raises:
         InputError: If the truth is wanted and there is none.
@@ -82,7 +83,8 @@ def start_pose(sequence: LocSequence, start: str) -> Transform:
         raise InputError(
             "'--start truth' needs ground truth, the source has none: leave it out to start at the identity"
         )
-    return truth.pose(0)
+    after = np.searchsorted(truth.stamps_ns, int(truth.stamps_ns[0]) + round(offset_s * 1e9))
+    return truth.pose(min(int(after), len(truth) - 1))
 
 
 @dataclass(frozen=True, slots=True)

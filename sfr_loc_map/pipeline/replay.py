@@ -44,12 +44,14 @@ class ReplayResult:
         cloud: Fused cloud, None if there was no mapping.
         records: All calls of localiser and mapper.
         monitor_report: Report of the monitor (JSON), empty if it gave none.
+        mapped_ns: Stamps of the mapping pairs that were played: the cloud is judged by their truth.
     """
 
     estimate: Trajectory
     cloud: PointCloud | None
     records: Sequence[CallRecord]
     monitor_report: str
+    mapped_ns: frozenset[int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +132,8 @@ def score_replay(
         estimates = load_estimates(files.estimate, stats)
         parts.append(score_trajectory(estimates, truth, config.trajectory))
         parts.append(warnings(estimates.trajectory, truth, config, camera_place(source.path)))
-    pairs = list(source.nav.pairs()) if source.nav is not None and result.cloud is not None else []
+    nav = source.nav.pairs() if source.nav is not None and result.cloud is not None else ()
+    pairs = [pair for pair in nav if pair.pair.stamp_ns in result.mapped_ns]
     has_map = bool(pairs) and all(pair.truth is not None for pair in pairs)
     if has_map and source.nav is not None and result.cloud is not None:
         truths = truths_of(pairs, source.nav.rig)

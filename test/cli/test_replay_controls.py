@@ -1,0 +1,138 @@
+"""`sfr replay` under an operator's hand: services, parameters and keys, with the nodes over DDS."""
+
+# ruff: noqa: E402 - ROS may be absent
+from __future__ import annotations
+
+import json
+import os
+import pty
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
+
+import rclpy
+from made_scene import PERIOD_NS, START_NS, write_folder
+from nav_msgs.msg import Odometry
+from processes import Peer, Process
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from std_srvs.srv import SetBool
+
+from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.nodes import environment
+
+COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+
+
+@pytest.fixture
+def peer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Peer]:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+    rclpy.init(args=[])
+    with Peer() as found:
+        yield found
+    rclpy.try_shutdown()
+
+
+def set_parameter(peer: Peer, name: str, value: float) -> tuple[bool, str]:
+    client = peer.node.create_client(SetParameters, "/sfr_player/set_parameters")
+    peer.until(client.service_is_ready, "the player's parameters")
+    given = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+    future = client.call_async(SetParameters.Request(parameters=[Parameter(name=name, value=given)]))
+    peer.until(future.done, "the answer")
+    (result,) = future.result().results
+    return result.successful, result.reason
+
+
+def indices(odometry: list[Odometry]) -> list[int]:
+    return [round((stamp_of(message) - START_NS) / PERIOD_NS) for message in odometry]
+
+
+def test_paused_step_resume_rate_seek_loop_and_stop(tmp_path: Path, peer: Peer) -> None:
+    source, out = write_folder(tmp_path / "source", 20, 0), tmp_path / "out"
+    odometry = peer.listen(Odometry, "localisation/odometry")
+    options = ["--rate", "1", "--start-paused", "--start", "truth", "--out", str(out)]
+    with Process(tmp_path / "log", *COMMAND, "replay", str(source), *options) as replay:
+        answer = peer.call("/sfr_player/is_paused")
+        assert answer.success
+        peer.until(lambda: peer.call("/sfr_player/is_paused").message == "paused at 0.000 s", "the first place")
+        for count in (1, 2):
+            assert peer.call("/sfr_player/play_next").success
+            peer.until(lambda count=count: len(odometry) == count, "the next pair")
+        peer.spin(0.5)
+        assert indices(odometry) == [0, 1]
+        assert set_parameter(peer, "rate", -1.0) == (False, "a number of 0.0 or more is needed")
+        assert set_parameter(peer, "rate", 4.0)[0]
+        assert peer.call("/sfr_player/resume").message.startswith("playing")
+        peer.until(lambda: len(odometry) >= 6, "pairs")
+        assert peer.call("/sfr_player/pause").success
+        peer.spin(0.5)
+        count = len(odometry)
+        assert indices(odometry) == list(range(count))
+        assert set_parameter(peer, "seek_s", 0.5)[0]
+        peer.spin(1.0)
+        assert len(odometry) == count
+        client = peer.node.create_client(SetBool, "/sfr_player/set_loop")
+        peer.until(client.service_is_ready, "the service")
+        future = client.call_async(SetBool.Request(data=True))
+        peer.until(future.done, "the answer")
+        peer.call("/sfr_player/toggle_paused")
+        peer.until(lambda: 0 in indices(odometry[count:]), "the loop")
+        after = indices(odometry[count:])
+        assert after == [*range(5, 20), 0]
+        first, again = odometry[0].pose.pose.position, odometry[count + 15].pose.pose.position
+        assert (first.x, first.y, first.z) == (again.x, again.y, again.z)
+        peer.until(lambda: len(odometry) >= count + 20, "some pairs")
+        peer.call("/sfr_player/stop")
+        assert replay.popen.wait(60) == 0, replay.text
+        assert replay.text.count("plays again from") == 2
+    score = json.loads((out / "report.json").read_text())
+    poses = len((out / "estimate.csv").read_text().splitlines()) - 1
+    assert score["trajectory"]["estimate_poses"] == poses == len(odometry) - count - 15
+    assert score["trajectory"]["lost"] == 0
+
+
+def test_keys_step_and_end_in_lock_step_and_what_was_played_is_scored(tmp_path: Path, peer: Peer) -> None:
+    source, out = write_folder(tmp_path / "source", 12, 3), tmp_path / "out"
+    odometry = peer.listen(Odometry, "localisation/odometry")
+    options = ["--start-paused", "--start-offset", "0.2", "--start", "truth", "--out", str(out)]
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.execv(sys.executable, [sys.executable, *COMMAND, "replay", str(source), *options])
+    os.set_blocking(terminal, False)
+    text = b""
+
+    def said(words: bytes) -> bool:
+        nonlocal text
+        with suppress(OSError):
+            text += os.read(terminal, 65536)
+        return words in text
+
+    peer.until(lambda: said(b"q: end"), "the help")
+    peer.until(lambda: said(b"plays from"), "the start")
+    os.write(terminal, b"s\x1b[C")
+    peer.until(lambda: len(odometry) == 2, "two pairs")
+    peer.spin(0.3)
+    assert indices(odometry) == [2, 3]
+    os.write(terminal, b" ")
+    peer.until(lambda: len(odometry) >= 10, "the rest")
+    end = time.monotonic() + 60
+    status = None
+    while status is None and time.monotonic() < end:
+        said(b"")
+        done, code = os.waitpid(pid, os.WNOHANG)
+        status = os.waitstatus_to_exitcode(code) if done else None
+        time.sleep(0.02)
+    assert status == 0, text.decode(errors="replace")
+    score = json.loads((out / "report.json").read_text())
+    assert score["trajectory"]["matched"] == 10
+    assert score["map"]["pairs"] == 1  # of three, the first two lie before the offset
