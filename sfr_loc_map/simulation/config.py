@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from sfr_loc_map.config import param
 
@@ -91,20 +92,25 @@ class CamerasConfig:
     yaw_deg: float = param(1.0, unit="deg", doc="Turn of the bench about z, last to act.")
 
 
+def _again(name: str, default: float) -> Any:  # noqa: ANN401 - fields have any type
+    """Return a parameter of `CamerasConfig` with another default."""
+    return field(default=default, metadata=CamerasConfig.__dataclass_fields__[name].metadata)
+
+
 @dataclass(frozen=True, slots=True)
 class NavCamerasConfig(CamerasConfig):
     """The mapping cameras on the mast head."""
 
-    width: int = param(1024, unit="px", doc="Columns.", low=16, high=8192)
-    height: int = param(1024, unit="px", doc="Rows.", low=16, high=8192)
-    focal_px: float = param(804.0, unit="px", doc="Focal length.", low=5.0)
-    baseline_m: float = param(0.15, unit="m", doc="Distance between the optical centres.", low=0.001)
-    x_m: float = param(0.06, unit="m", doc="Place of the stereo bench forward of the mast head.")
-    y_m: float = param(0.0, unit="m", doc="Place of the stereo bench to the left of the mast head.")
-    z_m: float = param(0.08, unit="m", doc="Place of the stereo bench above the tilt axis.")
-    roll_deg: float = param(0.0, unit="deg", doc="Turn of the bench about x, first to act.")
-    pitch_deg: float = param(0.0, unit="deg", doc="Turn of the bench about y; positive looks down.")
-    yaw_deg: float = param(0.0, unit="deg", doc="Turn of the bench about z, last to act.")
+    width: int = _again("width", 1024)
+    height: int = _again("height", 1024)
+    focal_px: float = _again("focal_px", 804.0)
+    baseline_m: float = _again("baseline_m", 0.15)
+    x_m: float = _again("x_m", 0.06)
+    y_m: float = _again("y_m", 0.0)
+    z_m: float = _again("z_m", 0.08)
+    roll_deg: float = _again("roll_deg", 0.0)
+    pitch_deg: float = _again("pitch_deg", 0.0)
+    yaw_deg: float = _again("yaw_deg", 0.0)
 
 
 @dataclass(frozen=True, slots=True)
