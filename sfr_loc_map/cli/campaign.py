@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -54,6 +54,54 @@ def faults(
     typer.echo(f"{len(rows)} rows in {seconds:.0f} s, {len(failed)} not as expected")
     if failed:
         raise FailedVerdictError(f"not as expected: {', '.join(failed)}")
+
+
+@app.command()
+def rate(
+    minutes: Annotated[float, typer.Option(min=0.05, max=10_000.0, help="How long.")] = 10.0,
+    rate_hz: Annotated[
+        float, typer.Option("--rate", min=0.0, max=1000.0, help="Pairs a second; 0: lock step, one after the other.")
+    ] = 10.0,
+    size: Annotated[int, typer.Option(min=64, max=4096, help="Width and height of the pictures.")] = 1024,
+    json_path: JsonOption = None,
+) -> None:
+    """Send stereo pairs through the localisation node: what is lost, what transport and conversion add."""
+    from sfr_loc_map.nodes.campaign.rate import RateSettings, carry_pictures
+
+    check_output(json_path)
+    with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
+        result = carry_pictures(RateSettings(minutes, rate_hz, size), Path(scratch))
+    typer.echo(f"{result['pairs_sent']} pairs sent, {result['pairs_localised']} localised, dropped {result['dropped']}")
+    for name, times in result["times"].items():
+        figures = ", ".join(f"{key} {1e3 * value:.1f}" for key, value in times.items())
+        typer.echo(f"{name.removesuffix('_s'):20}{figures} ms")
+    _conclude(result, json_path)
+
+
+@app.command()
+def monitor(
+    minutes: Annotated[float, typer.Option(min=0.05, max=10_000.0, help="How long.")] = 10.0,
+    rate_hz: Annotated[float, typer.Option("--rate", min=0.1, max=1000.0, help="Poses a second.")] = 50.0,
+    json_path: JsonOption = None,
+) -> None:
+    """Send estimates, truth and calls to the monitor: is each of them scored, is its memory flat."""
+    from sfr_loc_map.nodes.campaign.rate import RateSettings, carry_poses
+
+    check_output(json_path)
+    with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
+        result = carry_poses(RateSettings(minutes, rate_hz), Path(scratch))
+    typer.echo(f"{result['poses_sent']} poses sent at {result['rate_hz']:.1f} Hz, {result['poses_scored']} scored")
+    typer.echo(f"processor {100 * result['processor_share']:.0f} % of one core")
+    _conclude(result, json_path)
+
+
+def _conclude(result: dict[str, Any], json_path: Path | None) -> None:
+    memory = result["memory"]
+    slope = f"{memory['slope_mb_h']:+.1f} +- {2 * memory['error_mb_h']:.1f} MB/h"
+    typer.echo(f"memory {memory['mb'][-1]:.0f} MB, {slope} after the warm-up")
+    _write(json_path, None, result, "")
+    if result["failures"]:
+        raise FailedVerdictError("; ".join(result["failures"]))
 
 
 def _say(row: object) -> None:

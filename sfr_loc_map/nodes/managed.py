@@ -40,7 +40,8 @@ from sfr_loc_map.nodes.parameters import Parameters
 from sfr_loc_map.nodes.qos import RELIABILITIES, profile, publisher_events, subscription_events
 from sfr_loc_map.nodes.worker import Overload, Worker
 
-QUEUE_DEPTH = 100
+QUEUE_DEPTH = 1000
+"""Statuses that are kept for a subscriber that is held up."""
 JUMP_BACK_NS = 1_000_000_000
 """A stamp or clock this far behind the last one is a new run (a bag that loops), not a late picture."""
 WARN_EVERY_S = 5.0
