@@ -71,7 +71,13 @@ class LocalisationNodeConfig(PairNodeConfig):
     rb_frame: str = param("rb", doc="Name of the rover's frame RB: child of the odometry.")
     locsb_frame: str = param("locsb", doc="Name of the stereo bench's frame LOCSB in /tf_static.")
     publish_tf: bool = param(True, doc="Publish ds to rb on /tf, where tf2_msgs is installed.")
-    output_depth: int = param(100, unit="messages", doc="Depth of the odometry's queue.", low=1, high=10000)
+    output_depth: int = param(
+        1000,
+        unit="messages",
+        doc="Depth of the odometry's queue: so many are kept for a subscriber that is held up.",
+        low=1,
+        high=10000,
+    )
     resume_file: str = param(
         "",
         doc="File that keeps the pose known last, so that a node that was killed goes on there; empty: none is kept.",
