@@ -4,7 +4,7 @@ import sys
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, SetEnvironmentVariable
-from launch.substitutions import EnvironmentVariable, LaunchConfiguration
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PythonExpression
 
 COMMAND = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
 
@@ -18,6 +18,12 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("out", description="Folder for report, estimate, statistics and cloud."),
             DeclareLaunchArgument(
                 "rate", default_value="0", description="0: wait for each result; else multiple of the recorded speed."
+            ),
+            DeclareLaunchArgument(
+                "start_offset", default_value="0", description="Seconds of the source that are left out."
+            ),
+            DeclareLaunchArgument(
+                "loop", default_value="false", description="true: begin again at the end, until /sfr_player/stop."
             ),
             DeclareLaunchArgument("start", default_value="identity", description="First pose: identity or truth."),
             # In the domain of the other programs, so that they can watch.
@@ -35,6 +41,9 @@ def generate_launch_description() -> LaunchDescription:
                     option("rate"),
                     "--start",
                     option("start"),
+                    "--start-offset",
+                    option("start_offset"),
+                    PythonExpression(["'--loop' if '", option("loop"), "'.lower() == 'true' else '--no-loop'"]),
                 ],
                 output="screen",
             ),

@@ -40,7 +40,7 @@ def replay(
     rate: Annotated[
         float, typer.Option(min=0.0, help="0: wait for the result of each pair; else multiple of the recorded speed.")
     ] = 0.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until q or Ctrl-C.")] = False,
+    loop: Annotated[bool, typer.Option("--loop/--no-loop", help="Begin again at the end, until q or Ctrl-C.")] = False,
     start_offset: Annotated[float, typer.Option(min=0.0, help="Seconds of the source that are left out.")] = 0.0,
     start_paused: Annotated[bool, typer.Option("--start-paused", help="Wait for space, s or ~/resume.")] = False,
     limits: LimitsOption = None,

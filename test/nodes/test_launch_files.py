@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.environment import PROFILE, PROFILE_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,6 +23,16 @@ class Made:
     args: tuple[Any, ...]
     options: dict[str, Any] = field(default_factory=dict)
 
+    def perform(self, context: dict[str, str]) -> str:
+        """Return the value of a launch argument, as `LaunchConfiguration` does."""
+        assert self.kind == "LaunchConfiguration"
+        USED.add(self.args[0])
+        return context[self.args[0]]
+
+
+USED: set[str] = set()
+"""Launch arguments whose values were asked for."""
+
 
 def maker(kind: str) -> Any:
     return lambda *args, **options: Made(kind, args, options)
@@ -30,9 +41,9 @@ def maker(kind: str) -> Any:
 @pytest.fixture
 def described(monkeypatch: pytest.MonkeyPatch) -> Any:
     kinds = {
-        "launch": ["LaunchDescription"],
-        "launch.actions": ["DeclareLaunchArgument", "SetEnvironmentVariable", "ExecuteProcess"],
-        "launch.substitutions": ["EnvironmentVariable", "LaunchConfiguration"],
+        "launch": ["LaunchDescription", "LaunchContext"],
+        "launch.actions": ["DeclareLaunchArgument", "SetEnvironmentVariable", "ExecuteProcess", "OpaqueFunction"],
+        "launch.substitutions": ["EnvironmentVariable", "LaunchConfiguration", "PythonExpression"],
         "launch_ros": [],
         "launch_ros.actions": ["Node"],
     }
@@ -45,12 +56,21 @@ def described(monkeypatch: pytest.MonkeyPatch) -> Any:
     index.get_package_share_directory = lambda package: str(ROOT)  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "ament_index_python", ModuleType("ament_index_python"))
     monkeypatch.setitem(sys.modules, "ament_index_python.packages", index)
+    monkeypatch.delitem(sys.modules, "sfr_loc_map.nodes.launch_parts", raising=False)
+    USED.clear()
 
-    def describe(name: str) -> list[Made]:
+    def describe(name: str, **values: str) -> list[Made]:
+        """Return what a launch file makes of values for its arguments."""
         entities: list[Made] = runpy.run_path(str(LAUNCH / name))["generate_launch_description"]().args[0]
-        return entities
+        declared = of_kind(entities, "DeclareLaunchArgument")
+        assert set(values) <= {item.args[0] for item in declared}
+        context = {item.args[0]: item.options.get("default_value", "") for item in declared} | values
+        functions = of_kind(entities, "OpaqueFunction")
+        made = [item for f in functions for item in f.options["function"](context, *f.options["args"])]
+        return [*entities, *made]
 
-    return describe
+    yield describe
+    sys.modules.pop("sfr_loc_map.nodes.launch_parts", None)  # it has imported the stand-ins
 
 
 def of_kind(entities: list[Made], kind: str) -> list[Made]:
@@ -73,7 +93,7 @@ def test_arguments_are_described_and_all_that_is_used_is_declared(described: Any
                 look(item)
 
     look(entities)
-    assert used == declared
+    assert used | USED == declared
 
 
 @pytest.mark.parametrize(
@@ -88,13 +108,29 @@ def test_nodes_are_those_installed_and_get_parameter_files_that_exist(
     assert [node.options["executable"] for node in nodes] == [f"{task}_node" for task in tasks]
     assert all((ROOT / "scripts" / node.options["executable"]).is_file() for node in nodes)
     assert all(node.options["package"] == "sfr_loc_map" for node in nodes)
-    defaults = {d.args[0]: d.options.get("default_value") for d in of_kind(entities, "DeclareLaunchArgument")}
     for node, task in zip(nodes, tasks, strict=True):
         (file,) = node.options["parameters"]
-        assert f"/**/{task}_node" in yaml.safe_load(Path(defaults[file.args[0]]).read_text())
+        assert f"/**/{task}_node" in yaml.safe_load(Path(file).read_text())
     (profile,) = of_kind(entities, "SetEnvironmentVariable")
     assert profile.args[0] == PROFILE_VARIABLE
     assert (profile.args[1].args, profile.args[1].options) == ((PROFILE_VARIABLE,), {"default_value": str(PROFILE)})
+
+
+@pytest.mark.parametrize("name", ["sfr.launch.py", "localisation.launch.py"])
+def test_values_of_arguments_reach_the_nodes(described: Any, name: str) -> None:
+    plain = of_kind(described(name), "Node")[0].options
+    assert (plain["namespace"], plain["remappings"], plain["respawn"]) == ("", [], False)
+    file = "params_file" if name == "localisation.launch.py" else "localisation_params_file"
+    values = {"namespace": "rover1", "log_level": "debug", "use_sim_time": "True", "respawn": "true", file: "/p.yaml"}
+    remaps = "loc/left/image_rect:=/eye/left  loc/right/image_rect:=/eye/right"
+    node = of_kind(described(name, remaps=remaps, **values), "Node")[0].options
+    assert (node["namespace"], node["respawn"]) == ("rover1", True)
+    assert node["parameters"] == ["/p.yaml", {"use_sim_time": True}]
+    assert node["arguments"] == ["--ros-args", "--log-level", "debug"]
+    assert node["remappings"] == [("loc/left/image_rect", "/eye/left"), ("loc/right/image_rect", "/eye/right")]
+    for broken in ("a", "a:=", "a:=b:=c"):
+        with pytest.raises(ConfigError, match="FROM:=TO"):
+            described(name, remaps=broken)
 
 
 def test_the_replay_calls_the_command_with_options_that_it_has(described: Any) -> None:
@@ -108,6 +144,12 @@ def test_the_replay_calls_the_command_with_options_that_it_has(described: Any) -
     compile(code, "launch", "exec")
     text = CliRunner().invoke(app, ["replay", "--help"], env={"COLUMNS": "200", "TERM": "dumb"}).output
     assert all(option in text for option in options if isinstance(option, str))
+    assert [o for o in options if isinstance(o, str)] == ["--out", "--rate", "--start", "--start-offset"]
+    before, argument, after = options[-1].args[0]
+    assert argument.args == ("loop",)
+    for value, expected in (("true", "--loop"), ("True", "--loop"), ("false", "--no-loop"), ("", "--no-loop")):
+        assert eval(before + value + after) == expected
+        assert expected in text
 
 
 def test_launch_files_are_installed() -> None:
