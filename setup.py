@@ -25,7 +25,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + PACKAGE]),
         ("share/" + PACKAGE, ["package.xml"]),
         ("share/" + PACKAGE + "/launch_scripts", glob("launch_scripts/*.launch.py")),
-        ("share/" + PACKAGE + "/config", glob("config/*.yaml")),
+        ("share/" + PACKAGE + "/config", [*glob("config/*.yaml"), *glob("config/*.xml")]),
         ("share/" + PACKAGE + "/config/simulation", glob("config/simulation/*.yaml")),
         ("lib/" + PACKAGE, [f"scripts/{name}" for name in NODES]),  # for `ros2 run` after pip install
     ],
@@ -49,7 +49,16 @@ setup(
         # ROS 2 Jazzy as wheels, for machines without a ROS install
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<7.2", "ros-jazzy-common-interfaces>=5.3,<5.4"],
         "test": TEST,
-        "dev": [*TEST, "mypy>=1.13,<3", "ruff>=0.8,<0.18", "scipy-stubs", "types-PyYAML", "types-psutil"],
+        # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
+        "dev": [
+            *TEST,
+            "cyclonedds>=11,<12",
+            "mypy>=1.13,<3",
+            "ruff>=0.8,<0.18",
+            "scipy-stubs",
+            "types-PyYAML",
+            "types-psutil",
+        ],
     },
     entry_points={
         "console_scripts": [
