@@ -52,6 +52,7 @@ setup(
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
         "dev": [
             *TEST,
+            "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",
             "mypy>=1.13,<3",
             "ruff>=0.8,<0.18",
