@@ -36,19 +36,20 @@ class Calls:
     above_idle_bytes: FloatArray
 
 
-def score_calls(calls: Calls, clock: str = HOST_CLOCK) -> dict[str, Any]:
-    """Return the parts `timing`, `memory` and `details` of the score.
+def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> dict[str, Any]:
+    """Return the parts `timing`, `memory` and, if wanted, `details` of the score.
 
     Localisation, mapping (one pair) and fusion are told apart by what the calls said.
 
     Args:
         calls: All calls.
         clock: Clock of their times.
+        details: Whether what figures are drawn from is wanted.
     """
     kinds = np.array([KINDS.get(state, "localisation") for state in calls.states], dtype=object)
     timing: dict[str, Any] = {}
     memory: dict[str, Any] = {}
-    details: dict[str, Any] = {}
+    drawn: dict[str, Any] = {}
     for kind in ("localisation", "mapping", "fusion"):
         mine = np.flatnonzero(kinds == kind)
         if not len(mine):
@@ -56,10 +57,12 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK) -> dict[str, Any]:
         if np.isfinite(calls.seconds[mine]).any():
             timing[f"{kind}_s"] = timing_summary(calls.seconds[mine], clock)
         memory |= _peaks(kind, calls, mine)
-        details[kind] = {"histogram": timing_histogram(calls.seconds[mine]), "series": _series(calls, mine)}
+        if not details:
+            continue
+        drawn[kind] = {"histogram": timing_histogram(calls.seconds[mine]), "series": _series(calls, mine)}
     known = any(value is not None for value in memory.values())
     memory["method"] = METHOD if known else METHOD_UNAVAILABLE
-    return {"timing": timing, "memory": memory, "details": {"calls": details}}
+    return {"timing": timing, "memory": memory} | ({"details": {"calls": drawn}} if details else {})
 
 
 def score_target(calls: Calls, name: str) -> dict[str, Any]:

@@ -240,17 +240,19 @@ class MonitorNode(ManagedNode):
         self._last_ns = max(self._last_ns, stamp_ns)
         self.health.arrived()
 
-    def _result(self) -> dict[str, Any]:
+    def _result(self, *, details: bool = True) -> dict[str, Any]:
         """Return the score so far, with the configurations that it was made with."""
         configuration = self._configurations | {"monitor": json.loads(self.configuration)}
-        return self._score.result() | {"provenance": {"version": __version__, "configuration": configuration}}
+        return self._score.result(details=details) | {
+            "provenance": {"version": __version__, "configuration": configuration}
+        }
 
     def _publish(self) -> None:
         if not self._changed:
             return
         self._changed = False
         begin = time.perf_counter()
-        score = self._result()
+        score = self._result(details=False)
         score.pop("details", None)
         self._report.publish(String(data=to_json(score)))
         for (name, statistic), publisher in self._figures.items():

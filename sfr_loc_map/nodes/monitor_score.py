@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,6 +26,7 @@ from sfr_loc_map.pipeline.call_record import CallRecord
 
 MAX_CALLS = 100_000
 """Calls that times and memory are summarised over, the last ones."""
+MOST_STATES = 100
 MAX_TRUTHS = 2 * MAX_PAIRS
 """True point images and poses kept for clouds to come."""
 JUMP_BACK_NS = 1_000_000_000
@@ -45,6 +46,48 @@ class _MapInputs:
     clouds: OrderedDict[int, PointCloud] = field(default_factory=OrderedDict)
 
 
+class CallRing:
+    """The last calls, in arrays that are there from the start: what a long run keeps does not grow."""
+
+    def __init__(self, room: int) -> None:
+        """Make room for so many calls."""
+        self._figures = np.full((3, room), np.nan)  # seconds, peak, above idle; written to, so that memory is taken now
+        self._stamps_ns, self._states = np.full(room, -1, np.int64), np.full(room, -1, np.int16)
+        self._names: list[str] = []
+        self._given = 0
+
+    def __len__(self) -> int:
+        """Return how many are kept."""
+        return min(self._given, len(self._states))
+
+    def add(self, record: CallRecord) -> None:
+        """Add a call; the oldest goes if there is no room."""
+        at = self._given % len(self._states)
+        self._stamps_ns[at], self._states[at] = record.stamp_ns, self._state(record.state)
+        peaks = (np.nan if value is None else value for value in (record.peak_rss_bytes, record.above_idle_bytes))
+        self._figures[:, at] = (record.processing_time_s, *peaks)
+        self._given += 1
+
+    def clear(self) -> None:
+        """Forget all calls."""
+        self._given = 0
+
+    def calls(self) -> Calls:
+        """Return them in the order in which they came."""
+        order = np.arange(self._given - len(self), self._given) % len(self._states)
+        seconds, peak, above = self._figures[:, order]
+        names = np.array(self._names, object)
+        return Calls(self._stamps_ns[order], seconds, names[self._states[order]].tolist(), peak, above)
+
+    def _state(self, name: str) -> int:
+        """Return the number of a state; a stranger may invent words, so there is an end to them."""
+        if name not in self._names:
+            if len(self._names) == MOST_STATES:
+                return MOST_STATES - 1
+            self._names.append(name)
+        return self._names.index(name)
+
+
 class MonitorScore:
     """Collects poses, truth, clouds and calls, and scores them."""
 
@@ -57,7 +100,7 @@ class MonitorScore:
         """
         self._config, self._limits = config, limits
         self._trajectory = LiveTrajectoryScore(config.trajectory)
-        self._calls: deque[CallRecord] = deque(maxlen=MAX_CALLS)
+        self._calls = CallRing(MAX_CALLS)
         self._map = _MapInputs()
         self._map_score: dict[str, Any] = {}
         self._estimates = self._truths = 0
@@ -97,7 +140,7 @@ class MonitorScore:
 
     def add_call(self, record: CallRecord) -> None:
         """Add a call; calls of the mapper say which pairs a cloud is made of."""
-        self._calls.append(record)
+        self._calls.add(record)
         if record.state == "mapped":
             self._map.mapped_ns.append(record.stamp_ns)
         elif record.state == "fused":
@@ -138,9 +181,9 @@ class MonitorScore:
             scored = True
         return scored
 
-    def result(self) -> dict[str, Any]:
-        """Return the score so far (schema of the suite), without provenance."""
-        parts = [score_calls(_calls(self._calls))] if self._calls else []
+    def result(self, *, details: bool = True) -> dict[str, Any]:
+        """Return the score so far (schema of the suite), without provenance, and without the calls' details if asked."""
+        parts = [score_calls(self._calls.calls(), details=details)] if len(self._calls) else []
         if self._estimates and self._truths:
             parts.append(self._trajectory.result())
         if self._map_score:
@@ -167,17 +210,3 @@ def _keep(kept: OrderedDict[int, Any], stamp_ns: int, value: Any) -> None:  # no
     kept[stamp_ns] = value
     while len(kept) > MAX_TRUTHS:
         kept.popitem(last=False)
-
-
-def _calls(records: deque[CallRecord]) -> Calls:
-    def memory(name: str) -> FloatArray:
-        values = [getattr(record, name) for record in records]
-        return np.array([np.nan if value is None else value for value in values], np.float64)
-
-    return Calls(
-        np.array([record.stamp_ns for record in records], np.int64),
-        np.array([record.processing_time_s for record in records]),
-        [record.state for record in records],
-        memory("peak_rss_bytes"),
-        memory("above_idle_bytes"),
-    )

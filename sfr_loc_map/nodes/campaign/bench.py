@@ -38,7 +38,8 @@ from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of, values_of
 LOCALISATION, MAPPING, MONITOR = "localisation_node", "mapping_node", "monitor_node"
 NODES = (LOCALISATION, MAPPING, MONITOR)
 SIDES: tuple[bag_messages.Side, ...] = ("left", "right")
-SENT_DEPTH = 50
+SENT_DEPTH, KEPT_DEPTH = 50, 1000
+"""Pictures, and small messages, that a publisher keeps for a subscriber that is held up."""
 MOUNT_ARGUMENTS = (
     "-p",
     f"T_rb_locsb.translation_m:={MOUNT.translation.tolist()}",
@@ -164,7 +165,7 @@ class Bench:
     def publisher(self, kind: type[Any], topic: str) -> Any:  # noqa: ANN401 - rclpy has no types
         """Return the publisher of a topic, of a latched one where the nodes take it so."""
         if topic not in self._publishers:
-            qos = QoSProfile(depth=SENT_DEPTH)
+            qos = QoSProfile(depth=SENT_DEPTH if kind is Image else KEPT_DEPTH)
             if topic.endswith("/configuration"):
                 qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
             self._publishers[topic] = self.node.create_publisher(kind, topic, qos)

@@ -8,6 +8,7 @@ from pathlib import Path
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.nodes.campaign.bench import LOCALISATION, MONITOR, Bench
 from sfr_loc_map.nodes.campaign.outcome import Fault, Outcome
+from sfr_loc_map.nodes.diagnostics import Level
 
 DISK_MB = 8
 SHM_MB = 64
@@ -70,7 +71,7 @@ def _without_disk(bench: Bench, outcome: Outcome) -> None:
     reason = answer.message.split(": ", 1)[-1].split(";")[0]
     outcome.observed.append(f"{len(bench.odometry) - before} of 5 pairs localised; ~/save answered '{reason}'")
     outcome.observed.append("health of localisation and monitor WARN")
-    outcome.expect(bench.health[MONITOR][1] != 0, "the monitor does not warn that it cannot save")
+    bench.until(lambda: bench.health[MONITOR][1] is Level.WARN, "warning of the monitor that it cannot save")
 
 
 def _with_disk_again(bench: Bench, outcome: Outcome) -> None:

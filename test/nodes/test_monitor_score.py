@@ -1,0 +1,37 @@
+"""What the monitor keeps of the calls."""
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.nodes.monitor_score import MOST_STATES, CallRing
+from sfr_loc_map.pipeline.call_record import CallRecord
+
+
+def record(number: int, state: str = "tracking", peak: int | None = None) -> CallRecord:
+    return CallRecord(number, 0.1 * number, state, peak, None if peak is None else peak // 2)
+
+
+@pytest.mark.parametrize("given", [0, 1, 4, 5, 6, 13])
+def test_the_last_calls_come_back_in_their_order(given: int) -> None:
+    ring = CallRing(5)
+    for number in range(given):
+        ring.add(record(number, "lost" if number % 3 == 0 else "tracking", peak=number if number % 2 else None))
+    kept = list(range(max(given - 5, 0), given))
+    calls = ring.calls()
+    assert len(ring) == len(kept)
+    assert calls.stamps_ns.tolist() == kept
+    assert calls.seconds.tolist() == [0.1 * number for number in kept]
+    assert calls.states == ["lost" if number % 3 == 0 else "tracking" for number in kept]
+    assert np.array_equal(calls.peak_bytes, [number if number % 2 else np.nan for number in kept], equal_nan=True)
+    assert np.array_equal(calls.above_idle_bytes, [n // 2 if n % 2 else np.nan for n in kept], equal_nan=True)
+    ring.clear()
+    assert len(ring) == len(ring.calls().states) == 0
+
+
+def test_invented_states_have_an_end() -> None:
+    ring = CallRing(1000)
+    for number in range(500):
+        ring.add(record(number, f"word {number}"))
+    words = ring.calls().states
+    assert words[:3] == ["word 0", "word 1", "word 2"]
+    assert len(set(words)) == MOST_STATES
