@@ -182,7 +182,7 @@ class MonitorScore:
         return scored
 
     def result(self, *, details: bool = True) -> dict[str, Any]:
-        """Return the score so far (schema of the suite), without provenance, and without the calls' details if asked."""
+        """Return the score so far (schema of the suite), without provenance; the calls' details if wanted."""
         parts = [score_calls(self._calls.calls(), details=details)] if len(self._calls) else []
         if self._estimates and self._truths:
             parts.append(self._trajectory.result())
