@@ -7,11 +7,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.localisation.images import FloatImage, Pyramid
 from sfr_loc_map.localisation.machine import FAST
+from sfr_loc_map.localisation.neighbours import nearest
 from sfr_loc_map.localisation.parallel import in_halves
 from sfr_loc_map.localisation.patches import HALF, cut_patches, normalise, track_patches
 from sfr_loc_map.localisation.small import solve
@@ -201,8 +201,7 @@ class _LocalPlanes:
         count = min(NEIGHBOURS, len(self._support))
         self._enough = count >= FEWEST and len(uv) > 0
         if self._enough:
-            nearest = cKDTree(self._support).query(uv, k=count)
-            self._distance, self._index = np.asarray(nearest[0]), np.asarray(nearest[1])
+            self._distance, self._index = nearest(uv, self._support, count)
 
     def slopes(self, disparity: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
         """Return the change `(N, 2)` of the disparity `(N,)` along u and v; only good `(N,)` points are fitted to."""
