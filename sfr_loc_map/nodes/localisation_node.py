@@ -92,7 +92,13 @@ class LocalisationNodeConfig(PairNodeConfig):
 
 
 class LocalisationNode(ManagedNode):
-    """Publishes the pose of RB in DS for each stereo pair."""
+    """Publishes the pose of RB in DS for each stereo pair.
+
+    Attributes:
+        config_type: Its parameters; a subclass may have more, by a dataclass that derives from this one.
+    """
+
+    config_type: type[LocalisationNodeConfig] = LocalisationNodeConfig
 
     _input: StereoInput | None = None
     _pose_file: PoseFile | None = None
@@ -107,7 +113,7 @@ class LocalisationNode(ManagedNode):
         Raises:
             ConfigError: If a parameter is unknown or not valid.
         """
-        super().__init__(name, "localisation", LocalisationNodeConfig, live=("localisation.",), **options)
+        super().__init__(name, "localisation", self.config_type, live=("localisation.",), **options)
         self.free()
 
     def check(self, config: LocalisationNodeConfig) -> None:
@@ -274,7 +280,7 @@ class LocalisationNode(ManagedNode):
         if estimate.state is not TrackingState.LOST:
             self._known_ns = pair.stamp_ns
             estimate = self._keep(estimate)
-        self._publish(estimate)
+        self.publish_estimate(estimate)
         self._publish_debug_picture(pair, localiser, estimate)
         now_ns = self.get_clock().now().nanoseconds
         times = latencies(received.receipts, pair.stamp_ns, time.time_ns(), now_ns)
@@ -340,7 +346,8 @@ class LocalisationNode(ManagedNode):
             picture = draw_tracks(pair.left, localiser.last_tracked, estimate)
             self._debug_picture.publish(picture_msg(picture, header_msg(pair.stamp_ns, "")))
 
-    def _publish(self, estimate: PoseEstimate) -> None:
+    def publish_estimate(self, estimate: PoseEstimate) -> None:
+        """Publish odometry, and tf where that is wanted and known; in the node's thread, in the order of the pairs."""
         message = odometry_msg(estimate, self.config.ds_frame, self.config.rb_frame)
         self._odometry.publish(message)
         if self._tf is None or estimate.state is TrackingState.LOST:

@@ -3,6 +3,8 @@
 # ruff: noqa: E402 - ROS may be absent
 import time
 import weakref
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -10,18 +12,20 @@ pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PointStamped, PoseStamped
 from made_scene import LOC_RIG, NAV_RIG, T_RB_LOCSB, loc_pair, nav_pair
 from nav_msgs.msg import Odometry
+from our_localisation import OurLocalisation
 from processes import Peer
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from scenes import calls, raw, send_infos, send_pair
 from sensor_msgs.msg import PointCloud2
 
+from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.localisation_node import LocalisationNode
+from sfr_loc_map.nodes.localisation_node import LocalisationNode, LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNode
 
 MOUNT = [
@@ -63,6 +67,44 @@ def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -
         for node in (localisation, mapping):
             executor.remove_node(node)
             node.destroy_node()
+
+
+def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None) -> None:
+    """The example of the page on the nodes, with a parameter of its own."""
+
+    @dataclass(frozen=True, slots=True)
+    class OurConfig(LocalisationNodeConfig):
+        far_m: float = param(3.0, unit="m", doc="What is far.", low=0.0)
+
+    class WithParameter(OurLocalisation):
+        config_type = OurConfig
+
+    node = WithParameter(namespace="rover1", parameter_overrides=[*MOUNT, Parameter("far_m", value=7.0)])
+    assert node.config.far_m == 7.0
+    executor = SingleThreadedExecutor()
+    with Peer() as peer:
+        odometry = peer.listen(Odometry, "/rover1/localisation/odometry")
+        places = peer.listen(PointStamped, "/rover1/our/place")
+        executor.add_node(node)
+        executor.add_node(peer.node)
+        peer._executor = executor
+        node.start()
+        assert peer.call("/rover1/localisation_node/where").message == "nowhere yet"
+        send_infos(peer, "loc", LOC_RIG, "/rover1/")
+        for index in range(3):
+            send_pair(peer, "loc", loc_pair(index), "/rover1/")
+        peer.until(lambda: len(odometry) == len(places) == 3, "odometry and places")
+        for message, place in zip(odometry, places, strict=True):
+            assert message.pose.pose.position == place.point
+        assert peer.call("/rover1/localisation_node/where").message.startswith("at [")
+        executor.remove_node(node)
+        node.destroy_node()
+
+
+def test_the_page_shows_the_example_that_is_tested() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "nodes.md").read_text(encoding="utf-8")
+    example = Path(__file__).with_name("our_localisation.py").read_text(encoding="utf-8")
+    assert f"```python\n{example}```" in page
 
 
 def test_a_node_that_cannot_start_says_why_to_the_program(ros: None) -> None:
