@@ -213,7 +213,7 @@ GRAPHS = {
 
 @pytest.fixture(scope="module")
 def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
-    """Return report, exit code and text of the doctor for rovers of one process each, in a ROS domain each."""
+    """Return report, exit code and text of the doctor for rovers in a ROS domain each."""
     pytest.importorskip("rclpy")
     from scenes import MOUNT
 
@@ -240,13 +240,14 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
             environments[what] = variables
             if what == SMALL:
                 continue
-            process = Process(folder / f"{what}.log", script, what, environment=variables)
-            started.append((stack.enter_context(process), "ready"))
             if what in WITH_NODE:
                 arguments = [*MOUNT, "-p", f"use_sim_time:={str(what == 'no clock').lower()}"]
                 command = ["-m", "sfr_loc_map.nodes.localisation_node", "--ros-args", *arguments]
                 node = Process(folder / f"{what}_node.log", *command, environment=variables)
                 started.append((stack.enter_context(node), "listens to"))
+        rovers = [f"{what}@{environments[what]['ROS_DOMAIN_ID']}" for what in GRAPHS if what != SMALL]
+        process = Process(folder / "rovers.log", script, *rovers, environment=environments["good"])
+        started.append((stack.enter_context(process), "ready"))
         for process, words in started:
             process.wait_for(words)
         for what, variables in environments.items():
