@@ -101,6 +101,7 @@ class _Look:
         return Observation(
             f"the graph of ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
             live=True,
+            prefix=f"/{self._namespace}/" if self._namespace else "/",
             topics={name: self._topic(name, found, others[found]) for name, found in there.items()},
             others={name: tuple(types) for name, types in others.items()},
             place_given=place_given,

@@ -92,7 +92,7 @@ def _topic(seen: Observation, task: str, name: str, topic: SeenTopic | None) -> 
     if name in seen.ambiguous:
         return
     if topic is None or not topic.offers:
-        found = topic.found if topic is not None else name
+        found = topic.found if topic is not None else f"{seen.prefix}{name}"
         cause = "no_publisher" if seen.live else "no_topic"
         text = "nobody publishes it" if seen.live else "it is not in the bag"
         cure = "start its publisher" if seen.live else "record it"

@@ -78,6 +78,7 @@ class Observation:
     Attributes:
         subject: What was looked at, for messages.
         live: Whether it is a graph.
+        prefix: What comes before the suite's names there.
         topics: What is looked at, by the suite's names; a topic that is not there is left out.
         ambiguous: Several names found, by the suite's name that each of them could have.
         others: Types of all topics by name, ours and others.
@@ -94,6 +95,7 @@ class Observation:
 
     subject: str
     live: bool
+    prefix: str = ""
     topics: Mapping[str, SeenTopic] = field(default_factory=dict)
     ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
