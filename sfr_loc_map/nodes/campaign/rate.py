@@ -27,6 +27,8 @@ ADDED_LIMIT_S = 0.010
 SLOPE_LIMIT_MB_H = 1.0
 SAMPLE_S = 0.5
 STEP_M = 0.02
+USUAL = {LOCALISATION: ("-p", "resume_file:=''")}
+"""No pose is kept in a file, as by default."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ def carry_pictures(settings: RateSettings, folder: Path) -> dict[str, Any]:
         scene.loc_pair(index, 0)  # rendered before, so that the sender keeps its rate
     calls: dict[int, dict[str, str]] = {}
     trend, sent = MemoryTrend(), 0
-    with Bench(folder, CampaignSettings(), scene=scene, nodes=(LOCALISATION,)) as bench:
+    with Bench(folder, CampaignSettings(), USUAL, scene, nodes=(LOCALISATION,)) as bench:
         bench.wait_ready()
         dropped = _drops(bench)
         first, begin = bench.next_stamp(), time.monotonic()
@@ -159,12 +161,14 @@ def carry_poses(settings: RateSettings, folder: Path) -> dict[str, Any]:
                 trend.mb.append(bench.memory_mb(MONITOR))
         took = time.monotonic() - begin
         bench.settle(2.0)
-        scored = bench.monitored - known
+        scored, counts = bench.monitored - known, _drops(bench, MONITOR)
         share = (bench.nodes[MONITOR].processor_s - used) / took
     slope = trend.slope()
     failures = []
     if scored != sent:
-        failures.append(f"{scored} of {sent} poses are in the score")
+        failures.append(
+            f"{scored} of {sent} poses are in the score, {sum(counts.values())} messages counted as dropped"
+        )
     if slope[0] - 2.0 * slope[1] > SLOPE_LIMIT_MB_H:
         failures.append(f"memory grows by {slope[0]:.1f} MB/h, the limit is {SLOPE_LIMIT_MB_H:g}")
     return {
@@ -173,6 +177,7 @@ def carry_poses(settings: RateSettings, folder: Path) -> dict[str, Any]:
         "rate_hz": sent / took,
         "poses_sent": sent,
         "poses_scored": scored,
+        "dropped": counts,
         "processor_share": share,
         "memory": _memory(trend, slope),
         "failures": failures,
@@ -208,8 +213,8 @@ def _send_pose(bench: Bench, number: int) -> None:
     bench.publisher(DiagnosticArray, "/diagnostics").publish(array_msg(header_msg(stamp_ns, ""), status))
 
 
-def _drops(bench: Bench) -> dict[str, int]:
-    values = bench.health[LOCALISATION][3]
+def _drops(bench: Bench, node: str = LOCALISATION) -> dict[str, int]:
+    values = bench.health[node][3]
     return {name: int(value) for name, value in values.items() if name.startswith("dropped_")}
 
 
