@@ -41,8 +41,10 @@ def kill_localisation(bench: Bench, outcome: Outcome) -> None:
     if late:
         outcome.lost += f"; the first {late} poses after it for the monitor, which discovered the new node so late"
     outcome.figures |= {"pairs_missed": missed, "step_m": step, "poses_before_discovery": late}
-    outcome.observed.append(f"goes on {step:.3f} m from the last pose it had published")
+    outcome.observed.append(f"goes on {step:.3f} m from the last pose it had published, with a covariance that says so")
     outcome.expect(step < 0.05, "the pose known last was forgotten")
+    variance = float(bench.odometry[first][1].pose.covariance[0])
+    outcome.expect(variance >= 1.0, f"what was driven meanwhile is not in the covariance: {variance:.2g} m^2 along x")
 
 
 def kill_mapping(bench: Bench, outcome: Outcome) -> None:
