@@ -116,6 +116,17 @@ def test_the_slope_of_memory_is_that_after_the_warm_up() -> None:
     assert error < 0.5
 
 
+@pytest.mark.parametrize(
+    ("minutes", "mb_h", "at_once", "fails"),
+    [(60, 0.0, 0.0, False), (60, 5.0, 0.0, True), (1, 60.0, 0.0, False), (1, 0.0, 80.0, True)],
+)
+def test_a_slow_growth_is_judged_in_long_runs_only(minutes: float, mb_h: float, at_once: float, fails: bool) -> None:
+    seconds = np.arange(0.0, 60.0 * minutes, 1.0)
+    noise = np.random.default_rng(2).normal(0.0, 0.1, len(seconds))
+    mb = 300.0 + noise + mb_h * seconds / 3600.0 + at_once * (seconds > 50.0)
+    assert bool(MemoryTrend(seconds.tolist(), mb.tolist()).failure(1.0)) == fails
+
+
 def test_the_scene_is_what_its_rig_and_poses_say() -> None:
     """A point of the wall lies at the same grey in left and right picture, shifted by f b / Z."""
     scene = Scene(320, 240)

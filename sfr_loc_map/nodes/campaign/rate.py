@@ -169,8 +169,8 @@ def carry_poses(settings: RateSettings, folder: Path) -> dict[str, Any]:
         failures.append(
             f"{scored} of {sent} poses are in the score, {sum(counts.values())} messages counted as dropped"
         )
-    if slope[0] - 2.0 * slope[1] > SLOPE_LIMIT_MB_H:
-        failures.append(f"memory grows by {slope[0]:.1f} MB/h, the limit is {SLOPE_LIMIT_MB_H:g}")
+    if failure := trend.failure(SLOPE_LIMIT_MB_H):
+        failures.append(failure)
     return {
         "schema": "sfr-monitor-rate/1",
         "minutes": settings.minutes,
