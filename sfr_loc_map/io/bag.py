@@ -21,6 +21,7 @@ from sfr_loc_map.errors import GeometryError, InputError, SfrError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.mcap_recovery import RecoveringReader, is_unfinished
+from sfr_loc_map.io.sqlite_check import check_whole
 from sfr_loc_map.io.trajectory_file import check_order
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
@@ -80,6 +81,9 @@ class Bag:
         """
         self.path = path
         self._files = _reader_paths(path)
+        for file in _storage_files(path) if path.is_dir() else [path]:
+            if file.suffix == ".db3":
+                check_whole(file)
         self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
         if self.unfinished:
             _log.warning("bag '%s' was not finished: it is read up to its last whole part", path)
