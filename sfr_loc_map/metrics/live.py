@@ -126,14 +126,18 @@ class LiveTrajectoryScore:
         row = (*map(float, position), *map(float, quat_xyzw), float(lost), *triangle)
         self._add(self._estimates, stamp_ns, row)
 
-    def result(self) -> dict[str, Any]:
-        """Return what `score_trajectory` returns for all poses so far; the run goes on as if it had not been asked."""
+    def result(self, *, details: bool = True) -> dict[str, Any]:
+        """Return what `score_trajectory` returns for all poses so far; the run goes on as if it had not been asked.
+
+        Args:
+            details: Whether what figures are drawn from is wanted; it costs more than all the rest.
+        """
         score, counts = self._score.copy(), self._counts
         way = self._way or self._decide(len(self._estimates.stamps), len(self._truth.stamps))
         frames, portion = self._associated(len(self._estimates.stamps), len(self._truth.stamps), way)
         if len(frames):
             score.push(frames)
-        return score.result(self._given(counts + portion), way)
+        return score.result(self._given(counts + portion), way, details=details)
 
     def _add(self, waiting: _Waiting, stamp_ns: int, row: Row) -> None:
         if self._settled_until is not None and stamp_ns <= self._settled_until:

@@ -80,15 +80,15 @@ class TrajectoryScore:
         variance = np.full((len(frames), 3), np.nan) if frames.covariance is None else frames.covariance[:, VARIANCES]
         self._path_variance.push(variance)
 
-    def result(self, counts: AssociationCounts, way: str) -> dict[str, Any]:
-        """Return `{"trajectory": ..., "details": {"trajectory": ...}}` of the score."""
+    def result(self, counts: AssociationCounts, way: str, *, details: bool = True) -> dict[str, Any]:
+        """Return `{"trajectory": ..., "details": {"trajectory": ...}}` of the score, without details if not wanted."""
         each = [condition.result(self._config) for condition in self._conditions]
         trajectory = {**each[0], "matched": counts.matched, "estimate_poses": counts.estimate_poses}
         trajectory |= self._facts(counts, way)
         if len(each) > 1:
             trajectory["conditions"] = each
         trajectory["by_distance"] = [step.brief() for step in self._ladder if step.moments.count]
-        return {"trajectory": trajectory, "details": {"trajectory": self._details()}}
+        return {"trajectory": trajectory} | ({"details": {"trajectory": self._details()}} if details else {})
 
     def _facts(self, counts: AssociationCounts, way: str) -> dict[str, Any]:
         association = asdict(counts) | {

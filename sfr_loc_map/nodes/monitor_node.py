@@ -253,7 +253,6 @@ class MonitorNode(ManagedNode):
         self._changed = False
         begin = time.perf_counter()
         score = self._result(details=False)
-        score.pop("details", None)
         self._report.publish(String(data=to_json(score)))
         for (name, statistic), publisher in self._figures.items():
             part, figure = FIGURES[name]

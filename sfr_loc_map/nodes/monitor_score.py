@@ -182,12 +182,12 @@ class MonitorScore:
         return scored
 
     def result(self, *, details: bool = True) -> dict[str, Any]:
-        """Return the score so far (schema of the suite), without provenance; the calls' details if wanted."""
+        """Return the score so far (schema of the suite), without provenance; with details if wanted."""
         parts = [score_calls(self._calls.calls(), details=details)] if len(self._calls) else []
         if self._estimates and self._truths:
-            parts.append(self._trajectory.result())
+            parts.append(self._trajectory.result(details=details))
         if self._map_score:
-            parts.append(self._map_score)
+            parts.append(self._map_score if details else {"map": self._map_score["map"]})
         return build_score(merge_parts(*parts), limits=self._limits)
 
     def _truth_of(self, stamp_ns: int) -> PairTruth | None:

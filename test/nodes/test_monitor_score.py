@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.nodes.monitor_score import MOST_STATES, CallRing
+from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.nodes.monitor_score import MOST_STATES, CallRing, MonitorScore
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 
@@ -35,3 +36,18 @@ def test_invented_states_have_an_end() -> None:
     words = ring.calls().states
     assert words[:3] == ["word 0", "word 1", "word 2"]
     assert len(set(words)) == MOST_STATES
+
+
+def test_without_details_the_score_is_the_same_but_for_them() -> None:
+    score = MonitorScore(ScoreConfig(TrajectoryScoreConfig(conditions=("frames=5",), spacing=1)), None)
+    random = np.random.default_rng(4)
+    for number in range(200):
+        stamp_ns, place = 1_000_000_000 * number, (0.1 * number, 0.0, 0.0)
+        noisy = tuple(place + 0.01 * random.normal(size=3))
+        score.add_truth(stamp_ns, place, (0.0, 0.0, 0.0, 1.0))
+        score.add_estimate(stamp_ns, noisy, (0.0, 0.0, 0.0, 1.0), np.eye(6))
+        score.add_call(record(stamp_ns))
+    whole = score.result()
+    assert whole.pop("details").keys() == {"trajectory", "calls"}
+    assert score.result(details=False) == whole
+    assert whole["trajectory"]["position_m"]["mean"] > 0.0
