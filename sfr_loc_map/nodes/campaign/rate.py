@@ -27,8 +27,11 @@ ADDED_LIMIT_S = 0.010
 SLOPE_LIMIT_MB_H = 1.0
 SAMPLE_S = 0.5
 STEP_M = 0.02
-USUAL = {LOCALISATION: ("-p", "resume_file:=''")}
-"""No pose is kept in a file, as by default."""
+USUAL = {
+    LOCALISATION: ("-p", "resume_file:=''"),
+    MONITOR: ("-p", "publish_period_s:=1.0", "-p", "save_period_s:=0.0"),
+}
+"""Nothing is kept in files, reports once a second, as by default."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +147,7 @@ def carry_poses(settings: RateSettings, folder: Path) -> dict[str, Any]:
     environment.prepare()
     environment.isolate()
     trend = MemoryTrend()
-    with Bench(folder, CampaignSettings(), nodes=(MONITOR,)) as bench:
+    with Bench(folder, CampaignSettings(), USUAL, nodes=(MONITOR,)) as bench:
         bench.wait_ready()
         _await_heard(bench)
         begin, sent, known = time.monotonic(), 0, bench.monitored
@@ -160,7 +163,7 @@ def carry_poses(settings: RateSettings, folder: Path) -> dict[str, Any]:
                 trend.seconds.append(looked - begin)
                 trend.mb.append(bench.memory_mb(MONITOR))
         took = time.monotonic() - begin
-        bench.settle(2.0)
+        bench.settle(4.0)
         scored, counts = bench.monitored - known, _drops(bench, MONITOR)
         share = (bench.nodes[MONITOR].processor_s - used) / took
     slope = trend.slope()
