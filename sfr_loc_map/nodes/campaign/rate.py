@@ -194,7 +194,7 @@ def _await_heard(bench: Bench) -> None:
         time.sleep(0.05)
         if bench.monitored > 0:
             break
-    bench.settle(1.0)
+    bench.settle(3.0)
 
 
 def _send_pose(bench: Bench, number: int) -> None:
