@@ -24,8 +24,10 @@ FEWEST: Final = 20
 """Matches needed to learn from a keyframe."""
 ROW_NOISE_PX: Final = 0.15
 """Usual noise of the row of a match."""
-SLOWEST: Final = 0.02
-"""Share that a new keyframe has in what is known of the rows, once there were many."""
+KEPT: Final = 0.98
+"""Weight that what was known of the rows keeps with each keyframe."""
+ROWS_PRIOR: Final = (1e-3, 5e-3)
+"""Weight of no offset and of no roll before anything was seen, in keyframes."""
 SURE: Final = 4.0
 """Standard deviations from which on an offset is taken as real; a rig without error is left alone."""
 
@@ -47,7 +49,7 @@ class RightOffset:
         self.u, self.v, self.roll = 0.0, 0.0, 0.0
         self._camera, self._share = camera, float(window_keyframes)
         self._mean, self._variance = 0.0, FIRST_SIGMA_PX**2
-        self._count = 0
+        self._normal, self._right_side = np.diag(ROWS_PRIOR), np.zeros(2)
 
     def at(self, places: FloatArray) -> FloatArray:
         """Return the offsets `(N, 2)` of places `(N, 2)` in right pictures, pixels: the flow of a small turn."""
@@ -67,16 +69,18 @@ class RightOffset:
             return
         x, y = ((places - self._camera[2:]) / self._camera[:2]).T
         columns = np.column_stack((1.0 + y * y, x))
-        level, weight = offsets - self.u * x * y, np.ones(len(x))
-        solution = np.array([float(np.median(level)), 0.0])
-        for _ in range(5):
-            weight = 1.0 / (1.0 + ((level - columns @ solution) / ROW_NOISE_PX) ** 2)
-            normal = (columns * weight[:, None]).T @ columns + np.diag([0.0, (ROW_NOISE_PX / FIRST_SIGMA_PX) ** 2])
-            solution = np.linalg.solve(normal, (columns * weight[:, None]).T @ level)
-        self._count += 1
-        rate = max(1.0 / self._count, SLOWEST)
-        self.v += rate * (float(solution[0]) - self.v)
-        self.roll += rate * (float(solution[1]) - self.roll)
+        level = offsets - self.u * x * y
+        before, prior = np.array([self.v, self.roll]), np.diag(ROWS_PRIOR)
+        rest = level - columns @ before
+        change = np.array([float(np.median(rest)), 0.0])
+        for _ in range(5):  # what this keyframe says by itself tells which of its matches are wrong
+            weight = 1.0 / (1.0 + ((rest - columns @ change) / ROW_NOISE_PX) ** 2) / len(rest)
+            weighted = (columns * weight[:, None]).T
+            change = np.linalg.solve(prior + weighted @ columns, weighted @ rest)
+        # all keyframes together: matches on one side of the picture say little of the other
+        self._normal = KEPT * self._normal + weighted @ columns
+        self._right_side = KEPT * self._right_side + weighted @ level
+        self.v, self.roll = map(float, np.linalg.solve(self._normal, self._right_side))
 
     def learn_columns(self, beyond: float, variance: float) -> float:
         """Learn from an adjusted window.

@@ -100,9 +100,22 @@ def test_rows_are_followed_ever_more_slowly() -> None:
     offset, places = RightOffset(CAMERA, 7), np.random.default_rng(1).uniform(20, 490, (50, 2))
     shapes = 1.0 + ((places[:, 1] - CAMERA[3]) / CAMERA[1]) ** 2
     offset.learn_rows(places, 0.5 * shapes)
-    assert offset.v == pytest.approx(0.5, abs=1e-3)
+    assert offset.v == pytest.approx(0.5, abs=3e-3)
     offset.learn_rows(places, 0.0 * shapes)
-    assert offset.v == pytest.approx(0.25, abs=1e-3)
+    assert offset.v == pytest.approx(0.25, abs=0.01)
     for _ in range(400):
         offset.learn_rows(places, 0.0 * shapes)
     assert abs(offset.v) < 1e-3
+
+
+def test_matches_in_a_corner_do_not_say_much_of_the_rest() -> None:
+    """As in a picture with glare over all but a strip, where what is matched is partly chance."""
+    offset, random = RightOffset(CAMERA, 7), np.random.default_rng(2)
+    for _ in range(5):
+        places = random.uniform(20, 490, (300, 2))
+        offset.learn_rows(places, 0.2 + random.normal(0, 0.1, 300))
+    for _ in range(5):
+        strip = np.column_stack((random.uniform(470, 490, 40), random.uniform(20, 490, 40)))
+        offset.learn_rows(strip, 0.2 + random.uniform(-1.0, 1.0, 40))
+    assert offset.at(np.array([[256.0, 256.0]]))[0, 1] == pytest.approx(0.2, abs=0.1)
+    assert offset.at(np.array([[30.0, 256.0]]))[0, 1] == pytest.approx(0.2, abs=0.2)
