@@ -109,13 +109,13 @@ def test_rows_are_followed_ever_more_slowly() -> None:
 
 
 def test_matches_in_a_corner_do_not_say_much_of_the_rest() -> None:
-    """As in a picture with glare over all but a strip, where what is matched is partly chance."""
+    """As in a picture with glare over all but a strip, where the edge of the glare is matched with itself."""
     offset, random = RightOffset(CAMERA, 7), np.random.default_rng(2)
     for _ in range(5):
         places = random.uniform(20, 490, (300, 2))
         offset.learn_rows(places, 0.2 + random.normal(0, 0.1, 300))
     for _ in range(5):
-        strip = np.column_stack((random.uniform(470, 490, 40), random.uniform(20, 490, 40)))
-        offset.learn_rows(strip, 0.2 + random.uniform(-1.0, 1.0, 40))
+        strip = np.column_stack((np.linspace(470, 490, 40), random.uniform(20, 490, 40)))
+        offset.learn_rows(strip, 0.2 + np.linspace(-0.9, 0.9, 40))
     assert offset.at(np.array([[256.0, 256.0]]))[0, 1] == pytest.approx(0.2, abs=0.1)
     assert offset.at(np.array([[30.0, 256.0]]))[0, 1] == pytest.approx(0.2, abs=0.2)
