@@ -82,7 +82,7 @@ def fault_figures(
     """Return the figures of one drive; errors are those of the pairs that are not called lost.
 
     A silent jump is a pair that is not called lost and whose motion since the last such pair is wrong by more than
-    three times the stated standard deviation of its position.
+    three times the stated standard deviation of the position at either end.
     """
     assert truth is not None
     lost = [estimate.state is TrackingState.LOST for estimate in estimates]
@@ -104,15 +104,14 @@ def fault_figures(
 
 
 def jump_sigmas(estimates: Sequence[PoseEstimate], truth: Trajectory) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return the error of each motion `(N - 1,)` over the stated standard deviation of the position it leads to."""
+    """Return the error of each motion `(N - 1,)` over the larger of the standard deviations stated at its ends."""
     at = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}
     pairs = [(estimate, truth.pose(at[estimate.stamp_ns])) for estimate in estimates if estimate.stamp_ns in at]
     sigmas = []
     for (before, true_before), (now, true_now) in pairwise(pairs):
         moved = true_before @ before.T_ds_rb.inverse() @ now.T_ds_rb
         error = np.linalg.norm(moved.translation - true_now.translation)
-        variance = np.trace(now.covariance[:3, :3])
-        if before.statistics.get("repeated"):
-            variance += np.trace(before.covariance[:3, :3])  # it said that the rover may have gone on unseen
+        # a motion is known no better than the less well known of its ends
+        variance = max(float(np.trace(end.covariance[:3, :3])) for end in (before, now))
         sigmas.append(error / np.sqrt(variance))
     return np.array(sigmas)

@@ -57,7 +57,13 @@ def test_the_bench_shows_the_drive_without_and_with_each_fault(
     long_drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "faults.json"
-    faults = ("black:camera=left,start=4", "swapped:start=4", "repeated:start=4", "dropped:start=4")
+    faults = (
+        "black:camera=left,start=4",
+        "blinded:share=0.3,camera=left,start=4",
+        "swapped:start=4",
+        "repeated:start=4",
+        "dropped:start=4",
+    )
     options = [option for fault in faults for option in ("--fault", fault)]
     arguments = [long_drive, *options, "--condition", "frames=3", "--spacing", 1, "--json", out]
     monkeypatch.setattr(sys, "argv", ["sfr", "bench", "faults", *map(str, arguments)])
@@ -71,5 +77,6 @@ def test_the_bench_shows_the_drive_without_and_with_each_fault(
     for name, entry in entries.items():
         assert entry["silent_jumps"] == 0, name
         assert entry["longest_lost"] <= 3, name
+        assert abs(entry["vertical_offset_px"]) < 0.1, name
         if not name.startswith("repeated"):  # there the rover goes on unseen
             assert entry["position_m"] < 0.02, name
