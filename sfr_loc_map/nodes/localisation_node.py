@@ -172,6 +172,7 @@ class LocalisationNode(ManagedNode):
         self._pose_file = None
         self._resumes = False
         self._resumed: KnownPose | None = None
+        self._known: tuple[KnownPose, ...] = ()
         self._frames = StaticFrames()
 
     def clock_back(self) -> None:
@@ -190,7 +191,8 @@ class LocalisationNode(ManagedNode):
         """Start anew at the last pose with other parameters."""
 
         def change() -> None:
-            self._settings_in_force, self._localiser = config.localisation, None
+            self._settings_in_force = config.localisation
+            self._go_on()
 
         self.worker.put(change)
 
@@ -200,7 +202,7 @@ class LocalisationNode(ManagedNode):
 
     def restart_after_fault(self) -> None:
         """Start anew at the last pose."""
-        self._localiser = None
+        self._go_on()
         if self._input is not None:
             self._input.counts.broken += 1
 
@@ -245,11 +247,18 @@ class LocalisationNode(ManagedNode):
             return  # the node was inactive meanwhile
         if self._rig is not None:
             self.get_logger().warning("camera_info has changed: localisation starts anew at its last pose")
-        self._rig, self._localiser = rig, None
+        self._rig = rig
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Let the next pair begin anew at the last pose, as well known as it was and a step on."""
+        if self._localiser is not None and self._known:
+            self._resumed = self._known[-1].after_step(self._known[0])
+        self._localiser = None
 
     def _begin_run(self) -> None:
         self._localiser, self._next_pose = None, self._first_pose
-        self._resumes, self._resumed = False, None
+        self._resumes, self._resumed, self._known = False, None, ()
 
     def _reset(self) -> str:
         self._first_pose = Transform.identity()
@@ -258,7 +267,7 @@ class LocalisationNode(ManagedNode):
 
     def _set_pose(self, pose: Transform) -> None:
         self._first_pose = self._next_pose = pose
-        self._resumes, self._resumed = False, None
+        self._resumes, self._resumed, self._known = False, None, ()
         if self._localiser is not None:
             self._localiser.set_pose(pose)
 
@@ -333,9 +342,11 @@ class LocalisationNode(ManagedNode):
         if self._resumed is not None:
             added = self._resumed.added_covariance(estimate.T_ds_rb)
             estimate = replace(estimate, covariance=estimate.covariance + added)
+        known = KnownPose(estimate.stamp_ns, estimate.T_ds_rb, estimate.covariance)
+        self._known = (*self._known[-1:], known)
         if self._pose_file is not None:
             try:
-                self._pose_file.save(KnownPose(estimate.stamp_ns, estimate.T_ds_rb, estimate.covariance))
+                self._pose_file.save(known)
             except OutputError as error:
                 self.warn(str(error))
         return estimate

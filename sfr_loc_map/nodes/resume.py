@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError, SfrError
-from sfr_loc_map.geometry.rotation import FloatArray, skew
+from sfr_loc_map.geometry.rotation import FloatArray, rotvec_from_matrix, skew
 from sfr_loc_map.geometry.transform import Transform
 
 UNSEEN_SIGMA = (1.0, 1.0, 0.3, 0.1, 0.1, 0.5)
@@ -35,6 +35,12 @@ class KnownPose:
     def after_gap(self) -> KnownPose:
         """Return the pose as it is known after a while in which nothing was seen."""
         return KnownPose(self.stamp_ns, self.T_ds_rb, self.covariance + np.diag(np.square(UNSEEN_SIGMA)))
+
+    def after_step(self, before: KnownPose) -> KnownPose:
+        """Return the pose as it is known after one more step like that from an earlier pose, not seen."""
+        step = before.T_ds_rb.inverse() @ self.T_ds_rb
+        size = np.linalg.norm(step.translation), np.linalg.norm(rotvec_from_matrix(step.rotation))
+        return KnownPose(self.stamp_ns, self.T_ds_rb, self.covariance + np.diag(np.repeat(np.square(size), 3)))
 
     def added_covariance(self, T_ds_rb: Transform) -> FloatArray:
         """Return what the covariance of a start at this pose, `(6, 6)`, makes of that of a later pose.

@@ -174,7 +174,12 @@ def test_parameters_change_live_as_a_whole_or_not_at_all(ros: None, tmp_path: Pa
             return (values["localisation.max_features"], values["localisation.keyframe_share"]) == (300, 0.5)
 
         peer.until(adopted, "the configuration")
+        before = np.array(peer.odometry[-1].pose.covariance).reshape(6, 6)
         assert peer.play(2) == pytest.approx(at, abs=1e-12)  # starts anew at its last pose
+        step = np.linalg.norm(true_pose(1).translation - true_pose(0).translation)
+        after = np.array(peer.odometry[-1].pose.covariance).reshape(6, 6)
+        # which it knows no better than before, and the rover has gone on by a step meanwhile
+        assert np.linalg.eigvalsh(after - before - 0.8 * np.diag([step**2] * 3 + [0] * 3)).min() > -1e-12
         localiser = Localiser(LOC_RIG, LocalisationConfig(max_features=300, keyframe_share=0.5), Transform.identity())
         features = [localiser.process(loc_pair(index)).statistics["features"] for index in (2, 3)]
         peer.play(3)

@@ -37,6 +37,15 @@ def test_only_a_young_pose_of_the_same_run_is_gone_on_from(tmp_path: Path, age_n
     assert (file.load(KNOWN.stamp_ns + age_ns) is not None) == taken
 
 
+def test_a_step_that_was_not_seen_is_as_long_as_the_one_before() -> None:
+    step = Transform(matrix_from_rotvec([0.0, 0.0, 0.05]), np.array([0.3, 0.0, 0.4]))
+    known = KnownPose(2_000_000_000, POSE @ step, KNOWN.covariance).after_step(KNOWN)
+    added = np.diag(known.covariance - KNOWN.covariance)
+    assert np.allclose(added, [0.25, 0.25, 0.25, 0.0025, 0.0025, 0.0025])
+    assert known.T_ds_rb is not POSE
+    assert known.stamp_ns == 2_000_000_000
+
+
 def broken() -> list[str]:
     good = {"stamp_ns": 1, "translation_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1], "covariance": [0.0] * 36}
     changes = [
