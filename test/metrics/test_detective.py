@@ -132,7 +132,7 @@ def test_each_mistake_is_found_among_the_others(mistake: Callable[[Poses], Poses
 
 
 def test_a_correct_pair_is_never_accused() -> None:
-    for seed in range(100):
+    for seed in range(60):
         truth, estimate = rover(seed, noise=(0.0, 0.3, 1.0, 5.0)[seed % 4])
         assert found(estimate, truth, CAMERA if seed % 2 else None)[0] is None, seed
 
