@@ -32,6 +32,12 @@ class LocalisationConfig:
     common_px: float = param(
         0.03, unit="px", doc="Standard deviation of what a whole picture is off by, in the stated covariance.", low=0.0
     )
+    common_disparity_px: float = param(
+        0.01,
+        unit="px",
+        doc="Standard deviation of what all disparities are off by, in the stated covariance: it scales the way.",
+        low=0.0,
+    )
     inflation: float = param(
         2.0, doc="Factor on the stated covariance: neighbouring landmarks share part of their errors.", low=1.0
     )

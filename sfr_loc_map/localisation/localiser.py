@@ -78,6 +78,7 @@ class Localiser:
         self._well_seen: WellSeen
         self._seen_by_keyframe: int
         self._start: Start
+        self._way_per_px = np.zeros(3)
         self._good_while_lost = self._repeats = 0
         self._keyframe_count = 0
         self._right_offset = RightOffset(self._camera, self._config.window_keyframes)
@@ -148,6 +149,7 @@ class Localiser:
         motion = Transform(self._rotation, self._position).inverse() @ Transform(tracked.rotation, tracked.position)
         self._last_motion = (motion.rotation, motion.translation)
         self._last_stamp_ns, self._last_step_ns = pair.stamp_ns, pair.stamp_ns - self._last_stamp_ns
+        self._way_per_px += (tracked.position - self._position) * self._depth() / (self._rig.fx * self._rig.baseline_m)
         self._rotation, self._position = tracked.rotation, tracked.position
         self._last_covariance = np.asarray(np.linalg.inv(tracked.information) + self._window.last_covariance)
         # by the right picture alone a pose is found, but nothing that later pairs could go on from
@@ -209,7 +211,7 @@ class Localiser:
         self._last_stamp_ns, self._last_step_ns = pair.stamp_ns, 0
         self._good_while_lost, self._lost_now = 0, False
         self._last_covariance = window.last_covariance
-        common = common_covariance(self._landmarks.rho, self._config.common_px, self._rig.fx)
+        common = common_covariance(self._depth(), self._config.common_px, self._rig.fx)
         self._start = Start(self._position, covariance + common)
         self._well_seen = WellSeen(pair.left, self._last_seen, self._landmarks.points)
         self._keyframe_count += 1
@@ -346,6 +348,11 @@ class Localiser:
         self._last_seen = self._landmarks.last_seen[:, :2]
         self._seen_by_keyframe = int(np.isfinite(self._last_seen[:, 0]).sum())
 
+    def _depth(self) -> float:
+        """Return the usual depth of the landmarks, metres; 0 where there are none."""
+        rho = self._landmarks.rho
+        return 1.0 / max(float(np.median(rho)), 1e-3) if len(rho) else 0.0
+
     def _estimate(
         self, stamp_ns: int, state: TrackingState, covariance: FloatArray, statistics: dict[str, float]
     ) -> PoseEstimate:
@@ -353,7 +360,8 @@ class Localiser:
         T_ds_rb = T_ds_left @ self._T_rb_left.inverse()
         if state is not TrackingState.LOST:
             covariance = covariance * self._config.inflation + self._start.carried_to(self._position)
-            covariance = covariance + common_covariance(self._landmarks.rho, self._config.common_px, self._rig.fx)
+            covariance = covariance + common_covariance(self._depth(), self._config.common_px, self._rig.fx)
+            covariance[:3, :3] += self._config.common_disparity_px**2 * np.outer(self._way_per_px, self._way_per_px)
             lever = T_ds_rb.translation - T_ds_left.translation
             covariance = covariance_of_rb(covariance, self._T_ds_world.rotation, lever)
         return PoseEstimate(stamp_ns, T_ds_rb, covariance, state, statistics, self._stages.seconds)

@@ -28,17 +28,16 @@ class Start:
         return np.asarray(jacobian @ self.covariance @ jacobian.T)
 
 
-def common_covariance(rho: FloatArray, common_px: float, focal_px: float) -> FloatArray:
+def common_covariance(depth_m: float, common_px: float, focal_px: float) -> FloatArray:
     """Return the covariance `(6, 6)` of what a whole picture is off by (blur, jitter): no landmark shows it.
 
     Args:
-        rho: `(N,)` inverse depths of what is seen, 1/m.
+        depth_m: Usual depth of what is seen.
         common_px: Standard deviation, pixels.
         focal_px: Focal length, pixels.
     """
-    depth = 1.0 / max(float(np.median(rho)), 1e-3) if len(rho) else 0.0
     angle = common_px / focal_px
-    return np.diag(np.repeat(np.square([angle * depth, angle]), 3))
+    return np.diag(np.repeat(np.square([angle * depth_m, angle]), 3))
 
 
 def covariance_of_rb(covariance: FloatArray, turn: FloatArray, lever: FloatArray) -> FloatArray:
