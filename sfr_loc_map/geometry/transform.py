@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.rotation import FloatArray, matrix_from_quat, quat_conjugate, quat_from_matrix
+from sfr_loc_map.geometry.rotation import FloatArray, matrix_from_quat, quat_conjugate, quat_from_matrix, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,3 +94,17 @@ class Transform:
     def apply(self, points: ArrayLike) -> FloatArray:
         """Take points `(..., 3)` given in b, metres, to a."""
         return np.asarray(np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation)
+
+
+def carried_covariance(covariance: FloatArray, displacement: FloatArray) -> FloatArray:
+    """Return what the covariance `(6, 6)` of a pose makes of that of a pose fixed to it, `(6, 6)`: `F P F^T`.
+
+    A rotation error `w` about fixed axes moves what lies `d` beyond the pose by `w x d`.
+
+    Args:
+        covariance: Position and rotation about the fixed axes of a frame, ROS order.
+        displacement: `(3,)` from the pose to the other one, metres, same frame.
+    """
+    carried = np.eye(6)
+    carried[:3, 3:] = -skew(displacement)
+    return np.asarray(carried @ covariance @ carried.T)

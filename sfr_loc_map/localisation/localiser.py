@@ -18,7 +18,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_
 from sfr_loc_map.localisation.images import Pyramid, build_pyramid
 from sfr_loc_map.localisation.parallel import both, in_background
 from sfr_loc_map.localisation.patches import HALF
-from sfr_loc_map.localisation.pose_covariance import Start, common_covariance, covariance_of_rb
+from sfr_loc_map.localisation.pose_covariance import UNSEEN_SIGMA, Start, common_covariance, covariance_of_rb
 from sfr_loc_map.localisation.relocation import WellSeen, pose_by_descriptors, pose_by_flow
 from sfr_loc_map.localisation.sparse_stereo import match_corners
 from sfr_loc_map.localisation.stages import Stages
@@ -226,10 +226,8 @@ class Localiser:
         enough = max(self._config.min_tracked, len(self._landmarks) // 2)
         self._good_while_lost += len(corners) >= enough and float(np.std(right.levels[-1])) > 1.0
         if self._good_while_lost > PATIENCE:
-            # what was driven meanwhile is not known: as far as the rover may have come, in any direction
-            spread = np.array([1.0, 1.0, 0.3, 0.1, 0.1, 0.5])
             known = self._window.last_covariance + self._start.carried_to(self._position)
-            return self._begin(pair, left, right, known + np.diag(spread**2))
+            return self._begin(pair, left, right, known + np.diag(np.square(UNSEEN_SIGMA)))
         return self._estimate(pair.stamp_ns, TrackingState.LOST, lost_covariance(), {"inliers": 0.0})
 
     def _track(self, pair: StereoPair, left: Pyramid, right: Pyramid, motion: Transform | None) -> Tracked | None:

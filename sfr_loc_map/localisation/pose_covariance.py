@@ -7,15 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.geometry.rotation import FloatArray, skew
+from sfr_loc_map.geometry.transform import carried_covariance
+
+UNSEEN_SIGMA = (1.0, 1.0, 0.3, 0.1, 0.1, 0.5)
+"""What the rover may have moved while nothing was seen, in any direction, metres and radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """Where a window began, and how well that is known.
+    """Where a window or a run began, and how well that is known.
 
     Attributes:
-        position: `(3,)` metres, world.
-        covariance: `(6, 6)` of the left camera, position and rotation about the world's axes.
+        position: `(3,)` metres, in some frame.
+        covariance: `(6, 6)` of the pose there, position and rotation about the fixed axes of that frame.
     """
 
     position: FloatArray
@@ -23,9 +27,7 @@ class Start:
 
     def carried_to(self, position: FloatArray) -> FloatArray:
         """Return its share `(6, 6)` of the covariance at another place `(3,)`: a turn at the start swings the way."""
-        jacobian = np.eye(6)
-        jacobian[:3, 3:] = -skew(position - self.position)
-        return np.asarray(jacobian @ self.covariance @ jacobian.T)
+        return carried_covariance(self.covariance, position - self.position)
 
 
 def common_covariance(depth_m: float, common_px: float, focal_px: float) -> FloatArray:

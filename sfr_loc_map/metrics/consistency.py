@@ -21,8 +21,8 @@ from sfr_loc_map.geometry.rotation import (
     quat_multiply,
     quat_normalised,
     quat_rotate,
-    skew,
 )
+from sfr_loc_map.geometry.transform import carried_covariance
 from sfr_loc_map.metrics.quantiles import chi2_quantile
 
 LOST_VARIANCE = 9999.0
@@ -88,9 +88,7 @@ class Consistency:
 
 def covariance_growth(start: FloatArray, end: FloatArray, displacement: FloatArray) -> FloatArray:
     """Return `Q = P_end - F P_start F^T` `(6, 6)`, see above."""
-    carried = np.eye(6)
-    carried[:3, 3:] = -skew(displacement)
-    growth = end - carried @ start @ carried.T
+    growth = end - carried_covariance(start, displacement)
     return np.asarray(0.5 * (growth + growth.T))
 
 

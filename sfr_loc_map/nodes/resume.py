@@ -10,12 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError, SfrError
-from sfr_loc_map.geometry.rotation import FloatArray, rotvec_from_matrix, skew
+from sfr_loc_map.geometry.rotation import FloatArray, rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
-
-UNSEEN_SIGMA = (1.0, 1.0, 0.3, 0.1, 0.1, 0.5)
-"""What the rover may have moved while nothing was seen, metres and radians: as far as after being lost and not found
-again (`Localiser`)."""
+from sfr_loc_map.localisation.pose_covariance import UNSEEN_SIGMA, Start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,13 +40,8 @@ class KnownPose:
         return KnownPose(self.stamp_ns, self.T_ds_rb, self.covariance + np.diag(np.repeat(np.square(size), 3)))
 
     def added_covariance(self, T_ds_rb: Transform) -> FloatArray:
-        """Return what the covariance of a start at this pose, `(6, 6)`, makes of that of a later pose.
-
-        A rotation error `w` at the start about fixed axes moves a point that lies `d` beyond it by `w x d`.
-        """
-        lever = np.eye(6)
-        lever[:3, 3:] = -skew(T_ds_rb.translation - self.T_ds_rb.translation)
-        return np.asarray(lever @ self.covariance @ lever.T)
+        """Return what the covariance of a start at this pose, `(6, 6)`, makes of that of a later pose."""
+        return Start(self.T_ds_rb.translation, self.covariance).carried_to(T_ds_rb.translation)
 
 
 class PoseFile:
