@@ -7,11 +7,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
+from types import FrameType, MappingProxyType
+from typing import IO
 
 from sfr_loc_map.errors import NodeError
 
@@ -21,6 +22,31 @@ ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)
 """Signals that end a process, and how many seconds each gets."""
 CANNOT_START = 2
 """Exit code of a node that cannot work with what it was given."""
+
+
+def start_process(
+    module: str, arguments: Sequence[str], log: IO[bytes] | None, environment: Mapping[str, str] = MappingProxyType({})
+) -> subprocess.Popen[bytes]:
+    """Start a module of this package as a process that does not outlive this one.
+
+    Args:
+        module: Name below `sfr_loc_map.nodes`, such as `localisation_node`.
+        arguments: Its command line.
+        log: File for its standard output and error; None: those of this process.
+        environment: Variables beside those of this process.
+
+    Raises:
+        OSError: If the system cannot start a process.
+    """
+    # A session of its own: Ctrl-C at the terminal reaches this process alone, which then ends the nodes.
+    return subprocess.Popen(
+        [sys.executable, "-m", f"sfr_loc_map.nodes.{module}", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=subprocess.STDOUT if log is not None else None,
+        env=os.environ | {SUPERVISOR_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1"} | dict(environment),
+        start_new_session=True,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,20 +92,10 @@ class Supervisor:
         Raises:
             NodeError: If the system cannot start a process.
         """
-        environment = os.environ | {SUPERVISOR_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
-        command = [sys.executable, "-m", f"sfr_loc_map.nodes.{name}", *arguments]
         try:
             with ExitStack() as stack:
                 log = stack.enter_context(self._log(name).open("wb")) if self._folder is not None else None
-                # A session of its own: Ctrl-C at the terminal reaches this process alone, which then ends the nodes.
-                popen = subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=subprocess.STDOUT if log is not None else None,
-                    env=environment,
-                    start_new_session=True,
-                )
+                popen = start_process(name, arguments, log)
         except OSError as error:
             raise NodeError(f"cannot start {name}: {error.strerror}; check memory and process limits") from error
         self._processes.append(_Process(name, tuple(arguments), popen))

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import psutil
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.nodes.supervisor import SUPERVISOR_VARIABLE
+from sfr_loc_map.nodes.supervisor import start_process
 
 MB = 1_000_000
 
@@ -30,23 +28,15 @@ class NodeProcess:
             environment: Variables beside those of this process.
         """
         self.name = module
-        self._command = [sys.executable, "-m", f"sfr_loc_map.nodes.{module}", *arguments]
+        self._arguments = tuple(arguments)
         self._environment = dict(environment)
         self._log = folder / f"{module.replace('.', '_')}.log"
         self._popen: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
         """Start it, again or for the first time."""
-        environment = os.environ | {SUPERVISOR_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
         with self._log.open("ab") as stream:
-            self._popen = subprocess.Popen(
-                self._command,
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=subprocess.STDOUT,
-                env=environment | self._environment,
-                start_new_session=True,
-            )
+            self._popen = start_process(self.name, self._arguments, stream, self._environment)
 
     @property
     def popen(self) -> subprocess.Popen[bytes]:
