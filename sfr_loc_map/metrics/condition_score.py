@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.trajectory import IntArray
@@ -17,7 +18,9 @@ from sfr_loc_map.metrics.sub_trajectories import KINDS, Condition, find_ends
 from sfr_loc_map.metrics.trajectory_error import COLUMNS, sub_trajectory_errors
 
 MAX_WAITING_STARTS = 1_000_000
-"""Starts that wait for their end; beyond, the oldest are given up (they have waited through a million others)."""
+"""A start that has waited for its end through so many others is given up."""
+MAX_WAITING_BRIEF = 5000
+"""The same where a condition is brief."""
 DETAIL_ROWS = 1000
 """Sub-trajectories of each condition that are kept for figures."""
 FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
@@ -46,6 +49,7 @@ class ConditionScore:
         self.given_up = 0
         self._kind = list(KINDS).index(condition.kind)
         self._value = round(condition.value * NS) if condition.kind == "time" else condition.value
+        self._most_starts = MAX_WAITING_BRIEF if brief else MAX_WAITING_STARTS
         self._starts = RowQueue()
 
     def push(self, frames: Frames, lengths: FloatArray, first_frame: int, config: TrajectoryScoreConfig) -> None:
@@ -60,7 +64,7 @@ class ConditionScore:
             gt_quat=frames.gt_quat[new],
             est_pos=frames.est_pos[new],
             est_quat=frames.est_quat[new],
-            **({} if frames.covariance is None else {"covariance": frames.covariance[new]}),
+            **({} if frames.covariance is None or self._brief else {"covariance": frames.covariance[new]}),
         )
         ends = find_ends(
             starts["length"],
@@ -73,24 +77,34 @@ class ConditionScore:
             float(self._value),
         )
         ends = ends[: np.searchsorted(ends, len(frames))]
-        if len(ends):
-            self._score(frames, lengths, first_frame, ends, config)
-            starts.drop(len(ends))
-        too_many = max(len(starts) - MAX_WAITING_STARTS, 0)
-        starts.drop(too_many)
-        self.given_up += too_many
+        # what is given up depends on frames alone, not on the portions that they come in
+        most_frames, last = self._most_starts * config.spacing, first_frame + len(frames) - 1
+        rows = np.flatnonzero(first_frame + ends - starts["frame"][: len(ends)] <= most_frames)
+        if len(rows):
+            self._score(frames, lengths, first_frame, rows, ends[rows], config)
+        self.given_up += len(ends) - len(rows)
+        starts.drop(len(ends))
+        too_old = int(np.searchsorted(starts["frame"], last - most_frames, side="right"))
+        starts.drop(too_old)
+        self.given_up += too_old
 
     def _score(
-        self, frames: Frames, lengths: FloatArray, first_frame: int, ends: IntArray, config: TrajectoryScoreConfig
+        self,
+        frames: Frames,
+        lengths: FloatArray,
+        first_frame: int,
+        rows: NDArray[np.intp],
+        ends: IntArray,
+        config: TrajectoryScoreConfig,
     ) -> None:
-        starts, count, spacing = self._starts, len(ends), config.spacing
+        starts, spacing = self._starts, config.spacing
         errors = sub_trajectory_errors(
             starts["gt_pos"],
             starts["gt_quat"],
             starts["est_pos"],
             starts["est_quat"],
             starts["length"],
-            np.arange(count),
+            rows,
             frames.gt_pos,
             frames.gt_quat,
             frames.est_pos,
@@ -103,19 +117,21 @@ class ConditionScore:
         if self._brief:
             return
         self._grains.push(errors[:, :INTERVAL_COLUMNS])
-        self._overlaps += int(np.sum(-(-(first_frame + ends - starts["frame"][:count]) // spacing)))
+        self._overlaps += int(np.sum(-(-(first_frame + ends - starts["frame"][rows]) // spacing)))
         self.kept_errors.push(errors)
-        self._check_covariance(frames, first_frame, ends)
-        places = (starts["frame"][:count], first_frame + ends, starts["stamp"][:count], frames.stamps_ns[ends])
+        self._check_covariance(frames, first_frame, rows, ends)
+        places = (starts["frame"][rows], first_frame + ends, starts["stamp"][rows], frames.stamps_ns[ends])
         self.kept_places.push(np.column_stack(places))
 
-    def _check_covariance(self, frames: Frames, first_frame: int, ends: IntArray) -> None:
+    def _check_covariance(self, frames: Frames, first_frame: int, rows: NDArray[np.intp], ends: IntArray) -> None:
         if frames.covariance is None:
             return
         starts, names = self._starts, ("gt_pos", "gt_quat", "est_pos", "est_quat", "covariance")
         columns = [starts[name] for name in names]
         last = (frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, frames.covariance)
-        for row, (first, end) in enumerate(zip(starts["frame"].tolist(), ends.tolist(), strict=False)):
+        numbers = starts["frame"]
+        for row, end in zip(rows.tolist(), ends.tolist(), strict=True):
+            first = int(numbers[row])
             if first >= self._consistency.free_from:
                 span = (first, first_frame + end)
                 self._consistency.push(span, tuple(c[row] for c in columns), tuple(a[end] for a in last))

@@ -158,7 +158,7 @@ def _resampled(centred: FloatArray, mean: FloatArray, block: int) -> tuple[Float
     return _figures_of(blocks, _drawn(len(centred), -(-len(centred) // block)), mean)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2)
 def _drawn(rows: int, draws: int) -> NDArray[np.int32]:
     """Return the numbers `(RESAMPLES, draws)` of the blocks drawn, the same for the same sizes."""
     return np.random.default_rng(SEED).integers(0, rows, (RESAMPLES, draws), dtype=np.int32)

@@ -26,8 +26,9 @@ POSITION_VARIANCES = (0, 6, 11)
 """Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
 LADDER_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Distances of the error against distance travelled."""
-LADDER_SPACING = 10
-"""Its starts are at least this many frames apart, whatever the spacing of the conditions."""
+LADDER_SPACING, LADDER_BASE_M = 10, 50.0
+"""Its starts are at least this many frames apart, whatever the spacing of the conditions; beyond the base in proportion
+to the distance: the more sub-trajectories overlap, the less one more says, and all starts wait for their end."""
 
 
 class TrajectoryScore:
@@ -43,8 +44,10 @@ class TrajectoryScore:
         self._conditions = [ConditionScore(Condition.parse(text)) for text in config.conditions]
         if not self._conditions:
             raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
-        self._ladder_config = replace(config, spacing=max(config.spacing, LADDER_SPACING))
-        self._ladder = [ConditionScore(Condition("distance", metres), brief=True) for metres in LADDER_M]
+        self._ladder = [
+            (ConditionScore(Condition("distance", metres), brief=True), _ladder_config(config, metres))
+            for metres in LADDER_M
+        ]
         self._frames = 0
         self._length = np.zeros(2)
         self._last = np.full(3, np.nan)
@@ -68,8 +71,8 @@ class TrajectoryScore:
         lengths = path_lengths(frames.gt_pos, self._last, self._length)
         for condition in self._conditions:
             condition.push(frames, lengths, self._frames, self._config)
-        for step in self._ladder:
-            step.push(frames, lengths, self._frames, self._ladder_config)
+        for step, config in self._ladder:
+            step.push(frames, lengths, self._frames, config)
         self._frames += len(frames)
         if self._first_stamp_ns is None:
             self._first_stamp_ns = int(frames.stamps_ns[0])
@@ -87,7 +90,7 @@ class TrajectoryScore:
         trajectory |= self._facts(counts, way)
         if len(each) > 1:
             trajectory["conditions"] = each
-        trajectory["by_distance"] = [step.brief() for step in self._ladder if step.moments.count]
+        trajectory["by_distance"] = [step.brief() for step, _ in self._ladder if step.moments.count]
         return {"trajectory": trajectory} | ({"details": {"trajectory": self._details()}} if details else {})
 
     def _facts(self, counts: AssociationCounts, way: str) -> dict[str, Any]:
@@ -121,6 +124,10 @@ class TrajectoryScore:
         if np.isfinite(rows[:, 8:]).any():
             path |= {f"sigma_{axis}_m": rounded(rows[:, 8 + k]) for k, axis in enumerate("xyz")}
         return {"path": path, "sub_trajectories": [condition.details() for condition in self._conditions]}
+
+
+def _ladder_config(config: TrajectoryScoreConfig, metres: float) -> TrajectoryScoreConfig:
+    return replace(config, spacing=max(config.spacing, round(LADDER_SPACING * max(metres / LADDER_BASE_M, 1.0))))
 
 
 def _position_sigmas(frames: Frames) -> FloatArray:

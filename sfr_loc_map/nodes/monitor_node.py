@@ -40,6 +40,7 @@ from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, status
 from sfr_loc_map.nodes.managed import ManagedNode, NodeConfig
 from sfr_loc_map.nodes.monitor_score import MonitorScore, warm_up
 from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.transport import TransportGaps
 from sfr_loc_map.nodes.worker import Overload
 
 NAME = "monitor_node"
@@ -132,7 +133,7 @@ class MonitorNode(ManagedNode):
             (String, "mapping/configuration", lambda message: self._on_configuration("mapping", message), latched),
         ]
         for kind, topic, callback, qos in inputs:
-            self.listen_to(kind, topic, self._handed_over(callback), qos)
+            self.listen_to(kind, topic, self._handed_over(kind, callback), qos)
         self.offer("~/save", self._save)
         self.offer("~/reset", self._reset)
         self.every(self.config.publish_period_s, lambda: self.worker.put(self._publish))
@@ -143,6 +144,7 @@ class MonitorNode(ManagedNode):
     def free(self) -> None:
         """Forget everything."""
         self._score = MonitorScore(self.config.score, None)
+        self._gaps: list[TransportGaps] = []
         self._infos: dict[str, CameraInfo] = {}
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
         self._configurations: dict[str, Any] = {}
@@ -153,10 +155,17 @@ class MonitorNode(ManagedNode):
         """Return that every message counts, as far as there is room."""
         return "every_pair", self.config.input_depth
 
+    def counts(self) -> dict[str, int]:
+        """Return what was dropped since the start, by name."""
+        return {"dropped_in_transport": sum(gaps.lost for gaps in self._gaps)} | super().counts()
+
     # ---- in the executor's thread
 
-    def _handed_over(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+    def _handed_over(self, kind: type[Any], callback: Callable[[Any], None]) -> Callable[..., None]:
         """Return a callback that lets the worker do the work, and report bad messages."""
+        gaps = TransportGaps()
+        if kind is not DiagnosticArray:  # which has many publishers
+            self._gaps.append(gaps)
 
         def work(message: Any) -> None:  # noqa: ANN401 - any message
             try:
@@ -164,7 +173,11 @@ class MonitorNode(ManagedNode):
             except SfrError as error:
                 self.report_problem(str(error))
 
-        return lambda message: self.worker.offer(partial(work, message))
+        def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
+            gaps.came(info)
+            self.worker.offer(partial(work, message))
+
+        return received
 
     # ---- in the worker's thread
 

@@ -6,7 +6,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
 from types import FrameType
@@ -24,6 +24,7 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.io.bag_recorder import BagRecorder
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.message_types import definition_of, message_type
+from sfr_loc_map.nodes.transport import TransportGaps
 
 SIDES = ("left", "right")
 INPUTS = (
@@ -67,12 +68,16 @@ class Tally:
 
     Attributes:
         count: Messages recorded.
-        lost: Messages that its only publisher numbered and that did not arrive.
+        gaps: What did not arrive of a topic with one publisher.
     """
 
     count: int = 0
-    lost: int = 0
-    last: int = 0
+    gaps: TransportGaps = field(default_factory=TransportGaps)
+
+    @property
+    def lost(self) -> int:
+        """Messages that were published and did not arrive."""
+        return self.gaps.lost
 
 
 def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, Tally]:
@@ -170,10 +175,8 @@ class _Recorder:
         def received(raw: bytes, info: dict[str, Any]) -> None:
             self._bag.write(topic, time.time_ns(), raw)
             tally.count += 1
-            number = info.get("publication_sequence_number") or 0
-            if numbered and tally.last and number > tally.last:
-                tally.lost += number - tally.last - 1
-            tally.last = number
+            if numbered:
+                tally.gaps.came(info)
 
         callback: Any = received  # rclpy's types do not know of raw messages with their information
         self._node.create_subscription(kind, name, callback, _asked(infos), raw=True)

@@ -19,6 +19,7 @@ from sfr_loc_map.nodes.latency import Receipt
 from sfr_loc_map.nodes.managed import JUMP_BACK_NS, ManagedNode
 from sfr_loc_map.nodes.pairing import StampPairing
 from sfr_loc_map.nodes.qos import RELIABILITIES, profile
+from sfr_loc_map.nodes.transport import TransportGaps
 
 MAX_PIXELS = 8192 * 8192
 """Largest picture that is believed: a header may claim any size, and all that is allocated follows from it."""
@@ -50,7 +51,6 @@ class StereoInputConfig:
 class InputCounts:
     """What did not become a result."""
 
-    transport: int = 0
     rejected: int = 0
     broken: int = 0
     stale: int = 0
@@ -138,6 +138,7 @@ class StereoInput:
         self._on_pair, self._on_rig, self._on_jump_back = on_pair, on_rig, on_jump_back
         self._infos: dict[str, CameraInfo] = {}
         self._fresh: set[str] = set()
+        self._gaps: list[TransportGaps] = []
         self._depth = config.queue_depth
         self._pairing: StampPairing[Picture] = StampPairing(round(config.stamp_tolerance_s * NS), config.queue_depth)
         self._waiting: deque[tuple[Picture, Picture]] = deque()
@@ -162,7 +163,7 @@ class StereoInput:
     def statistics(self) -> dict[str, int]:
         """Return the counts of what was dropped since the start, by name."""
         return {
-            "dropped_in_transport": self.counts.transport,
+            "dropped_in_transport": sum(gaps.lost for gaps in self._gaps),
             "dropped_unpaired": self.unpaired,
             "dropped_rejected": self.counts.rejected + self.counts.broken,
             "dropped_stale": self.counts.stale,
@@ -193,15 +194,11 @@ class StereoInput:
         return received
 
     def _image_callback(self, add: Callable[[int, Picture], tuple[Picture, Picture] | None]) -> Callable[..., None]:
-        last = 0
+        gaps = TransportGaps()
+        self._gaps.append(gaps)
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - Image or CompressedImage
-            # The publisher numbers its messages; one that begins anew counts from 1 again.
-            nonlocal last
-            number = info.get("publication_sequence_number") or 0
-            if last and number > last:
-                self.counts.transport += number - last - 1
-            last = number
+            gaps.came(info)
             self._node.health.arrived()
             found = add(stamp_of(message), Picture(message, Receipt.of(info)))
             if found is not None:

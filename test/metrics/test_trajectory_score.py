@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -168,3 +169,37 @@ def test_portions_do_not_matter() -> None:
     for first in range(0, 5000, 137):
         parts.push(frames.rows(slice(first, first + 137)))
     assert whole.result(counts, way) == parts.result(counts, way)
+
+
+def test_starts_that_wait_too_long_are_given_up_whatever_the_portions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A long stop: starts from before and within it end after more than 40 others, the last ones within it do not."""
+    monkeypatch.setattr("sfr_loc_map.metrics.condition_score.MAX_WAITING_STARTS", 40)
+    monkeypatch.setattr("sfr_loc_map.metrics.condition_score.MAX_WAITING_BRIEF", 25)
+    stand, speed = slice(200, 400), np.full(600, 0.25)
+    speed[stand] = 0.0
+    stamps, position, quat = np.arange(600) * 100_000_000, np.cumsum(speed), np.tile([0.0, 0.0, 0.0, 1.0], (600, 1))
+    truth = trajectory((stamps, np.column_stack((position, 0 * position, 0 * position)), quat))
+    config = TrajectoryScoreConfig(conditions=("distance=2",), spacing=1)
+    frames, counts, way = associate(Estimates.of(truth), truth, config.association)
+    results = []
+    for portion in (600, 137, 1):
+        score = TrajectoryScore(config)
+        for first in range(0, 600, portion):
+            score.push(frames.rows(slice(first, first + portion)))
+        results.append(score.result(counts, way))
+    assert results[0] == results[1] == results[2]
+    got = results[0]["trajectory"]
+    spans = {start: end - start for start, end in _ends(position, 2.0).items()}
+    assert got["starts_given_up"] == sum(span > 40 for span in spans.values()) > 0
+    assert got["count"] == sum(span <= 40 for span in spans.values())
+
+
+def _ends(path: Any, distance: float) -> dict[int, int]:
+    """Return the end of each start that has one, looked for in the plainest way."""
+    found = {}
+    for start in range(len(path)):
+        for end in range(start + 1, len(path)):
+            if path[end] - path[start] >= distance - 1e-9:
+                found[start] = end
+                break
+    return found
