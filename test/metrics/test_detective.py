@@ -132,14 +132,14 @@ def test_each_mistake_is_found_among_the_others(mistake: Callable[[Poses], Poses
 
 
 def test_a_correct_pair_is_never_accused() -> None:
-    for seed in range(60):
+    for seed in range(32):
         truth, estimate = rover(seed, noise=(0.0, 0.3, 1.0, 5.0)[seed % 4])
         assert found(estimate, truth, CAMERA if seed % 2 else None)[0] is None, seed
 
 
 @pytest.mark.parametrize("kind", ["straight", "turning on the spot", "standing", "stop and go"])
 def test_plain_drives_are_not_accused_either(kind: str) -> None:
-    for seed in range(25):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         frames = int(rng.integers(20, 400))
         step = np.full(frames, 0.0 if kind in ("turning on the spot", "standing") else 0.1)
