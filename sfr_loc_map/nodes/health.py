@@ -23,6 +23,8 @@ SEVERITY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)
 """From good to bad: that nothing comes is worse than a warning, a known error is worse still."""
 REMEMBERED = 200
 """Calls over which latencies are summarised."""
+MOST_MOMENTS = 10_000
+"""Arrivals or calls within the window that a rate is taken over."""
 MOST_WORDS = 4
 """Reasons that a message names."""
 MB = 1_000_000
@@ -105,8 +107,8 @@ class Health:
         """Forget what happened: the node has become active, or is so no more."""
         with self._lock:
             self._since = self._last_arrival = self._clock()
-            self._arrivals: deque[float] = deque(maxlen=10_000)
-            self._calls: deque[float] = deque(maxlen=10_000)
+            self._arrivals: deque[float] = deque(maxlen=MOST_MOMENTS)
+            self._calls: deque[float] = deque(maxlen=MOST_MOMENTS)
             self._latencies: dict[str, deque[float]] = {}
             self._problems: dict[str, tuple[float, Level]] = {}
             self._counts: dict[str, int] = {}
@@ -119,7 +121,7 @@ class Health:
         """Note that something to work on has come."""
         with self._lock:
             self._last_arrival = self._clock()
-            self._arrivals.append(self._last_arrival)
+            self._remember(self._arrivals, self._last_arrival)
 
     def called(self, level: Level, state: str, values: Mapping[str, Value], statistics: Mapping[str, float]) -> None:
         """Note a call.
@@ -131,7 +133,7 @@ class Health:
             statistics: Its figures; those of `OFFSETS` are watched.
         """
         with self._lock:
-            self._calls.append(self._clock())
+            self._remember(self._calls, self._clock())
             self._last_call = (level, state)
             self._last_values = {f"last_{name}": value for name, value in values.items()}
             self._offsets |= {name: float(statistics[name]) for name in OFFSETS if name in statistics}
@@ -205,6 +207,12 @@ class Health:
             if count > self._counts.get(name, 0):
                 self._drops[name] = now
             self._counts[name] = count
+
+    def _remember(self, moments: deque[float], now: float) -> None:
+        """Add a moment and forget those that no rate is taken over any more."""
+        moments.append(now)
+        while now - moments[0] > self._config.window_s:
+            moments.popleft()
 
     def _rate(self, moments: deque[float], now: float) -> float:
         """Return how many a second there were in the window, or since the begin where that is later."""
