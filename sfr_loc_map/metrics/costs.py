@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,13 @@ import numpy as np
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.trajectory import IntArray
 from sfr_loc_map.metrics.resources import METHOD, METHOD_UNAVAILABLE
+from sfr_loc_map.metrics.statistics import summary
 from sfr_loc_map.metrics.timing import HOST_CLOCK, SERIES_ROWS, timing_histogram, timing_summary
 
 KINDS = {"mapped": "mapping", "fused": "fusion"}
 """Kind of call by what it said; all other words are those of the localiser."""
+STAGE_PREFIX, STAGE_SUFFIX = "stage_", "_s"
+"""What surrounds the name of a stage among the figures of a call."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +30,7 @@ class Calls:
         states: `(N,)` what each call said: initialising, tracking, lost; mapped, fused.
         peak_bytes: `(N,)` float64, peak resident memory, NaN where not measured.
         above_idle_bytes: `(N,)` float64, the same above the idle process.
+        stage_s: `(N,)` float64 by name, time of each stage, NaN where a call had none of that name.
     """
 
     stamps_ns: IntArray
@@ -34,6 +38,7 @@ class Calls:
     states: Sequence[str]
     peak_bytes: FloatArray
     above_idle_bytes: FloatArray
+    stage_s: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> dict[str, Any]:
@@ -55,7 +60,8 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
         if not len(mine):
             continue
         if np.isfinite(calls.seconds[mine]).any():
-            timing[f"{kind}_s"] = timing_summary(calls.seconds[mine], clock)
+            stages = _stages(calls, mine)
+            timing[f"{kind}_s"] = timing_summary(calls.seconds[mine], clock) | ({"stages": stages} if stages else {})
         memory |= _peaks(kind, calls, mine)
         if not details:
             continue
@@ -95,6 +101,22 @@ def _merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, An
         if isinstance(first[name], Mapping):
             both[name] = {**first[name], **second[name]}
     return both
+
+
+def stage_of(figure: str) -> str | None:
+    """Return the name of the stage whose time a figure of a call is, None if it is none."""
+    is_stage = figure.startswith(STAGE_PREFIX) and figure.endswith(STAGE_SUFFIX)
+    return figure.removeprefix(STAGE_PREFIX).removesuffix(STAGE_SUFFIX) or None if is_stage else None
+
+
+def _stages(calls: Calls, mine: IntArray) -> dict[str, Any]:
+    """Return the times of the stages over the calls that had them."""
+    found = {}
+    for name, seconds in sorted(calls.stage_s.items()):
+        known = seconds[mine][np.isfinite(seconds[mine])]
+        if len(known):
+            found[name] = summary(known) | {"max": float(known.max())}
+    return found
 
 
 def _peaks(kind: str, calls: Calls, mine: IntArray) -> dict[str, int | None]:

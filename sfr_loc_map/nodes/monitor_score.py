@@ -18,7 +18,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.cloud_error import score_map
 from sfr_loc_map.metrics.cloud_truth import PairTruth
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.costs import Calls, merge_parts, score_calls
+from sfr_loc_map.metrics.costs import Calls, merge_parts, score_calls, stage_of
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.live import LiveTrajectoryScore
 from sfr_loc_map.metrics.results import build_score
@@ -26,7 +26,8 @@ from sfr_loc_map.pipeline.call_record import CallRecord
 
 MAX_CALLS = 100_000
 """Calls that times and memory are summarised over, the last ones."""
-MOST_STATES = 100
+MOST_STATES, MOST_STAGES = 100, 16
+"""Words of calls that are told apart, and stages whose times are kept: a stranger may invent more."""
 MAX_TRUTHS = 2 * MAX_PAIRS
 """True point images and poses kept for clouds to come."""
 JUMP_BACK_NS = 1_000_000_000
@@ -54,6 +55,7 @@ class CallRing:
         self._figures = np.full((3, room), np.nan)  # seconds, peak, above idle; written to, so that memory is taken now
         self._stamps_ns, self._states = np.full(room, -1, np.int64), np.full(room, -1, np.int16)
         self._names: list[str] = []
+        self._stages: dict[str, FloatArray] = {}
         self._given = 0
 
     def __len__(self) -> int:
@@ -66,18 +68,31 @@ class CallRing:
         self._stamps_ns[at], self._states[at] = record.stamp_ns, self._state(record.state)
         peaks = (np.nan if value is None else value for value in (record.peak_rss_bytes, record.above_idle_bytes))
         self._figures[:, at] = (record.processing_time_s, *peaks)
+        for seconds in self._stages.values():
+            seconds[at] = np.nan
+        for figure, value in record.statistics.items():
+            if (name := stage_of(figure)) and (kept := self._stage(name)) is not None:
+                kept[at] = value
         self._given += 1
 
     def clear(self) -> None:
         """Forget all calls."""
         self._given = 0
+        self._stages.clear()
 
     def calls(self) -> Calls:
         """Return them in the order in which they came."""
         order = np.arange(self._given - len(self), self._given) % len(self._states)
         seconds, peak, above = self._figures[:, order]
         names = np.array(self._names, object)
-        return Calls(self._stamps_ns[order], seconds, names[self._states[order]].tolist(), peak, above)
+        stages = {name: kept[order] for name, kept in self._stages.items()}
+        return Calls(self._stamps_ns[order], seconds, names[self._states[order]].tolist(), peak, above, stages)
+
+    def _stage(self, name: str) -> FloatArray | None:
+        """Return the times of a stage, None if there are too many stages already."""
+        if name not in self._stages and len(self._stages) < MOST_STAGES:
+            self._stages[name] = np.full(len(self._states), np.nan)
+        return self._stages.get(name)
 
     def _state(self, name: str) -> int:
         """Return the number of a state; a stranger may invent words, so there is an end to them."""

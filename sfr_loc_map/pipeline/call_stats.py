@@ -11,7 +11,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.geometry.trajectory import IntArray
-from sfr_loc_map.metrics.costs import Calls
+from sfr_loc_map.metrics.costs import Calls, stage_of
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), strict=True))
 
@@ -69,6 +69,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
         [row.get("state") or "" for row in rows],
         _column(path, rows, "peak_rss_bytes"),
         _column(path, rows, "above_idle_bytes"),
+        {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))},
     )
     covariance = None
     if all(name in rows[0] for name in COVARIANCE_NAMES):

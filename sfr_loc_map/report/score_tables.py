@@ -41,6 +41,7 @@ def score_tables(score: Mapping[str, Any]) -> list[Table]:
         map_table,
         consistency_table,
         time_table,
+        stage_table,
         memory_table,
         association_table,
     )
@@ -236,6 +237,25 @@ def time_table(score: Mapping[str, Any]) -> Table | None:
         return None
     heads = ("p50, s", "p95, s", "p99, s", "max, s", "mean + 3 sigma, s", "first call, s", "max without it, s")
     return Table("time", "Time per call", ("call", *heads, "n", "clock"), tuple(rows), clock_text(score))
+
+
+def stage_table(score: Mapping[str, Any]) -> Table | None:
+    """Return the times of the stages of the calls, None where no call told them."""
+    rows = []
+    names = ("mean", "p50", "p95", "max")
+    for kind in score.get("timing") or {}:
+        for stage in dig(score, f"timing.{kind}.stages") or {}:
+            place = f"timing.{kind}.stages.{stage}"
+            figures = (cell_of(score, f"{place}.{name}", NOT_ENOUGH) for name in names)
+            title = f"{kind.removesuffix('_s')}: {stage}"
+            rows.append((Cell(title, kind="head"), *figures, cell_of(score, f"{place}.count")))
+    if not rows:
+        return None
+    note = (
+        "Over the calls that had the stage. Keyframe: work of a thread of its own after its call; the next call waits "
+        "for what is left of it (wait)."
+    )
+    return Table("stages", "Time of stages", ("stage", *(f"{name}, s" for name in names), "n"), tuple(rows), note)
 
 
 def memory_table(score: Mapping[str, Any]) -> Table | None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.metrics.costs import Calls, merge_parts, score_calls
+from sfr_loc_map.metrics.costs import Calls, merge_parts, score_calls, stage_of
 
 
 def test_localisation_mapping_and_fusion_are_told_apart() -> None:
@@ -26,6 +26,24 @@ def test_unknown_memory_is_null_and_said() -> None:
     got = score_calls(Calls(np.arange(2), np.ones(2), ["tracking", "lost"], nothing, nothing))
     assert got["memory"]["localisation_peak_bytes"] is None
     assert got["memory"]["method"].startswith("not measured")
+
+
+def test_stages_are_summed_up_over_the_calls_that_had_them() -> None:
+    nothing = np.full(4, np.nan)
+    stages = {"align": np.array([1.0, 3.0, np.nan, 100.0]), "never": nothing}
+    states = ["tracking", "tracking", "lost", "mapped"]
+    timing = score_calls(Calls(np.arange(4), np.ones(4), states, nothing, nothing, stages))["timing"]
+    found = timing["localisation_s"]["stages"]
+    assert found.keys() == {"align"}
+    assert (found["align"]["count"], found["align"]["mean"], found["align"]["max"]) == (2, 2.0, 3.0)
+    assert timing["mapping_s"]["stages"]["align"]["mean"] == 100.0
+
+
+@pytest.mark.parametrize(
+    ("figure", "stage"), [("stage_align_s", "align"), ("align_s", None), ("stage__s", None), ("stage_x", None)]
+)
+def test_the_name_of_a_stage(figure: str, stage: str | None) -> None:
+    assert stage_of(figure) == stage
 
 
 def test_long_series_keep_their_peaks() -> None:

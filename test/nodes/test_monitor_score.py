@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.nodes.monitor_score import MOST_STATES, CallRing, MonitorScore
+from sfr_loc_map.nodes.monitor_score import MOST_STAGES, MOST_STATES, CallRing, MonitorScore
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 
@@ -27,6 +27,19 @@ def test_the_last_calls_come_back_in_their_order(given: int) -> None:
     assert np.array_equal(calls.above_idle_bytes, [n // 2 if n % 2 else np.nan for n in kept], equal_nan=True)
     ring.clear()
     assert len(ring) == len(ring.calls().states) == 0
+
+
+def test_stages_come_back_with_their_calls_and_have_an_end() -> None:
+    ring = CallRing(4)
+    for number in range(6):
+        figures = {"stage_align_s": 0.5 * number, "features": 7.0} if number % 2 else {}
+        ring.add(CallRecord(number, 1.0, "tracking", None, None, figures))
+    stages = ring.calls().stage_s
+    assert stages.keys() == {"align"}
+    assert np.array_equal(stages["align"], [np.nan, 1.5, np.nan, 2.5], equal_nan=True)
+    for number in range(50):
+        ring.add(CallRecord(number, 1.0, "tracking", None, None, {f"stage_{number}_s": 1.0}))
+    assert len(ring.calls().stage_s) == MOST_STAGES
 
 
 def test_invented_states_have_an_end() -> None:

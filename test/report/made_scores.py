@@ -52,7 +52,9 @@ def calls(frames: int, pairs: int) -> Calls:
     stamps = START_NS + np.arange(count) * 500_000_000
     states = ["initialising"] + ["tracking"] * (frames - 1) + ["mapped"] * pairs
     memory = 4e8 + rng.random(count) * 1e7
-    return Calls(stamps, 0.03 + 0.01 * rng.random(count), states, memory, memory - 3e8)
+    keyframe = np.where(np.arange(count) % 5 == 0, 0.02, np.nan)
+    stages = {"align": 0.01 * rng.random(count), "keyframe": keyframe}
+    return Calls(stamps, 0.03 + 0.01 * rng.random(count), states, memory, memory - 3e8, stages)
 
 
 def cloud(side: int, pairs: int) -> tuple[PointCloud, list[PairTruth]]:
