@@ -37,6 +37,7 @@ class RightOffset:
 
     Attributes:
         u: Pixels by which the middle of right pictures lies too far right; 0 until it is beyond doubt.
+        found_u: What `u` is on its way to, in small steps.
         v: Pixels by which it lies too low.
         roll: Turn about the optical axis, pixels at a distance of the focal length.
     """
@@ -46,10 +47,15 @@ class RightOffset:
 
         As many windows as a window has keyframes share what they see, and count as one.
         """
-        self.u, self.v, self.roll = 0.0, 0.0, 0.0
+        self.u, self.found_u, self.v, self.roll = 0.0, 0.0, 0.0, 0.0
         self._camera, self._share = camera, float(window_keyframes)
         self._mean, self._variance = 0.0, FIRST_SIGMA_PX**2
         self._normal, self._right_side = np.diag(ROWS_PRIOR), np.zeros(2)
+
+    @property
+    def sigma_u(self) -> float:
+        """Standard deviation of `found_u`, pixels."""
+        return float(np.sqrt(self._variance))
 
     def at(self, places: FloatArray) -> FloatArray:
         """Return the offsets `(N, 2)` of places `(N, 2)` in right pictures, pixels: the flow of a small turn."""
@@ -96,7 +102,8 @@ class RightOffset:
         gain = self._variance / (self._variance + variance * self._share)
         self._mean += gain * (self.u + beyond - self._mean)
         self._variance *= 1.0 - gain
-        before, sure = self.u, abs(self._mean) > SURE * np.sqrt(self._variance)
+        before, sure = self.u, abs(self._mean) > SURE * self.sigma_u
+        self.found_u = self._mean if sure else 0.0
         # in small steps, as the pose moves a little with each
-        self.u += float(np.clip((self._mean if sure else 0.0) - self.u, -LARGEST_STEP_PX, LARGEST_STEP_PX))
+        self.u += float(np.clip(self.found_u - self.u, -LARGEST_STEP_PX, LARGEST_STEP_PX))
         return self.u - before

@@ -78,7 +78,7 @@ class Localiser:
         self._well_seen: WellSeen
         self._seen_by_keyframe: int
         self._start: Start
-        self._way_per_px = np.zeros(3)
+        self._way_per_px, self._way_set_right = np.zeros(3), np.zeros(3)
         self._good_while_lost = self._repeats = 0
         self._keyframe_count = 0
         self._right_offset = RightOffset(self._camera, self._config.window_keyframes)
@@ -149,7 +149,9 @@ class Localiser:
         motion = Transform(self._rotation, self._position).inverse() @ Transform(tracked.rotation, tracked.position)
         self._last_motion = (motion.rotation, motion.translation)
         self._last_stamp_ns, self._last_step_ns = pair.stamp_ns, pair.stamp_ns - self._last_stamp_ns
-        self._way_per_px += (tracked.position - self._position) * self._depth() / (self._rig.fx * self._rig.baseline_m)
+        step_per_px = (tracked.position - self._position) * self._depth() / (self._rig.fx * self._rig.baseline_m)
+        self._way_per_px += step_per_px
+        self._way_set_right += step_per_px * self._right_offset.u
         self._rotation, self._position = tracked.rotation, tracked.position
         self._last_covariance = np.asarray(np.linalg.inv(tracked.information) + self._window.last_covariance)
         # by the right picture alone a pose is found, but nothing that later pairs could go on from
@@ -359,10 +361,20 @@ class Localiser:
         if state is not TrackingState.LOST:
             covariance = covariance * self._config.inflation + self._start.carried_to(self._position)
             covariance = covariance + common_covariance(self._depth(), self._config.common_px, self._rig.fx)
-            covariance[:3, :3] += self._config.common_disparity_px**2 * np.outer(self._way_per_px, self._way_per_px)
+            covariance[:3, :3] += self._way_covariance()
             lever = T_ds_rb.translation - T_ds_left.translation
             covariance = covariance_of_rb(covariance, self._T_ds_world.rotation, lever)
         return PoseEstimate(stamp_ns, T_ds_rb, covariance, state, statistics, self._stages.seconds)
+
+    def _way_covariance(self) -> FloatArray:
+        """Return the covariance `(3, 3)` of the way from what all disparities are off by together.
+
+        That is what can never be known of them, what is not known yet of the right camera's yaw, and the way that was
+        driven before the yaw was found.
+        """
+        known = self._right_offset.found_u * self._way_per_px - self._way_set_right
+        variance = self._config.common_disparity_px**2 + self._right_offset.sigma_u**2
+        return np.asarray(variance * np.outer(self._way_per_px, self._way_per_px) + np.outer(known, known))
 
 
 def _same_pictures(before: StereoPair, now: StereoPair) -> bool:

@@ -39,7 +39,7 @@ from sfr_loc_map.nodes.conversions import cloud_from_msg, header_msg, odometry_r
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, status_msg
 from sfr_loc_map.nodes.managed import ManagedNode, NodeConfig
 from sfr_loc_map.nodes.monitor_score import MonitorScore, warm_up
-from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.runner import keep_heap_compact, run
 from sfr_loc_map.nodes.transport import TransportGaps
 from sfr_loc_map.nodes.worker import Overload
 
@@ -330,6 +330,7 @@ def metric_statuses(score: dict[str, Any]) -> list[DiagnosticStatus]:
 
 def main() -> int:
     """Run the node."""
+    keep_heap_compact()
     return run(MonitorNode)
 
 

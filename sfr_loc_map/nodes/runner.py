@@ -20,6 +20,8 @@ from sfr_loc_map.nodes.managed import ManagedNode
 from sfr_loc_map.nodes.supervisor import SUPERVISOR_VARIABLE
 
 _PR_SET_PDEATHSIG = 1
+_M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
+_LARGE_BYTES = 131_072
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
@@ -77,6 +79,18 @@ def end_with_supervisor() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != int(supervisor):
         raise KeyboardInterrupt
+
+
+def keep_heap_compact() -> None:
+    """Make glibc give large blocks back at once and keep all small ones together; does nothing elsewhere.
+
+    For processes that run without end and are in no hurry: what one thread makes and another one frees, between blocks
+    of all sizes, otherwise leaves ever more holes. It must come before other threads are started.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform.startswith("linux") else None
+    if mallopt is not None:
+        mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+        mallopt(_M_ARENA_MAX, 1)
 
 
 def _start(arguments: list[str]) -> None:

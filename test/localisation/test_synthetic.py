@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import made_scene
 import numpy as np
 import pytest
@@ -85,7 +86,8 @@ def test_covariance_is_one_and_agrees_with_the_error(estimates: list[PoseEstimat
         np.testing.assert_array_equal(estimate.covariance, estimate.covariance.T)
         assert np.linalg.eigvalsh(estimate.covariance).min() > 0
         sigma = np.sqrt(np.trace(estimate.covariance[:3, :3]))
-        assert errors(estimate, true_pose(index))[0] < 4 * sigma < 0.05
+        # a wall alone says little of the right camera's yaw, by which the way may be off
+        assert errors(estimate, true_pose(index))[0] < 4 * sigma < 0.08
     growth = [float(np.trace(e.covariance[:3, :3])) for e in (estimates[2], estimates[-1])]
     assert growth[1] > growth[0]
 
@@ -349,3 +351,14 @@ def test_pose_by_descriptors_from_afar() -> None:
     np.testing.assert_allclose(pose[0], now.rotation, atol=0.05)
     grey = np.full_like(other, 90)
     assert pose_by_descriptors(WellSeen(left, corners, points), grey, np.zeros((0, 2)), camera, 20) is None
+
+
+def test_a_yaw_that_is_not_known_yet_is_within_what_is_stated() -> None:
+    """Right pictures 0.5 px off along the columns: the way is wrong from the first step on."""
+    shift = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0]])
+    size = (LOC_RIG.width, LOC_RIG.height)
+    moved = [StereoPair(pair.stamp_ns, pair.left, cv2.warpAffine(pair.right, shift, size)) for pair in DRIVE[:12]]
+    found = [(errors(estimate, true_pose(k))[0], estimate.covariance) for k, estimate in enumerate(run(moved))]
+    assert found[-1][0] > 0.01
+    for metres, covariance in found[1:]:
+        assert metres < 2.0 * np.sqrt(np.trace(covariance[:3, :3]))
