@@ -311,16 +311,14 @@ class Bench:
 
     @contextmanager
     def driving(self, rate_hz: float) -> Iterator[None]:
-        """Publish pairs, with camera_info once a second, while the block runs."""
+        """Publish pairs, each with camera_info as camera drivers do, while the block runs."""
         stop = threading.Event()
 
         def drive() -> None:
-            due, number = time.monotonic(), 0
+            due = time.monotonic()
             while not stop.is_set():
-                if number % max(round(rate_hz), 1) == 0:
-                    self._send_infos_at_once()
+                self._send_infos_at_once()
                 self.send_loc()
-                number += 1
                 due += 1.0 / rate_hz
                 stop.wait(max(due - time.monotonic(), 0.0))
 
