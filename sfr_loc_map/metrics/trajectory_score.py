@@ -20,8 +20,6 @@ from sfr_loc_map.metrics.sub_trajectories import Condition, path_lengths
 PATH_ROWS = 2000
 """Frames that are kept for figures."""
 CHUNK_FRAMES = 65536
-VARIANCES = [0, 6, 11]
-"""Places of the variances of x, y, z in the upper triangle of a covariance."""
 POSITION_VARIANCES = (0, 6, 11)
 """Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
 LADDER_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
@@ -56,7 +54,6 @@ class TrajectoryScore:
         self._path = Thinned(11, PATH_ROWS)
         self._path_stamps = Thinned(1, PATH_ROWS, np.int64)
         self._path_lost = Thinned(1, PATH_ROWS, np.bool_)
-        self._path_variance = Thinned(3, PATH_ROWS)
 
     def copy(self) -> TrajectoryScore:
         """Return a score that goes its own way from here."""
@@ -80,8 +77,6 @@ class TrajectoryScore:
         self._path.push(np.column_stack((frames.gt_pos, frames.est_pos, lengths, _position_sigmas(frames))))
         self._path_stamps.push(frames.stamps_ns[:, None])
         self._path_lost.push(frames.lost[:, None])
-        variance = np.full((len(frames), 3), np.nan) if frames.covariance is None else frames.covariance[:, VARIANCES]
-        self._path_variance.push(variance)
 
     def result(self, counts: AssociationCounts, way: str, *, details: bool = True) -> dict[str, Any]:
         """Return `{"trajectory": ..., "details": {"trajectory": ...}}` of the score, without details if not wanted."""
@@ -116,10 +111,6 @@ class TrajectoryScore:
         path |= {"travelled_m": rounded(rows[:, 6] + rows[:, 7])}
         for k, name in enumerate(("truth_x", "truth_y", "truth_z", "estimate_x", "estimate_y", "estimate_z")):
             path[name + "_m"] = rounded(rows[:, k])
-        sigma = np.sqrt(np.maximum(self._path_variance.rows, 0.0))
-        if np.isfinite(sigma).any():
-            for k, name in enumerate("xyz"):
-                path[f"sigma_{name}_m"] = [None if v != v else v for v in rounded(sigma[:, k])]
         path["lost"] = self._path_lost.rows[:, 0].tolist()
         if np.isfinite(rows[:, 8:]).any():
             path |= {f"sigma_{axis}_m": rounded(rows[:, 8 + k]) for k, axis in enumerate("xyz")}
