@@ -29,7 +29,7 @@ from sfr_loc_map.nodes.campaign.run import FAULTS, run_campaign, select
 from sfr_loc_map.nodes.campaign.scene import Scene
 from sfr_loc_map.nodes.campaign.soak import MemoryTrend
 
-QUICK = ("kill-localisation", "kill-monitor", "pictures-localisation")
+QUICK = ("kill-localisation", "kill-monitor", "pictures-localisation", "messages-monitor", "stamps-jump")
 SETTINGS = CampaignSettings(stop_s=1.0, restart_limit_s=60.0, soak_minutes=0.0, patience_s=60.0)
 
 

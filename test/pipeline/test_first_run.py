@@ -1,7 +1,4 @@
-"""The first run on a machine, which compiles, gives the same bits as all later ones, which load what was compiled.
-
-Of the localiser, whose sums the compiler may reorder; the mapper's it may not.
-"""
+"""The first run on a machine, which compiles, gives the same bits as all later ones, which load what was compiled."""
 
 import os
 import subprocess
@@ -13,9 +10,11 @@ import pytest
 SCENES = Path(__file__).parents[1] / "scenes"
 RUN = """
 import hashlib
-from made_scene import LOC_RIG, loc_pair, true_pose
+from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
 
 digest = hashlib.sha256()
 localiser = Localiser(LOC_RIG, LocalisationConfig(window_keyframes=3), true_pose(0))
@@ -24,6 +23,10 @@ for index in range(0, 12, 3):
     digest.update(estimate.T_ds_rb.matrix.tobytes() + estimate.covariance.tobytes())
     assert estimate.state.value != "lost"
 assert localiser.last_tracked is not None
+item = nav_pair(0)
+points = Mapper(NAV_RIG, MappingConfig()).process(item.pair, item.T_lm_navsb, 0)
+digest.update(points.cloud.xyz.tobytes() + points.cloud.sigma.tobytes())
+assert len(points.cloud.xyz) > 1000
 print(digest.hexdigest())
 """
 
