@@ -20,7 +20,7 @@ setup(
     maintainer_email="maintainers@users.noreply.h-seed-77cd1a5b.example",
     python_requires=">=3.11,<3.14",
     packages=find_packages(include=[PACKAGE, PACKAGE + ".*"]),
-    package_data={PACKAGE: ["py.typed", "report/templates/*", "nodes/profiles/*.xml"]},
+    package_data={PACKAGE: ["py.typed", "report/templates/*", "nodes/process/profiles/*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + PACKAGE]),
         ("share/" + PACKAGE, ["package.xml"]),

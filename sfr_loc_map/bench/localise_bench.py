@@ -11,8 +11,9 @@ import numpy as np
 
 from sfr_loc_map.bench.figures import SCHEMA, Figures, compared, cost_figures, growths, median, provenance
 from sfr_loc_map.bench.peers import OURS, Peers
-from sfr_loc_map.bench.rounds import NS, Pass, Progress, Run, one_pass
+from sfr_loc_map.bench.rounds import Pass, Progress, Run, one_pass
 from sfr_loc_map.bench.scaling import half_pair, half_rig
+from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import BenchError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -142,7 +143,7 @@ def _stamps(sequence: LocSequence) -> list[int]:
 
 def _rate_hz(sequence: LocSequence) -> float:
     steps = np.diff(_stamps(sequence))
-    return NS / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else 10.0
+    return NS_PER_S / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else 10.0
 
 
 def _entry(runs: Sequence[Run], sequence: LocSequence, config: TrajectoryScoreConfig) -> Figures:

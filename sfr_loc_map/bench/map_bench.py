@@ -16,10 +16,10 @@ from sfr_loc_map.bench.peers import OURS, Peers
 from sfr_loc_map.bench.rounds import Progress, Run, one_pass
 from sfr_loc_map.bench.scaling import half_disparity, half_pair, half_rig
 from sfr_loc_map.errors import BenchError
-from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.matching import search_range
+from sfr_loc_map.mapping.semi_global_matching import search_range
 
 Disparities = list[NDArray[np.float32]]
 
@@ -102,7 +102,7 @@ def _pairs(sequence: NavSequence, halvings: int) -> Iterator[StereoPair]:
         yield pair
 
 
-def true_disparity(item: NavPair, rig: StereoRig, halvings: int) -> TrueDisparity | None:
+def true_disparity(item: PosedStereoPair, rig: StereoRig, halvings: int) -> TrueDisparity | None:
     """Return the true disparities of a pair of a rig at a size halved so often; None if the source has no truth."""
     if item.truth is None:
         return None

@@ -16,7 +16,7 @@ WORKERS = Path(__file__).parent / "workers"
 
 
 @dataclass(frozen=True, slots=True)
-class Peer:
+class ReferenceMethod:
     """One contestant.
 
     Attributes:
@@ -48,7 +48,7 @@ class Peers:
         missing: Why the others cannot, by their names.
     """
 
-    present: tuple[Peer, ...]
+    present: tuple[ReferenceMethod, ...]
     missing: Mapping[str, str]
 
 
@@ -59,7 +59,10 @@ def localisation_peers(peer_python: Path | None, vocabulary: Path | None) -> Pee
         peer_python: Interpreter that may have the wheel `pyorbslam3`.
         vocabulary: Text file with ORB-SLAM3's vocabulary.
     """
-    always = (Peer(OURS, "our_localiser.py", background=True), Peer("opencv", "opencv_odometry.py"))
+    always = (
+        ReferenceMethod(OURS, "our_localiser.py", background=True),
+        ReferenceMethod("opencv", "opencv_odometry.py"),
+    )
     reason = lacks(peer_python, "pyorbslam3", "pip install pyorbslam3 opencv-python-headless")
     if reason is None and vocabulary is None:
         reason = "needs its vocabulary: give --vocab FILE"
@@ -68,17 +71,19 @@ def localisation_peers(peer_python: Path | None, vocabulary: Path | None) -> Pee
     if reason is not None or peer_python is None or vocabulary is None:
         return Peers(always, {"orbslam3": str(reason)})
     setup = {"vocabulary": str(vocabulary.resolve())}
-    return Peers((*always, Peer("orbslam3", "peer_orbslam3.py", peer_python, background=True, setup=setup)), {})
+    return Peers(
+        (*always, ReferenceMethod("orbslam3", "peer_orbslam3.py", peer_python, background=True, setup=setup)), {}
+    )
 
 
 def mapping_peers(peer_python: Path | None) -> Peers:
     """Return ours, OpenCV's semi-global matching, and Pandora where it is installed."""
-    always = (Peer(OURS, "our_mapper.py"), Peer("sgbm", "opencv_stereo.py"))
+    always = (ReferenceMethod(OURS, "our_mapper.py"), ReferenceMethod("sgbm", "opencv_stereo.py"))
     packages = "pip install 'pandora[sgm]' opencv-python-headless"
     reason = lacks(peer_python, "pandora", packages) or lacks(peer_python, "pandora_plugin_libsgm", packages)
     if reason is not None or peer_python is None:
         return Peers(always, {"pandora": str(reason)})
-    return Peers((*always, Peer("pandora", "peer_pandora.py", peer_python)), {})
+    return Peers((*always, ReferenceMethod("pandora", "peer_pandora.py", peer_python)), {})
 
 
 def lacks(python: Path | None, module: str, install: str) -> str | None:

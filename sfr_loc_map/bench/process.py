@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.bench.peers import Peer
+from sfr_loc_map.bench.peers import ReferenceMethod
 from sfr_loc_map.errors import BenchError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
@@ -47,7 +47,9 @@ class PeerProcess:
         idle_bytes: Its resident memory after warm-up.
     """
 
-    def __init__(self, peer: Peer, rig: StereoRig, pictures: Pictures, setup: Mapping[str, Any], folder: Path) -> None:
+    def __init__(
+        self, peer: ReferenceMethod, rig: StereoRig, pictures: Pictures, setup: Mapping[str, Any], folder: Path
+    ) -> None:
         """Start it and wait until it is warm.
 
         Args:

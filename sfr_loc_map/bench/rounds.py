@@ -10,12 +10,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from sfr_loc_map.bench.peers import Peer
+from sfr_loc_map.bench.peers import ReferenceMethod
 from sfr_loc_map.bench.process import PeerProcess, Pictures
+from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import BenchError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
-NS = 1_000_000_000
 Progress = Callable[[str], None]
 
 
@@ -32,7 +32,7 @@ class Run:
         results: What each call reported, with what `keep` gave.
     """
 
-    peer: Peer
+    peer: ReferenceMethod
     version: str
     idle_bytes: int | None
     seconds: list[float] = field(default_factory=list)
@@ -54,7 +54,7 @@ class Pass:
 
 
 def one_pass(
-    peers: Sequence[Peer],
+    peers: Sequence[ReferenceMethod],
     rig: StereoRig,
     pairs: Callable[[], Iterable[StereoPair]],
     setup: Mapping[str, Any],
@@ -86,7 +86,7 @@ def one_pass(
 
 
 def _run_group(
-    peers: Sequence[Peer],
+    peers: Sequence[ReferenceMethod],
     rig: StereoRig,
     pairs: Iterable[StereoPair],
     setup: Mapping[str, Any],
@@ -111,7 +111,7 @@ def _run_group(
             pictures.show(pair)
             if first_ns is None:
                 first_ns, begin = pair.stamp_ns, time.monotonic()
-            since_s = (pair.stamp_ns - first_ns) / NS
+            since_s = (pair.stamp_ns - first_ns) / NS_PER_S
             if rate_scale is not None:
                 time.sleep(max(0.0, begin + since_s / rate_scale - time.monotonic()))
             order = {"stamp_ns": pair.stamp_ns, "since_start_s": since_s / (rate_scale or 1.0)}

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
 JUMP_PX = 1.0
 """Four true disparities that differ by more lie on an edge: the half-size pixel has no truth there."""

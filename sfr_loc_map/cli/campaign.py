@@ -39,8 +39,8 @@ def faults(
     ] = None,
 ) -> None:
     """Do one fault after the other to the nodes; exit 1 if one of them has not the outcome expected."""
-    from sfr_loc_map.nodes.campaign.outcome import FAIL, CampaignSettings, markdown, report
-    from sfr_loc_map.nodes.campaign.run import run_campaign, select, timed
+    from sfr_loc_map.fault_injection.outcome import FAIL, CampaignSettings, markdown, report
+    from sfr_loc_map.fault_injection.run import run_campaign, select, timed
 
     settings = CampaignSettings(stop_s=stop_s, restart_limit_s=restart_limit_s, soak_minutes=soak_minutes)
     chosen = select(fault or [], settings)
@@ -66,11 +66,11 @@ def rate(
     json_path: JsonOption = None,
 ) -> None:
     """Send stereo pairs through the localisation node: what is lost, what transport and conversion add."""
-    from sfr_loc_map.nodes.campaign.rate import RateSettings, carry_pictures
+    from sfr_loc_map.fault_injection.rate import RateSettings, carry_images
 
     check_output(json_path)
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
-        result = carry_pictures(RateSettings(minutes, rate_hz, size), Path(scratch))
+        result = carry_images(RateSettings(minutes, rate_hz, size), Path(scratch))
     typer.echo(f"{result['pairs_sent']} pairs sent, {result['pairs_localised']} localised, dropped {result['dropped']}")
     for name, times in result["times"].items():
         figures = ", ".join(f"{key} {1e3 * value:.1f}" for key, value in times.items())
@@ -85,7 +85,7 @@ def monitor(
     json_path: JsonOption = None,
 ) -> None:
     """Send estimates, truth and calls to the monitor: is each of them scored, is its memory flat."""
-    from sfr_loc_map.nodes.campaign.rate import RateSettings, carry_poses
+    from sfr_loc_map.fault_injection.rate import RateSettings, carry_poses
 
     check_output(json_path)
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:

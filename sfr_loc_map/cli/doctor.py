@@ -46,7 +46,7 @@ def doctor(
     place = _gives_place(config)
     if graph:
         require_ros("doctor --graph")
-        from sfr_loc_map.nodes.graph_observation import observe_graph
+        from sfr_loc_map.nodes.tools.graph_observation import observe_graph
 
         _examine(observe_graph(seconds, namespace, remaps, place_given=place), json_path)
     elif subject is not None:
@@ -95,9 +95,9 @@ def _conventions(estimate: Path, truth: Path, json_path: str | None) -> None:
     from dataclasses import asdict
 
     from sfr_loc_map.metrics.config import ScoreConfig
-    from sfr_loc_map.pipeline.scoring import diagnose
+    from sfr_loc_map.pipeline.scoring import diagnose_files
 
-    diagnosis = diagnose(estimate, truth, ScoreConfig())
+    diagnosis = diagnose_files(estimate, truth, ScoreConfig())
     _write(json_path, asdict(diagnosis))
     if json_path == "-":
         return

@@ -103,7 +103,7 @@ def _save_products(
     if cell_m is not None:
         model = elevation_of(cloud, T_lm_left, cell_m)
         map_products.save_elevation(products["dem.npz"], model)
-        map_products.save_elevation_picture(products["dem.png"], model)
+        map_products.save_elevation_figure(products["dem.png"], model)
     if "colour.ply" in products:
         map_products.save_coloured_ply(products["colour.ply"], cloud)
     if "covariance.npz" in products:

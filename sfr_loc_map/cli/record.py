@@ -24,8 +24,8 @@ def record(
 ) -> None:
     """Record topics as they come; each half second what came is on file, so that a crash costs no more."""
     require_ros("record")
-    from sfr_loc_map.nodes.record import RecordOptions
-    from sfr_loc_map.nodes.record import record as run
+    from sfr_loc_map.nodes.tools.record import RecordOptions
+    from sfr_loc_map.nodes.tools.record import record as run
 
     options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
     tallies = run(out, options, lambda text: typer.echo(text, err=True))

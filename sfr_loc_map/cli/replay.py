@@ -28,7 +28,7 @@ from sfr_loc_map.errors import NodeError, OutputError
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.nodes.replay import ReplayOptions
+    from sfr_loc_map.nodes.replay.replay import ReplayOptions
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
 
 
@@ -70,7 +70,7 @@ def replay(
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.metrics.config import ScoreConfig
-    from sfr_loc_map.nodes.replay import ReplayOptions, is_ros_parameter_file
+    from sfr_loc_map.nodes.replay.replay import ReplayOptions, is_ros_parameter_file
     from sfr_loc_map.pipeline.offline import start_pose
 
     values = {"trajectory.conditions": tuple(condition)} if condition else {}
@@ -126,8 +126,8 @@ def _folder(out: Path) -> Iterator[Path]:
 
 def _run(source: Source, options: ReplayOptions) -> ReplayResult:
     """Replay with progress bars and return what came out."""
-    from sfr_loc_map.nodes.replay import AGAIN
-    from sfr_loc_map.nodes.replay import replay as run
+    from sfr_loc_map.nodes.replay.replay import AGAIN
+    from sfr_loc_map.nodes.replay.replay import replay as run
     from sfr_loc_map.pipeline.replay import ReplayResult
 
     totals = {name: len(part) for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None}

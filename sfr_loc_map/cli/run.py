@@ -37,7 +37,7 @@ def run(
 ) -> None:
     """Run the nodes, one process each, until Ctrl-C or SIGTERM; exit 2 if one ends before."""
     require_ros("run")
-    from sfr_loc_map.nodes.group import nodes_of, run_group
+    from sfr_loc_map.nodes.process.node_group import nodes_of, run_group
 
     given = list(words or ())
     cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)

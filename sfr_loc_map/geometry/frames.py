@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfr_loc_map.geometry.rotation import FloatArray, matrix_from_rotvec
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 
 GROUND_HEIGHT_RB_M = -0.540

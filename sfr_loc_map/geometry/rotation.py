@@ -7,11 +7,10 @@ Quaternions are `quat_xyzw` everywhere (`q = w + x i + y j + z k`), as in ROS me
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
-
-FloatArray = NDArray[np.float64]
+from sfr_loc_map.geometry.arrays import FloatArray
 
 
 def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:

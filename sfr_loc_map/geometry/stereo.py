@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.transform import Transform
-
-GreyImage = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +115,7 @@ class StereoPair:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NavPair:
+class PosedStereoPair:
     """A stereo pair for mapping with its place in the local map frame.
 
     Attributes:

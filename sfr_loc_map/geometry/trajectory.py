@@ -6,13 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.rotation import FloatArray, quat_conjugate
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.transform import Transform
-
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.rotation import FloatArray, matrix_from_quat, quat_conjugate, quat_from_matrix, skew
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +97,7 @@ class Transform:
         return np.asarray(np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation)
 
 
-def carried_covariance(covariance: FloatArray, displacement: FloatArray) -> FloatArray:
+def propagated_covariance(covariance: FloatArray, displacement: FloatArray) -> FloatArray:
     """Return what the covariance `(6, 6)` of a pose makes of that of a pose fixed to it, `(6, 6)`: `F P F^T`.
 
     A rotation error `w` about fixed axes moves what lies `d` beyond the pose by `w x d`.

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.stereo import GreyImage, StereoRig
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TF, TYPESTORE
 from sfr_loc_map.io.camera_info import projection

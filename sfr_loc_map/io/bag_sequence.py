@@ -13,14 +13,15 @@ from pathlib import Path
 from typing import Literal
 
 from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.stereo import GreyImage, NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, POINTS, POSE, Bag, Topic
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.folder import check_size
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message
-from sfr_loc_map.io.organised_points import points_image
+from sfr_loc_map.io.point_image import points_image
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.io.trajectory_file import check_order
 
@@ -194,7 +195,7 @@ class BagNavSequence:
         """Return the number of whole pairs."""
         return len(self._topics.found().stamps_ns)
 
-    def pairs(self) -> Iterator[NavPair]:
+    def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp.
 
         Raises:
@@ -209,7 +210,7 @@ class BagNavSequence:
             truth = None
             if topics.points and topics.points.name in raw:
                 truth = points_image(topics.bag.deserialise(topics.points, raw[topics.points.name]), self._rig)
-            yield NavPair(topics.pair(stamp_ns, raw, self._rig), self._poses[stamp_ns], truth)
+            yield PosedStereoPair(topics.pair(stamp_ns, raw, self._rig), self._poses[stamp_ns], truth)
 
 
 def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:

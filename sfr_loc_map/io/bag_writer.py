@@ -12,8 +12,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.rosbag2.storage_mcap import McapWriter
 
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.stereo import GreyImage, NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.io import bag_messages as messages
 from sfr_loc_map.io.bag import TYPESTORE
 
@@ -107,7 +107,7 @@ class BagWriter:
             self._write_static(pair.stamp_ns)
         self._write_pair("loc", pair)
 
-    def write_nav_pair(self, nav: NavPair) -> None:
+    def write_nav_pair(self, nav: PosedStereoPair) -> None:
         """Write a mapping pair with its pose, camera_info and truth."""
         stamp = nav.pair.stamp_ns
         self._write("nav/pose", stamp, messages.pose(stamp, nav.T_lm_navsb))

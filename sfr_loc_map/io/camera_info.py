@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
-from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.io.atomic import atomic_path
 
 PLY_TYPES = {

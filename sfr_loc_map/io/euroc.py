@@ -19,12 +19,12 @@ import yaml
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.stereo import GreyImage, StereoRig
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.camera_info import baseline_from_projection
-from sfr_loc_map.io.picture_pairs import PictureLocSequence, PicturePair, numbers_of, read_lines
+from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import check_order
 
@@ -65,7 +65,7 @@ def open_euroc(path: Path) -> Source:
         ]
         return np.asarray(pictures[0], np.uint8), np.asarray(pictures[1], np.uint8)
 
-    sequence = PictureLocSequence(rig, _load_truth(folder / TRUTH / "data.csv"), _pairs(folder), left.size, rectify)
+    sequence = ImageFileSequence(rig, _load_truth(folder / TRUTH / "data.csv"), _pairs(folder), left.size, rectify)
     return Source(path, "euroc", sequence, None)
 
 
@@ -130,9 +130,9 @@ def _maps(camera: _Camera, rotation: FloatArray, projection: FloatArray) -> Maps
     return np.asarray(columns, np.float32), np.asarray(rows, np.float32)
 
 
-def _pairs(folder: Path) -> list[PicturePair]:
+def _pairs(folder: Path) -> list[ImagePair]:
     left, right = (_load_list(folder / name / "data.csv") for name in ("cam0", "cam1"))
-    entries = [PicturePair(stamp, left[stamp], right[stamp]) for stamp in sorted(left.keys() & right.keys())]
+    entries = [ImagePair(stamp, left[stamp], right[stamp]) for stamp in sorted(left.keys() & right.keys())]
     if not entries:
         raise InputError(f"'{folder}': none of {len(left)} pictures of cam0 and {len(right)} of cam1 have equal stamps")
     return entries

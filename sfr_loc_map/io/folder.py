@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.stereo import GreyImage, NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import read_grey
@@ -105,7 +106,7 @@ class FolderNavSequence:
         """Return the number of pairs."""
         return len(self._entries)
 
-    def pairs(self) -> Iterator[NavPair]:
+    def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs, one in memory at a time.
 
         Raises:
@@ -115,7 +116,7 @@ class FolderNavSequence:
             if entry.T_lm_navsb is None:
                 raise InputError(f"pair of stamp {entry.stamp_ns} has no pose in LM")
             truth = None if entry.truth is None else _load_point_image(entry.truth, self._rig)
-            yield NavPair(_load_pair(entry, self._rig), entry.T_lm_navsb, truth)
+            yield PosedStereoPair(_load_pair(entry, self._rig), entry.T_lm_navsb, truth)
 
 
 def is_folder(path: Path) -> bool:

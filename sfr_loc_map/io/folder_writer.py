@@ -8,8 +8,9 @@ from typing import IO
 
 import numpy as np
 
-from sfr_loc_map.geometry.rotation import FloatArray, quat_conjugate
-from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import quat_conjugate
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.rig_file import rig_json
@@ -69,7 +70,7 @@ class FolderWriter:
         self._append(self._loc / "pairs.csv", ",".join(LOC_COLUMNS), ",".join([str(pair.stamp_ns), *names]))
         self._loc_count += 1
 
-    def write_nav_pair(self, nav: NavPair) -> None:
+    def write_nav_pair(self, nav: PosedStereoPair) -> None:
         """Write a mapping pair with its pose and truth."""
         index, truth = len(self._nav_rows), ""
         attitude = quat_conjugate(nav.T_lm_navsb.file_quat_xyzw)  # att_q_LmToNavsb, see docs/conventions

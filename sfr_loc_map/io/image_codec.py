@@ -17,7 +17,7 @@ import simplejpeg
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.stereo import GreyImage
+from sfr_loc_map.geometry.arrays import GreyImage
 
 ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     "mono8": (np.uint8, 1),

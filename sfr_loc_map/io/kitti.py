@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.camera_info import TOLERANCE, baseline_from_projection
 from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.picture_pairs import PictureLocSequence, PicturePair, numbers_of, read_lines
+from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import check_order, parse_seconds
 
@@ -43,14 +43,14 @@ def open_kitti(path: Path) -> Source:
     left, right = next(pair for pair in CAMERAS if (path / f"image_{pair[0]}").is_dir())
     stamps = _load_times(path / "times.txt")
     entries = [
-        PicturePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
+        ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)
     ]
     height, width = read_grey(entries[0].left).shape
     projections = _load_calibration(path / "calib.txt")
     rig = _rig(projections, left, right, (width, height), path / "calib.txt")
     truth = _load_poses(path, stamps, rig, -projections[left][3] / projections[left][0])
-    return Source(path, "kitti", PictureLocSequence(rig, truth, entries, (width, height), lambda a, b: (a, b)), None)
+    return Source(path, "kitti", ImageFileSequence(rig, truth, entries, (width, height), lambda a, b: (a, b)), None)
 
 
 def _load_times(path: Path) -> list[int]:

@@ -12,8 +12,9 @@ from fractions import Fraction
 from math import frexp, ldexp
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from sfr_loc_map.jit import jit
 
 COLUMNS = 8
 STAMP_DECIMALS = 9
@@ -49,7 +50,7 @@ def parse_rows(
     return stamps[:count], values[:count]
 
 
-@njit(cache=True)
+@jit
 def _parse(  # noqa: C901 - one walk over the bytes
     letters: NDArray[np.uint8],
     separator: int,
@@ -107,7 +108,7 @@ def _parse(  # noqa: C901 - one walk over the bytes
     return row, hard_count
 
 
-@njit(cache=True)
+@jit
 def _number(letters: NDArray[np.uint8], place: int) -> tuple[np.uint64, int, bool, int]:  # noqa: C901 - as above
     """Return digits, exponent (-99 if there are too many digits), sign, and the place after; place -1 if none."""
     digits, used, exponent, seen, point = np.uint64(0), 0, 0, False, False
@@ -148,7 +149,7 @@ def _number(letters: NDArray[np.uint8], place: int) -> tuple[np.uint64, int, boo
     return digits, exponent, negative, place
 
 
-@njit(cache=True)
+@jit
 def _nearest(digits: np.uint64, exponent: int, high: NDArray[np.float64], low: NDArray[np.float64]) -> float:
     """Return the double nearest to `digits 10^exponent`; NaN where this precision does not tell."""
     if digits == 0:

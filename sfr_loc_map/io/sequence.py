@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 
 
@@ -45,7 +45,7 @@ class NavSequence(Protocol):
         """Return the number of pairs."""
         ...
 
-    def pairs(self) -> Iterator[NavPair]:
+    def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs, with truth where the source has it; each call starts anew."""
         ...
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.geometry.rotation import FloatArray, quat_conjugate
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
 

@@ -8,11 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.constants import LOST_VARIANCE
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
-
-LOST_VARIANCE = 9999.0
-"""Diagonal of the covariance of a pose that is not known (m^2, rad^2)."""
 
 
 class TrackingState(StrEnum):

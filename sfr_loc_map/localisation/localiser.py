@@ -8,22 +8,23 @@ from concurrent.futures import Future
 import numpy as np
 
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.rotation import FloatArray, rotvec_from_matrix
-from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.calibration import RightOffset
+from sfr_loc_map.localisation.backend.online_calibration import RightOffset
+from sfr_loc_map.localisation.backend.sliding_window import Landmarks, Window
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.corners import find_corners, load_mask
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
-from sfr_loc_map.localisation.images import Pyramid, build_pyramid
+from sfr_loc_map.localisation.frontend.feature_detection import find_corners, load_mask
+from sfr_loc_map.localisation.frontend.image_pyramid import Pyramid, build_pyramid
+from sfr_loc_map.localisation.frontend.patch_tracking import HALF
+from sfr_loc_map.localisation.frontend.sparse_stereo import match_corners
+from sfr_loc_map.localisation.frontend.tracking import Pose, Tracked, Tracker
 from sfr_loc_map.localisation.parallel import both, in_background
-from sfr_loc_map.localisation.patches import HALF
 from sfr_loc_map.localisation.pose_covariance import UNSEEN_SIGMA, Start, common_covariance, covariance_of_rb
-from sfr_loc_map.localisation.relocation import WellSeen, pose_by_descriptors, pose_by_flow
-from sfr_loc_map.localisation.sparse_stereo import match_corners
-from sfr_loc_map.localisation.stages import Stages
-from sfr_loc_map.localisation.tracking import Pose, Tracked, Tracker
-from sfr_loc_map.localisation.window import Landmarks, Window
+from sfr_loc_map.localisation.relocalisation import WellSeen, pose_by_descriptors, pose_by_flow
+from sfr_loc_map.localisation.stage_timer import Stages
 
 BORDER = HALF + 4
 """Pixels along the edges where no corner is taken: a patch with its gradients must fit."""

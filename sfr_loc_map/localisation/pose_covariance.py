@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.geometry.rotation import FloatArray, skew
-from sfr_loc_map.geometry.transform import carried_covariance
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import skew
+from sfr_loc_map.geometry.transform import propagated_covariance
 
 UNSEEN_SIGMA = (1.0, 1.0, 0.3, 0.1, 0.1, 0.5)
 """What the rover may have moved while nothing was seen, in any direction, metres and radians."""
@@ -27,7 +28,7 @@ class Start:
 
     def carried_to(self, position: FloatArray) -> FloatArray:
         """Return its share `(6, 6)` of the covariance at another place `(3,)`: a turn at the start swings the way."""
-        return carried_covariance(self.covariance, position - self.position)
+        return propagated_covariance(self.covariance, position - self.position)
 
 
 def common_covariance(depth_m: float, common_px: float, focal_px: float) -> FloatArray:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.stereo import GreyImage, StereoPair
-from sfr_loc_map.mapping.alignment import Alignment
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.mapping.filters import box_mean
-from sfr_loc_map.mapping.matching import match
-
-FloatImage = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+from sfr_loc_map.mapping.rectification_correction import Alignment
+from sfr_loc_map.mapping.semi_global_matching import match
 
 LEAST_CONTRAST = 2.0
 """Standard deviation of a picture's grey levels below which there is nothing to match."""
@@ -27,7 +24,7 @@ GAIN_WARNING = 1.15
 COARSE = 2
 
 
-def check_pictures(pair: StereoPair) -> None:
+def check_images(pair: StereoPair) -> None:
     """Refuse pictures without content.
 
     Raises:

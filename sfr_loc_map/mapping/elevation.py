@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
-
-FloatArray = NDArray[np.float64]
 
 MAX_CELLS = 25_000_000
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-FloatImage = NDArray[np.float32]
+from sfr_loc_map.geometry.arrays import FloatImage
 
 
 def box_mean(image: FloatImage, side: int) -> FloatImage:

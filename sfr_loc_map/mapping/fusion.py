@@ -19,13 +19,12 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.machine_code import by_rows
+from sfr_loc_map.jit import jit_rows
 
-FloatImage = NDArray[np.float32]
-FloatArray = NDArray[np.float64]
 F = np.float32
 
 AGREE_SIGMAS = 3.0
@@ -241,7 +240,7 @@ def looked_up(cloud: PointCloud, other: View, weight: FloatImage, grey: FloatIma
     return Seen(index, difference, deviation, weights, here - own, beside - own, offset)
 
 
-@by_rows
+@jit_rows
 def _look_up(
     xyz: FloatImage,
     rotation: FloatArray,

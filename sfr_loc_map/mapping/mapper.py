@@ -12,14 +12,14 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.checks import check_matches, check_pictures, matched_share
-from sfr_loc_map.mapping.confidence import sigma_of, trusted
+from sfr_loc_map.mapping.checks import check_images, check_matches, matched_share
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.fusion import View, fused
-from sfr_loc_map.mapping.matching import match, search_range
-from sfr_loc_map.mapping.overlap import Fit, fitted
-from sfr_loc_map.mapping.refinement import refine
+from sfr_loc_map.mapping.registration import Fit, fitted
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
+from sfr_loc_map.mapping.semi_global_matching import match, search_range
+from sfr_loc_map.mapping.uncertainty import sigma_of, trusted
+from sfr_loc_map.mapping.variational_refinement import refine
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +106,7 @@ class Mapper:
             )
         if not 0 <= index < MAX_PAIRS:
             raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
-        check_pictures(pair)
+        check_images(pair)
         left, right = pair.left.astype(np.float32), pair.right.astype(np.float32)
         initial = match(pair.left, pair.right, self._search.count)
         refined = refine(left, right, initial)

@@ -6,13 +6,11 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import GreyImage, StereoRig
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.machine_code import by_rows
-
-FloatImage = NDArray[np.float32]
-FloatArray = NDArray[np.float64]
+from sfr_loc_map.jit import jit_rows
 
 
 def cloud_from_disparity(
@@ -42,7 +40,7 @@ def cloud_from_disparity(
     return PointCloud(xyz, sigma, intensity, u, v, np.full(count, index, np.uint8))
 
 
-@by_rows
+@jit_rows
 def _fill(
     disparity: FloatImage,
     deviation: FloatImage,

@@ -17,19 +17,19 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.trajectory import IntArray, Trajectory
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.config import AssociationConfig
 
 AUTO_STAMPS = 16
 """Stamps of each kind in the common span that `auto` looks at."""
 COVARIANCE_SIZE = 21
 """Numbers of the upper triangle of a 6 x 6 covariance, row by row."""
-NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,7 +205,7 @@ def decide_way(est_stamps: IntArray, gt_stamps: IntArray, config: AssociationCon
 
 def tolerance_ns(config: AssociationConfig) -> int:
     """Return the tolerance in nanoseconds."""
-    return round(config.tolerance_s * NS)
+    return round(config.tolerance_s * NS_PER_S)
 
 
 def join(
@@ -228,7 +228,7 @@ def join(
         largest_difference_ns=int(difference.max(initial=0)),
     )
     if way == "interpolate":
-        between, after = _bracketed(est_stamps, gt_stamps, partner, round(config.max_gap_s * NS))
+        between, after = _bracketed(est_stamps, gt_stamps, partner, round(config.max_gap_s * NS_PER_S))
         rows = gt_rows[after - 1], gt_rows[after]
         frames = _merge(frames, _interpolated(estimates, est_rows[between], truth, *rows))
         gaps = truth.stamps_ns[rows[1]] - truth.stamps_ns[rows[0]]
@@ -318,7 +318,7 @@ def _merge(first: Frames, second: Frames) -> Frames:
     return both.rows(np.argsort(both.stamps_ns, kind="stable"))
 
 
-@njit(cache=True)
+@jit
 def unit_quats(quats: FloatArray) -> FloatArray:
     """Return quaternions `(N, 4)` of unit length; row by row, so that a row's bits do not depend on its neighbours."""
     out = np.empty((len(quats), 4))
@@ -329,7 +329,7 @@ def unit_quats(quats: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True)
+@jit
 def slerp(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
     """Return unit quaternions on the shortest way from `a` to `b` (Shoemake 1985).
 

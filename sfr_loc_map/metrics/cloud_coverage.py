@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.rotation import FloatArray
 from sfr_loc_map.metrics.cloud_truth import PairTruth
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-BoolImage = NDArray[np.bool_]
 FOOTPRINTS = 2.0
 SEEN_TWICE_STEP = 4
 """Every n-th pixel each way is looked at to find out whether a cloud is fused."""
@@ -28,7 +27,7 @@ FUSED_BELOW = 0.5
 BATCH = 262144
 
 
-def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[BoolImage]:
+def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[Mask]:
     """Return for each pair which pixels `(H, W)` have a point."""
     covered = []
     for number, truth in enumerate(truths):
@@ -41,7 +40,7 @@ def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[BoolI
 
 def footprint_coverage(
     cloud: PointCloud, truths: Sequence[PairTruth], ranges: Sequence[FloatArray], farthest_m: float
-) -> list[BoolImage]:
+) -> list[Mask]:
     """Return for each pair which true points `(H, W)` up to a range have a cloud point within two footprints."""
     from scipy.spatial import cKDTree  # slow to import, and a node seldom needs it
 
@@ -71,7 +70,7 @@ def _near(tree: cKDTree, points: FloatArray, radius: FloatArray) -> NDArray[np.b
     return near
 
 
-def looks_fused(covered: Sequence[BoolImage], truths: Sequence[PairTruth]) -> bool:
+def looks_fused(covered: Sequence[Mask], truths: Sequence[PairTruth]) -> bool:
     """Tell whether points that two pairs see are in the cloud only once.
 
     Of the pixels that have a point and whose surface another pair sees as well, a cloud of single pairs has the other

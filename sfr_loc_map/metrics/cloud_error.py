@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.metrics.cloud_coverage import BoolImage, footprint_coverage, looks_fused, pixel_coverage
+from sfr_loc_map.metrics.cloud_coverage import footprint_coverage, looks_fused, pixel_coverage
 from sfr_loc_map.metrics.cloud_truth import PairTruth
 from sfr_loc_map.metrics.config import MapScoreConfig
 from sfr_loc_map.metrics.quantiles import chi2_quantile
@@ -160,7 +160,7 @@ def _check_pixels(cloud: PointCloud, truths: Sequence[PairTruth]) -> None:
             )
 
 
-def _coverage(covered: Sequence[BoolImage], ranges: Sequence[FloatArray], low: float, high: float) -> float | None:
+def _coverage(covered: Sequence[Mask], ranges: Sequence[FloatArray], low: float, high: float) -> float | None:
     """Return the share of the true points at ranges in [low, high) that are covered."""
     inside = [(distance >= low) & (distance < high) for distance in ranges]
     total = sum(int(np.count_nonzero(which)) for which in inside)
@@ -169,7 +169,7 @@ def _coverage(covered: Sequence[BoolImage], ranges: Sequence[FloatArray], low: f
 
 
 def _by_range(
-    errors: PointErrors, covered: Sequence[BoolImage], ranges: Sequence[FloatArray], config: MapScoreConfig
+    errors: PointErrors, covered: Sequence[Mask], ranges: Sequence[FloatArray], config: MapScoreConfig
 ) -> list[dict[str, Any]]:
     bins = []
     for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
@@ -183,7 +183,7 @@ def _by_range(
 def _by_pair(
     cloud: PointCloud,
     errors: PointErrors,
-    covered: Sequence[BoolImage],
+    covered: Sequence[Mask],
     ranges: Sequence[FloatArray],
     config: MapScoreConfig,
 ) -> list[dict[str, Any]]:

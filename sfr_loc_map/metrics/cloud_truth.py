@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.stereo import NavPair, StereoRig
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 
 
@@ -40,7 +40,7 @@ class PairTruth:
             )
 
     @classmethod
-    def of(cls, pair: NavPair, rig: StereoRig) -> PairTruth | None:
+    def of(cls, pair: PosedStereoPair, rig: StereoRig) -> PairTruth | None:
         """Return the truth of a pair, None if the source has none."""
         if pair.truth is None:
             return None
@@ -62,7 +62,7 @@ class PairTruth:
             return self.rig.fx * x / z + self.rig.cx, self.rig.fy * y / z + self.rig.cy, z
 
 
-def truths_of(pairs: Sequence[NavPair], rig: StereoRig) -> list[PairTruth]:
+def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTruth]:
     """Return the truth of every pair of a set.
 
     Raises:

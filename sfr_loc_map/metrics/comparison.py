@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.condition_score import FIGURES
 from sfr_loc_map.metrics.confidence import MIN_FREEDOM, MIN_INDEPENDENT, WIDENING, blocks_share, resampled_figures
 from sfr_loc_map.metrics.quantiles import student_quantile

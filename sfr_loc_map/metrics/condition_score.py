@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.trajectory import IntArray
-from sfr_loc_map.metrics.association import NS, Frames
-from sfr_loc_map.metrics.confidence import Grains, interval95
+from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.metrics.association import Frames
+from sfr_loc_map.metrics.confidence import BlockSums, interval95
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import Consistency
-from sfr_loc_map.metrics.statistics import Moments, RowQueue, Thinned, norm
+from sfr_loc_map.metrics.statistics import Decimated, Moments, RowQueue, norm
 from sfr_loc_map.metrics.sub_trajectories import KINDS, Condition, find_ends
 from sfr_loc_map.metrics.trajectory_error import COLUMNS, sub_trajectory_errors
 
@@ -41,14 +41,14 @@ class ConditionScore:
         self._brief = brief
         self.condition = condition
         self.moments = Moments(len(COLUMNS))
-        self._grains = Grains(INTERVAL_COLUMNS)
+        self._grains = BlockSums(INTERVAL_COLUMNS)
         self._consistency = Consistency()
         self._overlaps = 0
-        self.kept_errors = Thinned(len(COLUMNS), DETAIL_ROWS)
-        self.kept_places = Thinned(4, DETAIL_ROWS, np.int64)
+        self.kept_errors = Decimated(len(COLUMNS), DETAIL_ROWS)
+        self.kept_places = Decimated(4, DETAIL_ROWS, np.int64)
         self.given_up = 0
         self._kind = list(KINDS).index(condition.kind)
-        self._value = round(condition.value * NS) if condition.kind == "time" else condition.value
+        self._value = round(condition.value * NS_PER_S) if condition.kind == "time" else condition.value
         self._most_starts = MAX_WAITING_BRIEF if brief else MAX_WAITING_STARTS
         self._starts = RowQueue()
 

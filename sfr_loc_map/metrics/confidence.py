@@ -21,10 +21,10 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.quantiles import student_quantile
 
 MAX_GRAINS = 512
@@ -40,7 +40,7 @@ MIN_INDEPENDENT = 2.0
 """With fewer independent sub-trajectories there is no interval."""
 
 
-class Grains:
+class BlockSums:
     """Sums over consecutive stretches of an endless series, in bounded memory.
 
     A row is count, sums and sums of squares of the columns.
@@ -65,7 +65,7 @@ class Grains:
         return int(self._state[1])
 
 
-@njit(cache=True)
+@jit
 def _push_grains(rows: FloatArray, state: NDArray[np.int64], values: FloatArray) -> None:
     columns = values.shape[1]
     for i in range(len(values)):
@@ -84,7 +84,7 @@ def _push_grains(rows: FloatArray, state: NDArray[np.int64], values: FloatArray)
             rows[row, 1 + columns + k] += values[i, k] * values[i, k]
 
 
-def interval95(grains: Grains, columns: slice, overlap: float, *, unsigned: bool) -> list[float] | None:
+def interval95(grains: BlockSums, columns: slice, overlap: float, *, unsigned: bool) -> list[float] | None:
     """Return the 95 % interval of norm(mean) + 3 norm(sigma) of some columns.
 
     Args:
@@ -164,7 +164,7 @@ def _drawn(rows: int, draws: int) -> NDArray[np.int32]:
     return np.random.default_rng(SEED).integers(0, rows, (RESAMPLES, draws), dtype=np.int32)
 
 
-@njit(cache=True)
+@jit
 def _figures_of(blocks: FloatArray, drawn: NDArray[np.int32], mean: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return mean vectors and figures of series put together from block sums `(rows, 1 + 2 d)`."""
     width = len(mean)

@@ -15,18 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.geometry.rotation import (
-    FloatArray,
-    quat_conjugate,
-    quat_multiply,
-    quat_normalised,
-    quat_rotate,
-)
-from sfr_loc_map.geometry.transform import carried_covariance
+from sfr_loc_map.constants import LOST_VARIANCE
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
+from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.metrics.quantiles import chi2_quantile
 
-LOST_VARIANCE = 9999.0
-"""A variance this large says that the pose is not known."""
 PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
 UPPER = np.triu_indices(6)
 
@@ -88,7 +82,7 @@ class Consistency:
 
 def covariance_growth(start: FloatArray, end: FloatArray, displacement: FloatArray) -> FloatArray:
     """Return `Q = P_end - F P_start F^T` `(6, 6)`, see above."""
-    growth = end - carried_covariance(start, displacement)
+    growth = end - propagated_covariance(start, displacement)
     return np.asarray(0.5 * (growth + growth.T))
 
 

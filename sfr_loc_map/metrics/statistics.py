@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.jit import jit
 
 
 class Moments:
@@ -32,7 +32,7 @@ class Moments:
         return np.sqrt(self._squares / (self.count - 1)) if self.count > 1 else None
 
 
-@njit(cache=True)
+@jit
 def _push_moments(count: int, mean: FloatArray, squares: FloatArray, values: FloatArray) -> int:
     for i in range(len(values)):
         count += 1
@@ -43,7 +43,7 @@ def _push_moments(count: int, mean: FloatArray, squares: FloatArray, values: Flo
     return count
 
 
-class Thinned:
+class Decimated:
     """Every n-th row of an endless series, n the smallest power of two that keeps their number at or under a limit."""
 
     def __init__(self, columns: int, limit: int, dtype: type[np.generic] = np.float64) -> None:

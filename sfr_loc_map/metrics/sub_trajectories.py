@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.trajectory import IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.jit import jit
 
 DISTANCE_TOLERANCE_M = 1e-9
 """A path this much shorter than asked for is long enough."""
@@ -61,7 +60,7 @@ class Condition:
         return f"{self.value:g} {unit}"
 
 
-@njit(cache=True)
+@jit
 def path_lengths(positions: FloatArray, last: FloatArray, length: FloatArray) -> FloatArray:
     """Return the path length `(N, 2)` up to each frame, as a sum of two numbers so that no step is lost to rounding.
 
@@ -86,7 +85,7 @@ def path_lengths(positions: FloatArray, last: FloatArray, length: FloatArray) ->
     return out
 
 
-@njit(cache=True)
+@jit
 def find_ends(
     start_lengths: FloatArray,
     start_stamps: IntArray,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.statistics import summary
 
 HOST_CLOCK = "host monotonic"

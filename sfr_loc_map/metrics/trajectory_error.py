@@ -7,10 +7,9 @@ from before N does not count. With `position` re-basing only the position offset
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.trajectory import IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.jit import jit
 
 COLUMNS = ("x", "y", "z", "attitude", "heading", "along", "cross", "vertical", "travelled")
 """Columns of `sub_trajectory_errors`: metres in DS, degrees, degrees, metres, metres."""
@@ -22,22 +21,22 @@ Quat = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
 
-@njit(cache=True)
+@jit
 def _quat(rows: FloatArray, i: int) -> Quat:
     return rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3]
 
 
-@njit(cache=True)
+@jit
 def _difference(a: FloatArray, i: int, b: FloatArray, j: int) -> Vector:
     return a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
 
 
-@njit(cache=True)
+@jit
 def _conjugate(q: Quat) -> Quat:
     return -q[0], -q[1], -q[2], q[3]
 
 
-@njit(cache=True)
+@jit
 def _product(a: Quat, b: Quat) -> Quat:
     """Return the Hamilton product `a b`, scalar last."""
     return (
@@ -48,7 +47,7 @@ def _product(a: Quat, b: Quat) -> Quat:
     )
 
 
-@njit(cache=True)
+@jit
 def _rotated(q: Quat, v: Vector) -> Vector:
     """Return `v` turned by the unit quaternion `q`."""
     x = 2.0 * (q[1] * v[2] - q[2] * v[1])
@@ -61,19 +60,19 @@ def _rotated(q: Quat, v: Vector) -> Vector:
     )
 
 
-@njit(cache=True)
+@jit
 def heading_rad(q: Quat) -> float:
     """Return the heading [4.2.3.3]: angle in DS from x to the projection of the RB x-axis; `q` has unit length."""
     return float(np.arctan2(2.0 * (q[0] * q[1] + q[2] * q[3]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])))
 
 
-@njit(cache=True)
+@jit
 def wrapped_deg(angle: float) -> float:
     """Return an angle in degrees wrapped to (-180, 180]."""
     return float(angle - 360.0 * np.ceil((angle - 180.0) / 360.0))
 
 
-@njit(cache=True)
+@jit
 def sub_trajectory_errors(
     start_gt_pos: FloatArray,
     start_gt_quat: FloatArray,

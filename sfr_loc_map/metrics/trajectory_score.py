@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import NS, AssociationCounts, Estimates, Frames, associate
+from sfr_loc_map.metrics.association import AssociationCounts, Estimates, Frames, associate
 from sfr_loc_map.metrics.condition_score import ConditionScore, rounded
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.statistics import Thinned
+from sfr_loc_map.metrics.statistics import Decimated
 from sfr_loc_map.metrics.sub_trajectories import Condition, path_lengths
 
 PATH_ROWS = 2000
@@ -51,9 +52,9 @@ class TrajectoryScore:
         self._last = np.full(3, np.nan)
         self._first_stamp_ns: int | None = None
         self._last_stamp_ns: int | None = None
-        self._path = Thinned(11, PATH_ROWS)
-        self._path_stamps = Thinned(1, PATH_ROWS, np.int64)
-        self._path_lost = Thinned(1, PATH_ROWS, np.bool_)
+        self._path = Decimated(11, PATH_ROWS)
+        self._path_stamps = Decimated(1, PATH_ROWS, np.int64)
+        self._path_lost = Decimated(1, PATH_ROWS, np.bool_)
 
     def copy(self) -> TrajectoryScore:
         """Return a score that goes its own way from here."""
@@ -96,7 +97,7 @@ class TrajectoryScore:
         }
         duration = None
         if self._first_stamp_ns is not None and self._last_stamp_ns is not None:
-            duration = (self._last_stamp_ns - self._first_stamp_ns) / NS
+            duration = (self._last_stamp_ns - self._first_stamp_ns) / NS_PER_S
         return {
             "lost": counts.lost,
             "path_length_m": float(self._length[0] + self._length[1]),
@@ -151,7 +152,11 @@ def score_trajectory(estimates: Estimates, truth: Trajectory, config: Trajectory
 def _nothing_in_common(estimate: Trajectory, truth: Trajectory) -> str:
     spans = []
     for name, poses in (("the estimate", estimate), ("the truth", truth)):
-        ends = f" from {poses.stamps_ns.min() / NS:.3f} s to {poses.stamps_ns.max() / NS:.3f} s" if len(poses) else ""
+        ends = (
+            f" from {poses.stamps_ns.min() / NS_PER_S:.3f} s to {poses.stamps_ns.max() / NS_PER_S:.3f} s"
+            if len(poses)
+            else ""
+        )
         spans.append(f"{name} has {len(poses)} poses{ends}")
     return (
         f"no estimate has a truth at its stamp: {', '.join(spans)}; give trajectories of the same drive and clock "

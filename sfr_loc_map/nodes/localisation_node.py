@@ -17,26 +17,27 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image
 
 from sfr_loc_map.config import param
+from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError, OutputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.drawing import draw_tracks
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.nodes.calls import CallReporter
-from sfr_loc_map.nodes.conversions import NS, header_msg, odometry_msg, picture_msg, transform_from_pose
-from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.latency import latencies
-from sfr_loc_map.nodes.managed import ManagedNode, PairNodeConfig
-from sfr_loc_map.nodes.motion_prior import MotionPrior
-from sfr_loc_map.nodes.mount import MountConfig
-from sfr_loc_map.nodes.qos import profile
-from sfr_loc_map.nodes.resume import KnownPose, PoseFile
-from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.nodes.static_frames import StaticFrames, tf_message_type
-from sfr_loc_map.nodes.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
+from sfr_loc_map.localisation.visualisation import draw_tracks
+from sfr_loc_map.nodes.diagnostics.call_reporter import CallReporter
+from sfr_loc_map.nodes.diagnostics.key_values import Level
+from sfr_loc_map.nodes.input.extrinsics import MountConfig
+from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
+from sfr_loc_map.nodes.input.static_transforms import StaticTransforms, tf_message_type
+from sfr_loc_map.nodes.input.stereo_subscriber import ReceivedPair, StereoInput, StereoInputConfig
+from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode, PairNodeConfig
+from sfr_loc_map.nodes.lifecycle.qos import profile
+from sfr_loc_map.nodes.messages.conversions import header_msg, image_msg, odometry_msg, transform_from_pose
+from sfr_loc_map.nodes.process.runner import run
+from sfr_loc_map.pipeline.online.latency import latencies
+from sfr_loc_map.pipeline.online.resume import KnownPose, PoseFile
 
 NAME = "localisation_node"
 DEBUG_DEPTH = 2
@@ -134,7 +135,7 @@ class LocalisationNode(ManagedNode):
         if file:
             self._pose_file = PoseFile(Path(file), config.resume_max_age_s)
         self._resumes = self._pose_file is not None
-        self._prior = MotionPrior(round(config.motion_prior.max_gap_s * NS))
+        self._prior = OdometryBuffer(round(config.motion_prior.max_gap_s * NS_PER_S))
         self._odometry = self.publish_on(Odometry, "localisation/odometry", config.output_depth)
         self._debug_picture = self.publish_on(Image, "localisation/debug_image", DEBUG_DEPTH)
         kind = tf_message_type() if config.publish_tf else None
@@ -173,7 +174,7 @@ class LocalisationNode(ManagedNode):
         self._resumes = False
         self._resumed: KnownPose | None = None
         self._known: tuple[KnownPose, ...] = ()
-        self._frames = StaticFrames()
+        self._frames = StaticTransforms()
 
     def clock_back(self) -> None:
         """Begin a new run, unless its pairs have come already."""
@@ -355,7 +356,7 @@ class LocalisationNode(ManagedNode):
         """Show what was found in the left picture, where somebody wants to see it."""
         if self._debug_picture.get_subscription_count():
             picture = draw_tracks(pair.left, localiser.last_tracked, estimate)
-            self._debug_picture.publish(picture_msg(picture, header_msg(pair.stamp_ns, "")))
+            self._debug_picture.publish(image_msg(picture, header_msg(pair.stamp_ns, "")))
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry, and tf where that is wanted and known; in the node's thread, in the order of the pairs."""

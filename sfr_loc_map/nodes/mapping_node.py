@@ -18,6 +18,7 @@ from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.config import param
+from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -25,13 +26,13 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.metrics.resources import CallUsage
-from sfr_loc_map.nodes.calls import CallReporter
-from sfr_loc_map.nodes.conversions import NS, cloud_msg, disparity_msg, header_msg, transform_from_pose
-from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.latency import latencies
-from sfr_loc_map.nodes.managed import ManagedNode, PairNodeConfig
-from sfr_loc_map.nodes.runner import run
-from sfr_loc_map.nodes.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
+from sfr_loc_map.nodes.diagnostics.call_reporter import CallReporter
+from sfr_loc_map.nodes.diagnostics.key_values import Level
+from sfr_loc_map.nodes.input.stereo_subscriber import ReceivedPair, StereoInput, StereoInputConfig
+from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode, PairNodeConfig
+from sfr_loc_map.nodes.messages.conversions import cloud_msg, disparity_msg, header_msg, transform_from_pose
+from sfr_loc_map.nodes.process.runner import run
+from sfr_loc_map.pipeline.online.latency import latencies
 
 NAME = "mapping_node"
 ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)
@@ -190,7 +191,7 @@ class MappingNode(ManagedNode):
                 self.worker.offer(partial(self._map, pair, pose))
 
     def _pose_of(self, stamp_ns: int) -> Transform | None:
-        tolerance_ns = self.config.input.stamp_tolerance_s * NS
+        tolerance_ns = self.config.input.stamp_tolerance_s * NS_PER_S
         nearest = min(self._poses, key=lambda stamp: abs(stamp - stamp_ns), default=None)
         if nearest is None or abs(nearest - stamp_ns) > tolerance_ns:
             return None

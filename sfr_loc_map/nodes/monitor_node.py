@@ -29,19 +29,19 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.io.organised_points import points_image
+from sfr_loc_map.io.point_image import points_image
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import FAIL, PASS, load_limits
 from sfr_loc_map.metrics.results import to_json
-from sfr_loc_map.nodes.calls import task_record
-from sfr_loc_map.nodes.conversions import cloud_from_msg, header_msg, odometry_row, transform_from_pose
-from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, status_msg
-from sfr_loc_map.nodes.managed import ManagedNode, NodeConfig
-from sfr_loc_map.nodes.monitor_score import MonitorScore, warm_up
-from sfr_loc_map.nodes.runner import keep_heap_compact, run
-from sfr_loc_map.nodes.transport import TransportGaps
-from sfr_loc_map.nodes.worker import Overload
+from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
+from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, status_msg
+from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode, NodeConfig
+from sfr_loc_map.nodes.lifecycle.worker import Overload
+from sfr_loc_map.nodes.messages.conversions import cloud_from_msg, header_msg, odometry_row, transform_from_pose
+from sfr_loc_map.nodes.process.runner import configure_malloc, run
+from sfr_loc_map.pipeline.online.monitor_score import MonitorScore, warm_up
+from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
 
 NAME = "monitor_node"
 FIGURES = {
@@ -330,7 +330,7 @@ def metric_statuses(score: dict[str, Any]) -> list[DiagnosticStatus]:
 
 def main() -> int:
     """Run the node."""
-    keep_heap_compact()
+    configure_malloc()
     return run(MonitorNode)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.trajectory import IntArray
-from sfr_loc_map.metrics.costs import Calls, stage_of
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.metrics.resource_score import Calls, stage_of
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), strict=True))
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Protocol
 
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.geometry.rotation import FloatArray
-from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX, BagWriter
@@ -49,7 +49,7 @@ class SourceWriter(Protocol):
         """Take a pair of the drive."""
         ...
 
-    def write_nav_pair(self, nav: NavPair) -> None:
+    def write_nav_pair(self, nav: PosedStereoPair) -> None:
         """Take a mapping pair."""
         ...
 
@@ -156,7 +156,7 @@ def _loc_events(pairs: Iterator[StereoPair], writer: SourceWriter) -> Iterator[E
         yield pair.stamp_ns, lambda pair=pair: writer.write_loc_pair(pair), True  # type: ignore[misc]
 
 
-def _nav_events(pairs: Iterator[NavPair], writer: SourceWriter) -> Iterator[Event]:
+def _nav_events(pairs: Iterator[PosedStereoPair], writer: SourceWriter) -> Iterator[Event]:
     for nav in pairs:
         yield nav.pair.stamp_ns, lambda nav=nav: writer.write_nav_pair(nav), True  # type: ignore[misc]
 

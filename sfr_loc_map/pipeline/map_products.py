@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import OutputError
+from sfr_loc_map.geometry.arrays import ColourImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.mapping.elevation import ElevationModel
-
-Colours = NDArray[np.uint8]
 
 HEIGHT_QUANTILES = (0.01, 0.99)
 """Heights between these fill the range of colours; what is beyond takes the colour at the end."""
@@ -49,18 +48,18 @@ def save_elevation(path: Path, model: ElevationModel) -> None:
         )
 
 
-def save_elevation_picture(path: Path, model: ElevationModel) -> None:
+def save_elevation_figure(path: Path, model: ElevationModel) -> None:
     """Write a PNG of the heights, coloured and shaded, y of LM upwards, cells without height dark.
 
     Raises:
         OutputError: If the file cannot be written.
     """
     with atomic_path(path) as temporary:
-        if not cv2.imwrite(str(temporary), elevation_picture(model)[::-1]):
+        if not cv2.imwrite(str(temporary), elevation_figure(model)[::-1]):
             raise OutputError(f"cannot write '{path}': the picture could not be encoded")
 
 
-def elevation_picture(model: ElevationModel) -> Colours:
+def elevation_figure(model: ElevationModel) -> ColourImage:
     """Return heights as colours, shaded by their slopes, `(R, C, 3)` in the order blue, green, red.
 
     For the look of it gaps of a cell or two are bridged, and sparse rows and columns at the rim are left out.
@@ -96,7 +95,7 @@ def _dense(count: NDArray[np.int32]) -> tuple[slice, slice]:
     return spans[0], spans[1]
 
 
-def height_colours(height_m: NDArray[np.float32], known: NDArray[np.bool_]) -> Colours:
+def height_colours(height_m: NDArray[np.float32], known: NDArray[np.bool_]) -> ColourImage:
     """Return colours `(..., 3)`, in the order blue, green, red, of heights; those not known do not set the range."""
     low, high = np.quantile(height_m[known], HEIGHT_QUANTILES)
     level = np.clip((height_m - low) / max(high - low, 1e-6), 0.0, 1.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.pipeline.convert import ConvertOptions, convert
@@ -86,8 +86,8 @@ class _FaultyNav:
     def __len__(self) -> int:
         return int(np.count_nonzero(self._perturber.kept))
 
-    def pairs(self) -> Iterator[NavPair]:
-        read: deque[tuple[int, NavPair]] = deque()
+    def pairs(self) -> Iterator[PosedStereoPair]:
+        read: deque[tuple[int, PosedStereoPair]] = deque()
 
         def pictures() -> Iterator[StereoPair]:
             for item in enumerate(self._inner.pairs()):

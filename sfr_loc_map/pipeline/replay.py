@@ -17,8 +17,8 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.cloud_truth import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.costs import merge_parts, score_calls
 from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.resource_score import merge_parts, score_calls
 from sfr_loc_map.metrics.results import build_score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_record import CallRecord

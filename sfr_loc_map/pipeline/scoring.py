@@ -13,6 +13,7 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
+from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.errors import GeometryError, InputError, SfrError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -25,16 +26,15 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
 from sfr_loc_map.metrics.cloud_truth import PairTruth, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.costs import merge_parts, score_calls, score_target
-from sfr_loc_map.metrics.detective import Diagnosis, investigate
+from sfr_loc_map.metrics.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.resource_score import merge_parts, score_calls, score_target
 from sfr_loc_map.metrics.results import build_score
 from sfr_loc_map.metrics.sub_trajectories import Condition
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 
 CLOUD_SUFFIXES = (".ply", ".pcd", ".npz")
-LOST_VARIANCE = 9999.0
 UPPER = np.triu_indices(6)
 
 
@@ -103,7 +103,7 @@ def warnings(
     estimate: Trajectory, truth: Trajectory, config: ScoreConfig, T_rb_left: Transform | None
 ) -> dict[str, list[str]]:
     """Return the part `warnings` of the score: one line if a mistake of convention explains the errors."""
-    found = investigate(estimate, truth, config.trajectory.association, T_rb_left).found
+    found = diagnose(estimate, truth, config.trajectory.association, T_rb_left).found
     return {} if found is None else {"warnings": [f"{found.sentence} (sfr doctor tells more)"]}
 
 
@@ -118,14 +118,14 @@ def camera_place(truth: Path) -> Transform | None:
     return None if loc is None or loc.rig.T_rb_sb is None else loc.rig.T_rb_left
 
 
-def diagnose(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
+def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
     """Return which single mistake of convention explains how the trajectories of two files disagree.
 
     Raises:
         InputError: If a file cannot be read.
     """
     association = config.trajectory.association
-    return investigate(load_estimates(estimate).trajectory, load_truth(truth), association, camera_place(truth))
+    return diagnose(load_estimates(estimate).trajectory, load_truth(truth), association, camera_place(truth))
 
 
 def score_cloud(

@@ -24,6 +24,7 @@ import numpy as np
 import yaml
 
 from sfr_loc_map.config import build, flatten, load_yaml
+from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.io.atomic import atomic_path
@@ -39,7 +40,6 @@ from sfr_loc_map.simulation.renderer import require_tracer
 from sfr_loc_map.simulation.world import LOC, NAV, Plan, World
 
 SETTINGS = "simulation.yaml"
-SIDES = ("left", "right")
 PARTS_SUFFIX = ".parts"
 ORPHAN_CHECK_S = 1.0
 

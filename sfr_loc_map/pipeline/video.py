@@ -11,9 +11,9 @@ import cv2
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.localisation.drawing import STRIP, draw_tracks
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
 from sfr_loc_map.pipeline.offline import Watch
 
 CODECS = {".avi": "MJPG", ".mp4": "mp4v"}

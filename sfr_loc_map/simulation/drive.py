@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.config import DriveConfig
 from sfr_loc_map.simulation.rover import stand
-from sfr_loc_map.simulation.terrain import FloatArray, Terrain
+from sfr_loc_map.simulation.terrain import Terrain
 
 STEP_S = 0.05
 """Time between the states of the way; poses between are interpolated."""

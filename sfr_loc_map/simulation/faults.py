@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
 KINDS: dict[str, tuple[float, str]] = {
     "dropped": (0.0, "the pair is missing"),

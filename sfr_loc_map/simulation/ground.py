@@ -9,8 +9,10 @@ import math
 
 import numpy as np
 
-from sfr_loc_map.simulation.noise import hash2, inlined, jit, mix, unit, value2
-from sfr_loc_map.simulation.terrain import FloatArray, materials, smooth_step
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.jit import jit, jit_inline
+from sfr_loc_map.simulation.noise import hash2, mix, unit, value2
+from sfr_loc_map.simulation.terrain import materials, smooth_step
 
 UNMADE_M = 0.12
 UNMADE_PER_RANGE = 0.03
@@ -21,7 +23,7 @@ LONGEST_M = 3.1
 _FINE, _PLATE = np.uint32(102), np.uint32(104)
 
 
-@inlined
+@jit_inline
 def fade_of(length: float, footprint: float) -> float:
     """Return how much of a wave a pixel shows: none under 1.4 footprints, all over 3.4.
 

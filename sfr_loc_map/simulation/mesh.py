@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.simulation.noise import jit
-from sfr_loc_map.simulation.terrain import FloatArray, Terrain
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.jit import jit
+from sfr_loc_map.simulation.terrain import Terrain
 
 CELLS = 32
 """Cells along the edge of a tile; a power of two."""

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
 
-import numba as nb
 import numpy as np
 
-F = TypeVar("F", bound=Callable[..., Any])
+from sfr_loc_map.jit import jit, jit_inline
 
 _M1 = np.uint32(0x7FEB352D)
 _M2 = np.uint32(0x846CA68B)
@@ -21,17 +18,7 @@ _TOP_BIT = np.uint32(0x80000000)
 _TO_UNIT = 1.0 / 4294967296.0
 
 
-def jit(function: F) -> F:
-    """Compile a function to machine code, without fast-math: the order of sums is as written."""
-    return cast(F, nb.njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-def inlined(function: F) -> F:
-    """Compile as `jit`, into each caller, so that a loop around it becomes vector code."""
-    return cast(F, nb.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function))
-
-
-@inlined
+@jit_inline
 def mix(value: np.uint32) -> np.uint32:
     """Return a well mixed 32-bit number (an xor-shift-multiply finaliser; constants: C. Wellons, "lowbias32")."""
     value ^= value >> _S16
@@ -42,7 +29,7 @@ def mix(value: np.uint32) -> np.uint32:
     return value
 
 
-@inlined
+@jit_inline
 def hash2(i: int | np.int32, j: int | np.int32, seed: np.uint32) -> np.uint32:
     """Return the hash of a cell of a grid."""
     return mix(np.uint32(np.uint32(i) * _X) ^ np.uint32(np.uint32(j) * _Y) ^ seed)
@@ -54,13 +41,13 @@ def hash3(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
     return mix(np.uint32(np.uint32(i) * _X) ^ np.uint32(np.uint32(j) * _Y) ^ np.uint32(np.uint32(k) * _Z) ^ seed)
 
 
-@inlined
+@jit_inline
 def unit(value: np.uint32) -> float:
     """Return a hash as a number in [0, 1)."""
     return value * _TO_UNIT
 
 
-@inlined
+@jit_inline
 def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
     """Return smooth noise in [-1, 1] with its gradient.
 
@@ -136,7 +123,7 @@ def value3(x: float, y: float, z: float, seed: np.uint32) -> tuple[float, float,
     return value, gx, gy, gz
 
 
-@inlined
+@jit_inline
 def _signed(value: np.uint32) -> float:
     """Return a hash as a number in [-1, 1)."""
     return np.int32(value ^ _TOP_BIT) * (2.0 * _TO_UNIT)

@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
-from sfr_loc_map.simulation.noise import hash2, inlined, jit, mix, unit
-from sfr_loc_map.simulation.terrain import FloatArray, smooth_step
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.jit import jit, jit_inline
+from sfr_loc_map.simulation.noise import hash2, mix, unit
+from sfr_loc_map.simulation.terrain import smooth_step
 
 SIZES = 5
 LARGEST_CELL_M = 0.075
@@ -139,18 +141,18 @@ def _remember(
     memory[k, 0, 2] = count
 
 
-@inlined
+@jit_inline
 def _share(full: float, k: int) -> float:
     """Return how many cells of a size have a pebble."""
     return min(full * (0.25 + 0.26 * k), 0.95)
 
 
-@inlined
+@jit_inline
 def _byte(value: np.uint32, which: int) -> float:
     return ((value >> np.uint32(8 * which)) & np.uint32(255)) * (1.0 / 255.0)
 
 
-@inlined
+@jit_inline
 def _outline(p: float, q: float, skew: float) -> float:
     """Return 1 on the outline of a stone with seven unlike sides, less inside."""
     return max(abs(p), abs(q), 0.74 * (p + q), 0.66 * (p - q), -0.7 * (p + q) * (1.0 + 0.3 * skew))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.simulation.noise import hash2, jit, mix, unit
-from sfr_loc_map.simulation.terrain import FloatArray
+from sfr_loc_map.jit import jit
+from sfr_loc_map.simulation.noise import hash2, mix, unit
 
 
 def pixel_rays(rig: StereoRig, u: FloatArray, v: FloatArray, rotation: FloatArray) -> FloatArray:

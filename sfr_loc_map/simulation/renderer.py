@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.jit import jit
 from sfr_loc_map.simulation.mesh import Mesh
-from sfr_loc_map.simulation.noise import jit
-from sfr_loc_map.simulation.terrain import FloatArray
 
 BAND_RAYS = 1 << 17
 """Rays traced at once: few enough to stay in the processor's cache."""

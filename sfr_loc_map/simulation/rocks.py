@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.config import RockConfig
 from sfr_loc_map.simulation.mesh import Mesh, cell_size, coarseness, way_distance
-from sfr_loc_map.simulation.terrain import FloatArray, Terrain
+from sfr_loc_map.simulation.terrain import Terrain
 
 CLASS_RATIO = 1.35
 """Ratio of the diameters that bound one size class."""

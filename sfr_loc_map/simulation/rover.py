@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.frames import GROUND_HEIGHT_RB_M, MAST_XY_RB_M, TILT_AXIS_Z_RB_M
 from sfr_loc_map.simulation.mesh import Mesh
-from sfr_loc_map.simulation.terrain import FloatArray, Terrain
+from sfr_loc_map.simulation.terrain import Terrain
 
 WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
 """Places of the six wheels in RB, metres (a rover of the size of a fetch rover; the document gives none)."""

@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.simulation.config import SensorConfig
-from sfr_loc_map.simulation.terrain import FloatArray
 
-FloatImage = NDArray[np.float32]
 _LENS, _HOT, _EXPOSURE, _NOISE = 6, 7, 8, 9
 
 

@@ -11,13 +11,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig
 from sfr_loc_map.simulation.ground import fade_of, ground_texture, plates
-from sfr_loc_map.simulation.noise import inlined, jit, mix, unit, value3
+from sfr_loc_map.simulation.noise import mix, unit, value3
 from sfr_loc_map.simulation.pebbles import pebble_memory, pebbles, throw_values
-from sfr_loc_map.simulation.terrain import FloatArray, smooth_step
+from sfr_loc_map.simulation.terrain import smooth_step
 
-FloatImage = NDArray[np.float32]
 SKY, GROUND = -2, -1
 """What a ray hit, if not the rock of that number."""
 RUN = 1024
@@ -134,7 +135,7 @@ def _gather_ground(
     return count
 
 
-@inlined
+@jit_inline
 def _facing(normal: FloatArray, ray: FloatArray) -> float:
     """Return the cosine of emission of the solid's surface.
 
@@ -144,7 +145,7 @@ def _facing(normal: FloatArray, ray: FloatArray) -> float:
     return float(max(-(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2]), 0.05))
 
 
-@inlined
+@jit_inline
 def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
     """Return the size of a pixel on a surface, between that across and that along the line of sight."""
     cosine = max(-(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2]), 0.08)
@@ -152,7 +153,7 @@ def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
     return float(small / (root * math.sqrt(root)))
 
 
-@inlined
+@jit_inline
 def _lit_surface(
     nx: float,
     ny: float,
@@ -178,7 +179,7 @@ def _lit_surface(
     return float(look[9] * albedo * (direct + open_sky) * clear + (1.0 - clear) * 0.9 * look[8])
 
 
-@inlined
+@jit_inline
 def _reflect(mu0: float, mu: float, lunar: float) -> float:
     """Lunar-Lambert reflection over the cosine of incidence: `2 L / (mu0 + mu) + 1 - L` (McEwen 1991)."""
     return 2.0 * lunar / (mu0 + mu + 1e-6) + 1.0 - lunar
@@ -190,7 +191,7 @@ def _sky(rise: float, look: FloatArray) -> float:
     return float(look[8] * (1.0 - 0.25 * up + 0.06 * math.exp(-12.0 * up)))
 
 
-@inlined
+@jit_inline
 def _ground(
     place: FloatArray,
     made: FloatArray,

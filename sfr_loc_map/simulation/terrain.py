@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.config import GroundConfig, TerrainConfig
-from sfr_loc_map.simulation.noise import gradient2, hash2, inlined, jit, mix, sub_seed, unit, value2
+from sfr_loc_map.simulation.noise import gradient2, hash2, mix, sub_seed, unit, value2
 
-FloatArray = NDArray[np.float64]
 SHORTEST_M = 0.02
 """Shortest wave of the relief that is made as geometry; what is finer shows in shading only."""
 CRATER_CLASSES = 4
@@ -69,14 +69,14 @@ class Terrain:
         return out
 
 
-@inlined
+@jit_inline
 def smooth_step(low: float, high: float, value: float) -> float:
     """Return 0 below `low`, 1 above `high` and a smooth cubic between."""
     t = min(max((value - low) / (high - low), 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-@inlined
+@jit_inline
 def materials(x: float, y: float, shares: FloatArray, seed: np.uint32) -> tuple[float, float, float]:
     """Return the shares of sand, gravel and bedrock at a place; they add up to 1."""
     a = value2(x * 0.23 + 0.11 * y, y * 0.23 - 0.11 * x, seed ^ _SAND)[0]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.frames import mast_head_in_rb
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -32,7 +33,7 @@ from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh
 from sfr_loc_map.simulation.rover import HALF_WIDTH_M, rover_mesh
 from sfr_loc_map.simulation.sensor import Sensor
 from sfr_loc_map.simulation.shading import look_values, shade
-from sfr_loc_map.simulation.terrain import FloatArray, Terrain
+from sfr_loc_map.simulation.terrain import Terrain
 
 LOC, NAV = 0, 1
 SKY, SHADOW, UNSEEN = 1, 2, 4

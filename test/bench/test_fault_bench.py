@@ -12,7 +12,7 @@ import pytest
 
 from sfr_loc_map.bench.fault_bench import fault_figures, jump_sigmas
 from sfr_loc_map.cli.main import main
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance

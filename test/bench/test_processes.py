@@ -13,7 +13,7 @@ from made_scene import LOC_RIG, loc_pair
 
 from sfr_loc_map.bench import peers as peers_module
 from sfr_loc_map.bench.localise_bench import LocaliseBenchSettings, bench_localise
-from sfr_loc_map.bench.peers import WORKERS, Peer, Peers, lacks, localisation_peers, mapping_peers
+from sfr_loc_map.bench.peers import WORKERS, Peers, ReferenceMethod, lacks, localisation_peers, mapping_peers
 from sfr_loc_map.bench.process import PeerProcess, Pictures
 from sfr_loc_map.bench.rounds import one_pass
 from sfr_loc_map.bench.score_bench import write_drive
@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 SCORE = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
 PEER = """
 import os, sys
-class Peer:
+class ReferenceMethod:
     version = "7"
     def __init__(self, setup):
         print("noise on standard output")
@@ -37,7 +37,7 @@ class Peer:
         return lambda: (int(left.sum()), int(right.sum()))
     def report(self, answer, order):
         return {{"pose": None, "sums": answer, "order": order}}
-open_peer = Peer
+open_peer = ReferenceMethod
 """
 
 
@@ -46,10 +46,10 @@ def sfr(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     return main()
 
 
-def made_peer(folder: Path, *, start: str = "pass", prepare: str = "pass", background: bool = False) -> Peer:
+def made_peer(folder: Path, *, start: str = "pass", prepare: str = "pass", background: bool = False) -> ReferenceMethod:
     path = folder / "made.py"
     path.write_text(PEER.format(start=start, prepare=prepare), encoding="utf-8")
-    return Peer("made", str(path), background=background)  # an absolute path stands for itself
+    return ReferenceMethod("made", str(path), background=background)  # an absolute path stands for itself
 
 
 def test_localise_shows_ours_and_opencv_and_names_what_is_missing(
@@ -166,7 +166,7 @@ def test_background_peers_get_their_pairs_at_the_rate(tmp_path: Path) -> None:
 def test_a_peer_that_fails_is_named_and_the_others_go_on(tmp_path: Path, start: str, prepare: str, words: str) -> None:
     bad = made_peer(tmp_path, start=start, prepare=prepare)
     (tmp_path / "good.py").write_text(PEER.format(start="pass", prepare="pass"), encoding="utf-8")
-    good = Peer("good", str(tmp_path / "good.py"))
+    good = ReferenceMethod("good", str(tmp_path / "good.py"))
     done = one_pass([bad, good], LOC_RIG, lambda: map(loc_pair, range(4)), {}, lambda *_: None)
     assert set(done.failed) == {"made"}
     assert words in done.failed["made"]
@@ -176,7 +176,7 @@ def test_a_peer_that_fails_is_named_and_the_others_go_on(tmp_path: Path, start: 
 def test_ours_must_run(drive: Path, tmp_path: Path) -> None:
     sequence = open_source(drive).loc
     assert sequence is not None
-    broken = Peer(peers_module.OURS, made_peer(tmp_path, start="sys.exit('broken')").worker)
+    broken = ReferenceMethod(peers_module.OURS, made_peer(tmp_path, start="sys.exit('broken')").worker)
     with pytest.raises(BenchError, match="ours has ended: broken"):
         bench_localise(sequence, LocalisationConfig(), Peers((broken,), {}), LocaliseBenchSettings(SCORE))
 

@@ -217,7 +217,7 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
     pytest.importorskip("rclpy")
     from scenes import MOUNT
 
-    from sfr_loc_map.nodes import environment
+    from sfr_loc_map.nodes.process import environment
 
     folder = tmp_path_factory.mktemp("rovers")
     script = str(Path(__file__).with_name("rover_process.py"))

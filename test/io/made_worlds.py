@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag_writer import BagWriter
@@ -24,7 +24,7 @@ class World:
     loc_rig: StereoRig
     nav_rig: StereoRig
     pairs: tuple[StereoPair, ...]
-    navs: tuple[NavPair, ...]
+    navs: tuple[PosedStereoPair, ...]
     truth: Trajectory
 
 
@@ -48,7 +48,7 @@ def make_world(count: int = 4, seed: int = 0, width: int = 24, height: int = 16)
         truth = rng.normal(size=(height, width + 2, 3)).astype(np.float32)
         truth[0] = np.nan
         pair = random_pair(rng, START_NS + i * 500_000_000, (height, width + 2))
-        navs.append(NavPair(pair, random_pose(rng), truth if i == 0 else None))
+        navs.append(PosedStereoPair(pair, random_pose(rng), truth if i == 0 else None))
     trajectory = Trajectory(np.array(stamps, np.int64), rng.normal(size=(count, 3)), rng.normal(size=(count, 4)))
     return World(loc_rig, nav_rig, pairs, tuple(navs), trajectory)
 

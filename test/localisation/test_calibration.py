@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from sfr_loc_map.localisation.adjustment import Adjusted, Prior, adjust
-from sfr_loc_map.localisation.calibration import RightOffset
+from sfr_loc_map.localisation.backend.bundle_adjustment import Adjusted, Prior, adjust
+from sfr_loc_map.localisation.backend.online_calibration import RightOffset
 
 CAMERA = np.array([400.0, 400.0, 256.0, 256.0])
 BASELINE = 0.15

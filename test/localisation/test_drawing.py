@@ -10,9 +10,9 @@ from made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, true_pose
 
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.drawing import NOT_FOUND, OUTLIER, STATES, STRIP, draw_tracks
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser, Tracked
+from sfr_loc_map.localisation.visualisation import NOT_FOUND, OUTLIER, STATES, STRIP, draw_tracks
 
 BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from sfr_loc_map.localisation.neighbours import nearest
+from sfr_loc_map.localisation.frontend.nearest_neighbours import nearest
 
 
 @settings(max_examples=60, deadline=None)

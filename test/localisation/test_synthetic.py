@@ -32,10 +32,10 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.corners import find_corners
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.relocation import WellSeen, pose_by_descriptors
+from sfr_loc_map.localisation.relocalisation import WellSeen, pose_by_descriptors
 
 DRIVE = [loc_pair(index) for index in range(40)]
 BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -268,7 +268,7 @@ from numba.core.registry import CPUDispatcher
 import sfr_loc_map.localisation as package
 from made_scene import LOC_RIG, loc_pair, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.localisation.corners import find_corners
+from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from interval_coverage import coverage
 
-from sfr_loc_map.metrics.confidence import MAX_GRAINS, Grains, interval95
+from sfr_loc_map.metrics.confidence import MAX_GRAINS, BlockSums, interval95
 
 
-def series(values: np.ndarray) -> Grains:
-    grains = Grains(values.shape[1])
+def series(values: np.ndarray) -> BlockSums:
+    grains = BlockSums(values.shape[1])
     grains.push(values)
     return grains
 
 
 def test_sums_do_not_depend_on_the_portions_and_stay_few() -> None:
     values = np.random.default_rng(1).normal(0, 1, (5000, 2))
-    whole, parts = series(values), Grains(2)
+    whole, parts = series(values), BlockSums(2)
     for first in range(0, 5000, 333):
         parts.push(values[first : first + 333])
     assert np.array_equal(whole.rows, parts.rows)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.consistency import LOST_VARIANCE
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 STEP = np.array([0.1, 0.0, 0.0])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.metrics.costs import Calls, merge_parts, score_calls, stage_of
+from sfr_loc_map.metrics.resource_score import Calls, merge_parts, score_calls, stage_of
 
 
 def test_localisation_mapping_and_fusion_are_told_apart() -> None:

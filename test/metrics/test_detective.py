@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.detective import OPTICAL_IN_RB, investigate
+from sfr_loc_map.metrics.convention_diagnosis import OPTICAL_IN_RB, diagnose
 
 CAMERA = Transform(Rotation.from_euler("y", 20, degrees=True).as_matrix() @ OPTICAL_IN_RB, np.array([0.45, 0.12, 0.30]))
 Poses = tuple[Any, Any, Any]
@@ -117,7 +117,7 @@ CASES: list[tuple[Callable[[Poses], Poses], str]] = [
 
 
 def found(estimate: Poses, truth: Poses, T_rb_left: Transform | None = None) -> tuple[str | None, str]:
-    diagnosis = investigate(Trajectory(*estimate), Trajectory(*truth), AssociationConfig(), T_rb_left)
+    diagnosis = diagnose(Trajectory(*estimate), Trajectory(*truth), AssociationConfig(), T_rb_left)
     return (diagnosis.found.mistake, diagnosis.found.sentence) if diagnosis.found else (None, "")
 
 

@@ -90,7 +90,7 @@ def segments_of(pids: list[int]) -> set[Path]:
     return {Path(line.split()[-1]) for line in lines if "/dev/shm/fastrtps_" in line and "_port" not in line}
 
 
-class Peer:
+class ReferenceMethod:
     """A node in the test's process."""
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class Peer:
         self._executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}
 
-    def __enter__(self) -> Peer:
+    def __enter__(self) -> ReferenceMethod:
         return self
 
     def __exit__(self, *_: object) -> None:

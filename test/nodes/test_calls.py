@@ -13,8 +13,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.resources import CallUsage
-from sfr_loc_map.nodes.calls import CallReporter, task_record
-from sfr_loc_map.nodes.diagnostics import Level, level_of, status_msg, values_of
+from sfr_loc_map.nodes.diagnostics.call_reporter import CallReporter, task_record
+from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, status_msg, values_of
 
 
 def published(usage: CallUsage) -> DiagnosticStatus:

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(400)]
 
 from sfr_loc_map.errors import InputError, NodeError
-from sfr_loc_map.nodes.campaign.outcome import (
+from sfr_loc_map.fault_injection.outcome import (
     FAIL,
     NOT_RUN,
     PASS,
@@ -25,9 +25,9 @@ from sfr_loc_map.nodes.campaign.outcome import (
     row_not_run,
     row_of,
 )
-from sfr_loc_map.nodes.campaign.run import FAULTS, run_campaign, select
-from sfr_loc_map.nodes.campaign.scene import Scene
-from sfr_loc_map.nodes.campaign.soak import MemoryTrend
+from sfr_loc_map.fault_injection.run import FAULTS, run_campaign, select
+from sfr_loc_map.fault_injection.scene import Scene
+from sfr_loc_map.fault_injection.soak import MemoryTrend
 
 QUICK = ("kill-localisation", "kill-monitor", "pictures-localisation", "messages-monitor", "stamps-jump")
 SETTINGS = CampaignSettings(stop_s=1.0, restart_limit_s=60.0, soak_minutes=0.0, patience_s=60.0)
@@ -62,7 +62,7 @@ class FakeBench:
 def test_a_fault_with_another_outcome_fails_and_the_next_gets_new_nodes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sfr_loc_map.nodes.campaign.run.Bench", FakeBench)
+    monkeypatch.setattr("sfr_loc_map.fault_injection.run.Bench", FakeBench)
 
     def dies(bench: Any, outcome: Outcome) -> None:
         bench.nodes["monitor_node"].lives = False

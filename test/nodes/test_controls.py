@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfr_loc_map.nodes.controls import Controls, Pace, Pairs
-from sfr_loc_map.nodes.playback import Message, begin_at
+from sfr_loc_map.pipeline.playback.controls import Controls, Pace, Pairs
+from sfr_loc_map.pipeline.playback.messages import Message, begin_at
 
 
 def message(topic: str, stamp_ns: int) -> Message:
@@ -106,7 +106,7 @@ def test_from_a_place_on_comes_what_is_not_before_it_and_the_first_camera_info(
 
 def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_put_back() -> None:
     code = (
-        "import sys, time, termios\nfrom sfr_loc_map.nodes.keyboard import Keyboard\n"
+        "import sys, time, termios\nfrom sfr_loc_map.nodes.replay.keyboard import Keyboard\n"
         "before = termios.tcgetattr(0)\nkeys = []\n"
         "with Keyboard() as keyboard:\n    print('there', keyboard.there, flush=True)\n"
         "    while 'q' not in keys:\n        keys += keyboard.pressed(); time.sleep(0.01)\n"
@@ -129,7 +129,7 @@ def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_put_back() -> No
         [
             sys.executable,
             "-c",
-            "from sfr_loc_map.nodes.keyboard import Keyboard\nwith Keyboard() as k: print(k.there, k.pressed())",
+            "from sfr_loc_map.nodes.replay.keyboard import Keyboard\nwith Keyboard() as k: print(k.there, k.pressed())",
         ],
         stdin=subprocess.DEVNULL,
         capture_output=True,

@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import encode_jpeg, encode_png, stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.nodes import conversions as c
+from sfr_loc_map.nodes.messages import conversions as c
 
 STAMP_NS = 1_700_000_000_123_456_789
 RIG = StereoRig(6, 4, 10.0, 10.0, 2.5, 1.5, 0.1)

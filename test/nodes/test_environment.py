@@ -4,7 +4,7 @@ from xml.etree import ElementTree
 import pytest
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.process import environment
 
 
 def test_profile_is_set_where_missing_or_empty_and_the_users_own_stays() -> None:

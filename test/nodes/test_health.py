@@ -4,8 +4,8 @@ import pytest
 pytest.importorskip("rclpy")  # levels are those of a message
 pytestmark = pytest.mark.ros
 
-from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.health import Health, HealthConfig, Verdict
+from sfr_loc_map.nodes.diagnostics.health import Health, HealthConfig, Verdict
+from sfr_loc_map.nodes.diagnostics.key_values import Level
 
 
 class Node:

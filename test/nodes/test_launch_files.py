@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.environment import PROFILE, PROFILE_VARIABLE
+from sfr_loc_map.nodes.process.environment import PROFILE, PROFILE_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]
 LAUNCH = ROOT / "launch_scripts"
@@ -56,7 +56,7 @@ def described(monkeypatch: pytest.MonkeyPatch) -> Any:
     index.get_package_share_directory = lambda package: str(ROOT)  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "ament_index_python", ModuleType("ament_index_python"))
     monkeypatch.setitem(sys.modules, "ament_index_python.packages", index)
-    monkeypatch.delitem(sys.modules, "sfr_loc_map.nodes.launch_parts", raising=False)
+    monkeypatch.delitem(sys.modules, "sfr_loc_map.nodes.process.launch_parts", raising=False)
     USED.clear()
 
     def describe(name: str, **values: str) -> list[Made]:
@@ -70,7 +70,7 @@ def described(monkeypatch: pytest.MonkeyPatch) -> Any:
         return [*entities, *made]
 
     yield describe
-    sys.modules.pop("sfr_loc_map.nodes.launch_parts", None)  # it has imported the stand-ins
+    sys.modules.pop("sfr_loc_map.nodes.process.launch_parts", None)  # it has imported the stand-ins
 
 
 def of_kind(entities: list[Made], kind: str) -> list[Made]:

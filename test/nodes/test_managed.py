@@ -19,7 +19,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from made_scene import LOC_RIG, PERIOD_NS, loc_pair, true_pose
 from nav_msgs.msg import Odometry
-from processes import Peer, Process, node_process, wait_until
+from processes import Process, ReferenceMethod, node_process, wait_until
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -33,11 +33,11 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.drawing import draw_tracks
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.nodes.conversions import header_msg, odometry_row, time_msg
-from sfr_loc_map.nodes.diagnostics import Level, level_of, values_of
-from sfr_loc_map.nodes.motion_prior import MotionPrior
+from sfr_loc_map.localisation.visualisation import draw_tracks
+from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, values_of
+from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
+from sfr_loc_map.nodes.messages.conversions import header_msg, odometry_row, time_msg
 
 CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = (
     Transition.TRANSITION_CONFIGURE,
@@ -51,7 +51,7 @@ CONFIG = Path(__file__).resolve().parents[2] / "config"
 OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])
 
 
-class Manager(Peer):
+class Manager(ReferenceMethod):
     """A peer that drives one node."""
 
     def __init__(self, node: str = "localisation_node") -> None:
@@ -213,7 +213,7 @@ def test_what_comes_too_fast_is_dropped_by_the_rule_and_counted(ros: None, tmp_p
 SUBCLASS = """
 import sys, time
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.process.runner import run
 
 class Odd(LocalisationNode):
     def _on_pair(self, received):
@@ -274,7 +274,7 @@ def test_a_fault_that_no_one_foresaw_is_told_and_survived(ros: None, tmp_path: P
 
 def test_wheel_odometry_tells_where_to_look(ros: None, tmp_path: Path) -> None:
     arguments = ["--ros-args", *MOUNT, "-p", "motion_prior.wait_s:=0.5"]
-    prior = MotionPrior(10**9)
+    prior = OdometryBuffer(10**9)
     localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
     with node_process(tmp_path, "localisation_node", *arguments) as node, Manager() as peer:
         node.wait_for("listens to")
@@ -315,7 +315,7 @@ def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, tmp_path
     with (
         node_process(folders[0], "localisation_node", *arguments, "__ns:=/rover1") as first,
         node_process(folders[1], "localisation_node", *arguments, "__ns:=/rover2") as second,
-        Peer() as peer,
+        ReferenceMethod() as peer,
     ):
         odometry = [peer.listen(Odometry, f"/rover{number}/localisation/odometry") for number in (1, 2)]
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
@@ -396,7 +396,7 @@ def test_quality_of_service_that_does_not_fit_is_named(ros: None, tmp_path: Path
         node.wait_for("a publisher of /loc/left/image_rect offers less RELIABILITY than this node asks for")
         peer.well(Level.WARN, "/loc/left/image_rect offers less RELIABILITY")
     arguments = ["--ros-args", *MOUNT, "-p", "input.reliability:=best_effort", "-p", "output_reliability:=best_effort"]
-    with node_process(tmp_path, "localisation_node", *arguments) as node, Peer() as peer:
+    with node_process(tmp_path, "localisation_node", *arguments) as node, ReferenceMethod() as peer:
         node.wait_for("listens to")
         peer.node.create_publisher(Image, "loc/left/image_rect", best_effort)
         peer.listen(Odometry, "localisation/odometry")

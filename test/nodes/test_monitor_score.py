@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.nodes.monitor_score import MOST_STAGES, MOST_STATES, CallRing, MonitorScore
 from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.pipeline.online.monitor_score import MOST_STAGES, MOST_STATES, CallRing, MonitorScore
 
 
 def record(number: int, state: str = "tracking", peak: int | None = None) -> CallRecord:

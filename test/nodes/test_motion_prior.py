@@ -5,14 +5,14 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.nodes.motion_prior import MotionPrior
+from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 
 MS = 1_000_000
 START = Transform(matrix_from_rotvec([0.1, -0.2, 2.0]), np.array([5.0, -3.0, 0.2]))
 
 
-def filled(period_ms: int = 100, count: int = 11) -> MotionPrior:
-    prior = MotionPrior(500 * MS)
+def filled(period_ms: int = 100, count: int = 11) -> OdometryBuffer:
+    prior = OdometryBuffer(500 * MS)
     for index in range(count):
         turn = matrix_from_rotvec(np.array([0.0, 0.03, 0.4]) * index * period_ms / 1000)
         prior.add(
@@ -35,7 +35,7 @@ def test_what_messages_do_not_cover_is_not_known() -> None:
     prior = filled()
     assert prior.between(-1, 500 * MS, 0.0) is None
     assert prior.between(500 * MS, 1000 * MS + 1, 0.0) is None
-    assert MotionPrior(500 * MS).between(0, 1, 10.0) is None  # and nobody waits for what never came
+    assert OdometryBuffer(500 * MS).between(0, 1, 10.0) is None  # and nobody waits for what never came
     sparse = filled(period_ms=600, count=3)
     assert sparse.between(0, 600 * MS, 0.0) is not None
     assert sparse.between(0, 300 * MS, 0.0) is None

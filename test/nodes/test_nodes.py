@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, START_NS, loc_pair, nav_pair, true_pose
 from nav_msgs.msg import Odometry
-from processes import Peer, node_process
+from processes import ReferenceMethod, node_process
 from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Float64, String
@@ -28,8 +28,14 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.nodes.conversions import cloud_from_msg, disparity_from_msg, header_msg, odometry_row, pose_msg
-from sfr_loc_map.nodes.diagnostics import values_of
+from sfr_loc_map.nodes.diagnostics.key_values import values_of
+from sfr_loc_map.nodes.messages.conversions import (
+    cloud_from_msg,
+    disparity_from_msg,
+    header_msg,
+    odometry_row,
+    pose_msg,
+)
 
 
 def test_localisation_in_a_namespace_with_remapping_and_a_parameter_file(ros: None, tmp_path: Path) -> None:
@@ -41,7 +47,7 @@ def test_localisation_in_a_namespace_with_remapping_and_a_parameter_file(ros: No
     )
     arguments = ["--ros-args", "--params-file", str(file), "-r", "__ns:=/rover1", *MOUNT]
     arguments += ["-r", "loc/left/image_rect:=/cam/l", "-r", "initialpose:=/start"]
-    with node_process(tmp_path, "localisation_node", *arguments) as node, Peer() as peer:
+    with node_process(tmp_path, "localisation_node", *arguments) as node, ReferenceMethod() as peer:
         odometry = peer.listen(Odometry, "/rover1/localisation/odometry")
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         node.wait_for("listens to")
@@ -85,7 +91,7 @@ def test_localisation_in_a_namespace_with_remapping_and_a_parameter_file(ros: No
 
 
 def test_localisation_survives_what_the_network_may_send(ros: None, tmp_path: Path) -> None:
-    with node_process(tmp_path, "localisation_node", "--ros-args", *MOUNT) as node, Peer() as peer:
+    with node_process(tmp_path, "localisation_node", "--ros-args", *MOUNT) as node, ReferenceMethod() as peer:
         odometry = peer.listen(Odometry, "localisation/odometry")
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         node.wait_for("listens to")
@@ -122,7 +128,7 @@ def test_localisation_survives_what_the_network_may_send(ros: None, tmp_path: Pa
 
 
 def test_localisation_starts_anew_by_service_by_pose_and_when_stamps_go_back(ros: None, tmp_path: Path) -> None:
-    with node_process(tmp_path, "localisation_node", "--ros-args", *MOUNT) as node, Peer() as peer:
+    with node_process(tmp_path, "localisation_node", "--ros-args", *MOUNT) as node, ReferenceMethod() as peer:
         odometry = peer.listen(Odometry, "localisation/odometry")
         node.wait_for("listens to")
         send_infos(peer, "loc", LOC_RIG)
@@ -152,7 +158,7 @@ def test_localisation_starts_anew_by_service_by_pose_and_when_stamps_go_back(ros
 
 def test_pictures_that_the_node_has_no_room_for_are_counted(ros: None, tmp_path: Path) -> None:
     arguments = ["--ros-args", *MOUNT, "-p", "input.queue_depth:=3"]
-    with node_process(tmp_path, "localisation_node", *arguments) as node, Peer() as peer:
+    with node_process(tmp_path, "localisation_node", *arguments) as node, ReferenceMethod() as peer:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         node.wait_for("listens to")
         send_infos(peer, "loc", LOC_RIG)
@@ -172,7 +178,7 @@ def test_pictures_that_the_node_has_no_room_for_are_counted(ros: None, tmp_path:
 
 
 def test_localisation_without_the_place_of_its_cameras_says_what_is_missing(ros: None, tmp_path: Path) -> None:
-    with node_process(tmp_path, "localisation_node") as node, Peer() as peer:
+    with node_process(tmp_path, "localisation_node") as node, ReferenceMethod() as peer:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         odometry = peer.listen(Odometry, "localisation/odometry")
         node.wait_for("the place of the stereo bench (parameters T_rb_locsb) is not given")
@@ -200,7 +206,7 @@ def test_parameters_that_are_not_valid_are_one_line_and_exit_2(
         assert len(node.text.strip().splitlines()) == 1
 
 
-def send_nav(peer: Peer, index: int, *, pose: bool = True) -> None:
+def send_nav(peer: ReferenceMethod, index: int, *, pose: bool = True) -> None:
     item = nav_pair(index)
     if pose:
         message = raw(bag_messages.pose(item.pair.stamp_ns, item.T_lm_navsb))
@@ -210,7 +216,7 @@ def send_nav(peer: Peer, index: int, *, pose: bool = True) -> None:
 
 def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, tmp_path: Path) -> None:
     arguments = ["--ros-args", "-p", "pairs_per_map:=2", "-p", "pose_wait_s:=1.0"]
-    with node_process(tmp_path, "mapping_node", *arguments) as node, Peer() as peer:
+    with node_process(tmp_path, "mapping_node", *arguments) as node, ReferenceMethod() as peer:
         clouds = peer.listen(PointCloud2, "mapping/points")
         disparities = peer.listen(DisparityImage, "mapping/disparity")
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
@@ -265,7 +271,7 @@ def test_monitor_scores_what_it_hears(ros: None, tmp_path: Path) -> None:
         "publish_period_s:=0.1",
     ]
     arguments += ["-p", "score.trajectory.conditions:=['frames=5']", "-p", "score.trajectory.spacing:=5"]
-    with node_process(tmp_path, "monitor_node", *arguments) as node, Peer() as peer:
+    with node_process(tmp_path, "monitor_node", *arguments) as node, ReferenceMethod() as peer:
         report = peer.listen(String, "metrics/report", latched=True)
         means = peer.listen(Float64, "metrics/position/mean")
         metrics = peer.listen(DiagnosticArray, "metrics")

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfr_loc_map.nodes.pairing import StampPairing
+from sfr_loc_map.pipeline.online.stamp_pairing import StampPairing
 
 
 def run(

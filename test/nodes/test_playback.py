@@ -9,7 +9,7 @@ from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.nodes.playback import messages_of, topics_of
+from sfr_loc_map.pipeline.playback.messages import messages_of, topics_of
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> list:

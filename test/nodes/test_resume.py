@@ -9,7 +9,7 @@ import pytest
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.nodes.resume import KnownPose, PoseFile
+from sfr_loc_map.pipeline.online.resume import KnownPose, PoseFile
 
 POSE = Transform(matrix_from_rotvec([0.1, -0.2, 0.3]), np.array([1.0, 2.0, 3.0]))
 KNOWN = KnownPose(1_000_000_000, POSE, np.diag([0.1, 0.2, 0.3, 0.01, 0.02, 0.03]))

@@ -13,7 +13,7 @@ NODE = """
 import sys, time
 from rclpy.node import Node
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.process.runner import run
 
 class Slow(Node):
     def __init__(self):
@@ -85,7 +85,7 @@ def test_a_broken_or_missing_parameter_file_is_one_line_and_exit_2(
 def test_a_supervised_node_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
     script = tmp_path / "supervisor.py"
     script.write_text(
-        "import time\nfrom pathlib import Path\nfrom sfr_loc_map.nodes.supervisor import Supervisor\n"
+        "import time\nfrom pathlib import Path\nfrom sfr_loc_map.nodes.process.supervisor import Supervisor\n"
         f"s = Supervisor(Path({str(tmp_path)!r}))\ns.start('monitor_node')\n"
         "print('pid', s.pids['monitor_node'], flush=True)\ntime.sleep(100)\n",
         encoding="utf-8",

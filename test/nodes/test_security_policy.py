@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
+from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.managed import ManagedNode
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 

@@ -10,8 +10,8 @@ pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.nodes import supervisor as module
-from sfr_loc_map.nodes.supervisor import Supervisor
+from sfr_loc_map.nodes.process import supervisor as module
+from sfr_loc_map.nodes.process.supervisor import Supervisor
 
 
 def test_a_node_that_ends_is_named_with_its_last_words(tmp_path: Path) -> None:

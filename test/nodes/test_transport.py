@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfr_loc_map.nodes.transport import TransportGaps
+from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
 
 PERIOD_NS = 20_000_000
 MANY, KEPT = 200, 5
@@ -46,12 +46,12 @@ def test_a_middleware_without_numbers_counts_nothing() -> None:
 def test_the_monitor_counts_the_poses_that_it_had_no_room_for(ros: None, tmp_path: Path) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
     from nav_msgs.msg import Odometry
-    from processes import Peer, node_process
+    from processes import ReferenceMethod, node_process
     from scenes import raw
     from std_msgs.msg import String
 
     from sfr_loc_map.io import bag_messages
-    from sfr_loc_map.nodes.diagnostics import values_of
+    from sfr_loc_map.nodes.diagnostics.key_values import values_of
 
     arguments = [
         "--ros-args",
@@ -62,7 +62,7 @@ def test_the_monitor_counts_the_poses_that_it_had_no_room_for(ros: None, tmp_pat
         "-p",
         "health.period_s:=0.2",
     ]
-    with node_process(tmp_path, "monitor_node", *arguments) as monitor, Peer() as peer:
+    with node_process(tmp_path, "monitor_node", *arguments) as monitor, ReferenceMethod() as peer:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         reports = peer.listen(String, "metrics/report", latched=True)
         monitor.wait_for("listens to")

@@ -12,16 +12,16 @@ pytestmark = pytest.mark.ros
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from made_scene import LOC_RIG, NAV_RIG, T_RB_LOCSB, loc_pair, nav_pair
-from processes import Peer
+from processes import ReferenceMethod
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from scenes import calls, raw, send_infos, send_pair
 
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.diagnostics import Level, level_of, values_of
+from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.managed import ManagedNode
 from sfr_loc_map.nodes.mapping_node import MappingNode
 
 ROWS = 1
@@ -36,7 +36,7 @@ def lowered(pair: StereoPair) -> StereoPair:
     return replace(pair, right=np.ascontiguousarray(np.roll(pair.right, ROWS, axis=0)))
 
 
-def started(node: ManagedNode, peer: Peer) -> None:
+def started(node: ManagedNode, peer: ReferenceMethod) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     executor.add_node(peer.node)
@@ -51,7 +51,7 @@ def healths(diagnostics: list[DiagnosticArray]) -> list[tuple[Level, str, dict[s
 
 def test_a_suspicious_map_is_a_warning_in_its_call_and_in_the_health(ros: None) -> None:
     node = MappingNode(parameter_overrides=[Parameter("pairs_per_map", value=1)])
-    with Peer() as peer:
+    with ReferenceMethod() as peer:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         started(node, peer)
         send_infos(peer, "nav", NAV_RIG)
@@ -66,7 +66,7 @@ def test_a_suspicious_map_is_a_warning_in_its_call_and_in_the_health(ros: None) 
 
 def test_offsets_of_the_right_camera_are_figures_and_warned_of(ros: None) -> None:
     node = LocalisationNode(parameter_overrides=MOUNT)
-    with Peer() as peer:
+    with ReferenceMethod() as peer:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         started(node, peer)
         send_infos(peer, "loc", LOC_RIG)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfr_loc_map.nodes.worker import Worker
+from sfr_loc_map.nodes.lifecycle.worker import Worker
 
 
 class Held:

@@ -32,7 +32,7 @@ def test_elevation_model_is_read_back(ramp: ElevationModel, tmp_path: Path) -> N
 
 
 def test_picture_is_dark_in_holes_and_brighter_with_height(ramp: ElevationModel, tmp_path: Path) -> None:
-    map_products.save_elevation_picture(tmp_path / "a.png", ramp)
+    map_products.save_elevation_figure(tmp_path / "a.png", ramp)
     picture = cv2.imread(str(tmp_path / "a.png"))
     assert picture is not None
     assert picture.shape[0] in range(28, 31)

@@ -13,8 +13,8 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import score_map
 from sfr_loc_map.metrics.cloud_truth import PairTruth
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.costs import Calls, merge_parts, score_calls
 from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.resource_score import Calls, merge_parts, score_calls
 from sfr_loc_map.metrics.results import build_score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 

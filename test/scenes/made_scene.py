@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.stereo import NavPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag_writer import BagWriter
 from sfr_loc_map.io.folder_writer import FolderWriter
@@ -63,12 +63,12 @@ def loc_pair(index: int) -> StereoPair:
     return stereo_pair(START_NS + index * PERIOD_NS, true_pose(index) @ T_RB_LOCSB, LOC_RIG)
 
 
-def nav_pair(index: int) -> NavPair:
+def nav_pair(index: int) -> PosedStereoPair:
     rotation = matrix_from_rotvec([0.0, 0.02, 0.05 * (index - 1)])
     T_lm_navsb = Transform.from_quat([0.2, 0.1 * index, 0.3], Transform(rotation, np.zeros(3)).quat_xyzw)
     pair = stereo_pair(START_NS + index * PERIOD_NS, T_lm_navsb, NAV_RIG)
     truth = wall_points(T_lm_navsb @ NAV_RIG.T_sb_left, NAV_RIG).astype(np.float32)
-    return NavPair(pair, T_lm_navsb, truth)
+    return PosedStereoPair(pair, T_lm_navsb, truth)
 
 
 def fill(writer: FolderWriter | BagWriter, loc_pairs: int, nav_pairs: int) -> None:

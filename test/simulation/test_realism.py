@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.config import build, load_yaml
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.world import LOC, Plan, World
 

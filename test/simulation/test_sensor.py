@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.config import build
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.simulation.config import SensorConfig
-from sfr_loc_map.simulation.sensor import FloatImage, Sensor
+from sfr_loc_map.simulation.sensor import Sensor
 
 RIG = StereoRig(160, 120, 120.0, 120.0, 79.5, 59.5, 0.1)
 PLAIN = {"blur_px": 0.0, "full_well": 0.0, "read_noise_grey": 0.0}

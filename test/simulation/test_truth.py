@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from sfr_loc_map.geometry.rotation import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.rays import sample_offsets
-from sfr_loc_map.simulation.sensor import FloatImage
 from sfr_loc_map.simulation.world import NAV, SHADOW, SKY, UNSEEN, Plan, World
 
 pytest.importorskip("embreex")

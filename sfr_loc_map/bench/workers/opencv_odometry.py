@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray
+
 FEATURES = 2000
 QUALITY, SPACING_PX = 0.003, 8.0
 RETURN_PX = 1.0
@@ -21,7 +23,6 @@ ROW_PX = 1.0
 """Largest distance of the rows of a corner in both pictures."""
 FEWEST = 8
 
-FloatArray = NDArray[np.float64]
 Corners = NDArray[np.float32]
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map import __version__
-from sfr_loc_map.geometry.stereo import GreyImage, StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper, PairMap

@@ -6,12 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sfr_loc_map.constants import NS_PER_S, SIDES
+from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
-from sfr_loc_map.pipeline.doctor.observation import EXPECTED, SIDES, TASKS, Finding, Observation, SeenTopic
-from sfr_loc_map.pipeline.doctor.stereo import IntArray, examine_stereo, nearest_ns
+from sfr_loc_map.pipeline.doctor.observation import EXPECTED, TASKS, Finding, Observation, SeenTopic
+from sfr_loc_map.pipeline.doctor.stereo import examine_stereo, nearest_ns
 
-NS = 1_000_000_000
-CLOCKS_APART_NS = 60 * NS
+CLOCKS_APART_NS = 60 * NS_PER_S
 """Stamps further from the host's time are of another clock; the nodes leave their latencies out beyond it, too."""
 PAIRED = 0.5
 """Share of stamps with a partner below which nothing sensible comes out."""
@@ -139,10 +140,14 @@ def _synchronised(seen: Observation, task: str) -> Iterator[Finding]:
         return
     if share < PAIRED:
         cure = "let one trigger stamp both"
-        if typical_ns <= NS // 2:
-            cure += f"; or set input.stamp_tolerance_s above {typical_ns / NS:.3g}, if so much motion may be neglected"
+        if typical_ns <= NS_PER_S // 2:
+            cure += (
+                f"; or set input.stamp_tolerance_s above {typical_ns / NS_PER_S:.3g}, "
+                "if so much motion may be neglected"
+            )
         text = (
-            f"{share:.0%} of the left pictures have a right one of their stamp, typically {typical_ns / NS:.3g} s off"
+            f"{share:.0%} of the left pictures have a right one of their stamp, "
+            f"typically {typical_ns / NS_PER_S:.3g} s off"
         )
         yield Finding("unsynchronised", True, where, text, cure)
     else:
@@ -206,7 +211,7 @@ def _poses(seen: Observation, tasks: list[str]) -> Iterator[Finding]:
             "pose_stamps",
             share < PAIRED,
             topic.found,
-            f"{share:.0%} of the pictures have a pose of their stamp, typically {typical_ns / NS:.3g} s off",
+            f"{share:.0%} of the pictures have a pose of their stamp, typically {typical_ns / NS_PER_S:.3g} s off",
             "publish nav/pose with the stamp of each pair",
         )
 
@@ -222,7 +227,7 @@ def _truth(seen: Observation, tasks: list[str]) -> Iterator[Finding]:
         elif set(topic.types) - set(EXPECTED[name]):
             yield from _topic(seen, "", name, topic)
         elif len(pictures) and not _overlap(topic.stamps_ns, pictures):
-            off = (int(np.median(topic.stamps_ns)) - int(np.median(pictures))) / NS
+            off = (int(np.median(topic.stamps_ns)) - int(np.median(pictures))) / NS_PER_S
             yield Finding(
                 "truth_clock",
                 False,
@@ -264,7 +269,8 @@ def _clocks(seen: Observation, tasks: list[str]) -> Iterator[Finding]:
                 "clocks_apart",
                 False,
                 f"{task}/left/image_rect",
-                f"stamps lie {off_ns / NS:.6g} s from this host's time: no latencies are known, tf may refuse them",
+                f"stamps lie {off_ns / NS_PER_S:.6g} s from this host's time: "
+                "no latencies are known, tf may refuse them",
                 "set the clocks by one source (chrony, PTP); of a bag, play it with --clock and set use_sim_time",
             )
 

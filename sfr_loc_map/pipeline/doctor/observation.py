@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.constants import SIDES
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
 
-SIDES = ("left", "right")
 TASKS = ("loc", "nav")
 TASK_OF_NODE = {"localisation_node": "loc", "mapping_node": "nav"}
 EXPECTED: Mapping[str, tuple[str, ...]] = {

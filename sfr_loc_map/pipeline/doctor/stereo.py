@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.stereo import GreyImage
+from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, stamp_of
-from sfr_loc_map.pipeline.doctor.observation import SIDES, Finding, Observation
+from sfr_loc_map.pipeline.doctor.observation import Finding, Observation
 
-IntArray = NDArray[np.int64]
 CORNERS = 80
 PATCH_PX = 6
 """Half the side of a patch that is looked for."""

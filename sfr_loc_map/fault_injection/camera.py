@@ -1,0 +1,45 @@
+"""A process that publishes the pictures of the localisation cameras until it is killed: camera.py RATE_HZ [SIZE]."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import rclpy
+from rclpy.qos import QoSProfile
+from rclpy.utilities import ok
+from sensor_msgs.msg import CameraInfo, Image
+
+from sfr_loc_map.constants import SIDES
+from sfr_loc_map.fault_injection.harness import SENT_DEPTH, raw
+from sfr_loc_map.fault_injection.scene import Scene
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes.process.runner import end_with_supervisor
+
+
+def main() -> None:
+    """Publish."""
+    environment.prepare()
+    end_with_supervisor()
+    rate_hz, scene = float(sys.argv[1]), Scene()
+    rclpy.init(args=[])
+    node = rclpy.create_node("sfr_camera")
+    qos = QoSProfile(depth=SENT_DEPTH)
+    images = [node.create_publisher(Image, f"loc/{side}/image_rect", qos) for side in SIDES]
+    infos = [node.create_publisher(CameraInfo, f"loc/{side}/camera_info", qos) for side in SIDES]
+    due, index = time.monotonic(), 0
+    while ok():
+        stamp_ns = time.time_ns()
+        pair = scene.loc_pair(index, stamp_ns)
+        for publisher, side, picture in zip(images, SIDES, (pair.left, pair.right), strict=True):
+            publisher.publish(raw(bag_messages.image(stamp_ns, picture, "loc", side)))
+        for publisher, side in zip(infos, SIDES, strict=True):
+            publisher.publish(raw(bag_messages.camera_info(stamp_ns, scene.loc, "loc", side)))
+        index += 1
+        due += 1.0 / rate_hz
+        time.sleep(max(due - time.monotonic(), 0.0))
+
+
+if __name__ == "__main__":
+    main()

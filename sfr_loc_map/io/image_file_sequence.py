@@ -1,0 +1,91 @@
+"""A drive whose pictures are files listed in advance: what the readers of foreign data sets share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.image_codec import read_grey
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePair:
+    """The files of one pair."""
+
+    stamp_ns: int
+    left: Path
+    right: Path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFileSequence:
+    """A drive of picture files.
+
+    Attributes:
+        rig: Rig of the pictures after `rectify`.
+        ground_truth: True poses of RB in DS, or None.
+        entries: The files, in the order of stamps.
+        size: Width and height that the files must have, pixels.
+        rectify: Makes the rectified pictures of those read: left, right.
+    """
+
+    rig: StereoRig
+    ground_truth: Trajectory | None
+    entries: Sequence[ImagePair]
+    size: tuple[int, int]
+    rectify: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
+
+    def __len__(self) -> int:
+        """Return the number of pairs."""
+        return len(self.entries)
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs, one in memory at a time.
+
+        Raises:
+            InputError: If a picture is missing, broken or of another size.
+        """
+        for entry in self.entries:
+            left, right = (self._read(path) for path in (entry.left, entry.right))
+            yield StereoPair(entry.stamp_ns, *self.rectify(left, right))
+
+    def _read(self, path: Path) -> GreyImage:
+        image = read_grey(path)
+        if image.shape != self.size[::-1]:
+            found, wanted = f"{image.shape[1]} x {image.shape[0]}", f"{self.size[0]} x {self.size[1]}"
+            raise InputError(f"picture '{path}' is {found}: all pictures of the drive must be {wanted}")
+        return image
+
+
+def read_lines(path: Path) -> list[str]:
+    """Return the lines of a text file that are not empty and no comment (`#`).
+
+    Raises:
+        InputError: If it is missing or no text.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot read '{path}': {reason}; the data set needs it") from error
+    return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def numbers_of(words: Sequence[str], count: int, where: str) -> list[float]:
+    """Return `count` finite numbers.
+
+    Raises:
+        InputError: If there are more or fewer, or one is no finite number.
+    """
+    try:
+        values = [float(word) for word in words]
+    except ValueError as error:
+        raise InputError(f"{where}: {error}; correct the file") from error
+    if len(values) != count or not all(abs(value) < float("inf") for value in values):
+        raise InputError(f"{where}: {count} finite numbers are needed, found '{' '.join(words)[:60]}'")
+    return values

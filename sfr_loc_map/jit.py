@@ -1,0 +1,69 @@
+"""The policies by which numerical kernels are compiled, one decorator each; all are cached on disk.
+
+Results must be the same to the bit on every run, for every number of threads, and whether a kernel was just compiled or
+loaded from the cache. What may be inlined therefore always is (`forceinline`): if it were left to the compiler, two
+copies of a function would exist, its own and the one in its caller, compiled in different surroundings, and which of
+them runs would depend on whether the caller was compiled or loaded.
+
+Which freedom the compiler has with floating-point arithmetic:
+
+| decorator | sums | use |
+|---|---|---|
+| `jit`, `jit_inline` | in the order written | bookkeeping, statistics, simulation |
+| `jit_fast`, `jit_fast_inline`, `jit_fast_ir_inline` | in any order, for the vector units | patches, adjustment |
+| `jit_rows`, `jit_rows_inline` | a product and a sum may be contracted | loops over image rows |
+
+NaN keeps its meaning under all of them: it marks what was not observed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+# Threads sleep, not spin, while they wait for each other: on a machine shared with other programs spinning takes the
+# very core that the awaited thread needs. Read once, when the OpenMP runtime is loaded at the first parallel loop.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+from numba import njit
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+FAST = {"reassoc", "contract", "nsz", "arcp"}
+"""Sums in any order; the result depends on the machine, not on the run."""
+
+
+def jit(function: F) -> F:
+    """Compile with arithmetic in the order written; division by zero gives infinity or NaN, as in numpy."""
+    return cast(F, njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def jit_inline(function: F) -> F:
+    """Compile as `jit`, into each caller, so that a loop around it becomes vector code."""
+    return cast(F, njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function))
+
+
+def jit_fast(function: F) -> F:
+    """Compile with sums in any order."""
+    return cast(F, njit(cache=True, nogil=True, fastmath=FAST)(function))
+
+
+def jit_fast_inline(function: F) -> F:
+    """Compile as `jit_fast`, into each caller."""
+    return cast(F, njit(cache=True, nogil=True, forceinline=True, fastmath=FAST)(function))
+
+
+def jit_fast_ir_inline(function: F) -> F:
+    """Compile as `jit_fast`, copied into each caller before types are known: for functions of many array layouts."""
+    return cast(F, njit(cache=True, inline="always", fastmath=FAST)(function))
+
+
+def jit_rows(function: F) -> F:
+    """Compile a function whose rows (`prange`) run on all threads; each row is written by one of them."""
+    return cast(F, njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))
+
+
+def jit_rows_inline(function: F) -> F:
+    """Compile a function that those of `jit_rows` call within their loops."""
+    return cast(F, njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath={"contract"})(function))

@@ -1,0 +1,1 @@
+"""Keyframes and landmarks estimated together: bundle adjustment over a sliding window."""

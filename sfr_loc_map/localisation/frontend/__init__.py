@@ -1,0 +1,1 @@
+"""From a stereo pair to measurements: pyramids, corners, patches and the pose that fits them."""

@@ -1,0 +1,144 @@
+"""Corners, well spread: the strongest of each cell of a grid."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.jit import jit, jit_fast
+from sfr_loc_map.localisation.parallel import both
+
+BLOCK = 7
+"""Side of the neighbourhood over which the gradients of a corner are summed, pixels."""
+
+
+def find_corners(
+    image: FloatImage,
+    occupied: FloatArray,
+    wanted: int,
+    border: int,
+    mask: NDArray[np.uint8] | None = None,
+) -> FloatArray:
+    """Return new corners, one for each cell that has no landmark yet.
+
+    The strength is the smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994).
+
+    Args:
+        image: `(H, W)` float32.
+        occupied: `(M, 2)` pixels that have landmarks.
+        wanted: Number of cells.
+        border: Pixels along the edges that are left out.
+        mask: `(H, W)` uint8, 0 where nothing may be found; None for everywhere.
+
+    Returns:
+        `(N, 2)` float64, whole pixels, the strongest first.
+    """
+    strength = _strength(image)
+    if mask is not None:
+        strength[mask == 0] = 0.0
+    height, width = image.shape
+    side = max(8, int(np.sqrt(height * width / wanted)))
+    best = _strongest(strength, side, border)
+    best = best[_free(best, occupied, 0.6 * side)]
+    if not len(best):
+        return np.zeros((0, 2))
+    # a cell without texture answers with noise: a small share of what the ordinary cell has is asked for
+    floor = 0.04 * np.median(best[:, 2])
+    best = best[best[:, 2] > floor]
+    order = np.argsort(-best[:, 2], kind="stable")
+    return np.ascontiguousarray(best[order, :2])
+
+
+def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
+    """Read a mask picture; corners keep a patch's width away from where it is 0.
+
+    Args:
+        path: Picture file, empty for no mask.
+        rig: Rig whose size it must have.
+
+    Returns:
+        `(H, W)` uint8, or None.
+
+    Raises:
+        ConfigError: If it cannot be read or has another size.
+    """
+    if not path:
+        return None
+    mask = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+    if mask is None or mask.shape != (rig.height, rig.width):
+        found = "nothing that can be read" if mask is None else f"{mask.shape[1]} x {mask.shape[0]} pixels"
+        raise ConfigError(f"mask '{path}': {found}; give a grey picture of {rig.width} x {rig.height} pixels")
+    return np.asarray(cv2.erode(mask, np.ones((2 * BLOCK + 1, 2 * BLOCK + 1), np.uint8)), dtype=np.uint8)
+
+
+def _strength(image: FloatImage) -> FloatImage:
+    """Return the smaller eigenvalue at each pixel, upper and lower half at the same time; 0 along the edges."""
+    strength = np.zeros_like(image)
+    middle = len(image) // 2
+    both(_fill_strength, (image, strength, 0, middle), (image, strength, middle, len(image)))
+    return strength
+
+
+@jit_fast
+def _fill_strength(image: FloatImage, strength: FloatImage, first: int, end: int) -> None:
+    """Fill rows of the strength: gradients by Sobel's filter, their products summed over the block."""
+    height, width = image.shape
+    reach = BLOCK // 2
+    products = np.zeros((3, BLOCK, width), np.float32)  # xx, xy, yy of the last rows, one after the other
+    sums = np.empty((3, width), np.float32)
+    across = np.empty((3, width), np.float32)
+    two, half = np.float32(2.0), np.float32(0.5)
+    for row in range(max(first - reach, 1), min(end + reach, height - 1)):
+        xx, xy, yy = products[0, row % BLOCK], products[1, row % BLOCK], products[2, row % BLOCK]
+        above, here, below = image[row - 1], image[row], image[row + 1]
+        for x in range(1, width - 1):
+            dx = above[x + 1] - above[x - 1] + two * (here[x + 1] - here[x - 1]) + below[x + 1] - below[x - 1]
+            dy = below[x - 1] - above[x - 1] + two * (below[x] - above[x]) + below[x + 1] - above[x + 1]
+            xx[x], xy[x], yy[x] = dx * dx, dx * dy, dy * dy
+        centre = row - reach
+        if centre < max(first, 1 + reach):
+            continue
+        for c in range(3):
+            sums[c] = products[c, 0]
+            for k in range(1, BLOCK):
+                for x in range(width):
+                    sums[c, x] += products[c, k, x]
+            across[c] = 0.0
+            for k in range(-reach, reach + 1):
+                for x in range(reach, width - reach):
+                    across[c, x] += sums[c, x + k]
+        out = strength[centre]
+        for x in range(reach + 1, width - reach - 1):
+            mean, split = half * (across[0, x] + across[2, x]), half * (across[0, x] - across[2, x])
+            out[x] = mean - np.sqrt(split * split + across[1, x] * across[1, x])
+
+
+@jit
+def _strongest(strength: FloatImage, side: int, border: int) -> FloatArray:
+    height, width = strength.shape
+    rows, columns = -(-height // side), -(-width // side)
+    best = np.zeros((rows * columns, 3))
+    for row in range(rows):
+        for column in range(columns):
+            cell = row * columns + column
+            for y in range(max(border, row * side), min(height - border, row * side + side)):
+                for x in range(max(border, column * side), min(width - border, column * side + side)):
+                    if strength[y, x] > best[cell, 2]:
+                        best[cell, 0], best[cell, 1], best[cell, 2] = x, y, strength[y, x]
+    return best[best[:, 2] > 0.0]
+
+
+@jit
+def _free(found: FloatArray, occupied: FloatArray, distance: float) -> NDArray[np.bool_]:
+    free = np.ones(len(found), np.bool_)
+    for n in range(len(found)):
+        for m in range(len(occupied)):
+            du, dv = found[n, 0] - occupied[m, 0], found[n, 1] - occupied[m, 1]
+            if du * du + dv * dv < distance * distance:
+                free[n] = False
+                break
+    return free

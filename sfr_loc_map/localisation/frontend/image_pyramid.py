@@ -1,0 +1,40 @@
+"""Pictures made ready for tracking."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
+
+LEVELS = 4
+"""Levels of the pyramid; level l is 2^l times smaller, its pixel centres at `u_l = (u + 0.5) / 2^l - 0.5`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pyramid:
+    """A smoothed picture and its smaller copies.
+
+    Attributes:
+        levels: float32 pictures; level 0 smoothed lightly against interpolation errors, each next one the mean of
+            2 x 2 pixels of the one before.
+    """
+
+    levels: tuple[FloatImage, ...]
+
+
+def build_pyramid(image: GreyImage) -> Pyramid:
+    """Return the pyramid of a picture.
+
+    Args:
+        image: `(H, W)` uint8.
+    """
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (5, 5), 0.7)
+    levels = [smooth]
+    for _ in range(LEVELS - 1):
+        height, width = levels[-1].shape
+        even = levels[-1][: height // 2 * 2, : width // 2 * 2]
+        levels.append(cv2.resize(even, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
+    return Pyramid(tuple(np.ascontiguousarray(level) for level in levels))

@@ -1,0 +1,104 @@
+"""The disparity field on a grid of cells, 2 x 2 pixels each.
+
+Half the resolution of the picture is enough for a surface that is tied over several pixels, at a quarter of the cost.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import prange
+
+from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.jit import jit_rows, jit_rows_inline
+
+F = np.float32
+
+
+@jit_rows
+def cells_of(disparity: FloatImage, jump: np.float32) -> FloatImage:
+    """Return the mean disparity of each cell's nearest surface, NaN for a cell without any `(H/2, W/2)`."""
+    rows, cols = disparity.shape[0] // 2, disparity.shape[1] // 2
+    cells = np.empty((rows, cols), F)
+    for i in prange(rows):
+        for j in range(cols):
+            top = F(-1.0)
+            for k in range(4):
+                top = max(top, disparity[2 * i + k // 2, 2 * j + k % 2])
+            total, count = F(0.0), F(0.0)
+            for k in range(4):
+                value = disparity[2 * i + k // 2, 2 * j + k % 2]
+                if value > top - jump:
+                    total += value
+                    count += F(1.0)
+            cells[i, j] = total / count if count > 0 and top >= 0 else F(np.nan)
+    return cells
+
+
+@jit_rows
+def filled(cells: FloatImage) -> FloatImage:
+    """Return the cells with each hole given the farther of its two neighbours along the row: holes are occlusions."""
+    rows, cols = cells.shape
+    out = cells.copy()
+    for i in prange(rows):
+        last = F(np.nan)
+        j = 0
+        while j < cols:
+            if cells[i, j] == cells[i, j]:
+                last = cells[i, j]
+                j += 1
+                continue
+            end = j
+            while end < cols and cells[i, end] != cells[i, end]:
+                end += 1
+            value = last
+            if end < cols and not value <= cells[i, end]:
+                value = cells[i, end]
+            if value != value:
+                value = F(0.0)
+            for k in range(j, end):
+                out[i, k] = value
+            j = end
+    return out
+
+
+@jit_rows
+def levelled(cells: FloatImage, radius: int, jump: np.float32) -> FloatImage:
+    """Return each cell's mean over its neighbours that differ by less than `jump`: noise goes, edges stay."""
+    rows, cols = cells.shape
+    out = np.empty_like(cells)
+    for i in prange(rows):
+        for j in range(cols):
+            centre = cells[i, j]
+            total, count = F(0.0), F(0.0)
+            for y in range(max(0, i - radius), min(rows, i + radius + 1)):
+                for x in range(max(0, j - radius), min(cols, j + radius + 1)):
+                    step = cells[y, x] - centre
+                    near = F(1.0) if abs(step) < jump else F(0.0)
+                    total += near * step
+                    count += near
+            out[i, j] = centre + total / count
+    return out
+
+
+@jit_rows_inline
+def _side(value: np.float32, centre: np.float32, jump: np.float32) -> np.float32:
+    return centre if abs(value - centre) > jump else value
+
+
+@jit_rows
+def pixels_of(cells: FloatImage, jump: np.float32) -> FloatImage:
+    """Return the field at pixels `(2 h, 2 w)`, bilinear between cell centres but never across a jump."""
+    rows, cols = cells.shape
+    out = np.empty((2 * rows, 2 * cols), F)
+    for y in prange(2 * rows):
+        i = y // 2
+        i2 = min(max(i - 1 + 2 * (y % 2), 0), rows - 1)
+        for x in range(2 * cols):
+            j = x // 2
+            j2 = min(max(j - 1 + 2 * (x % 2), 0), cols - 1)
+            centre = cells[i, j]
+            across = _side(cells[i, j2], centre, jump)
+            along = _side(cells[i2, j], centre, jump)
+            corner = _side(cells[i2, j2], centre, jump)
+            out[y, x] = F(0.5625) * centre + F(0.1875) * (across + along) + F(0.0625) * corner
+    return out

@@ -1,0 +1,84 @@
+"""Initial disparity to a fraction of a pixel by global matching."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.config import MappingConfig
+
+BLOCK = 3
+"""Side of the matching block, pixels: small blocks do not fatten the edges of rocks."""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchRange:
+    """Disparities that are looked for, pixels.
+
+    Attributes:
+        farthest: Smallest disparity of a point that is kept.
+        count: Number of whole disparities searched from 0 on, a multiple of 16.
+    """
+
+    farthest: float
+    count: int
+
+
+def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
+    """Return the disparities between the farthest and the nearest depth, `d = fx baseline / Z`.
+
+    No more than half of the picture's width is searched, whatever the nearest depth: what is nearer is seen by one
+    camera alone over most of the picture.
+
+    Raises:
+        ConfigError: If the depths are in the wrong order or beyond what the rig can tell apart.
+    """
+    scale = rig.fx * rig.baseline_m
+    if config.min_range_m >= config.max_range_m:
+        raise ConfigError(
+            f"min_range_m {config.min_range_m} must be less than max_range_m {config.max_range_m}: correct them"
+        )
+    nearest = min(scale / config.min_range_m, 0.5 * rig.width)
+    count = 16 * math.ceil((nearest + 1.0) / 16.0)
+    return SearchRange(scale / config.max_range_m, count)
+
+
+def match(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
+    """Return the disparity of the left picture by semi-global matching (Hirschmueller 2008, OpenCV's three-way form).
+
+    Both pictures are padded on the left, so that the columns whose partner may lie outside the right picture are
+    matched as far as it reaches.
+
+    Args:
+        left: `(H, W)` uint8.
+        right: `(H, W)` uint8.
+        count: Disparities 0 to `count - 1` are looked for, a multiple of 16.
+
+    Returns:
+        `(H, W)` float32, pixels, steps of 1/16; NaN where the left-right check fails.
+    """
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=0,
+        numDisparities=count,
+        blockSize=BLOCK,
+        P1=8 * BLOCK * BLOCK,
+        P2=32 * BLOCK * BLOCK,
+        disp12MaxDiff=1,
+        preFilterCap=31,
+        uniquenessRatio=2,
+        speckleWindowSize=0,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )
+    padded = [cv2.copyMakeBorder(image, 0, 0, count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
+    fixed = matcher.compute(padded[0], padded[1])[:, count:]
+    cv2.filterSpeckles(fixed, -16, 60, 16)
+    disparity: FloatImage = fixed.astype(np.float32)
+    disparity *= np.float32(1.0 / 16.0)
+    disparity[fixed < 0] = np.nan
+    return disparity

@@ -1,0 +1,143 @@
+"""What one call of the processing API took and said, on /diagnostics and back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from threading import Lock
+from types import MappingProxyType
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.metrics.resources import CallMeter, CallUsage
+from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
+from sfr_loc_map.nodes.messages.conversions import header_msg
+from sfr_loc_map.pipeline.call_record import CallRecord
+
+LONGEST_CALL_S = 1e6
+STATISTIC = "statistic."
+"""What the names of a call's own figures begin with."""
+_ONE_AT_A_TIME = Lock()
+"""Time and memory are those of the whole process: nodes that share one take turns."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskRecord:
+    """A call and the task it belongs to.
+
+    Attributes:
+        task: `localisation` or `mapping`.
+        record: The call.
+        memory_method: How the memory was measured.
+    """
+
+    task: str
+    record: CallRecord
+    memory_method: str
+
+
+class CallReporter:
+    """Measures the calls of one node and publishes what they took."""
+
+    def __init__(self, node: Node, task: str, publisher: Any) -> None:  # noqa: ANN401 - rclpy has no types
+        """Take the present memory as that of the idle process.
+
+        Args:
+            node: The node.
+            task: `localisation` or `mapping`.
+            publisher: The node's publisher of /diagnostics.
+        """
+        self._node, self._task, self._publisher = node, task, publisher
+        self._meter = CallMeter()
+
+    @contextmanager
+    def measure(self) -> Iterator[CallUsage]:
+        """Measure what is done in the `with` block."""
+        with _ONE_AT_A_TIME, self._meter.measure() as usage:
+            yield usage
+
+    def publish(
+        self,
+        stamp_ns: int,
+        usage: CallUsage,
+        state: str,
+        statistics: Mapping[str, float],
+        counts: Mapping[str, int],
+        level: Level,
+        times: Mapping[str, float] = MappingProxyType({}),
+    ) -> dict[str, Value]:
+        """Publish one call; return what it took, by name.
+
+        Args:
+            stamp_ns: Stamp of the pair.
+            usage: What it took.
+            state: What the call said (tracking, lost, mapped, ...).
+            statistics: Figures of the call.
+            counts: Counts since the start of the node.
+            level: How good it is.
+            times: Times around the call, seconds, by name.
+        """
+        took: dict[str, Value] = {"processing_time_s": usage.processing_time_s}
+        if usage.peak_rss_bytes is not None and usage.above_idle_bytes is not None:
+            took |= {"peak_rss_bytes": usage.peak_rss_bytes, "above_idle_bytes": usage.above_idle_bytes}
+        took |= dict(times)
+        values: dict[str, Value] = {
+            "task": self._task,
+            "stamp_ns": stamp_ns,
+            "state": state,
+            "memory_method": self._meter.method,
+            **took,
+        }
+        values |= {STATISTIC + name: float(value) for name, value in statistics.items()}
+        values |= dict(counts)
+        name = call_name(self._node.get_fully_qualified_name())
+        self._publisher.publish(array_msg(header_msg(stamp_ns, ""), status_msg(name, level, state, values)))
+        return took
+
+
+def task_record(status: DiagnosticStatus) -> TaskRecord | None:
+    """Return the call that a status describes, None where it describes something else.
+
+    Raises:
+        InputError: If it is such a status but a value is missing or no number.
+    """
+    values = values_of(status)
+    if "task" not in values or "processing_time_s" not in values:
+        return None
+    try:
+        statistics = {
+            name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)
+        }
+        record = CallRecord(
+            stamp_ns=_whole(values, "stamp_ns"),
+            processing_time_s=_seconds(values["processing_time_s"]),
+            state=values["state"],
+            peak_rss_bytes=_optional(values, "peak_rss_bytes"),
+            above_idle_bytes=_optional(values, "above_idle_bytes"),
+            statistics=statistics,
+        )
+        return TaskRecord(values["task"], record, values.get("memory_method", ""))
+    except (KeyError, ValueError) as error:
+        raise InputError(f"status '{status.name}' on {TOPIC} cannot be read: {error}") from error
+
+
+def _optional(values: Mapping[str, str], name: str) -> int | None:
+    return _whole(values, name) if name in values else None
+
+
+def _whole(values: Mapping[str, str], name: str) -> int:
+    number = int(values[name])
+    if not 0 <= number < 2**63:  # what arrays of whole numbers can hold
+        raise ValueError(f"{name} is out of range")
+    return number
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 <= seconds <= LONGEST_CALL_S:
+        raise ValueError(f"a call of {seconds} s")
+    return seconds

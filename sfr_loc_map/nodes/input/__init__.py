@@ -1,0 +1,1 @@
+"""What a node receives: stereo pairs, wheel odometry, static transforms."""

@@ -1,0 +1,73 @@
+"""What wheel odometry says of the motion between two pairs."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from threading import Condition
+
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
+from sfr_loc_map.geometry.transform import Transform
+
+CAPACITY = 5000
+"""Messages kept: 100 s at 50 Hz."""
+
+
+class OdometryBuffer:
+    """Keeps the last poses of another odometry and tells the motion between two moments.
+
+    One thread may add while another asks.
+    """
+
+    def __init__(self, max_gap_ns: int) -> None:
+        """Start empty.
+
+        Args:
+            max_gap_ns: Neighbouring messages further apart do not cover what lies between them.
+        """
+        self._max_gap_ns = max_gap_ns
+        self._poses: deque[tuple[int, Transform]] = deque(maxlen=CAPACITY)
+        self._changed = Condition()
+
+    def add(self, stamp_ns: int, T_odom_rb: Transform) -> None:
+        """Take a message; one that is not later than the last one begins anew (a recording that loops)."""
+        with self._changed:
+            if self._poses and stamp_ns <= self._poses[-1][0]:
+                self._poses.clear()
+            self._poses.append((stamp_ns, T_odom_rb))
+            self._changed.notify_all()
+
+    def clear(self) -> None:
+        """Forget all messages."""
+        with self._changed:
+            self._poses.clear()
+
+    def between(self, before_ns: int, now_ns: int, wait_s: float) -> Transform | None:
+        """Return `T_before_now` of RB, None where the messages do not cover both moments.
+
+        Args:
+            before_ns: Stamp of the earlier pair.
+            now_ns: Stamp of the later pair.
+            wait_s: How long a message at or after the later pair is waited for, if there are messages at all.
+        """
+        with self._changed:
+            if self._poses:
+                self._changed.wait_for(lambda: not self._poses or self._poses[-1][0] >= now_ns, wait_s)
+            before, now = self._at(before_ns), self._at(now_ns)
+        return before.inverse() @ now if before is not None and now is not None else None
+
+    def _at(self, stamp_ns: int) -> Transform | None:
+        """Return the pose at a moment, interpolated: straight on, and turning about one axis."""
+        index = bisect_left(self._poses, stamp_ns, key=lambda item: item[0])
+        if index == len(self._poses):
+            return None
+        later_ns, later = self._poses[index]
+        if later_ns == stamp_ns:
+            return later
+        if index == 0 or later_ns - self._poses[index - 1][0] > self._max_gap_ns:
+            return None
+        earlier_ns, earlier = self._poses[index - 1]
+        share = (stamp_ns - earlier_ns) / (later_ns - earlier_ns)
+        turn = matrix_from_rotvec(share * rotvec_from_matrix(earlier.rotation.T @ later.rotation))
+        place = earlier.translation + share * (later.translation - earlier.translation)
+        return Transform(earlier.rotation @ turn, place)

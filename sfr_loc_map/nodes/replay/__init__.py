@@ -1,0 +1,1 @@
+"""A recorded source through the running nodes."""

@@ -1,0 +1,217 @@
+"""Records topics as they come, serialised as they are, until told to end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Event
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+from sfr_loc_map.constants import SIDES
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.io.bag_recorder import BagRecorder
+from sfr_loc_map.nodes.messages.message_types import definition_of, message_type
+from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
+
+INPUTS = (
+    *(f"{task}/{side}/{name}" for task in ("loc", "nav") for side in SIDES for name in ("image_rect", "camera_info")),
+    *(f"{task}/{side}/image_rect/compressed" for task in ("loc", "nav") for side in SIDES),
+    *("nav/pose", "initialpose", "motion_prior", "ground_truth/odometry", "ground_truth/points"),
+)
+OURS = (
+    *("localisation/odometry", "mapping/points", "mapping/disparity", "metrics", "metrics/report"),
+    *(f"{task}/configuration" for task in ("localisation", "mapping", "monitor")),
+)
+GLOBAL = ("/diagnostics", "/tf", "/tf_static", "/clock")
+DEPTH = 200
+LOOK_S = 0.25
+FLUSH_S = 0.5
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordOptions:
+    """What is recorded.
+
+    Attributes:
+        topics: Their names, relative to the namespace; empty: inputs and outputs of our nodes.
+        everything: All topics instead, but hidden ones.
+        namespace: Of the rover.
+        duration_s: How long; None: until SIGINT, SIGTERM or SIGHUP.
+        zstd: Whether chunks are compressed.
+    """
+
+    topics: Sequence[str] = ()
+    everything: bool = False
+    namespace: str = ""
+    duration_s: float | None = None
+    zstd: bool = False
+
+
+@dataclass(slots=True)
+class Tally:
+    """What came of a topic.
+
+    Attributes:
+        count: Messages recorded.
+        gaps: What did not arrive of a topic with one publisher.
+    """
+
+    count: int = 0
+    gaps: TransportGaps = field(default_factory=TransportGaps)
+
+    @property
+    def lost(self) -> int:
+        """Messages that were published and did not arrive."""
+        return self.gaps.lost
+
+
+def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, Tally]:
+    """Record topics into a bag.
+
+    Args:
+        path: Folder of the bag; must not exist.
+        options: What.
+        say: Called with what happens.
+
+    Returns:
+        What came, by topic.
+
+    Raises:
+        OutputError: If the bag cannot be written (any more); what was recorded stays.
+        NodeError: If nothing came at all; nothing is left then.
+    """
+    environment.prepare()
+    stop = Event()
+
+    def end(number: int, frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, end) for number in ENDING}
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with BagRecorder(path, zstd=options.zstd) as bag:
+            recorder = _Recorder(bag, options, say)
+            recorder.run(stop)
+    finally:
+        try_shutdown()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if not bag.count:
+        _remove(path)
+        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        raise NodeError(f"nothing came on the topics to be recorded in ROS domain {domain}: look by sfr doctor --graph")
+    return recorder.tallies
+
+
+class _Recorder:
+    def __init__(self, bag: BagRecorder, options: RecordOptions, say: Callable[[str], None]) -> None:
+        self.tallies: dict[str, Tally] = {}
+        self._bag, self._options, self._say = bag, options, say
+        self._node: Node = rclpy.create_node(f"sfr_record_{os.getpid()}", start_parameter_services=False)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        names = options.topics or (*INPUTS, *OURS, *GLOBAL)
+        self._wanted = {self._resolved(name) for name in names}
+        self._known: set[str] = set()
+
+    def run(self, stop: Event) -> None:
+        """Record until told to stop."""
+        begin = looked = flushed = time.monotonic()
+        self._look()
+        while not stop.is_set():
+            self._executor.spin_once(timeout_sec=LOOK_S)
+            now = time.monotonic()
+            if now - looked > LOOK_S:
+                self._look()
+                looked = now
+            if now - flushed > FLUSH_S:
+                self._bag.flush()
+                flushed = now
+            if self._options.duration_s is not None and now - begin > self._options.duration_s:
+                return
+
+    def _resolved(self, name: str) -> str:
+        space = self._options.namespace.strip("/")
+        return name if name.startswith("/") or not space else f"/{space}/{name}"
+
+    def _look(self) -> None:
+        """Subscribe to what is new."""
+        wanted = {name if name.startswith("/") else f"/{name}" for name in self._wanted}
+        for name, types in self._node.get_topic_names_and_types():
+            hidden = "/_" in name
+            if name in self._known or not (name in wanted or (self._options.everything and not hidden)):
+                continue
+            infos = self._node.get_publishers_info_by_topic(name)
+            if infos:
+                self._known.add(name)
+                self._subscribe(name, types[0], infos)
+
+    def _subscribe(self, name: str, msgtype: str, infos: list[Any]) -> None:
+        try:
+            kind = message_type(msgtype)
+        except NodeError as error:
+            self._say(f"{name} is not recorded: {error}")
+            return
+        text, type_hash = definition_of(msgtype)
+        topic = self._bag.add_topic(name, msgtype, text, type_hash, [_offer(info) for info in infos])
+        tally = self.tallies[name] = Tally()
+        numbered = len(infos) == 1
+
+        def received(raw: bytes, info: dict[str, Any]) -> None:
+            self._bag.write(topic, time.time_ns(), raw)
+            tally.count += 1
+            if numbered:
+                tally.gaps.came(info)
+
+        callback: Any = received  # rclpy's types do not know of raw messages with their information
+        self._node.create_subscription(kind, name, callback, _asked(infos), raw=True)
+        self._say(f"records {name} ({msgtype})")
+
+
+def _asked(infos: list[Any]) -> QoSProfile:
+    """Return what all publishers can give, so that nothing of them is missed."""
+    reliable = all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
+    latched = all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
+    return QoSProfile(
+        depth=DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _offer(info: Any) -> Qos:  # noqa: ANN401 - rclpy's TopicEndpointInfo
+    profile, never = info.qos_profile, QosTime(0, 0)
+    reliable = profile.reliability == ReliabilityPolicy.RELIABLE
+    latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return Qos(
+        QosHistory.KEEP_LAST,
+        max(int(profile.depth), 1),
+        QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
+        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        never,
+        never,
+        QosLiveliness.AUTOMATIC,
+        never,
+        False,
+    )
+
+
+def _remove(path: Path) -> None:
+    for file in path.iterdir():
+        file.unlink()
+    path.rmdir()

@@ -1,0 +1,1 @@
+"""The parts of a live run that know no ROS."""

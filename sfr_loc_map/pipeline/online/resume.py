@@ -1,0 +1,104 @@
+"""The pose known last, in a file: a localisation node that was killed goes on where it was."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError, OutputError, SfrError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.pose_covariance import UNSEEN_SIGMA, Start
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownPose:
+    """A pose that was published.
+
+    Attributes:
+        stamp_ns: Its stamp.
+        T_ds_rb: The pose.
+        covariance: `(6, 6)` in ROS order, as published.
+    """
+
+    stamp_ns: int
+    T_ds_rb: Transform
+    covariance: FloatArray
+
+    def after_gap(self) -> KnownPose:
+        """Return the pose as it is known after a while in which nothing was seen."""
+        return KnownPose(self.stamp_ns, self.T_ds_rb, self.covariance + np.diag(np.square(UNSEEN_SIGMA)))
+
+    def after_step(self, before: KnownPose) -> KnownPose:
+        """Return the pose as it is known after one more step like that from an earlier pose, not seen."""
+        step = before.T_ds_rb.inverse() @ self.T_ds_rb
+        size = np.linalg.norm(step.translation), np.linalg.norm(rotvec_from_matrix(step.rotation))
+        return KnownPose(self.stamp_ns, self.T_ds_rb, self.covariance + np.diag(np.repeat(np.square(size), 3)))
+
+    def added_covariance(self, T_ds_rb: Transform) -> FloatArray:
+        """Return what the covariance of a start at this pose, `(6, 6)`, makes of that of a later pose."""
+        return Start(self.T_ds_rb.translation, self.covariance).carried_to(T_ds_rb.translation)
+
+
+class PoseFile:
+    """Keeps the pose known last.
+
+    It is renamed into place, so that a process that is killed leaves the one before. It is not forced onto the disk:
+    after a loss of power an older pose, or none, may be there.
+    """
+
+    def __init__(self, path: Path, max_age_s: float) -> None:
+        """Touch nothing yet.
+
+        Args:
+            path: The file.
+            max_age_s: An older pose, by the stamps, is of no use.
+        """
+        self._path, self._max_age_s = path, max_age_s
+
+    def load(self, stamp_ns: int) -> KnownPose | None:
+        """Return the pose, None where there is none or it does not belong to a run that goes on at this stamp.
+
+        Raises:
+            InputError: If the file cannot be read.
+        """
+        try:
+            content = json.loads(self._path.read_text(encoding="utf-8"))
+            pose = Transform.from_quat(content["translation_m"], content["quat_xyzw"])
+            covariance = np.array(content["covariance"], np.float64).reshape(6, 6)
+            known = KnownPose(int(content["stamp_ns"]), pose, covariance)
+            if not np.isfinite(covariance).all():
+                raise ValueError("its covariance is not finite")
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, SfrError) as error:
+            raise InputError(f"resume_file '{self._path}' cannot be read: {error}; it is replaced") from error
+        age_s = (stamp_ns - known.stamp_ns) * 1e-9
+        return known if 0.0 < age_s <= self._max_age_s else None
+
+    def save(self, known: KnownPose) -> None:
+        """Keep a pose.
+
+        Raises:
+            OutputError: If the file cannot be written.
+        """
+        content = {
+            "stamp_ns": known.stamp_ns,
+            "translation_m": known.T_ds_rb.translation.tolist(),
+            "quat_xyzw": known.T_ds_rb.quat_xyzw.tolist(),
+            "covariance": np.asarray(known.covariance).reshape(-1).tolist(),
+        }
+        # one name for all times: a process that is killed while it writes must not leave a new file each time
+        part = self._path.with_name(f".{self._path.name}.part")
+        try:
+            part.write_text(json.dumps(content), encoding="utf-8")
+            os.replace(part, self._path)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write resume_file '{self._path}': {error.strerror}; a restart would go on at an older pose"
+            ) from error
