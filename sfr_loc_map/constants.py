@@ -2,7 +2,6 @@
 
 from typing import Literal
 
-
 NS_PER_S = 1_000_000_000
 """Nanoseconds in a second."""
 Side = Literal["left", "right"]

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit_fast_ir_inline
 
 
 @jit_fast_ir_inline
-def linearise_landmark(r_cw, p_c, r_wh, p_h, ray, rho, camera, baseline, out, j_pose, j_host, j_mark):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inlined into machine code
+def linearise_landmark(
+    r_cw: FloatArray,
+    p_c: FloatArray,
+    r_wh: FloatArray,
+    p_h: FloatArray,
+    ray: FloatArray,
+    rho: float,
+    camera: FloatArray,
+    baseline: float,
+    out: FloatArray,
+    j_pose: FloatArray,
+    j_host: FloatArray,
+    j_mark: FloatArray,
+) -> float:
     """Project a landmark into both pictures, with derivatives; return the scaled depth, 0 behind the camera.
 
     Fills out `(4,)` u, v left, u, v right; j_pose `(4, 6)` by position and rotation about the world's axes of the
@@ -17,7 +31,7 @@ def linearise_landmark(r_cw, p_c, r_wh, p_h, ray, rho, camera, baseline, out, j_
     tz = r_wh[2, 0] * ray[0] + r_wh[2, 1] * ray[1] + r_wh[2, 2]
     bx, by, bz = p_h[0] - p_c[0], p_h[1] - p_c[1], p_h[2] - p_c[2]
     wx, wy, wz = tx + rho * bx, ty + rho * by, tz + rho * bz
-    z = r_cw[0, 2] * wx + r_cw[1, 2] * wy + r_cw[2, 2] * wz
+    z: float = r_cw[0, 2] * wx + r_cw[1, 2] * wy + r_cw[2, 2] * wz
     if z < 1e-6:
         return 0.0
     x = (r_cw[0, 0] * wx + r_cw[1, 0] * wy + r_cw[2, 0] * wz) / z

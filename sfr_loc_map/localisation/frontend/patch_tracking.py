@@ -17,17 +17,18 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 HALF = 5
 """Half width of a patch: 11 x 11 pixels."""
 SIDE = 2 * HALF + 1
+Scalar = float | np.float32
 
 
 @jit_fast_ir_inline
-def sample(image, x, y):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inlined into machine code
+def sample(image: FloatImage, x: Scalar, y: Scalar) -> np.float32:
     """Return the bilinear value of a picture at a position that is known to lie inside it."""
     xi = int(x)
     yi = int(y)
     fx = np.float32(x - xi)
     fy = np.float32(y - yi)
-    top = image[yi, xi] + fx * (image[yi, xi + 1] - image[yi, xi])
-    bottom = image[yi + 1, xi] + fx * (image[yi + 1, xi + 1] - image[yi + 1, xi])
+    top: np.float32 = image[yi, xi] + fx * (image[yi, xi + 1] - image[yi, xi])
+    bottom: np.float32 = image[yi + 1, xi] + fx * (image[yi + 1, xi + 1] - image[yi + 1, xi])
     return top + fy * (bottom - top)
 
 
@@ -113,7 +114,7 @@ def plane_homographies(
 
 
 @jit_fast_ir_inline
-def warp(h, u, v):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inlined into machine code
+def warp(h: FloatArray, u: float, v: float) -> tuple[float, float]:
     """Return where a homography takes a pixel; far outside where that is behind the camera."""
     w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
     if w <= 1e-9:
@@ -122,7 +123,7 @@ def warp(h, u, v):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inli
 
 
 @jit_fast_ir_inline
-def normalise(values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inlined into machine code
+def normalise(values: NDArray[np.float32]) -> np.float32:
     """Take the mean off values in place; return the sum of their squares."""
     mean = np.float32(0.0)
     for k in range(values.size):
@@ -136,7 +137,17 @@ def normalise(values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - 
 
 
 @jit_fast_inline
-def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202, C901
+def _prepare(  # noqa: C901 - one loop of machine code
+    patch: NDArray[np.float32],
+    h: FloatArray,
+    u0: float,
+    v0: float,
+    xs: NDArray[np.float32],
+    ys: NDArray[np.float32],
+    template: NDArray[np.float32],
+    jx: NDArray[np.float32],
+    jy: NDArray[np.float32],
+) -> tuple[float, float, float, float, np.float32, float, float, float]:
     """Warp the pixels of a patch and turn its gradients; all of it without the shift that is looked for.
 
     Fills the warped pixels xs, ys, the template without its mean, and its derivatives in the target without what
@@ -195,11 +206,22 @@ def _prepare(patch, h, u0, v0, xs, ys, template, jx, jy):  # type: ignore[no-unt
         hyy += jy[k] * jy[k]
     if hxx * hyy - hxy * hxy <= 1e-6 * (hxx + hyy) ** 2:
         return nothing
-    return low_x, low_y, high_x, high_y, power, hxx, hxy, hyy
+    return low_x, low_y, high_x, high_y, power, float(hxx), float(hxy), float(hyy)
 
 
 @jit_fast_inline
-def _compare(image, xs, ys, sx, sy, template, power, jx, jy, values):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN202
+def _compare(
+    image: FloatImage,
+    xs: NDArray[np.float32],
+    ys: NDArray[np.float32],
+    sx: float,
+    sy: float,
+    template: NDArray[np.float32],
+    power: np.float32,
+    jx: NDArray[np.float32],
+    jy: NDArray[np.float32],
+    values: NDArray[np.float32],
+) -> tuple[float, float, float, float]:
     """Return the right side (x, y), the residual RMS and the correlation of a patch at a shift."""
     for k in range(values.size):
         values[k] = sample(image, xs[k] + np.float32(sx), ys[k] + np.float32(sy))
