@@ -17,7 +17,6 @@ import yaml
 from sfr_loc_map.errors import ConfigError
 
 C = TypeVar("C")
-Scalar = bool | int | float | str
 
 
 def param(
@@ -158,21 +157,24 @@ def _in_range(info: ParamInfo, number: Any) -> bool:  # noqa: ANN401 - any param
 
 def _as_type(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
     kind = type(info.default)
-    if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
-        if value != value:
-            raise ConfigError(f"'{info.name}' is not a number")
-        return float(value)
     if kind is tuple and isinstance(value, (list, tuple)):
         element = type(info.default[0]) if info.default else float
-        if element is float and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
-            if any(v != v for v in value):
+        if all(_is_a(element, item) for item in value):
+            if any(item != item for item in value):
                 raise ConfigError(f"'{info.name}' holds something that is not a number")
-            return tuple(float(v) for v in value)
-        if all(isinstance(v, element) for v in value):
-            return tuple(value)
-    elif isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
-        return value
+            return tuple(element(item) for item in value)
+    elif _is_a(kind, value):
+        if value != value:
+            raise ConfigError(f"'{info.name}' is not a number")
+        return kind(value)
     raise ConfigError(f"'{info.name}' is {value!r}: a value of type {kind.__name__} is needed")
+
+
+def _is_a(kind: type, value: Any) -> bool:  # noqa: ANN401 - any parameter type
+    """Tell whether a value is of a type: a whole number is a float, a bool is no number."""
+    if isinstance(value, bool) or kind is bool:
+        return isinstance(value, bool) and kind is bool
+    return isinstance(value, (int, float) if kind is float else kind)
 
 
 def _suggestion(name: str, known: Mapping[str, Any]) -> str:

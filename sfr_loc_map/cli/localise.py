@@ -37,8 +37,8 @@ def localise(
     from sfr_loc_map.io.trajectory_file import TUM_SUFFIXES, save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.pipeline.offline import localise as run
-    from sfr_loc_map.pipeline.offline import look_away, save_stats, start_pose, trajectory_of
-    from sfr_loc_map.pipeline.video import track_film
+    from sfr_loc_map.pipeline.offline import no_observer, save_stats, start_pose, trajectory_of
+    from sfr_loc_map.pipeline.video import track_video
 
     check_start(start)
     check_output(output, (".csv", *TUM_SUFFIXES))
@@ -50,7 +50,7 @@ def localise(
     with naming(source):
         first_pose = start_pose(sequence, start)
     estimates, records = [], []
-    film = nullcontext(look_away) if video is None else track_film(video, sequence.rig)
+    film = nullcontext(no_observer) if video is None else track_video(video, sequence.rig)
     with naming(source), film as watch, progress_bar("pairs") as bar:
         task = bar.add_task("localising", total=len(sequence))
         for estimate, record in run(sequence, parameters, first_pose, watch):

@@ -21,11 +21,6 @@ TILT_AXIS_X_RB_M = 0.451
 """Place of the tilt axis along RB x at pan 0 [3.2.6]."""
 
 
-def dma_in_rb(base_height_m: float) -> Transform:
-    """Return `T_rb_dma`, axes aligned at rest [3.2.2]; the document leaves the height of the mast's base open."""
-    return Transform(np.eye(3), np.array([*MAST_XY_RB_M, base_height_m]))
-
-
 def mast_head_in_rb(pan_rad: float, tilt_rad: float) -> Transform:
     """Return `T_rb_head`: the mast head, origin where the tilt axis meets the pan axis' x-z plane [3.2.6].
 

@@ -53,7 +53,7 @@ class StereoRig:
             )
 
     @property
-    def k(self) -> FloatArray:
+    def camera_matrix(self) -> FloatArray:
         """Camera matrix `(3, 3)` of either camera, pixels."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
@@ -84,7 +84,7 @@ class StereoRig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoPair:
-    """Two rectified pictures taken at the same time.
+    """Two rectified images taken at the same time.
 
     Attributes:
         stamp_ns: Time of both, nanoseconds.
@@ -119,7 +119,7 @@ class PosedStereoPair:
     """A stereo pair for mapping with its place in the local map frame.
 
     Attributes:
-        pair: The pictures.
+        pair: The images.
         T_lm_navsb: Takes points in NAVSB to LM.
         truth: `(H, W, 3)` float32, metres, the point in LM seen by the centre of each left pixel, NaN where none;
             None where the source has no truth.

@@ -1,4 +1,4 @@
-"""ROS 2 bags (sqlite3 and mcap): topics, raw messages and trajectories.
+"""ROS 2 bags (sqlite3 and mcap): topics and messages.
 
 The bag is opened for each pass and closed after it, so nothing is held open, and messages are read as a stream.
 """
@@ -14,15 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from sfr_loc_map.errors import GeometryError, InputError, SfrError
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.io.mcap_recovery import RecoveringReader, is_unfinished
 from sfr_loc_map.io.sqlite_check import check_whole
-from sfr_loc_map.io.trajectory_file import check_order
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 STORAGE_SUFFIXES = (".mcap", ".db3")
@@ -200,48 +197,6 @@ class Bag:
                     break
         return found
 
-    def odometry(self, name: str) -> Trajectory | None:
-        """Return the poses of an odometry topic, or None if the bag has none.
-
-        Args:
-            name: Relative name, as `ground_truth/odometry` or `localisation/odometry`.
-
-        Raises:
-            InputError: If a pose is not finite, its quaternion has no length, or stamps go backwards.
-        """
-        topic = self.find(name, ODOMETRY)
-        if topic is None:
-            return None
-        stamps, rows = [], []
-        for _, stamp_ns, message in self.messages([topic]):
-            position, quat = message.pose.pose.position, message.pose.pose.orientation
-            stamps.append(stamp_ns)
-            rows.append((position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w))
-        if not rows:
-            return None
-        check_order(stamps, f"'{topic.bag_name}' of bag '{self.path}'", strict=False)
-        values = np.array(rows, np.float64)
-        try:
-            return Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, 3:].copy())
-        except GeometryError as error:
-            raise InputError(f"'{topic.bag_name}' of bag '{self.path}': {error}") from error
-
-    def static_transform(self, parent: str, child: str) -> Transform | None:
-        """Return `T_parent_child` of `/tf_static`, over frames between where there are some, or None."""
-        topic = self.find("tf_static", TF)
-        if topic is None:
-            return None
-        edges: dict[str, tuple[str, Transform]] = {}
-        for _, _, message in self.messages([topic]):
-            for item in message.transforms:
-                place, quat = item.transform.translation, item.transform.rotation
-                try:
-                    pose = Transform.from_quat((place.x, place.y, place.z), (quat.x, quat.y, quat.z, quat.w))
-                except GeometryError as error:
-                    raise InputError(f"/tf_static of bag '{self.path}': '{item.child_frame_id}': {error}") from error
-                edges[item.child_frame_id.strip("/")] = (item.header.frame_id.strip("/"), pose)
-        return _chain(edges, parent, child)
-
     def _renamed(self, remap: Mapping[str, str]) -> dict[str, str]:
         wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
         names = {topic: topic.strip("/") for topic in self._types}
@@ -288,19 +243,7 @@ def _reader_paths(path: Path) -> list[Path]:
 def _header_stamp(raw: bytes) -> int:
     """Return the stamp of a message that begins with a header, without deserialising it (CDR, XTypes 1.3, 7.4)."""
     seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
-def _chain(edges: Mapping[str, tuple[str, Transform]], parent: str, child: str) -> Transform | None:
-    result, frame = None, child
-    for _ in range(len(edges)):
-        if frame not in edges:
-            return None
-        frame, step = edges[frame]
-        result = step if result is None else step @ result
-        if frame == parent:
-            return result
-    return None
+    return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
 def _line(error: Exception) -> str:

@@ -34,16 +34,16 @@ def header(stamp_ns: int, frame: str) -> Any:  # noqa: ANN401 - types of the bag
     return _T["std_msgs/msg/Header"](time, frame)
 
 
-def image(stamp_ns: int, picture: GreyImage, task: str, side: Side) -> Any:  # noqa: ANN401
+def image(stamp_ns: int, image: GreyImage, task: str, side: Side) -> Any:  # noqa: ANN401
     """Return a mono8 sensor_msgs/Image."""
-    height, width = picture.shape
-    data = np.ascontiguousarray(picture).reshape(-1)
+    height, width = image.shape
+    data = np.ascontiguousarray(image).reshape(-1)
     return _T[IMAGE](header(stamp_ns, _optical(task, side)), height, width, "mono8", 0, width, data)
 
 
-def jpeg_image(stamp_ns: int, picture: GreyImage, task: str, side: Side, quality: int) -> Any:  # noqa: ANN401
+def jpeg_image(stamp_ns: int, image: GreyImage, task: str, side: Side, quality: int) -> Any:  # noqa: ANN401
     """Return a JPEG sensor_msgs/CompressedImage."""
-    data = np.frombuffer(encode_jpeg(picture, quality), np.uint8)
+    data = np.frombuffer(encode_jpeg(image, quality), np.uint8)
     return _T[COMPRESSED](header(stamp_ns, _optical(task, side)), "mono8; jpeg compressed ", data)
 
 
@@ -55,7 +55,7 @@ def camera_info(stamp_ns: int, rig: StereoRig, task: str, side: Side) -> Any:  #
         width=rig.width,
         distortion_model="plumb_bob",
         d=np.zeros(5),
-        k=rig.k.reshape(-1),
+        k=rig.camera_matrix.reshape(-1),
         r=np.eye(3).reshape(-1),
         p=projection(rig, side),
         binning_x=0,

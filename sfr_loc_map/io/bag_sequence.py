@@ -18,6 +18,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, POINTS, POSE, Bag, Topic
+from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_static_transform, read_trajectory
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.folder import check_size
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message
@@ -64,7 +65,7 @@ class _PairTopics:
         for topic in infos:
             if topic.name not in first:
                 raise InputError(f"bag '{self.bag.path}' has no message on '{topic.bag_name}': the rig is not known")
-        place = self.bag.static_transform(RB_FRAME, LOCSB_FRAME) if self.task == "loc" else None
+        place = read_static_transform(self.bag, RB_FRAME, LOCSB_FRAME) if self.task == "loc" else None
         try:
             return rig_from_camera_info(first[infos[0].name], first[infos[1].name], self.task, place)
         except InputError as error:
@@ -96,16 +97,16 @@ class _PairTopics:
                 )
 
     def image(self, topic: Topic, raw: bytes, rig: StereoRig) -> GreyImage:
-        """Return the picture of a raw message."""
+        """Return the image of a raw message."""
         message = self.bag.deserialise(topic, raw)
         decode = image_from_compressed_message if topic.msgtype == COMPRESSED else image_from_message
         try:
-            picture = decode(message)
+            image = decode(message)
         except InputError as error:
             raise InputError(f"bag '{self.bag.path}', '{topic.bag_name}': {error}") from error
         stamp = int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
-        check_size(picture, rig, f"bag '{self.bag.path}', '{topic.bag_name}': picture of stamp {stamp}")
-        return picture
+        check_size(image, rig, f"bag '{self.bag.path}', '{topic.bag_name}': image of stamp {stamp}")
+        return image
 
     def pair(self, stamp_ns: int, raw: Mapping[str, bytes], rig: StereoRig) -> StereoPair:
         """Return the decoded pair of a stamp."""
@@ -121,13 +122,13 @@ class _PairTopics:
         whole = sorted(left & right)
         if not whole:
             raise InputError(
-                f"bag '{self.bag.path}': none of {len(left)} left and {len(right)} right pictures of '{self.task}' "
+                f"bag '{self.bag.path}': none of {len(left)} left and {len(right)} right images of '{self.task}' "
                 f"have equal stamps: record both from one trigger"
             )
         single = len(left ^ right)
         if single:
             _log.warning(
-                "bag '%s': %d pictures of '%s' without the other side left out", self.bag.path, single, self.task
+                "bag '%s': %d images of '%s' without the other side left out", self.bag.path, single, self.task
             )
         truth = set(stamps[self.points.name]) if self.points else set()
         return _Pairs(tuple(whole), {stamp: 2 + (stamp in truth) for stamp in whole})
@@ -156,7 +157,7 @@ class BagLocSequence:
     def ground_truth(self) -> Trajectory | None:
         """Poses on `ground_truth/odometry`, or None; read at the first use."""
         if not self._truth_read:
-            self._truth, self._truth_read = self._topics.bag.odometry("ground_truth/odometry"), True
+            self._truth, self._truth_read = read_trajectory(self._topics.bag, GROUND_TRUTH), True
         return self._truth
 
     def __len__(self) -> int:
@@ -167,7 +168,7 @@ class BagLocSequence:
         """Yield the pairs in the order of stamps.
 
         Raises:
-            InputError: If the bag or a picture is broken or not of the rig's size.
+            InputError: If the bag or an image is broken or not of the rig's size.
         """
         for stamp_ns, raw in self._topics.joined():
             yield self._topics.pair(stamp_ns, raw, self._rig)
@@ -199,7 +200,7 @@ class BagNavSequence:
         """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp.
 
         Raises:
-            InputError: If the bag or a picture is broken, or a pair has no pose of its stamp.
+            InputError: If the bag or an image is broken, or a pair has no pose of its stamp.
         """
         topics = self._topics
         for stamp_ns, raw in topics.joined():
@@ -221,7 +222,7 @@ def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:
         remap: New names of topics by the names in the bag.
 
     Raises:
-        InputError: If it is broken, or has the pictures of neither task.
+        InputError: If it is broken, or has the images of neither task.
     """
     bag = Bag(path, remap)
     has = {task: bag.find(f"{task}/left/image_rect", IMAGE, COMPRESSED) for task in ("loc", "nav")}

@@ -61,7 +61,7 @@ class BagWriter:
         Args:
             path: Folder of the bag; must not exist.
             storage: `mcap` or `sqlite3`.
-            jpeg_quality: Pictures as JPEG (sensor_msgs/CompressedImage) of this quality, 1 to 100; None: raw, exact.
+            jpeg_quality: Images as JPEG (sensor_msgs/CompressedImage) of this quality, 1 to 100; None: raw, exact.
             zstd: Whether chunks are compressed (mcap only).
             truth_grid_m: True points of mapping pairs are rounded to multiples of this power of two, metres, so that
                 they compress well; None: exact.

@@ -73,7 +73,7 @@ def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | 
         _check_rectified(f"{name}/{side}", info)
     if (left.width, left.height) != (right.width, right.height):
         sizes = f"{left.width} x {left.height} and {right.width} x {right.height}"
-        raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: both pictures need one size")
+        raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: both images need one size")
     p_left, p_right = _matrix(left.p), _matrix(right.p)
     keep = np.ones(12, bool)
     keep[3] = False
@@ -109,7 +109,7 @@ def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraIn
         found.append("projection p is not that of a rectified camera side by side with the other")
     if found:
         raise InputError(
-            f"{name}/camera_info is non-rectified ({', '.join(found)}): give rectified pictures and their camera_info"
+            f"{name}/camera_info is non-rectified ({', '.join(found)}): give rectified images and their camera_info"
         )
 
 

@@ -4,7 +4,7 @@
     mav0/cam1/...                                 right camera
     mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
 
-Pictures are rectified here. RB is the body frame B, DS the world frame of the truth, whose rate is kept.
+Images are rectified here. RB is the body frame B, DS the world frame of the truth, whose rate is kept.
 """
 
 from __future__ import annotations
@@ -56,14 +56,14 @@ def open_euroc(path: Path) -> Source:
     folder = path / "mav0" if (path / "mav0").is_dir() else path
     left, right = (_load_camera(folder / name / "sensor.yaml") for name in ("cam0", "cam1"))
     if left.size != right.size:
-        raise InputError(f"'{folder}': cam0 is {left.size}, cam1 {right.size}: both pictures need one size")
+        raise InputError(f"'{folder}': cam0 is {left.size}, cam1 {right.size}: both images need one size")
     rig, maps = _rectification(folder, left, right)
 
     def rectify(a: GreyImage, b: GreyImage) -> tuple[GreyImage, GreyImage]:
-        pictures = [
+        images = [
             cv2.remap(image, column, row, cv2.INTER_LINEAR) for image, (column, row) in zip((a, b), maps, strict=True)
         ]
-        return np.asarray(pictures[0], np.uint8), np.asarray(pictures[1], np.uint8)
+        return np.asarray(images[0], np.uint8), np.asarray(images[1], np.uint8)
 
     sequence = ImageFileSequence(rig, _load_truth(folder / TRUTH / "data.csv"), _pairs(folder), left.size, rectify)
     return Source(path, "euroc", sequence, None)
@@ -124,7 +124,7 @@ def _rectification(folder: Path, left: _Camera, right: _Camera) -> tuple[StereoR
 
 
 def _maps(camera: _Camera, rotation: FloatArray, projection: FloatArray) -> Maps:
-    """Return the column and row, in the picture as taken, of each pixel of the rectified one."""
+    """Return the column and row, in the image as taken, of each pixel of the rectified one."""
     args = (camera.k, camera.distortion, rotation, projection[:, :3], camera.size, cv2.CV_32FC1)
     columns, rows = cv2.initUndistortRectifyMap(*args)
     return np.asarray(columns, np.float32), np.asarray(rows, np.float32)
@@ -134,7 +134,7 @@ def _pairs(folder: Path) -> list[ImagePair]:
     left, right = (_load_list(folder / name / "data.csv") for name in ("cam0", "cam1"))
     entries = [ImagePair(stamp, left[stamp], right[stamp]) for stamp in sorted(left.keys() & right.keys())]
     if not entries:
-        raise InputError(f"'{folder}': none of {len(left)} pictures of cam0 and {len(right)} of cam1 have equal stamps")
+        raise InputError(f"'{folder}': none of {len(left)} images of cam0 and {len(right)} of cam1 have equal stamps")
     return entries
 
 

@@ -52,7 +52,7 @@ class FolderLocSequence:
     """The drive of a data set folder."""
 
     def __init__(self, folder: Path) -> None:
-        """Read everything but the pictures.
+        """Read everything but the images.
 
         Raises:
             InputError: If a file is missing or broken, or stamps go backwards.
@@ -79,7 +79,7 @@ class FolderLocSequence:
         """Yield the pairs, one in memory at a time.
 
         Raises:
-            InputError: If a picture is broken or not of the rig's size.
+            InputError: If an image is broken or not of the rig's size.
         """
         for entry in self._entries:
             yield _load_pair(entry, self._rig)
@@ -89,7 +89,7 @@ class FolderNavSequence:
     """The mapping pairs of a data set folder."""
 
     def __init__(self, folder: Path) -> None:
-        """Read everything but the pictures and the truth.
+        """Read everything but the images and the truth.
 
         Raises:
             InputError: If a file is missing or broken, or stamps go backwards.
@@ -110,7 +110,7 @@ class FolderNavSequence:
         """Yield the pairs, one in memory at a time.
 
         Raises:
-            InputError: If a picture or truth is broken or not of the rig's size.
+            InputError: If an image or truth is broken or not of the rig's size.
         """
         for entry in self._entries:
             if entry.T_lm_navsb is None:
@@ -146,25 +146,23 @@ def open_folder(path: Path) -> Source:
 
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
-    """Check that a picture has the rig's size.
+    """Check that an image has the rig's size.
 
     Raises:
         InputError: If not.
     """
     if image.shape != (rig.height, rig.width):
         found = f"{image.shape[1]} x {image.shape[0]}"
-        raise InputError(
-            f"{name} is {found}: its rig says {rig.width} x {rig.height}; both pictures need the rig's size"
-        )
+        raise InputError(f"{name} is {found}: its rig says {rig.width} x {rig.height}; both images need the rig's size")
 
 
 def _load_pair(entry: _Entry, rig: StereoRig) -> StereoPair:
-    pictures = []
+    images = []
     for path in (entry.left, entry.right):
         image = read_grey(path)
-        check_size(image, rig, f"picture '{path}' (stamp {entry.stamp_ns})")
-        pictures.append(image)
-    return StereoPair(entry.stamp_ns, *pictures)
+        check_size(image, rig, f"image '{path}' (stamp {entry.stamp_ns})")
+        images.append(image)
+    return StereoPair(entry.stamp_ns, *images)
 
 
 def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:

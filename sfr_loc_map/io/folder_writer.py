@@ -20,7 +20,7 @@ from sfr_loc_map.io.trajectory_file import CSV_HEADER, csv_row
 class FolderWriter:
     """A data set folder that is being written; a context manager.
 
-    With one task the files are in the folder itself, with both in `loc/` and `nav/`. Pictures and the tables of the
+    With one task the files are in the folder itself, with both in `loc/` and `nav/`. Images and the tables of the
     drive are written as they come; only the few lines of the mapping pairs are kept to the end.
     """
 
@@ -66,7 +66,7 @@ class FolderWriter:
 
     def write_loc_pair(self, pair: StereoPair) -> None:
         """Write a pair of the drive."""
-        names = _write_pictures(self._loc, self._loc_count, pair)
+        names = _write_images(self._loc, self._loc_count, pair)
         self._append(self._loc / "pairs.csv", ",".join(LOC_COLUMNS), ",".join([str(pair.stamp_ns), *names]))
         self._loc_count += 1
 
@@ -79,7 +79,7 @@ class FolderWriter:
             truth = f"truth/{index:06d}.npy"
             (self._nav / "truth").mkdir(exist_ok=True)
             np.save(self._nav / truth, np.asarray(nav.truth, np.float32))
-        names = _write_pictures(self._nav, index, nav.pair)
+        names = _write_images(self._nav, index, nav.pair)
         self._nav_rows.append([str(nav.pair.stamp_ns), *names, *numbers, truth])
 
     def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
@@ -99,8 +99,8 @@ def _start(folder: Path, rig: StereoRig) -> None:
     (folder / "rig.json").write_text(rig_json(rig), encoding="utf-8")
 
 
-def _write_pictures(folder: Path, index: int, pair: StereoPair) -> list[str]:
+def _write_images(folder: Path, index: int, pair: StereoPair) -> list[str]:
     names = [f"{side}/{index:06d}.png" for side in ("left", "right")]
-    for name, picture in zip(names, (pair.left, pair.right), strict=True):
-        (folder / name).write_bytes(encode_png(picture))
+    for name, image in zip(names, (pair.left, pair.right), strict=True):
+        (folder / name).write_bytes(encode_png(image))
     return names

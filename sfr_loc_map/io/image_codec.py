@@ -1,4 +1,4 @@
-"""Pictures as 8-bit grey arrays, from files and from image messages.
+"""Images as 8-bit grey arrays, from files and from image messages.
 
 The functions for messages read attributes only (`height`, `encoding`, `data`, ...), so messages of a bag reader and
 of a ROS client library are taken alike.
@@ -34,7 +34,7 @@ JPEG_MAGIC = b"\xff\xd8"
 
 
 def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImage:
-    """Return a picture as 8-bit grey.
+    """Return an image as 8-bit grey.
 
     Args:
         image: `(H, W)` or `(H, W, 1 | 3 | 4)`, uint8 or uint16 (0 .. 65535 becomes 0 .. 255, rounded; colour becomes
@@ -49,7 +49,7 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImag
     if image.dtype == np.uint16:
         image = ((image.astype(np.uint32) + 128) // 257).astype(np.uint8)
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
-        raise InputError(f"picture of {image.dtype} {image.shape} found: 8 or 16 bit grey or colour is needed")
+        raise InputError(f"image of {image.dtype} {image.shape} found: 8 or 16 bit grey or colour is needed")
     if image.ndim == 3:
         code = cv2.COLOR_BGR2GRAY if order == "bgr" else cv2.COLOR_RGB2GRAY
         image = cv2.cvtColor(np.ascontiguousarray(image[:, :, :3]), code)
@@ -57,7 +57,7 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImag
 
 
 def read_grey(path: Path) -> GreyImage:
-    """Read a picture file as 8-bit grey `(H, W)`.
+    """Read an image file as 8-bit grey `(H, W)`.
 
     Raises:
         InputError: If the file is missing or its data is broken.
@@ -65,15 +65,15 @@ def read_grey(path: Path) -> GreyImage:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise InputError(f"cannot read picture '{path}': {error.strerror}; check the list of pairs") from error
+        raise InputError(f"cannot read image '{path}': {error.strerror}; check the list of pairs") from error
     try:
         return decode_grey(data)
     except InputError as error:
-        raise InputError(f"picture '{path}': {error}") from error
+        raise InputError(f"image '{path}': {error}") from error
 
 
 def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
-    """Decode the bytes of a picture file (PNG, JPEG and what OpenCV reads) to 8-bit grey `(H, W)`.
+    """Decode the bytes of an image file (PNG, JPEG and what OpenCV reads) to 8-bit grey `(H, W)`.
 
     PNG checksums are verified, and a JPEG stream that the decoder could only guess at is refused.
 
@@ -87,7 +87,7 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
         _check_png(raw)
     image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
     if image is None:
-        raise InputError("its data is broken or no picture; restore the original")
+        raise InputError("its data is broken or no image; restore the original")
     return grey8(image)
 
 

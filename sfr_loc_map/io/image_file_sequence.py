@@ -1,4 +1,4 @@
-"""A drive whose pictures are files listed in advance: what the readers of foreign data sets share."""
+"""A drive whose images are files listed in advance: what the readers of foreign data sets share."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class ImagePair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageFileSequence:
-    """A drive of picture files.
+    """A drive of image files.
 
     Attributes:
-        rig: Rig of the pictures after `rectify`.
+        rig: Rig of the images after `rectify`.
         ground_truth: True poses of RB in DS, or None.
         entries: The files, in the order of stamps.
         size: Width and height that the files must have, pixels.
-        rectify: Makes the rectified pictures of those read: left, right.
+        rectify: Makes the rectified images of those read: left, right.
     """
 
     rig: StereoRig
@@ -48,7 +48,7 @@ class ImageFileSequence:
         """Yield the pairs, one in memory at a time.
 
         Raises:
-            InputError: If a picture is missing, broken or of another size.
+            InputError: If an image is missing, broken or of another size.
         """
         for entry in self.entries:
             left, right = (self._read(path) for path in (entry.left, entry.right))
@@ -58,7 +58,7 @@ class ImageFileSequence:
         image = read_grey(path)
         if image.shape != self.size[::-1]:
             found, wanted = f"{image.shape[1]} x {image.shape[0]}", f"{self.size[0]} x {self.size[1]}"
-            raise InputError(f"picture '{path}' is {found}: all pictures of the drive must be {wanted}")
+            raise InputError(f"image '{path}' is {found}: all images of the drive must be {wanted}")
         return image
 
 

@@ -1,6 +1,6 @@
 """The layout of the KITTI odometry benchmark (Geiger et al. 2012).
 
-    image_0/000000.png  image_1/000000.png   rectified pictures, left and right (or image_2, image_3: colour)
+    image_0/000000.png  image_1/000000.png   rectified images, left and right (or image_2, image_3: colour)
     calib.txt           P0: ... P3: ...      projection matrices of the rectified cameras, in the frame of camera 0
     times.txt           seconds, one a line
     poses.txt           optional; also found as ../../poses/NAME.txt: 3 x 4 matrices of camera 0 in its first frame

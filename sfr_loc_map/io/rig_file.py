@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.camera_info import message_baseline
 
 KEYS = ("width", "height", "k", "baseline_m")
-PLACE = "T_rb_locsb"
+EXTRINSICS = "T_rb_locsb"
 
 
 def load_rig(path: Path) -> StereoRig:
@@ -22,21 +22,14 @@ def load_rig(path: Path) -> StereoRig:
         InputError: If it is missing, not JSON, or a value is missing, unknown or of the wrong type; names them.
     """
     content = _load_json(path)
-    missing = [key for key in KEYS if key not in content]
-    unknown = [key for key in content if key not in (*KEYS, PLACE)]
-    if missing or unknown:
-        wrong = [f"{word} {', '.join(keys)}" for word, keys in (("misses", missing), ("has unknown", unknown)) if keys]
-        raise InputError(f"'{path}' {' and '.join(wrong)}: it needs {', '.join(KEYS)} and may have {PLACE}")
-    for key in ("width", "height"):
-        if not isinstance(content[key], int) or isinstance(content[key], bool):
-            raise InputError(f"'{path}': {key} is {content[key]!r}; a whole number of pixels is needed")
+    _check_keys(path, content)
+    width, height = (_pixels(path, key, content[key]) for key in ("width", "height"))
     fx, skew, cx, low, fy, cy, *last = _numbers(path, "k", content["k"], 9)
     if (skew, low, *last) != (0, 0, 0, 0, 1):
         raise InputError(f"'{path}': k is {content['k']}; [fx, 0, cx, 0, fy, cy, 0, 0, 1] is needed")
     (baseline,) = _numbers(path, "baseline_m", [content["baseline_m"]], 1)
     try:
-        rig = StereoRig(content["width"], content["height"], fx, fy, cx, cy, baseline, _place(path, content))
-        return message_baseline(rig)
+        return message_baseline(StereoRig(width, height, fx, fy, cx, cy, baseline, _extrinsics(path, content)))
     except GeometryError as error:
         raise InputError(f"'{path}': {error}; correct the file") from error
 
@@ -46,23 +39,39 @@ def rig_json(rig: StereoRig) -> str:
     content: dict[str, Any] = {
         "width": rig.width,
         "height": rig.height,
-        "k": rig.k.reshape(-1).tolist(),
+        "k": rig.camera_matrix.reshape(-1).tolist(),
         "baseline_m": rig.baseline_m,
     }
     if rig.T_rb_sb is not None:
-        place = rig.T_rb_sb
-        content[PLACE] = {"translation_m": place.translation.tolist(), "quat_xyzw": place.file_quat_xyzw.tolist()}
+        pose = rig.T_rb_sb
+        content[EXTRINSICS] = {"translation_m": pose.translation.tolist(), "quat_xyzw": pose.file_quat_xyzw.tolist()}
     return json.dumps(content, indent=1) + "\n"
 
 
-def _place(path: Path, content: dict[str, Any]) -> Transform | None:
-    if PLACE not in content:
+def _check_keys(path: Path, content: dict[str, Any]) -> None:
+    missing = [key for key in KEYS if key not in content]
+    unknown = [key for key in content if key not in (*KEYS, EXTRINSICS)]
+    if missing or unknown:
+        wrong = [f"{word} {', '.join(keys)}" for word, keys in (("misses", missing), ("has unknown", unknown)) if keys]
+        raise InputError(f"'{path}' {' and '.join(wrong)}: it needs {', '.join(KEYS)} and may have {EXTRINSICS}")
+
+
+def _pixels(path: Path, key: str, value: Any) -> int:  # noqa: ANN401 - any JSON value
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise InputError(f"'{path}': {key} is {value!r}; a whole number of pixels is needed")
+    return value
+
+
+def _extrinsics(path: Path, content: dict[str, Any]) -> Transform | None:
+    if EXTRINSICS not in content:
         return None
-    place = content[PLACE]
-    if not isinstance(place, dict) or sorted(place) != ["quat_xyzw", "translation_m"]:
-        raise InputError(f"'{path}': {PLACE} is {place!r}; an object with translation_m and quat_xyzw is needed")
-    translation = _numbers(path, f"{PLACE}.translation_m", place["translation_m"], 3)
-    return Transform.from_quat(translation, _numbers(path, f"{PLACE}.quat_xyzw", place["quat_xyzw"], 4))
+    extrinsics = content[EXTRINSICS]
+    if not isinstance(extrinsics, dict) or sorted(extrinsics) != ["quat_xyzw", "translation_m"]:
+        raise InputError(
+            f"'{path}': {EXTRINSICS} is {extrinsics!r}; an object with translation_m and quat_xyzw is needed"
+        )
+    translation = _numbers(path, f"{EXTRINSICS}.translation_m", extrinsics["translation_m"], 3)
+    return Transform.from_quat(translation, _numbers(path, f"{EXTRINSICS}.quat_xyzw", extrinsics["quat_xyzw"], 4))
 
 
 def _numbers(path: Path, name: str, value: Any, count: int) -> list[float]:  # noqa: ANN401 - any JSON value

@@ -10,14 +10,14 @@ Stamps go to and from integer nanoseconds by integer arithmetic, never through a
 from __future__ import annotations
 
 import math
-from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
+from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
@@ -29,8 +29,6 @@ TUM_HEADER = "# t x y z qx qy qz qw"
 TUM_SUFFIXES = (".txt", ".tum")
 STAMP_LIMIT = 2**63
 COLUMNS = 8
-LARGE_BYTES = 2_000_000
-"""Files larger than this are read in machine code."""
 
 
 def load_trajectory(path: Path) -> Trajectory:
@@ -43,27 +41,15 @@ def load_trajectory(path: Path) -> Trajectory:
             names the line.
     """
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f"cannot read trajectory '{path}': {reason}; give a csv or TUM file") from error
-    first = data.split(b"\n", 1)[0]
-    header = first.decode("utf-8", "replace").strip().replace(" ", "").lstrip("\ufeff")
-    is_csv = header == CSV_HEADER
-    if not is_csv and (path.suffix == ".csv" or header.startswith("stamp_ns")):
-        raise InputError(f"'{path}' line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
-    quick = _quick(data[len(first) + 1 :] if is_csv else data, is_csv) if len(data) > LARGE_BYTES else None
-    if quick is not None:
-        return quick
-    lines = data.splitlines()
+    lines = _read(path).splitlines()
+    is_csv = _has_csv_header(path, lines[0] if lines else b"")
     numbers = [i for i in range(int(is_csv), len(lines)) if lines[i][:1] not in (b"", b"#") and lines[i].strip()]
     if not numbers:
         raise InputError(f"trajectory '{path}' has no pose: at least one line of eight numbers is needed")
     rows = [lines[i] for i in numbers]
     try:
         return _parse(rows, is_csv)
-    except (ValueError, InvalidOperation, ArithmeticError) as error:
+    except (ValueError, ArithmeticError) as error:
         raise _explain(path, rows, numbers, is_csv) from error
 
 
@@ -99,7 +85,7 @@ def csv_row(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> str:
 
 def seconds_text(stamp_ns: int) -> str:
     """Return nanoseconds as seconds with nine decimals, exactly."""
-    whole, rest = divmod(abs(stamp_ns), 1_000_000_000)
+    whole, rest = divmod(abs(stamp_ns), NS_PER_S)
     return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
 
 
@@ -112,7 +98,7 @@ def parse_seconds(text: str) -> int:
     """
     whole, _, fraction = text.partition(".")
     if whole.isdigit() and len(fraction) <= 9 and (fraction or "0").isdigit():
-        return _fitting(int(whole) * 1_000_000_000 + int(fraction.ljust(9, "0")))
+        return _fitting(int(whole) * NS_PER_S + int(fraction.ljust(9, "0")))
     stamp = Decimal(text).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN)
     return _fitting(int(stamp))
 
@@ -140,24 +126,23 @@ def check_stamp(stamp_ns: int) -> None:
     Raises:
         OutputError: If not.
     """
-    if not 0 <= stamp_ns < 2**31 * 1_000_000_000:
+    if not 0 <= stamp_ns < 2**31 * NS_PER_S:
         raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are possible")
 
 
-def _quick(data: bytes, is_csv: bool) -> Trajectory | None:
-    """Return the trajectory of a large file of plain form, None if it needs a closer look."""
-    from sfr_loc_map.io.number_text import parse_rows  # compiled code, loaded only where it pays
-
-    table = parse_rows(data, comma=is_csv, decimal_stamps=not is_csv)
-    if table is None:
-        return None
-    stamps, values = table
-    positions, quats = np.ascontiguousarray(values[:, :3]), np.ascontiguousarray(values[:, 3:])
+def _read(path: Path) -> bytes:
     try:
-        _check_values(positions, quats)
-    except ValueError:
-        return None
-    return Trajectory(stamps, positions, quat_conjugate(quats) if is_csv else quats)
+        return path.read_bytes()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"cannot read trajectory '{path}': {reason}; give a csv or TUM file") from error
+
+
+def _has_csv_header(path: Path, first: bytes) -> bool:
+    header = first.decode("utf-8", "replace").strip().replace(" ", "").lstrip("\ufeff")
+    if header != CSV_HEADER and (path.suffix == ".csv" or header.startswith("stamp_ns")):
+        raise InputError(f"'{path}' line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
+    return header == CSV_HEADER
 
 
 def _parse(rows: list[bytes], is_csv: bool) -> Trajectory:
@@ -170,7 +155,7 @@ def _parse(rows: list[bytes], is_csv: bool) -> Trajectory:
     return Trajectory(stamps, positions, quat_conjugate(quats) if is_csv else quats)
 
 
-def _parse_stamps(texts: list[bytes]) -> NDArray[np.int64]:
+def _parse_stamps(texts: list[bytes]) -> IntArray:
     """Return the nanoseconds of decimal seconds; all at once where they have one form (`1700000000.123456789`)."""
     width, dot = len(texts[0]), texts[0].find(b".")
     if 0 < dot <= 10 and width - dot <= 10 and all(len(text) == width for text in texts):

@@ -24,7 +24,7 @@ class ConvertOptions:
     """How a bag is written; folders are always exact.
 
     Attributes:
-        jpeg_quality: Pictures as JPEG of this quality, 1 to 100; None: raw, exact.
+        jpeg_quality: Images as JPEG of this quality, 1 to 100; None: raw, exact.
         zstd: Whether chunks are compressed (mcap only).
         truth_grid_m: Rounding of true points, a power of two, metres; None: exact.
     """

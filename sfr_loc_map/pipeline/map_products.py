@@ -1,4 +1,4 @@
-"""What a map can be had as besides a cloud: elevation model, picture, coloured cloud, covariances."""
+"""What a map can be had as besides a cloud: elevation model, image, coloured cloud, covariances."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from sfr_loc_map.mapping.elevation import ElevationModel
 HEIGHT_QUANTILES = (0.01, 0.99)
 """Heights between these fill the range of colours; what is beyond takes the colour at the end."""
 LIGHT = np.array([-1.0, 1.0, 1.5])
-"""Direction towards the light of the shaded picture: from the upper left, as on maps."""
+"""Direction towards the light of the shaded image: from the upper left, as on maps."""
 AMBIENT = 0.35
 BRIDGED_SHARE = 0.1
-"""Share of weighted neighbours that must have a height for a gap to be bridged in the picture."""
+"""Share of weighted neighbours that must have a height for a gap to be bridged in the image."""
 RIM_SHARE = 0.01
 VOID = (32, 32, 32)
 COLOURED_TYPE = np.dtype(
@@ -56,7 +56,7 @@ def save_elevation_figure(path: Path, model: ElevationModel) -> None:
     """
     with atomic_path(path) as temporary:
         if not cv2.imwrite(str(temporary), elevation_figure(model)[::-1]):
-            raise OutputError(f"cannot write '{path}': the picture could not be encoded")
+            raise OutputError(f"cannot write '{path}': the image could not be encoded")
 
 
 def elevation_figure(model: ElevationModel) -> ColourImage:
@@ -71,9 +71,9 @@ def elevation_figure(model: ElevationModel) -> ColourImage:
     light = LIGHT / np.linalg.norm(LIGHT)
     lit = (light[2] - slope_x * light[0] - slope_y * light[1]) / np.sqrt(1.0 + np.square(slope_x) + np.square(slope_y))
     shade = AMBIENT + (1.0 - AMBIENT) * np.clip(lit / light[2], 0.0, 1.3)
-    picture = height_colours(filled, known) * np.asarray(shade)[..., None]
-    picture[~known] = VOID
-    return np.asarray(np.clip(picture, 0.0, 255.0), np.uint8)
+    image = height_colours(filled, known) * np.asarray(shade)[..., None]
+    image[~known] = VOID
+    return np.asarray(np.clip(image, 0.0, 255.0), np.uint8)
 
 
 def _bridged(height_m: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -104,7 +104,7 @@ def height_colours(height_m: NDArray[np.float32], known: NDArray[np.bool_]) -> C
 
 
 def save_coloured_ply(path: Path, cloud: PointCloud) -> None:
-    """Write a PLY with x, y, z, red, green, blue and sigma: colour by height, brightness of the picture.
+    """Write a PLY with x, y, z, red, green, blue and sigma: colour by height, brightness of the image.
 
     Raises:
         OutputError: If the file cannot be written.

@@ -24,17 +24,19 @@ from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.metrics.resources import CallMeter
 from sfr_loc_map.pipeline.call_record import CallRecord
 
+UPPER = np.triu_indices(6)
+"""Rows and columns of the upper triangle of a pose covariance."""
 Progress = Callable[[int], None]
-Watch = Callable[[StereoPair, PoseEstimate, Localiser], None]
+FrameObserver = Callable[[StereoPair, PoseEstimate, Localiser], None]
 """Looks at a pair, its estimate and the localiser after the call; its time is not the call's."""
 
 
-def look_away(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
-    """Watch nothing."""
+def no_observer(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
+    """FrameObserver nothing."""
 
 
 def localise(
-    sequence: LocSequence, config: LocalisationConfig, T_ds_rb: Transform, watch: Watch = look_away
+    sequence: LocSequence, config: LocalisationConfig, T_ds_rb: Transform, watch: FrameObserver = no_observer
 ) -> Iterator[tuple[PoseEstimate, CallRecord]]:
     """Yield the estimate and the cost of each pair of a drive.
 
@@ -142,18 +144,24 @@ def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
 def save_stats(path: Path, records: list[CallRecord]) -> None:
     """Write one row a call: costs, state, statistics, and the upper triangle of the covariance where there is one."""
     names = sorted({name for record in records for name in record.statistics})
-    upper = np.triu_indices(6)
     with_covariance = any(record.covariance is not None for record in records)
-    covariance_names = [f"cov_{i}{j}" for i, j in zip(*upper, strict=True)] if with_covariance else []
+    covariance_names = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)] if with_covariance else []
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         header = ["stamp_ns", "processing_time_s", "state", "peak_rss_bytes", "above_idle_bytes"]
         writer.writerow([*header, *names, *covariance_names])
-        for record in records:
-            memory = (record.peak_rss_bytes, record.above_idle_bytes)
-            row = [record.stamp_ns, repr(record.processing_time_s), record.state]
-            row += ["" if item is None else item for item in memory]
-            row += [repr(float(record.statistics[name])) if name in record.statistics else "" for name in names]
-            if record.covariance is not None:
-                row += [repr(float(value)) for value in record.covariance[upper]]
-            writer.writerow(row)
+        writer.writerows(_stats_row(record, names) for record in records)
+
+
+def _stats_row(record: CallRecord, names: list[str]) -> list[str | int]:
+    memory = (record.peak_rss_bytes, record.above_idle_bytes)
+    statistics = (record.statistics.get(name) for name in names)
+    covariance = [] if record.covariance is None else record.covariance[UPPER].tolist()
+    return [
+        record.stamp_ns,
+        repr(record.processing_time_s),
+        record.state,
+        *("" if item is None else item for item in memory),
+        *("" if value is None else repr(float(value)) for value in statistics),
+        *map(repr, covariance),
+    ]

@@ -14,10 +14,11 @@ import numpy as np
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.constants import LOST_VARIANCE
-from sfr_loc_map.errors import GeometryError, InputError, SfrError
+from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, is_bag
+from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajectory
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.registry import open_source
@@ -174,18 +175,8 @@ def _bag_estimates(path: Path) -> Estimates:
             f"bag '{path}' has no topic localisation/odometry: it has {', '.join(list(bag.topics)[:8])}; give a bag "
             "with estimates, or a TUM or csv file"
         )
-    stamps, rows, covariances = [], [], []
-    for _, stamp_ns, message in bag.messages([topic]):
-        position, quat = message.pose.pose.position, message.pose.pose.orientation
-        stamps.append(stamp_ns)
-        rows.append((position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w))
-        covariances.append(np.asarray(message.pose.covariance, np.float64).reshape(6, 6)[UPPER])
-    values = np.array(rows, np.float64).reshape(-1, 7)
-    covariance = np.array(covariances).reshape(-1, len(UPPER[0]))
-    try:
-        trajectory = Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, 3:].copy())
-    except GeometryError as error:
-        raise InputError(f"localisation/odometry of bag '{path}': {error}") from error
+    odometry = read_odometry(bag, topic)
+    trajectory, covariance = odometry.trajectory, odometry.covariance[:, *UPPER]
     known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan)
     return Estimates.of(trajectory, lost_by_covariance(covariance), known if covariance.any() else None)
 
@@ -205,7 +196,7 @@ def load_truth(path: Path) -> Trajectory:
     if path.is_file() and not is_bag(path):
         return load_trajectory(path)
     if is_bag(path):
-        truth = Bag(path).odometry("ground_truth/odometry")
+        truth = read_trajectory(Bag(path), GROUND_TRUTH)
     else:
         source = open_source(path)
         truth = None if source.loc is None else source.loc.ground_truth

@@ -1,4 +1,4 @@
-"""Pictures of the tracks as a film."""
+"""Images of the tracks as a film."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
-from sfr_loc_map.pipeline.offline import Watch
+from sfr_loc_map.pipeline.offline import FrameObserver
 
 CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
 """Coding by the ending of the file's name; both are part of OpenCV's wheels."""
@@ -22,8 +22,8 @@ FRAMES_PER_SECOND = 10.0
 
 
 @contextmanager
-def track_film(path: Path, rig: StereoRig) -> Iterator[Watch]:
-    """Give a watch of the localiser that appends a picture of the tracks of each pair to a film.
+def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
+    """Give a watch of the localiser that appends an image of the tracks of each pair to a film.
 
     The film takes its name when the block ends well.
 

@@ -193,7 +193,7 @@ def _turned(image: GreyImage, fault: Fault, rig: StereoRig) -> GreyImage:
     """Return what a camera sees that is turned against its calibration (the homography `K R K^-1`)."""
     vector = np.zeros(3)
     vector[TURN_KINDS[fault.kind]] = np.radians(fault.amount) * (-1.0 if fault.kind in ("pitch", "yaw") else 1.0)
-    k = rig.k
+    k = rig.camera_matrix
     homography = k @ matrix_from_rotvec(vector).T @ np.linalg.inv(k)
     size = (rig.width, rig.height)
     return np.asarray(cv2.warpPerspective(image, homography, size, flags=cv2.INTER_CUBIC), np.uint8)

@@ -33,7 +33,7 @@ class Sensor:
         if any(config.distortion):
             coefficients = np.array(config.distortion)
             self._maps = cv2.initUndistortRectifyMap(
-                rig.k, coefficients, None, rig.k, (rig.width, rig.height), cv2.CV_32FC1
+                rig.camera_matrix, coefficients, None, rig.camera_matrix, (rig.width, rig.height), cv2.CV_32FC1
             )
 
     def raw_to_rectified(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -43,7 +43,12 @@ class Sensor:
         points = np.column_stack((u, v))[:, None]
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-10)
         flat = cv2.undistortPointsIter(
-            points, self._rig.k, np.array(self._config.distortion), np.eye(3), self._rig.k, criteria
+            points,
+            self._rig.camera_matrix,
+            np.array(self._config.distortion),
+            np.eye(3),
+            self._rig.camera_matrix,
+            criteria,
         )[:, 0]
         return flat[:, 0].astype(np.float64), flat[:, 1].astype(np.float64)
 

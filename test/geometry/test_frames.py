@@ -7,7 +7,7 @@ from math import cos, pi, radians, sin
 import numpy as np
 import pytest
 
-from sfr_loc_map.geometry.frames import GROUND_HEIGHT_RB_M, dma_in_rb, mast_head_in_rb
+from sfr_loc_map.geometry.frames import GROUND_HEIGHT_RB_M, mast_head_in_rb
 
 AXIS = np.array([0.451, 0.317, 0.594])
 """Where the tilt axis meets the x-z plane of the mast [3.2.6]: on the pan axis, so it stays there."""
@@ -43,7 +43,3 @@ def test_a_point_ahead_of_the_head_falls_on_the_ground_where_triangles_say() -> 
     distance = (0.594 + 0.540) * 2**0.5
     point = mast_head_in_rb(0.0, radians(45)).apply([distance, 0, 0])
     np.testing.assert_allclose(point, [0.451 + 1.134, 0.317, GROUND_HEIGHT_RB_M], atol=1e-12)
-
-
-def test_base_of_the_mast() -> None:
-    np.testing.assert_array_equal(dma_in_rb(0.2).apply([1, 2, 3]), [1.451, 2.317, 3.2])

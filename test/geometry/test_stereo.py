@@ -41,7 +41,7 @@ def test_left_camera_in_the_rover(T_rb_sb: Transform, baseline_m: float) -> None
 
 def test_pixels_by_the_camera_matrix() -> None:
     # A point 2 m ahead, 0.2 m right and 0.1 m down: u = 500 * 0.1 + 319.5, v = 510 * 0.05 + 239.5.
-    u, v, w = RIG.k @ [0.2, 0.1, 2.0] / 2.0
+    u, v, w = RIG.camera_matrix @ [0.2, 0.1, 2.0] / 2.0
     assert (u, v, w) == pytest.approx((369.5, 265.0, 1.0))
 
 

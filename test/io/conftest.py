@@ -12,7 +12,7 @@ from made_worlds import World, make_world, write_folder
 
 @pytest.fixture
 def world() -> World:
-    """Both tasks, noise pictures, awkward numbers."""
+    """Both tasks, noise images, awkward numbers."""
     return make_world()
 
 

@@ -37,7 +37,7 @@ def random_pair(rng: np.random.Generator, stamp_ns: int, shape: tuple[int, int])
 
 
 def make_world(count: int = 4, seed: int = 0, width: int = 24, height: int = 16) -> World:
-    """Return noise pictures with awkward numbers everywhere; the first mapping pair has truth, the second none."""
+    """Return noise images with awkward numbers everywhere; the first mapping pair has truth, the second none."""
     rng = np.random.default_rng(seed)
     loc_rig = StereoRig(width, height, 20.1, 20.3, 11.7, 7.9, 0.12, random_pose(rng))
     nav_rig = StereoRig(width + 2, height, 33.3, 33.3, 12.5, 8.25, 0.15)

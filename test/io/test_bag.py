@@ -26,6 +26,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from sfr_loc_map.errors import InputError, OutputError, SfrError
 from sfr_loc_map.io import bag_messages as messages
 from sfr_loc_map.io.bag import TYPESTORE, Bag
+from sfr_loc_map.io.bag_poses import read_trajectory
 from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.bag_writer import CheckedWriter
 from sfr_loc_map.io.registry import open_source
@@ -49,9 +50,9 @@ def loc_entries(world: World, prefix: str = "/") -> list[tuple[str, int, Any]]:
     entries: list[tuple[str, int, Any]] = []
     for pair in world.pairs:
         stamp = pair.stamp_ns
-        for side, picture in (("left", pair.left), ("right", pair.right)):
+        for side, image in (("left", pair.left), ("right", pair.right)):
             entries += [
-                (f"{prefix}loc/{side}/image_rect", stamp + 5000, messages.image(stamp, picture, "loc", side)),
+                (f"{prefix}loc/{side}/image_rect", stamp + 5000, messages.image(stamp, image, "loc", side)),
                 (
                     f"{prefix}loc/{side}/camera_info",
                     stamp + 6000,
@@ -168,19 +169,19 @@ def test_odometry_of_an_estimate(tmp_path: Path, world: World) -> None:
         messages.odometry(s, truth.positions[i], truth.quats_xyzw[i]) for i, s in enumerate(truth.stamps_ns.tolist())
     ]
     path = write_messages(tmp_path / "e", [("/x/localisation/odometry", i + 1, pose) for i, pose in enumerate(poses)])
-    assert_same_trajectory(Bag(path).odometry("localisation/odometry"), truth)
-    assert Bag(path).odometry("ground_truth/odometry") is None
+    assert_same_trajectory(read_trajectory(Bag(path), "localisation/odometry"), truth)
+    assert read_trajectory(Bag(path), "ground_truth/odometry") is None
 
 
-def test_single_pictures_are_left_out_with_a_warning(
+def test_single_images_are_left_out_with_a_warning(
     tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture
 ) -> None:
-    entries = [e for i, e in enumerate(loc_entries(world)) if i != 4]  # the left picture of the second pair
+    entries = [e for i, e in enumerate(loc_entries(world)) if i != 4]  # the left image of the second pair
     loc = open_source(write_messages(tmp_path / "b", entries)).loc
     assert loc is not None
     with caplog.at_level(logging.WARNING):
         assert len(loc) == 3
-    assert "1 pictures" in caplog.text
+    assert "1 images" in caplog.text
     assert_same_pairs(loc.pairs(), (world.pairs[0], *world.pairs[2:]))
 
 
@@ -200,7 +201,7 @@ def with_p3(world: World, value: float) -> Any:
         ("loc/left/camera_info", lambda w: {"d": np.array([0.1, 0, 0, 0, 0])}, "non-rectified .*distortion"),
         ("loc/left/camera_info", lambda w: {"r": np.eye(3)[[1, 0, 2]].reshape(-1)}, "non-rectified .*rotation"),
         ("loc/right/camera_info", lambda w: {"p": np.zeros(12)}, "non-rectified .*projection"),
-        ("loc/right/camera_info", lambda w: {"k": 2 * w.loc_rig.k.reshape(-1)}, "non-rectified .*k and p"),
+        ("loc/right/camera_info", lambda w: {"k": 2 * w.loc_rig.camera_matrix.reshape(-1)}, "non-rectified .*k and p"),
         ("loc/right/camera_info", lambda w: {"p": with_p3(w, 2.4)}, "swapped"),
         ("loc/right/camera_info", lambda w: {"p": with_p3(w, 0.0)}, "baseline"),
         ("loc/right/camera_info", lambda w: {"width": 25}, "24 x 16 and 25 x 16"),
@@ -220,7 +221,7 @@ def test_missing_camera_info_is_named(tmp_path: Path, world: World) -> None:
         open_source(write_messages(tmp_path / "b", entries))
 
 
-def test_picture_of_another_size(tmp_path: Path, world: World) -> None:
+def test_image_of_another_size(tmp_path: Path, world: World) -> None:
     entries = loc_entries(world)
     small = messages.image(START_NS, np.zeros((16, 20), np.uint8), "loc", "right")
     entries[2] = (entries[2][0], entries[2][1], small)

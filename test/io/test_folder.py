@@ -42,7 +42,7 @@ def test_one_task_lies_in_the_folder_itself(tmp_path: Path, world: World) -> Non
     assert "truth" in (tmp_path / "nav_only" / "pairs.csv").read_text().splitlines()[0]
 
 
-def test_colour_and_16_bit_pictures_become_grey(folder: Path) -> None:
+def test_colour_and_16_bit_images_become_grey(folder: Path) -> None:
     grey16 = np.full((16, 24), 65535, np.uint16)
     grey16[:, :12] = 257 * 7 + 128  # 7.498 -> 7
     colour = np.zeros((16, 24, 3), np.uint8)
@@ -99,7 +99,7 @@ def edit_nan(folder: Path) -> None:
     path.write_text("\n".join([*rest, ",".join(words)]))
 
 
-def edit_no_picture(folder: Path) -> None:
+def edit_no_image(folder: Path) -> None:
     (folder / "loc/left/000001.png").write_bytes(b"text")
 
 
@@ -128,7 +128,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "size": (resize, r"000002.png' .*is 23 x 16.*24 x 16"),
     "flipped bytes": (flip, r"000001.png.*broken"),
     "cut off": (cut, r"000001.png.*(broken|cut off)"),
-    "no picture": (edit_no_picture, "000001.png"),
+    "no image": (edit_no_image, "000001.png"),
     "nan in pose": (edit_nan, "line 3.*not finite"),
     "truth no array": (lambda f: (f / "nav/truth/000000.npy").write_bytes(b"x") and None, r"truth .*000000.npy"),
     "truth size": (
@@ -174,7 +174,7 @@ def test_development_data_opens(shared_data: Path) -> None:
     assert first.truth is not None
     # The truth of a pixel, seen from the left camera, must come out at that pixel.
     points = (first.T_lm_navsb @ nav.rig.T_sb_left).inverse().apply(first.truth[700, 300].astype(float))
-    np.testing.assert_allclose(nav.rig.k @ points / points[2], [300, 700, 1], atol=0.01)
+    np.testing.assert_allclose(nav.rig.camera_matrix @ points / points[2], [300, 700, 1], atol=0.01)
     car = open_source(shared_data / "kitti-1").loc
     assert car is not None
     assert car.rig.baseline_m == 0.5371506532679237

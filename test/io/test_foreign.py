@@ -25,8 +25,8 @@ def write_kitti(folder: Path, cameras: tuple[int, int] = (0, 1)) -> Path:
     for i, camera in enumerate(cameras):
         (folder / f"image_{camera}").mkdir(parents=True)
         for frame in range(3):
-            picture = np.full((16, 20), 10 * frame + i, np.uint8)
-            cv2.imwrite(str(folder / f"image_{camera}" / f"{frame:06d}.png"), picture)
+            image = np.full((16, 20), 10 * frame + i, np.uint8)
+            cv2.imwrite(str(folder / f"image_{camera}" / f"{frame:06d}.png"), image)
     (folder / "calib.txt").write_text(KITTI_CALIB)
     (folder / "times.txt").write_text("0.000000e+00\n1.036224e-01\n2.072911e-01\n")
     turn = matrix_from_rotvec([0, -0.5, 0])  # about y of the camera (down) by -0.5: a turn to the left
@@ -163,7 +163,7 @@ def test_euroc_has_the_known_answer(tmp_path: Path) -> None:
     assert all((pair.left == 90).all() and (pair.right == 90).all() for pair in loc.pairs())  # alpha 0: no black rim
 
 
-def test_euroc_pictures_are_rectified(tmp_path: Path) -> None:
+def test_euroc_images_are_rectified(tmp_path: Path) -> None:
     """A point of the world, put where the distorted camera sees it, must come out where the rectified one does."""
     folder = write_euroc(tmp_path / "V1")
     rig = open_source(folder).loc.rig  # type: ignore[union-attr]
@@ -179,9 +179,9 @@ def test_euroc_pictures_are_rectified(tmp_path: Path) -> None:
     pair = next(open_source(folder).loc.pairs())  # type: ignore[union-attr]
     assert rig.T_rb_sb is not None
     seen = rig.T_rb_left.inverse().apply([0.3, 0.25, 2.0])
-    u, v, _ = rig.k @ seen / seen[2]
-    for picture, column in ((pair.left, u), (pair.right, u - rig.fx * rig.baseline_m / seen[2])):
-        weights = np.where(picture > 20, picture, 0).astype(float)
+    u, v, _ = rig.camera_matrix @ seen / seen[2]
+    for image, column in ((pair.left, u), (pair.right, u - rig.fx * rig.baseline_m / seen[2])):
+        weights = np.where(image > 20, image, 0).astype(float)
         rows, columns = np.mgrid[:48, :64]
         centre = [(weights * columns).sum() / weights.sum(), (weights * rows).sum() / weights.sum()]
         np.testing.assert_allclose(centre, [column, v], atol=0.15)

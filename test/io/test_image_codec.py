@@ -1,4 +1,4 @@
-"""Pictures of messages and files as 8-bit grey."""
+"""Images of messages and files as 8-bit grey."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sfr_loc_map.io.image_codec import (
     image_from_message,
 )
 
-pictures = hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))
+images = hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=34))
 
 
@@ -35,22 +35,22 @@ def message(array: np.ndarray, coding: str, padding: int = 0, *, big: bool = Fal
     return SimpleNamespace(**fields | changes)
 
 
-@given(pictures, st.integers(0, 5))
-def test_mono8_with_padding(picture: np.ndarray, padding: int) -> None:
-    np.testing.assert_array_equal(image_from_message(message(picture, "mono8", padding)), picture)
+@given(images, st.integers(0, 5))
+def test_mono8_with_padding(image: np.ndarray, padding: int) -> None:
+    np.testing.assert_array_equal(image_from_message(message(image, "mono8", padding)), image)
 
 
-@given(pictures, st.integers(0, 3), st.booleans())
-def test_mono16_of_either_byte_order(picture: np.ndarray, padding: int, big: bool) -> None:
-    sixteen = picture.astype(np.uint16) * 257  # 0 .. 255 spread to 0 .. 65535
-    np.testing.assert_array_equal(image_from_message(message(sixteen, "mono16", padding, big=big)), picture)
+@given(images, st.integers(0, 3), st.booleans())
+def test_mono16_of_either_byte_order(image: np.ndarray, padding: int, big: bool) -> None:
+    sixteen = image.astype(np.uint16) * 257  # 0 .. 255 spread to 0 .. 65535
+    np.testing.assert_array_equal(image_from_message(message(sixteen, "mono16", padding, big=big)), image)
     nearest = np.clip(sixteen.astype(int) + 128, 0, 65535).astype(np.uint16)
-    np.testing.assert_array_equal(image_from_message(message(nearest, "16UC1", padding, big=big)), picture)
+    np.testing.assert_array_equal(image_from_message(message(nearest, "16UC1", padding, big=big)), image)
 
 
-@given(pictures)
-def test_rgb_and_bgr_differ_in_order_only(picture: np.ndarray) -> None:
-    rgb = np.dstack((picture, picture // 2, 255 - picture))
+@given(images)
+def test_rgb_and_bgr_differ_in_order_only(image: np.ndarray) -> None:
+    rgb = np.dstack((image, image // 2, 255 - image))
     luma = 0.299 * rgb[..., 0] + 0.587 * rgb[..., 1] + 0.114 * rgb[..., 2]  # ITU-R BT.601
     first, second = (image_from_message(message(a, e)) for a, e in ((rgb, "rgb8"), (rgb[..., ::-1], "bgr8")))
     np.testing.assert_array_equal(first, second)
@@ -71,18 +71,18 @@ def test_broken_messages_name_the_stamp(changes: dict[str, Any], words: str) -> 
         image_from_message(message(np.zeros((4, 4), np.uint8), "mono8", **changes))
 
 
-@given(pictures)
-def test_png_is_lossless(picture: np.ndarray) -> None:
-    np.testing.assert_array_equal(decode_grey(encode_png(picture)), picture)
+@given(images)
+def test_png_is_lossless(image: np.ndarray) -> None:
+    np.testing.assert_array_equal(decode_grey(encode_png(image)), image)
 
 
-def smooth_picture() -> np.ndarray:
+def smooth_image() -> np.ndarray:
     rng = np.random.default_rng(0)
     return cv2.GaussianBlur(rng.integers(0, 256, (64, 64), dtype=np.uint8), (0, 0), 2)
 
 
 def test_any_flipped_byte_of_a_png_is_noticed() -> None:
-    data = encode_png(smooth_picture())
+    data = encode_png(smooth_image())
     for place in np.random.default_rng(1).integers(8, len(data), 100):
         broken = bytearray(data)
         broken[place] ^= 0x10
@@ -91,9 +91,9 @@ def test_any_flipped_byte_of_a_png_is_noticed() -> None:
 
 
 def test_jpeg_is_close_and_a_cut_or_garbled_one_is_refused() -> None:
-    picture = smooth_picture()
-    data = encode_jpeg(picture, 95)
-    assert np.abs(decode_grey(data).astype(int) - picture).max() <= 6
+    image = smooth_image()
+    data = encode_jpeg(image, 95)
+    assert np.abs(decode_grey(data).astype(int) - image).max() <= 6
     np.testing.assert_array_equal(decode_grey(data), cv2.imdecode(np.frombuffer(data, np.uint8), 0))
     garbled = bytearray(data)
     garbled[300:500:5] = b"\xd9" * 40

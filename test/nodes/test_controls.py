@@ -17,7 +17,7 @@ def message(topic: str, stamp_ns: int) -> Message:
     return Message(topic, "", stamp_ns, b"")
 
 
-class Watch:
+class FrameObserver:
     now = 100.0
 
     def __call__(self) -> float:
@@ -25,7 +25,7 @@ class Watch:
 
 
 def test_messages_are_due_by_their_stamps_each_bench_from_its_own_first() -> None:
-    watch, controls = Watch(), Controls(rate=2.0)
+    watch, controls = FrameObserver(), Controls(rate=2.0)
     pace = Pace(controls, watch)
     assert pace.wait_s(message("loc/left/image_rect", 5_000_000_000)) == 0
     assert pace.wait_s(message("loc/left/image_rect", 6_000_000_000)) == pytest.approx(0.5)
@@ -35,7 +35,7 @@ def test_messages_are_due_by_their_stamps_each_bench_from_its_own_first() -> Non
 
 
 def test_after_a_pause_a_step_or_another_rate_the_next_message_is_due_at_once() -> None:
-    watch, controls = Watch(), Controls(rate=1.0)
+    watch, controls = FrameObserver(), Controls(rate=1.0)
     pace = Pace(controls, watch)
     pace.wait_s(message("loc/x", 0))
     controls.pause()

@@ -17,6 +17,7 @@ from made_worlds import World, assert_is_world, assert_same_trajectory, make_wor
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.bag import Bag
+from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_trajectory
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import load_trajectory
@@ -123,7 +124,7 @@ def test_trajectories(tmp_path: Path, world: World) -> None:
     assert run(folder, tmp_path / "t.tum").returncode == 0
     assert_same_trajectory(load_trajectory(tmp_path / "t.tum"), world.truth)
     assert convert_trajectory(world.truth, tmp_path / "t.mcap") == 4
-    assert_same_trajectory(Bag(tmp_path / "t.mcap").odometry("ground_truth/odometry"), world.truth)
+    assert_same_trajectory(read_trajectory(Bag(tmp_path / "t.mcap"), GROUND_TRUTH), world.truth)
     assert run(tmp_path / "t.tum", tmp_path / "t").returncode == 0
     assert_same_trajectory(load_trajectory(tmp_path / "t" / "groundtruth.csv"), world.truth)
     no_truth = run(write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")

@@ -31,13 +31,13 @@ def test_elevation_model_is_read_back(ramp: ElevationModel, tmp_path: Path) -> N
         assert float(read["cell_m"]) == 0.1
 
 
-def test_picture_is_dark_in_holes_and_brighter_with_height(ramp: ElevationModel, tmp_path: Path) -> None:
+def test_image_is_dark_in_holes_and_brighter_with_height(ramp: ElevationModel, tmp_path: Path) -> None:
     map_products.save_elevation_figure(tmp_path / "a.png", ramp)
-    picture = cv2.imread(str(tmp_path / "a.png"))
-    assert picture is not None
-    assert picture.shape[0] in range(28, 31)
-    assert (picture[picture.shape[0] // 2, 15] == map_products.VOID).all()
-    assert picture[2, -3].sum() > picture[2, 3].sum()
+    image = cv2.imread(str(tmp_path / "a.png"))
+    assert image is not None
+    assert image.shape[0] in range(28, 31)
+    assert (image[image.shape[0] // 2, 15] == map_products.VOID).all()
+    assert image[2, -3].sum() > image[2, 3].sum()
 
 
 def test_coloured_ply_has_the_points_and_colours(tmp_path: Path) -> None:

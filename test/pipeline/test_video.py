@@ -15,31 +15,34 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.visualisation import STRIP
 from sfr_loc_map.pipeline.offline import localise
-from sfr_loc_map.pipeline.video import track_film
+from sfr_loc_map.pipeline.video import track_video
 
 
 @pytest.mark.parametrize("ending", [".avi", ".mp4"])
-def test_a_film_has_one_picture_for_each_pair_and_estimates_stay_the_same(tmp_path: Path, ending: str) -> None:
+def test_a_film_has_one_image_for_each_pair_and_estimates_stay_the_same(tmp_path: Path, ending: str) -> None:
     sequence = open_source(write_folder(tmp_path / "drive", 4, 0)).loc
     assert sequence is not None
     path, config, start = tmp_path / f"tracks{ending}", LocalisationConfig(), Transform.identity()
-    with track_film(path, sequence.rig) as watch:
+    with track_video(path, sequence.rig) as watch:
         watched = [estimate for estimate, _ in localise(sequence, config, start, watch)]
     for a, (b, _) in zip(watched, localise(sequence, config, start), strict=True):
         np.testing.assert_array_equal(a.T_ds_rb.matrix, b.T_ds_rb.matrix)
     film = cv2.VideoCapture(str(path))
-    pictures = []
+    images = []
     while (read := film.read())[0]:
-        pictures.append(read[1])
-    assert len(pictures) == 4
-    assert pictures[0].shape == (HEIGHT + STRIP, WIDTH, 3)
-    grey = pictures[0][4 : HEIGHT - 4, 4 : WIDTH - 4].mean(axis=2)
+        images.append(read[1])
+    assert len(images) == 4
+    assert images[0].shape == (HEIGHT + STRIP, WIDTH, 3)
+    grey = images[0][4 : HEIGHT - 4, 4 : WIDTH - 4].mean(axis=2)
     assert np.median(np.abs(grey - 0.75 * loc_pair(0).left[4:-4, 4:-4])) < 12
 
 
 def test_an_unknown_ending_is_refused_and_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"tracks\.gif.*\.avi or \.mp4"), track_film(tmp_path / "tracks.gif", LOC_RIG):
+    with (
+        pytest.raises(OutputError, match=r"tracks\.gif.*\.avi or \.mp4"),
+        track_video(tmp_path / "tracks.gif", LOC_RIG),
+    ):
         pass
-    with pytest.raises(RuntimeError, match="broken"), track_film(tmp_path / "tracks.avi", LOC_RIG):
+    with pytest.raises(RuntimeError, match="broken"), track_video(tmp_path / "tracks.avi", LOC_RIG):
         raise RuntimeError("broken")
     assert not list(tmp_path.iterdir())

@@ -9,6 +9,7 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 
@@ -26,7 +27,7 @@ class StaticTransforms:
 
     def __init__(self) -> None:
         """Start empty."""
-        self._parents: dict[str, tuple[str, Transform]] = {}
+        self._frames = FrameTree()
 
     def subscribe(self, node: ManagedNode, on_change: Callable[[], None]) -> None:
         """Listen to `/tf_static`, where tf2_msgs is installed."""
@@ -49,16 +50,8 @@ class StaticTransforms:
                 T_parent_child = Transform.from_quat((move.x, move.y, move.z), (turn.x, turn.y, turn.z, turn.w))
             except GeometryError:
                 continue
-            self._parents[item.child_frame_id] = (item.header.frame_id, T_parent_child)
+            self._frames.add(item.header.frame_id, item.child_frame_id, T_parent_child)
 
     def find(self, ancestor: str, frame: str) -> Transform | None:
         """Return `T_ancestor_frame`, None where the frames are not joined (yet)."""
-        result: Transform | None = None
-        for _ in range(len(self._parents)):
-            if frame not in self._parents:
-                return None
-            frame, step = self._parents[frame]
-            result = step if result is None else step @ result
-            if frame == ancestor:
-                return result
-        return None
+        return self._frames.find(ancestor, frame)

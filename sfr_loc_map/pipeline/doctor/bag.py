@@ -10,6 +10,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import COMPRESSED, Bag, Topic
+from sfr_loc_map.io.bag_poses import read_static_transform
 from sfr_loc_map.io.bag_sequence import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.pipeline.doctor.observation import EXPECTED, PICTURES_KEPT, Observation, SeenTopic
 
@@ -38,7 +39,7 @@ def observe_bag(path: Path, remap: Mapping[str, str], *, place_given: bool) -> O
             stamps[topic.name].append(stamp_ns)
             if len(messages[topic.name]) < PICTURES_KEPT:
                 messages[topic.name].append(bag.deserialise(topic, raw))
-        place = bag.static_transform(RB_FRAME, LOCSB_FRAME) is not None
+        place = read_static_transform(bag, RB_FRAME, LOCSB_FRAME) is not None
     except InputError as error:
         broken, place = str(error), False
     for name, seen in right.items():

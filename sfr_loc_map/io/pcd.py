@@ -1,0 +1,72 @@
+"""PCD files: text and binary, written binary."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
+from sfr_loc_map.io.cloud_records import Columns, columns_of
+
+
+def pcd_bytes(cloud: PointCloud) -> bytes:
+    """Return a cloud as a binary PCD file with all its fields."""
+    kinds = [PointCloud.dtype()[name] for name in FIELD_TYPES]
+    head = [
+        "# .PCD v0.7 - Point Cloud Data file format",
+        "VERSION 0.7",
+        f"FIELDS {' '.join(FIELD_TYPES)}",
+        f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
+        f"TYPE {' '.join(kind.kind.upper() for kind in kinds)}",
+        f"COUNT {' '.join('1' for _ in kinds)}",
+        f"WIDTH {len(cloud)}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {len(cloud)}",
+        "DATA binary",
+    ]
+    return ("\n".join(head) + "\n").encode() + cloud.to_structured().tobytes()
+
+
+def read_pcd(data: bytes) -> Columns:
+    """Return the fields of a PCD file; an organised one without u and v gives them by the order of its points.
+
+    Raises:
+        ValueError: If it is broken or of another form.
+        KeyError: If its header misses a line.
+    """
+    head, start = _header(data)
+    if head["DATA"] not in (["ascii"], ["binary"]):
+        raise ValueError(f"its data is '{' '.join(head['DATA'])}' where ascii or binary is needed")
+    width, height = int(head["WIDTH"][0]), int(head["HEIGHT"][0])
+    columns = columns_of(data[start:], _record_type(head), width * height, is_text=head["DATA"] == ["ascii"])
+    if height > 1 and "u" not in columns and "v" not in columns:
+        v, u = np.divmod(np.arange(width * height), width)
+        columns = {**columns, "u": u, "v": v, "pair": columns.get("pair", np.zeros(width * height))}
+    return columns
+
+
+def _header(data: bytes) -> tuple[dict[str, list[str]], int]:
+    """Return the words of each line of the header by its first word, and where the data begins."""
+    head: dict[str, list[str]] = {}
+    position = 0
+    while "DATA" not in head:
+        end = data.find(b"\n", position)
+        if end < 0:
+            raise ValueError("it has no PCD header")
+        words = data[position:end].decode("ascii", "replace").split()
+        position = end + 1
+        if words and not words[0].startswith("#"):
+            head[words[0]] = words[1:]
+    return head, position
+
+
+def _record_type(head: dict[str, list[str]]) -> np.dtype[Any]:
+    names = head["FIELDS"]
+    layout = zip(names, head["TYPE"], head["SIZE"], head.get("COUNT", ["1"] * len(names)), strict=True)
+    fields = [
+        (f"{name}{i}" if name == "_" else name, f"<{kind.lower()}{size}", int(count))  # `_` is padding, many times
+        for i, (name, kind, size, count) in enumerate(layout)
+    ]
+    return np.dtype([(name, kind) if count == 1 else (name, kind, (count,)) for name, kind, count in fields])

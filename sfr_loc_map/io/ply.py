@@ -1,0 +1,64 @@
+"""PLY files: text and binary, written binary little endian."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
+from sfr_loc_map.io.cloud_records import Columns, columns_of
+
+PLY_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+PLY_NAMES = {"f4": "float", "u2": "ushort", "u1": "uchar"}
+PLY_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+def ply_bytes(cloud: PointCloud) -> bytes:
+    """Return a cloud as a PLY file with all its fields."""
+    dtype = PointCloud.dtype()
+    properties = [f"property {PLY_NAMES[dtype[name].str[1:]]} {name}" for name in FIELD_TYPES]
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}", *properties, "end_header"]
+    return ("\n".join(head) + "\n").encode() + cloud.to_structured().tobytes()
+
+
+def read_ply(data: bytes) -> Columns:
+    """Return the fields of the vertices of a PLY file; its first element must be the vertices.
+
+    Raises:
+        ValueError: If it is broken or of another form.
+    """
+    end = data.find(b"end_header")
+    if not data.startswith(b"ply") or end < 0:
+        raise ValueError("it has no PLY header")
+    body = data.index(b"\n", end) + 1
+    order, count, fields = _ply_header(data[:end].decode("ascii", "replace").splitlines())
+    dtype = np.dtype([(name, PLY_ORDERS[order] + kind) for name, kind in fields])
+    return columns_of(data[body:], dtype, count, is_text=order == "ascii")
+
+
+def _ply_header(lines: list[str]) -> tuple[str, int, list[tuple[str, str]]]:
+    """Return format, number of points and fields of the vertex element, which must come first."""
+    words = [line.split() for line in lines]
+    order = dict(line[:2] for line in words if len(line) > 1).get("format", "")
+    starts = [i for i, line in enumerate(words) if line[:1] == ["element"]]
+    element, count = words[starts[0]][1:3] if starts else ("vertex", "-1")
+    if element != "vertex":
+        raise ValueError(f"its first element is '{element}' where 'vertex' is needed")
+    if order not in PLY_ORDERS or int(count) < 0:
+        raise ValueError("its PLY header has no known format or no vertices")
+    vertex = words[starts[0] : starts[1] if len(starts) > 1 else None]
+    return order, int(count), [_ply_field(line) for line in vertex if line[:1] == ["property"]]
+
+
+def _ply_field(words: list[str]) -> tuple[str, str]:
+    if words[1] not in PLY_TYPES:
+        raise ValueError(f"its vertices have a property of type '{words[1]}', which is not read")
+    return words[2], PLY_TYPES[words[1]]
