@@ -86,6 +86,56 @@ def test_layer_imports_only_lower_layers(path: Path) -> None:
         assert not [name for name in names if is_ros(name)], "only nodes and what drives them import ROS"
 
 
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path): path for path in FILES}
+
+
+def modules_of(names: set[str]) -> set[str]:
+    """Return the modules of this package that imported names lie in."""
+    return {next((n for n in (name, name.rpartition(".")[0]) if n in MODULES), "") for name in names} - {""}
+
+
+def rooms(folder: str) -> dict[str, set[str]]:
+    """Return what each module and sub-folder of a folder imports of its neighbours there."""
+    graph: dict[str, set[str]] = {}
+    for name, path in MODULES.items():
+        room = name.removeprefix(folder + ".").split(".")[0]
+        if not name.startswith(folder + "."):
+            continue
+        seen = modules_of(imported(ast.parse(path.read_text(encoding="utf-8"))))
+        near = {other.removeprefix(folder + ".").split(".")[0] for other in seen if other.startswith(folder + ".")}
+        graph.setdefault(room, set()).update(near - {room})
+    return graph
+
+
+def circle(graph: dict[str, set[str]]) -> list[str]:
+    """Return what is left of a graph when all that nothing leads back to is taken away: empty without a circle."""
+    left = dict(graph)
+    while free := [room for room, targets in left.items() if not targets & set(left)]:
+        for room in free:
+            del left[room]
+    return sorted(left)
+
+
+PACKAGES = sorted(name for name, path in MODULES.items() if path.name == "__init__.py")
+
+
+@pytest.mark.parametrize("folder", PACKAGES)
+def test_no_circle_among_the_rooms_of_a_folder(folder: str) -> None:
+    if folder in ("sfr_loc_map.localisation", "sfr_loc_map.fault_injection"):
+        pytest.xfail("known circle, being removed")
+    assert circle(rooms(folder)) == []
+
+
+def test_circles_are_seen() -> None:
+    assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
+    assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["a", "b", "c"]
+
+
 def test_every_layer_is_known() -> None:
     assert {layer_of(path) for path in FILES} <= set(ALLOWED)
 

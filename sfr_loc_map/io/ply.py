@@ -54,7 +54,7 @@ def _ply_header(lines: list[str]) -> tuple[str, int, list[tuple[str, str]]]:
         raise ValueError(f"its first element is '{element}' where 'vertex' is needed")
     if order not in PLY_ORDERS or int(count) < 0:
         raise ValueError("its PLY header has no known format or no vertices")
-    vertex = words[starts[0] : starts[1] if len(starts) > 1 else None]
+    vertex = words[starts[0] : (starts[1:] or [None])[0]]
     return order, int(count), [_ply_field(line) for line in vertex if line[:1] == ["property"]]
 
 
