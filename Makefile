@@ -8,15 +8,15 @@ DEV_STAMP := $(VENV)/.installed-dev
 COMPILED := $(VENV)/.compiled
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test lint types config format check clean
+.PHONY: help demo sample test test-fast faults lint types config format check clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
 
-demo: $(STAMP)  ## Replay the sample bag through the three nodes and score it
+demo: $(STAMP)  ## Replay the sample bag through the three nodes, score it, write the report
 	$(BIN)/sfr replay sample/sample.mcap --start truth --out $(OUT)
 
-sample: $(DEV_STAMP)  ## Make the sample bag anew by the simulator
+sample: $(DEV_STAMP)  ## Render the sample bag again
 	rm -rf out/sample sample/sample.mcap
 	$(BIN)/sfr simulate config/simulation/sample.yaml out/sample
 	$(BIN)/sfr convert out/sample sample/sample.mcap --jpeg-quality 82 --compression zstd --truth-grid 0.0001220703125
@@ -24,7 +24,10 @@ sample: $(DEV_STAMP)  ## Make the sample bag anew by the simulator
 test: $(COMPILED)  ## Run all tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-faults: $(STAMP)  ## Do one fault after the other to the nodes; the table goes to out/faults.md
+test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor seconds each, for daily work
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not ros and not slow"
+
+faults: $(STAMP)  ## Inject one fault after the other into the nodes; the table goes to out/faults.md
 	mkdir -p out
 	$(BIN)/sfr campaign faults --json out/faults.json --markdown out/faults.md
 
@@ -35,14 +38,14 @@ lint: $(DEV_STAMP)  ## Check style
 types: $(DEV_STAMP)  ## Check types
 	$(BIN)/mypy
 
-config: $(DEV_STAMP)  ## Write the parameter files anew from the code
+config: $(DEV_STAMP)  ## Write the parameter files from the code
 	$(BIN)/python -m sfr_loc_map.nodes.tools.parameter_files config
 
 format: $(DEV_STAMP)  ## Format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-check: lint types test  ## All checks
+check: lint types test  ## Style, types and all tests: what continuous integration runs
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -57,7 +60,7 @@ $(DEV_STAMP): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,sim,dev]"
 	@touch $@
 
-# the machine code of both tasks side by side; else two test processes each compile all of it
+# Kernels of both tasks compiled side by side; otherwise each of two test processes compiles all of them.
 $(COMPILED): $(DEV_STAMP)
 	$(BIN)/python -c "from sfr_loc_map.localisation.localiser import Localiser; Localiser.warm_up()" & \
 	$(BIN)/python -c "from sfr_loc_map.mapping import mapper, config; from sfr_loc_map.geometry.stereo import StereoRig; \

@@ -1,26 +1,44 @@
-"""One package for `pip install .` over the ROS wheels and for `colcon build` on a normal ROS install."""
+"""One package for `pip install .` with the ROS wheels and for `colcon build` in a ROS workspace.
 
+The one place for the metadata; the version is that of `sfr_loc_map/__init__.py`, the requirements of ROS stand in
+package.xml.
+"""
+
+import re
 from glob import glob
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
 PACKAGE = "sfr_loc_map"
+ROOT = Path(__file__).resolve().parent  # `colcon build --symlink-install` runs a link to this file in another folder
+VERSION = re.search(r'__version__ = "(.+)"', (ROOT / PACKAGE / "__init__.py").read_text(encoding="utf-8")).group(1)
 NODES = ("localisation_node", "mapping_node", "monitor_node")
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.5,<4"]
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
-    description="Stereo visual localisation, terrain mapping and the metrics that prove how good they are.",
-    long_description=Path("README.md").read_text(encoding="utf-8"),
+    version=VERSION,
+    description="ROS 2 nodes for stereo visual odometry and terrain mapping, with the metrics that evaluate them.",
+    long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     license="Apache-2.0",
     maintainer="sfr_loc_map maintainers",
     maintainer_email="maintainers@users.noreply.h-seed-77cd1a5b.example",
+    keywords=["ros2", "visual odometry", "stereo", "mapping", "point cloud", "evaluation", "benchmark", "rover"],
+    classifiers=[
+        "Development Status :: 4 - Beta",
+        "Intended Audience :: Science/Research",
+        "Operating System :: POSIX :: Linux",
+        "Programming Language :: Python :: 3.11",
+        "Programming Language :: Python :: 3.12",
+        "Programming Language :: Python :: 3.13",
+        "Topic :: Scientific/Engineering :: Image Processing",
+        "Typing :: Typed",
+    ],
     python_requires=">=3.11,<3.14",
     packages=find_packages(include=[PACKAGE, PACKAGE + ".*"]),
-    package_data={PACKAGE: ["py.typed", "report/templates/*", "nodes/process/profiles/*.xml"]},
+    package_data={PACKAGE: ["py.typed", "report/templates/*", "nodes/process/profiles/*.xml"], "": ["*.pyi"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + PACKAGE]),
         ("share/" + PACKAGE, ["package.xml"]),
@@ -32,6 +50,7 @@ setup(
     install_requires=[
         "setuptools",
         "jinja2>=3.1,<4",  # BSD-3
+        "lazy-loader>=0.4,<1",  # BSD-3; a package's face costs nothing until a name of it is used
         "numba>=0.60,<0.70",  # BSD-2
         "numpy>=1.26,<3",  # BSD-3
         "opencv-python-headless>=4.10,<5",  # Apache-2.0
@@ -55,6 +74,8 @@ setup(
             "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",
             "mypy>=1.13,<3",
+            "pre-commit>=4,<6",  # MIT
+            "radon>=6,<7",  # MIT; complexity of functions, for a test
             "ruff>=0.8,<0.18",
             "scipy-stubs",
             "types-PyYAML",

@@ -6,7 +6,7 @@ A message is one line that says what was sought, what was found and what to do. 
 
 
 class SfrError(Exception):
-    """Root of every error that the suite raises on purpose."""
+    """Root of every error that the suite raises deliberately."""
 
 
 class ConfigError(SfrError):
@@ -42,7 +42,7 @@ class NodeError(SfrError):
 
 
 class BenchError(SfrError):
-    """A peer of a bench does not run."""
+    """A reference method of a benchmark does not run."""
 
 
 class MissingExtraError(SfrError):
