@@ -56,7 +56,7 @@ def require_ros(command: str) -> None:
     """
     try:
         from sfr_loc_map.nodes.lifecycle import qos  # noqa: F401 - does it import?
-        from sfr_loc_map.nodes.messages import conversions  # noqa: F401
+        from sfr_loc_map.nodes.messages import pose  # noqa: F401
     except ImportError as error:
         raise MissingExtraError(
             f"sfr {command} needs ROS 2 ({error}): source a ROS 2 installation, or pip install 'sfr_loc_map[ros]'"

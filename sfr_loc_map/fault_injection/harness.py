@@ -33,7 +33,8 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, level_of, values_of
-from sfr_loc_map.nodes.messages.conversions import header_msg, odometry_row, pose_msg
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages.pose import odometry_row, pose_msg
 
 LOCALISATION, MAPPING, MONITOR = "localisation_node", "mapping_node", "monitor_node"
 NODES = (LOCALISATION, MAPPING, MONITOR)

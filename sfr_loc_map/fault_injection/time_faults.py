@@ -8,7 +8,7 @@ from rosgraph_msgs.msg import Clock
 
 from sfr_loc_map.fault_injection.harness import LOCALISATION, MAPPING, MONITOR, Bench
 from sfr_loc_map.fault_injection.outcome import Fault, Outcome
-from sfr_loc_map.nodes.messages.conversions import time_msg
+from sfr_loc_map.nodes.messages.fields import time_msg
 
 BURST_HZ, BURST_S = 100.0, 2.0
 HOUR_NS = 3_600_000_000_000

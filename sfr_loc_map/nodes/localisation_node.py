@@ -30,11 +30,13 @@ from sfr_loc_map.nodes.diagnostics.call_reporter import CallReporter
 from sfr_loc_map.nodes.diagnostics.key_values import Level
 from sfr_loc_map.nodes.input.extrinsics import MountConfig
 from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
-from sfr_loc_map.nodes.input.static_transforms import StaticTransforms, tf_message_type
+from sfr_loc_map.nodes.input.static_transforms import StaticTransforms
 from sfr_loc_map.nodes.input.stereo_subscriber import ReceivedPair, StereoInput, StereoInputConfig
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode, PairNodeConfig
 from sfr_loc_map.nodes.lifecycle.qos import profile
-from sfr_loc_map.nodes.messages.conversions import header_msg, image_msg, odometry_msg, transform_from_pose
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages.image import image_msg
+from sfr_loc_map.nodes.messages.pose import odometry_msg, tf_message_type, transform_from_pose
 from sfr_loc_map.nodes.process.runner import run
 from sfr_loc_map.pipeline.online.latency import latencies
 from sfr_loc_map.pipeline.online.resume import KnownPose, PoseFile

@@ -30,7 +30,10 @@ from sfr_loc_map.nodes.diagnostics.call_reporter import CallReporter
 from sfr_loc_map.nodes.diagnostics.key_values import Level
 from sfr_loc_map.nodes.input.stereo_subscriber import ReceivedPair, StereoInput, StereoInputConfig
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode, PairNodeConfig
-from sfr_loc_map.nodes.messages.conversions import cloud_msg, disparity_msg, header_msg, transform_from_pose
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages.image import disparity_msg
+from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
+from sfr_loc_map.nodes.messages.pose import transform_from_pose
 from sfr_loc_map.nodes.process.runner import run
 from sfr_loc_map.pipeline.online.latency import latencies
 

@@ -38,7 +38,9 @@ from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, status_msg
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode, NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.messages.conversions import cloud_from_msg, header_msg, odometry_row, transform_from_pose
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
+from sfr_loc_map.nodes.messages.pose import odometry_row, transform_from_pose
 from sfr_loc_map.nodes.process.runner import configure_malloc, run
 from sfr_loc_map.pipeline.online.monitor_score import MonitorScore, warm_up
 from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from made_scene import START_NS, T_RB_LOCSB
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, Image
+from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.io import bag_messages
@@ -47,3 +50,14 @@ def calls(diagnostics: list[DiagnosticArray]) -> list[DiagnosticStatus]:
 def problems(diagnostics: list[DiagnosticArray]) -> list[str]:
     """Return what was wrong with the input."""
     return [status.message for array in diagnostics for status in array.status if status.name.endswith(": input")]
+
+
+def sent(message: Any) -> Any:
+    """Return a message as it arrives: through its serialised form."""
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def disparity_of(message: DisparityImage) -> np.ndarray:
+    """Return a disparity image `(H, W)` float32, pixels, NaN where none, by the definition of its message."""
+    values = np.frombuffer(message.image.data, "<f4").reshape(message.image.height, message.image.width)
+    return np.where(values < message.min_disparity, np.float32(np.nan), values)

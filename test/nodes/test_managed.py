@@ -37,7 +37,8 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, values_of
 from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
-from sfr_loc_map.nodes.messages.conversions import header_msg, odometry_row, time_msg
+from sfr_loc_map.nodes.messages.fields import header_msg, time_msg
+from sfr_loc_map.nodes.messages.pose import odometry_row
 
 CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = (
     Transition.TRANSITION_CONFIGURE,

@@ -17,7 +17,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, START_NS, loc_pair, nav_pair, true_pose
 from nav_msgs.msg import Odometry
 from processes import ReferenceMethod, node_process
-from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
+from scenes import MOUNT, calls, disparity_of, problems, raw, send_infos, send_pair
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Float64, String
 from stereo_msgs.msg import DisparityImage
@@ -29,13 +29,9 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.nodes.diagnostics.key_values import values_of
-from sfr_loc_map.nodes.messages.conversions import (
-    cloud_from_msg,
-    disparity_from_msg,
-    header_msg,
-    odometry_row,
-    pose_msg,
-)
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
+from sfr_loc_map.nodes.messages.pose import odometry_row, pose_msg
 
 
 def test_localisation_in_a_namespace_with_remapping_and_a_parameter_file(ros: None, tmp_path: Path) -> None:
@@ -227,7 +223,7 @@ def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, tmp_pa
         for index in range(3):
             send_nav(peer, index)
             peer.until(lambda index=index: len(disparities) > index, "disparity")
-            found = disparity_from_msg(disparities[index])
+            found = disparity_of(disparities[index])
             assert np.array_equal(found, maps[index].disparity_px, equal_nan=True)
         peer.until(lambda: clouds, "the first cloud")
         expected = mapper.fuse(maps[:2]).cloud.to_structured()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from typing import Any
 
@@ -12,14 +11,7 @@ from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
-
-
-def tf_message_type() -> type[Any] | None:
-    """Return tf2_msgs/TFMessage, None where it is not installed (it is no part of the ROS wheels)."""
-    try:
-        return importlib.import_module("tf2_msgs.msg").TFMessage
-    except ImportError:
-        return None
+from sfr_loc_map.nodes.messages.pose import tf_message_type
 
 
 class StaticTransforms:

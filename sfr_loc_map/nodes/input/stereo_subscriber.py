@@ -18,7 +18,7 @@ from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.qos import RELIABILITIES, profile
-from sfr_loc_map.nodes.messages.conversions import check_image, grey_from_image
+from sfr_loc_map.nodes.messages.image import check_image, grey_from_image
 from sfr_loc_map.pipeline.online.latency import MessageTimes
 from sfr_loc_map.pipeline.online.stamp_pairing import StampPairing
 from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps

@@ -39,7 +39,7 @@ from sfr_loc_map.nodes.diagnostics.key_values import Level, array_msg, status_ms
 from sfr_loc_map.nodes.lifecycle.parameters import Parameters
 from sfr_loc_map.nodes.lifecycle.qos import RELIABILITIES, profile, publisher_events, subscription_events
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
-from sfr_loc_map.nodes.messages.conversions import header_msg
+from sfr_loc_map.nodes.messages.fields import header_msg
 
 QUEUE_DEPTH = 1000
 """Statuses that are kept for a subscriber that is held up."""

@@ -19,8 +19,9 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.nodes.messages.conversions import header_msg, pose_msg
+from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.message_types import message_type
+from sfr_loc_map.nodes.messages.pose import pose_msg
 from sfr_loc_map.nodes.process.supervisor import Supervisor
 from sfr_loc_map.nodes.replay.control_services import offer_controls
 from sfr_loc_map.nodes.replay.keyboard import Keyboard

@@ -19,7 +19,8 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC as DIAGNOSTICS
 from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of
-from sfr_loc_map.nodes.messages.conversions import cloud_from_msg, odometry_row
+from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
+from sfr_loc_map.nodes.messages.pose import odometry_row
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 QUEUE_DEPTH = 1000

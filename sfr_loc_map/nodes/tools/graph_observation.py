@@ -24,8 +24,9 @@ from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.io.bag_sequence import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.nodes.input.static_transforms import StaticTransforms, tf_message_type
+from sfr_loc_map.nodes.input.static_transforms import StaticTransforms
 from sfr_loc_map.nodes.messages.message_types import message_type
+from sfr_loc_map.nodes.messages.pose import tf_message_type
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.pipeline.doctor.observation import (
     EXPECTED,

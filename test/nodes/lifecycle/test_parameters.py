@@ -17,7 +17,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.lifecycle.parameters import Parameters
 from sfr_loc_map.nodes.tools.parameter_files import FILES, parameter_file
 
-CONFIG = Path(__file__).resolve().parents[2] / "config"
+CONFIG = Path(__file__).resolve().parents[3] / "config"
 
 
 @dataclass(frozen=True, slots=True)

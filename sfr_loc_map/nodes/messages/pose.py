@@ -1,0 +1,99 @@
+"""Poses, odometry and transforms as messages.
+
+The ROS orientation of RB in DS takes components in RB to DS, so it is `Transform.quat_xyzw`, the conjugate of the
+source document's `att_q_DsToRb`. Nothing else knows of that.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
+from nav_msgs.msg import Odometry
+
+from sfr_loc_map.constants import LOST_VARIANCE
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.nodes.messages.fields import header_msg
+
+MAX_POSITION_M = 1e9
+"""Positions beyond it are refused: their squares would swamp every sum."""
+
+
+def pose_msg(pose: Transform, quat_xyzw: FloatArray) -> Pose:
+    """Return a pose of the child frame in the parent frame; the quaternion is sent as given."""
+    x, y, z = (float(v) for v in pose.translation)
+    qx, qy, qz, qw = (float(v) for v in quat_xyzw)
+    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def transform_from_pose(pose: Pose, name: str) -> Transform:
+    """Return `T_parent_child` of a pose message.
+
+    Args:
+        pose: geometry_msgs/Pose.
+        name: What it is, for the message of an error.
+
+    Raises:
+        InputError: If a number is not finite, the position is absurd or the quaternion is not of unit length within
+            1e-3 (an empty message has none).
+    """
+    position = np.array([pose.position.x, pose.position.y, pose.position.z])
+    q = pose.orientation
+    quat = np.array([q.x, q.y, q.z, q.w])
+    if not (np.isfinite(position).all() and np.isfinite(quat).all()):
+        raise InputError(f"{name} has a number that is not finite: a position and a unit quaternion are needed")
+    if np.abs(position).max() > MAX_POSITION_M:
+        raise InputError(f"{name} lies more than {MAX_POSITION_M:g} m away: a position in metres is needed")
+    length = float(np.hypot(np.hypot(q.x, q.y), np.hypot(q.z, q.w)))
+    if abs(length - 1.0) > 1e-3:
+        raise InputError(f"{name} has a quaternion of length {length:.4g}: a unit quaternion is needed")
+    return Transform.from_quat(position, quat)
+
+
+def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:
+    """Return an estimate as odometry; the velocity is not estimated and says so by its covariance."""
+    message = Odometry(header=header_msg(estimate.stamp_ns, parent), child_frame_id=child)
+    message.pose.pose = pose_msg(estimate.T_ds_rb, estimate.T_ds_rb.quat_xyzw)
+    message.pose.covariance = np.array(estimate.covariance, dtype=np.float64).reshape(36)
+    message.twist.covariance = (np.eye(6) * LOST_VARIANCE).reshape(36)
+    return message
+
+
+def odometry_row(message: Odometry) -> tuple[int, tuple[float, float, float], tuple[float, float, float, float]]:
+    """Return stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent.
+
+    Raises:
+        InputError: If they are not a pose.
+    """
+    stamp = stamp_of(message)
+    transform_from_pose(message.pose.pose, f"odometry of stamp {stamp}")
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    return stamp, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+
+
+def covariance_of(message: Odometry) -> FloatArray:
+    """Return the covariance `(6, 6)` of the pose of odometry, in ROS order."""
+    return np.array(message.pose.covariance, np.float64).reshape(6, 6)
+
+
+def transform_of_odometry(message: Odometry) -> TransformStamped:
+    """Return the pose of odometry as a transform of its frames."""
+    transform = TransformStamped(header=message.header, child_frame_id=message.child_frame_id)
+    position = message.pose.pose.position
+    transform.transform.translation = Vector3(x=position.x, y=position.y, z=position.z)
+    transform.transform.rotation = message.pose.pose.orientation
+    return transform
+
+
+def tf_message_type() -> type[Any] | None:
+    """Return tf2_msgs/TFMessage, None where it is not installed (it is not part of the ROS wheels)."""
+    try:
+        return importlib.import_module("tf2_msgs.msg").TFMessage
+    except ImportError:
+        return None

@@ -1,0 +1,68 @@
+# ruff: noqa: E402 - ROS may be absent
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+from scenes import sent
+from sensor_msgs.msg import PointCloud2
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
+from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg, cloud_msg
+
+STAMP_NS = 1_700_000_000_123_456_789
+
+
+def cloud(count: int) -> PointCloud:
+    rng = np.random.default_rng(1)
+    records = np.zeros(count, PointCloud.dtype())
+    for name, kind in FIELD_TYPES.items():
+        records[name] = rng.normal(size=count) if kind is np.float32 else rng.integers(0, 200, count)
+    return PointCloud.from_structured(records)
+
+
+@pytest.mark.parametrize("count", [0, 1, 1000])
+def test_clouds_come_out_as_they_went_in(count: int) -> None:
+    made = cloud(count)
+    message = sent(cloud_msg(made, STAMP_NS, "lm"))
+    names = [(field.name, field.datatype) for field in message.fields]
+    assert names == [(n, 7) for n in ("x", "y", "z", "sigma", "intensity")] + [("u", 4), ("v", 4), ("pair", 2)]
+    assert (message.header.frame_id, message.height, message.width, message.is_dense) == ("lm", 1, count, True)
+    assert (message.point_step, message.row_step) == (25, 25 * count)
+    assert np.array_equal(cloud_from_msg(message).to_structured(), made.to_structured())
+
+
+def test_clouds_of_other_layouts_are_read() -> None:
+    made = cloud(5)
+    message = cloud_msg(made, STAMP_NS, "lm")
+    old = np.frombuffer(message.data, PointCloud.dtype())
+    names, offsets = old.dtype.names, [32, 28, 24, 20, 16, 8, 4, 0]
+    formats = [old.dtype[name].newbyteorder(">") for name in names]
+    wide = np.zeros(6, np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": 40}))
+    for name in names:
+        wide[name][:5] = old[name]
+    for field, offset in zip(message.fields, offsets, strict=True):
+        field.offset = offset
+    message.is_bigendian, message.point_step, message.row_step, message.data = True, 40, 240, wide.tobytes()
+    assert np.array_equal(cloud_from_msg(sent(message)).to_structured(), made.to_structured())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda m: setattr(m, "data", m.data[:-1]), "too few"),
+        (lambda m: setattr(m, "width", 2**31), "too few"),
+        (lambda m: setattr(m, "height", 2**31), "too few"),
+        (lambda m: m.fields.pop(), "no field 'pair' of uint8"),
+        (lambda m: setattr(m.fields[0], "datatype", 8), "no field 'x' of float32"),
+        (lambda m: setattr(m.fields[0], "offset", 22), "beyond the 25 byte point"),
+        (lambda m: setattr(m, "row_step", 1), "too few"),
+    ],
+)
+def test_broken_clouds_are_refused(change, words: str) -> None:  # noqa: ANN001
+    message: PointCloud2 = cloud_msg(cloud(4), STAMP_NS, "lm")
+    change(message)
+    with pytest.raises(InputError, match=words):
+        cloud_from_msg(message)

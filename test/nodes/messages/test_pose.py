@@ -1,0 +1,67 @@
+# ruff: noqa: E402 - ROS may be absent
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+from geometry_msgs.msg import Point, Pose, Quaternion
+from scenes import sent
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_msg, odometry_row, pose_msg, transform_from_pose
+
+STAMP_NS = 1_700_000_000_123_456_789
+
+
+def test_odometry_holds_the_estimate_to_the_last_bit_and_the_orientation_of_ros() -> None:
+    half = math.sqrt(0.5)
+    T_ds_rb = Transform.from_quat([1 / 3, -2e-17, 1e9 / 7], [0.0, 0.0, half, half])
+    covariance = np.arange(36.0).reshape(6, 6) / 7
+    message = sent(odometry_msg(PoseEstimate(STAMP_NS, T_ds_rb, covariance, TrackingState.TRACKING), "world", "rover"))
+    assert (message.header.frame_id, message.child_frame_id) == ("world", "rover")
+    stamp, position, quat = odometry_row(message)
+    assert stamp == STAMP_NS
+    assert position == tuple(T_ds_rb.translation)
+    assert quat == tuple(T_ds_rb.quat_xyzw)
+    # A turn to the left by 90 degrees: RB's x axis points along y of DS, so z and w agree in sign.
+    assert quat[2] == pytest.approx(half)
+    assert Transform.from_quat(position, quat).rotation @ [1, 0, 0] == pytest.approx([0, 1, 0])
+    assert np.array_equal(covariance_of(message), covariance)
+    assert np.array(message.twist.covariance)[0] == 9999.0
+
+
+def test_every_field_is_of_its_own_type_whatever_numpy_gives() -> None:
+    pose = Transform(np.eye(3), np.array([1, 2, 3]))
+    message = pose_msg(pose, np.array([0, 0, 0, 1], np.float32))
+    assert type(message.position.x) is float
+    assert sent(message) == Pose(position=Point(x=1.0, y=2.0, z=3.0), orientation=Quaternion(w=1.0))
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        (Pose(position=Point(x=math.nan)), "not finite"),
+        (Pose(orientation=Quaternion(x=math.inf, w=1.0)), "not finite"),
+        (Pose(orientation=Quaternion(w=0.0)), "length 0"),
+        (Pose(orientation=Quaternion(w=2.0)), "length 2"),
+    ],
+)
+def test_poses_that_are_none_are_refused(pose: Pose, words: str) -> None:
+    with pytest.raises(InputError, match=f"initialpose has .*{words}"):
+        transform_from_pose(pose, "initialpose")
+
+
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.dot(q, q) > 0.01))
+def test_poses_come_out_as_they_went_in(quat: list[float]) -> None:
+    unit = np.array(quat) / np.linalg.norm(quat)
+    pose = Transform.from_quat([0.1, 0.2, 0.3], unit)
+    out = transform_from_pose(sent(pose_msg(pose, pose.file_quat_xyzw)), "pose")
+    assert np.array_equal(out.rotation, pose.rotation)
+    assert np.array_equal(out.translation, pose.translation)
