@@ -61,8 +61,8 @@ def localise(
     from sfr_loc_map.bench.peers import localisation_peers
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.metrics.condition import Condition
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-    from sfr_loc_map.metrics.sub_trajectories import Condition
 
     conditions = tuple(condition or ["distance=5"])
     for text in conditions:

@@ -25,6 +25,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.score import AssociationCounts
 
 AUTO_STAMPS = 16
 """Stamps of each kind in the common span that `auto` looks at."""
@@ -101,53 +102,6 @@ class Frames:
         arrays: list[Any] = [getattr(self, item.name) for item in fields(self)]
         chosen: list[Any] = [None if array is None else array[which] for array in arrays]
         return Frames(*chosen)
-
-
-@dataclass(frozen=True, slots=True)
-class AssociationCounts:
-    """What became of the poses given.
-
-    Attributes:
-        estimate_poses: Estimates given.
-        truth_poses: True poses given.
-        estimate_duplicates: Estimates left out because a later one has the same stamp.
-        truth_duplicates: The same of the truth.
-        estimate_unordered: Estimates that came after one with a later stamp (sorted, not left out).
-        truth_unordered: The same of the truth.
-        late: Poses left out of a live score because they came after their time had been scored.
-        exact: Frames whose stamps are equal.
-        near: Frames whose stamps differ within the tolerance.
-        interpolated: Frames with interpolated truth.
-        lost: Frames at which the localiser was lost.
-        largest_difference_ns: Of stamps of one frame.
-        largest_gap_ns: Of the truth interpolated.
-    """
-
-    estimate_poses: int = 0
-    truth_poses: int = 0
-    estimate_duplicates: int = 0
-    truth_duplicates: int = 0
-    estimate_unordered: int = 0
-    truth_unordered: int = 0
-    late: int = 0
-    exact: int = 0
-    near: int = 0
-    interpolated: int = 0
-    lost: int = 0
-    largest_difference_ns: int = 0
-    largest_gap_ns: int = 0
-
-    @property
-    def matched(self) -> int:
-        """Number of frames."""
-        return self.exact + self.near + self.interpolated
-
-    def __add__(self, other: AssociationCounts) -> AssociationCounts:
-        """Return the counts of both."""
-        values = {item.name: getattr(self, item.name) + getattr(other, item.name) for item in fields(self)}
-        for name in ("largest_difference_ns", "largest_gap_ns"):
-            values[name] = max(getattr(self, name), getattr(other, name))
-        return AssociationCounts(**values)
 
 
 def associate(

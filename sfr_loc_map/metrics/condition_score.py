@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.metrics.association import Frames
+from sfr_loc_map.metrics.condition import Condition, ConditionKind
 from sfr_loc_map.metrics.confidence import BlockSums, interval95
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import Consistency
 from sfr_loc_map.metrics.statistics import Decimated, Moments, RowQueue, norm
-from sfr_loc_map.metrics.sub_trajectories import KINDS, Condition, find_ends
+from sfr_loc_map.metrics.sub_trajectories import find_ends
 from sfr_loc_map.metrics.trajectory_error import COLUMNS, sub_trajectory_errors
 
 MAX_WAITING_STARTS = 1_000_000
@@ -47,8 +47,8 @@ class ConditionScore:
         self.kept_errors = Decimated(len(COLUMNS), DETAIL_ROWS)
         self.kept_places = Decimated(4, DETAIL_ROWS, np.int64)
         self.given_up = 0
-        self._kind = list(KINDS).index(condition.kind)
-        self._value = round(condition.value * NS_PER_S) if condition.kind == "time" else condition.value
+        self._kind = list(ConditionKind).index(condition.kind)
+        self._value = condition.threshold
         self._most_starts = MAX_WAITING_BRIEF if brief else MAX_WAITING_STARTS
         self._starts = RowQueue()
 
@@ -74,7 +74,7 @@ class ConditionScore:
             frames.stamps_ns,
             first_frame,
             self._kind,
-            float(self._value),
+            self._value,
         )
         ends = ends[: np.searchsorted(ends, len(frames))]
         # what is given up depends on frames alone, not on the portions that they come in
@@ -140,7 +140,7 @@ class ConditionScore:
         """Return the part of the score that belongs to the condition."""
         head = {
             "count": self.moments.count,
-            "condition": self.condition.as_dict(),
+            "condition": self.condition.to_plain(),
             "spacing_frames": config.spacing,
             "rebase": config.rebase,
         }
@@ -149,7 +149,7 @@ class ConditionScore:
     def brief(self) -> dict[str, Any]:
         """Return only the distance, the number of sub-trajectories and the figures."""
         plain = {name: _figure(self.moments, columns) for name, columns in FIGURES.items()}
-        return {**self.condition.as_dict(), "count": self.moments.count, **plain}
+        return {**self.condition.to_plain(), "count": self.moments.count, **plain}
 
     def _figures(self) -> dict[str, Any]:
         result: dict[str, Any] = dict(figures(self.moments))
@@ -170,7 +170,7 @@ class ConditionScore:
         columns = {name: places[:, k].tolist() for k, name in enumerate(names)}
         for k, name in enumerate(COLUMNS):
             columns[f"{name}_{_UNITS.get(name, 'm')}"] = rounded(errors[:, k])
-        return {"condition": self.condition.as_dict(), "every": self.kept_places.step, **columns}
+        return {"condition": self.condition.to_plain(), "every": self.kept_places.step, **columns}
 
 
 _UNITS = {"attitude": "deg", "heading": "deg"}

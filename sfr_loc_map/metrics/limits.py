@@ -28,7 +28,7 @@ from typing import Any
 
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError, MetricsError
-from sfr_loc_map.metrics.sub_trajectories import Condition
+from sfr_loc_map.metrics.condition import Condition
 
 STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
 PASS, FAIL, NOT_ENOUGH = "pass", "fail", "not enough data"
@@ -191,7 +191,7 @@ def _verdict(limit: Limit, minimum: int, score: Mapping[str, Any]) -> dict[str, 
     metric = f"target {limit.key}" if limit.part == "target" else limit.key
     head: dict[str, Any] = {"metric": metric, "limit": limit.limit, "value": value, "ci95": interval}
     if limit.condition is not None:
-        head["condition"] = limit.condition.as_dict()
+        head["condition"] = limit.condition.to_plain()
     head |= {"count": count, "verdict": NOT_ENOUGH, "certain": None}
     if value is None or (count is not None and count < minimum):
         return head
@@ -206,7 +206,7 @@ def _block_of(limit: Limit, score: Mapping[str, Any]) -> tuple[Mapping[str, Any]
     if limit.condition is None:
         return block, PARTS[limit.part][limit.key]
     for part in [block, *block.get("conditions", [])]:
-        if part.get("condition") == limit.condition.as_dict():
+        if part.get("condition") == limit.condition.to_plain():
             return part, TRAJECTORY_KEYS[limit.key]
     return {}, TRAJECTORY_KEYS[limit.key]
 

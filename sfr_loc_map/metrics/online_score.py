@@ -21,7 +21,6 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import (
     AUTO_STAMPS,
     COVARIANCE_SIZE,
-    AssociationCounts,
     Estimates,
     Frames,
     decide_way,
@@ -30,7 +29,8 @@ from sfr_loc_map.metrics.association import (
     unique_rows,
 )
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import TrajectoryScore
+from sfr_loc_map.metrics.score import AssociationCounts
+from sfr_loc_map.metrics.trajectory_score import TrajectoryScorer
 
 WINDOW_POSES = 64
 """A pose may come after this many later ones of its kind and still count."""
@@ -85,7 +85,7 @@ class LiveTrajectoryScore:
             MetricsError: If a condition is not valid.
         """
         self._config = config
-        self._score = TrajectoryScore(config)
+        self._score = TrajectoryScorer(config)
         self._estimates, self._truth = _Waiting(), _Waiting()
         self._counts = AssociationCounts()
         self._way: str | None = None

@@ -7,57 +7,13 @@ number of frames. A start whose condition is never met gives none.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit
 
 DISTANCE_TOLERANCE_M = 1e-9
 """A path this much shorter than asked for is long enough."""
-KINDS = {"distance": "distance_m", "time": "time_s", "frames": "frames"}
-"""Word of each kind of condition, and its key in the score."""
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """What ends a sub-trajectory.
-
-    Attributes:
-        kind: `distance`, `time` or `frames`.
-        value: Metres, seconds or number of frames, > 0.
-    """
-
-    kind: str
-    value: float
-
-    @classmethod
-    def parse(cls, text: str) -> Condition:
-        """Return the condition of a text such as `distance=5`, `time=60` or `frames=100`.
-
-        Raises:
-            MetricsError: If it is none.
-        """
-        kind, _, number = text.partition("=")
-        try:
-            value = float(number)
-        except ValueError:
-            value = float("nan")
-        whole = kind != "frames" or value == round(value)
-        if kind not in KINDS or not np.isfinite(value) or value <= 0 or not whole:
-            raise MetricsError(f"'{text}' is no condition: give distance=METRES, time=SECONDS or frames=NUMBER, > 0")
-        return cls(kind, value)
-
-    def as_dict(self) -> dict[str, float | int]:
-        """Return it as in the score: `{"distance_m": 5.0}`."""
-        return {KINDS[self.kind]: int(self.value) if self.kind == "frames" else self.value}
-
-    def __str__(self) -> str:
-        """Return it in words."""
-        unit = {"distance": "m", "time": "s", "frames": "frames"}[self.kind]
-        return f"{self.value:g} {unit}"
 
 
 @jit

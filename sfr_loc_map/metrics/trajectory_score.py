@@ -12,11 +12,13 @@ from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import AssociationCounts, Estimates, Frames, associate
+from sfr_loc_map.metrics.association import Estimates, Frames, associate
+from sfr_loc_map.metrics.condition import Condition, ConditionKind
 from sfr_loc_map.metrics.condition_score import ConditionScore, rounded
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import AssociationCounts
 from sfr_loc_map.metrics.statistics import Decimated
-from sfr_loc_map.metrics.sub_trajectories import Condition, path_lengths
+from sfr_loc_map.metrics.sub_trajectories import path_lengths
 
 PATH_ROWS = 2000
 """Frames that are kept for figures."""
@@ -30,7 +32,7 @@ LADDER_SPACING, LADDER_BASE_M = 10, 50.0
 to the distance: the more sub-trajectories overlap, the less one more says, and all starts wait for their end."""
 
 
-class TrajectoryScore:
+class TrajectoryScorer:
     """Scores frames as they come; memory and cost per frame do not grow with the length of the run."""
 
     def __init__(self, config: TrajectoryScoreConfig) -> None:
@@ -44,7 +46,7 @@ class TrajectoryScore:
         if not self._conditions:
             raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
         self._ladder = [
-            (ConditionScore(Condition("distance", metres), brief=True), _ladder_config(config, metres))
+            (ConditionScore(Condition(ConditionKind.DISTANCE, metres), brief=True), _ladder_config(config, metres))
             for metres in LADDER_M
         ]
         self._frames = 0
@@ -56,7 +58,7 @@ class TrajectoryScore:
         self._path_stamps = Decimated(1, PATH_ROWS, np.int64)
         self._path_lost = Decimated(1, PATH_ROWS, np.bool_)
 
-    def copy(self) -> TrajectoryScore:
+    def copy(self) -> TrajectoryScorer:
         """Return a score that goes its own way from here."""
         return copy.deepcopy(self)
 
@@ -141,7 +143,7 @@ def score_trajectory(estimates: Estimates, truth: Trajectory, config: Trajectory
     Raises:
         MetricsError: If no estimate has a truth, or a condition is not valid.
     """
-    score = TrajectoryScore(config)
+    score = TrajectoryScorer(config)
     frames, counts, way = associate(estimates, truth, config.association)
     if not len(frames):
         raise MetricsError(_nothing_in_common(estimates.trajectory, truth))

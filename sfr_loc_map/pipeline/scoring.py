@@ -26,12 +26,12 @@ from sfr_loc_map.io.trajectory_file import load_trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
 from sfr_loc_map.metrics.cloud_truth import PairTruth, truths_of
+from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.resource_score import merge_parts, score_calls, score_target
 from sfr_loc_map.metrics.results import build_score
-from sfr_loc_map.metrics.sub_trajectories import Condition
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 
@@ -143,7 +143,7 @@ def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
     if limits is None:
         return config
     present = [Condition.parse(text) for text in config.trajectory.conditions]
-    missing = tuple(f"{c.kind}={c.value!r}" for c in limits.conditions if c not in present)
+    missing = tuple(c.setting for c in limits.conditions if c not in present)
     conditions = (*config.trajectory.conditions, *missing)
     return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
 

@@ -9,7 +9,7 @@ from random_drives import Poses, drive, rows, spoilt, trajectory
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.association import Estimates, associate
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import TrajectoryScore, score_trajectory
+from sfr_loc_map.metrics.trajectory_score import TrajectoryScorer, score_trajectory
 
 CONDITIONS = (("distance", 5.0), ("distance", 0.3), ("time", 3.0), ("frames", 17))
 
@@ -164,7 +164,7 @@ def test_portions_do_not_matter() -> None:
     truth, estimate = drive(22, 5000)
     config = TrajectoryScoreConfig(conditions=("distance=5", "time=3"), spacing=1)
     frames, counts, way = associate(Estimates.of(trajectory(estimate)), trajectory(truth), config.association)
-    whole, parts = TrajectoryScore(config), TrajectoryScore(config)
+    whole, parts = TrajectoryScorer(config), TrajectoryScorer(config)
     whole.push(frames)
     for first in range(0, 5000, 137):
         parts.push(frames.rows(slice(first, first + 137)))
@@ -183,7 +183,7 @@ def test_starts_that_wait_too_long_are_given_up_whatever_the_portions(monkeypatc
     frames, counts, way = associate(Estimates.of(truth), truth, config.association)
     results = []
     for portion in (600, 137, 1):
-        score = TrajectoryScore(config)
+        score = TrajectoryScorer(config)
         for first in range(0, 600, portion):
             score.push(frames.rows(slice(first, first + portion)))
         results.append(score.result(counts, way))

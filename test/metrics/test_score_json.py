@@ -1,0 +1,212 @@
+"""The score's JSON: what is written reads back to the same values, and what is wrong is refused in one line."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from enum import StrEnum
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.metrics.condition import Condition, ConditionKind
+from sfr_loc_map.metrics.json_records import Inline
+from sfr_loc_map.metrics.modes import AssociationMode, Rebase
+from sfr_loc_map.metrics.score import (
+    AssociationCounts,
+    AssociationScore,
+    ConditionScore,
+    ErrorComponents,
+    IntervalStatistic,
+    MapScore,
+    MemoryScore,
+    PeakMemory,
+    Score,
+    Statistic,
+    TrajectoryScore,
+)
+from sfr_loc_map.metrics.score_json import SCHEMA, from_dict, from_json, to_dict, to_json
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+WORDS = st.text(max_size=5)
+CONDITIONS = st.builds(Condition, st.sampled_from([ConditionKind.DISTANCE, ConditionKind.TIME]), st.floats(1e-3, 1e6))
+SCALARS: dict[Any, st.SearchStrategy[Any]] = {
+    float: NUMBERS,
+    int: st.integers(-(2**62), 2**62),
+    bool: st.booleans(),
+    str: WORDS,
+    object: st.one_of(WORDS, st.integers(), st.lists(NUMBERS, max_size=2)),
+    Condition: CONDITIONS | st.builds(Condition, st.just(ConditionKind.FRAMES), st.integers(1, 10**6).map(float)),
+}
+
+
+def values(hint: Any, inline: bool = False) -> st.SearchStrategy[Any]:
+    """Return values of a type, built from its annotations alone; an inlined part is always there."""
+    kind, arguments = get_origin(hint), get_args(hint)
+    if kind is Annotated:
+        return values(arguments[0], any(isinstance(note, Inline) for note in arguments[1:]))
+    if kind in (Union, UnionType):
+        some = values(next(part for part in arguments if part is not type(None)))
+        return some if inline else st.none() | some
+    if kind is tuple and arguments[-1] is Ellipsis:
+        return st.lists(values(arguments[0]), max_size=2).map(tuple)
+    if kind is tuple:
+        return st.tuples(*map(values, arguments))
+    if kind is not None and issubclass(kind, Mapping):
+        return st.dictionaries(WORDS, values(arguments[1]), max_size=2)
+    if hint in SCALARS:
+        return SCALARS[hint]
+    if is_dataclass(hint):
+        hints = get_type_hints(hint, include_extras=True)
+        return st.builds(hint, **{name: st.deferred(lambda part=part: values(part)) for name, part in hints.items()})
+    assert issubclass(hint, StrEnum)
+    return st.sampled_from(list(hint))
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@given(values(Score))
+def test_every_score_reads_back_as_it_was_written(score: Score) -> None:
+    text = to_json(score)
+    read = from_json(text)
+    assert read == score
+    assert to_json(read) == text
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.recursive(SCALARS[object] | st.none() | NUMBERS, lambda s: st.lists(s) | st.dictionaries(WORDS, s)))
+def test_what_is_no_score_is_refused_in_one_line(content: Any) -> None:
+    for value in (content, {"schema": SCHEMA, "verdicts": [], "trajectory": content, "map": content}):
+        if value != {"schema": SCHEMA, "verdicts": [], "trajectory": None, "map": None}:
+            with pytest.raises(InputError) as caught:
+                from_json(json.dumps(value))
+            assert "\n" not in str(caught.value)
+
+
+def score() -> Score:
+    figure = IntervalStatistic(mean=0.1, sigma=0.2, mean_plus_3sigma=0.7, mean_plus_3sigma_ci95=(0.5, 1.0))
+    plain = Statistic(mean=0.1, sigma=None, mean_plus_3sigma=None)
+    part = ConditionScore(
+        count=3,
+        condition=Condition.parse("frames=7"),
+        spacing_frames=10,
+        rebase=Rebase.POSE,
+        position_m=figure,
+        attitude_deg=figure,
+        heading_deg=figure,
+        overlap=1.5,
+        nees=None,
+        components=ErrorComponents(x_m=plain, y_m=plain, z_m=plain, along_m=plain, cross_m=plain, vertical_m=plain),
+    )
+    counts = AssociationCounts(exact=2, estimate_poses=2)
+    trajectory = TrajectoryScore(
+        first=part,
+        matched=2,
+        estimate_poses=2,
+        lost=0,
+        path_length_m=1.0,
+        duration_s=math.nan,
+        discarded_starts=4,
+        association=AssociationScore(counts=counts, mode=AssociationMode.MATCH, tolerance_s=0.1, max_gap_s=1.0),
+        by_distance=(),
+    )
+    return Score(
+        trajectory=trajectory, memory=MemoryScore(mapping=PeakMemory(peak_bytes=7, above_idle_bytes=None)), verdicts=()
+    )
+
+
+def test_keys_are_those_of_the_schema() -> None:
+    plain = to_dict(score())
+    assert list(plain) == ["schema", "trajectory", "memory", "verdicts"], "absent parts are left out"
+    trajectory = plain["trajectory"]
+    assert list(trajectory)[:4] == ["count", "condition", "spacing_frames", "rebase"]
+    assert trajectory["condition"] == {"frames": 7}
+    assert trajectory["starts_given_up"] == 4
+    assert [trajectory[name] for name in ("nees", "duration_s")] == [None, None], "undefined figures are null"
+    assert [trajectory["association"][name] for name in ("exact", "truth")] == [2, "match"]
+    assert "conditions" not in trajectory, "one condition stands by itself"
+    assert plain["memory"] == {"mapping_peak_bytes": 7, "mapping_above_idle_bytes": None}
+
+
+def test_a_map_without_pixels_has_no_point_errors() -> None:
+    part = MapScore(pairs=1, points=2, coverage=None, coverage_range_m=(0.0, 10.0), nearest_only=True)
+    assert list(to_dict(Score(map=part, verdicts=()))["map"]) == [
+        *("pairs", "points", "coverage", "coverage_range_m", "nearest_only"),
+    ]
+
+
+def changed(path: str, value: Any) -> dict[str, Any]:
+    """Return the score's JSON with one value set, or taken away if the value is MISSING."""
+    plain = to_dict(score())
+    *way, last = path.split(".")
+    place = plain
+    for name in way:
+        place = place[name]
+    if value is MISSING:
+        del place[last]
+    else:
+        place[last] = value
+    return plain
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("schema", "sfr-score/2", "sought schema sfr-score/1, found sfr-score/2"),
+        ("trajectry", {}, "unknown key 'trajectry' .did you mean 'trajectory'"),
+        ("trajectory.position_m.men", 1.0, "trajectory.position_m has an unknown key 'men' .did you mean 'mean'"),
+        ("trajectory.count", MISSING, "trajectory has no 'count'"),
+        ("trajectory.count", 3.5, "trajectory.count is 3.5: a whole number"),
+        ("trajectory.count", True, "trajectory.count is True: a whole number"),
+        ("trajectory.rebase", "heading", "trajectory.rebase is 'heading': one of pose, position"),
+        ("trajectory.condition", {"metres": 5}, "trajectory.condition: a condition such as"),
+        ("trajectory.condition", {"distance_m": -5}, "trajectory.condition: distance = -5.0 ends no"),
+        ("trajectory.condition", {"distance_m": math.inf}, "trajectory.condition"),
+        ("trajectory.overlap", None, "trajectory.overlap is None: a number"),
+        ("trajectory.overlap", 10**400, "trajectory.overlap is int: a finite number"),
+        ("trajectory.position_m.mean_plus_3sigma_ci95", [1.0], "ci95 is .1.0.: a list of 2"),
+        ("trajectory.by_distance", {}, "trajectory.by_distance is {}: a list"),
+        ("trajectory.association.exact", "2", "trajectory.association.exact is '2': a whole number"),
+        ("verdicts", MISSING, "it has no 'verdicts'"),
+        ("memory", [], "memory is .*: an object is needed"),
+        ("memory.method", 5, "memory.method is 5: a text"),
+    ],
+)
+def test_malformed_scores_are_refused_with_the_place(path: str, value: Any, words: str) -> None:
+    with pytest.raises(InputError, match=f"^file.json is .*{words}") as caught:
+        from_dict(changed(path, value), "file.json")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1", "nul", "[" * 100_000])
+def test_what_is_no_json_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="is no JSON"):
+        from_json(text)
+
+
+def test_numbers_that_are_not_finite_are_undefined() -> None:
+    text = to_json(score()).replace('"duration_s":null', '"duration_s":NaN').replace('"mean":0.1', '"mean":1e999')
+    trajectory = from_json(text).trajectory
+    assert trajectory is not None
+    assert trajectory.duration_s is None
+    assert trajectory.first.position_m.mean is None
+
+
+def test_every_field_is_explained() -> None:
+    seen: set[type] = set()
+
+    def visit(kind: Any) -> None:
+        for part in get_args(kind):
+            visit(part)
+        if is_dataclass(kind) and kind not in seen:
+            seen.add(kind)  # type: ignore[arg-type]
+            text = "".join(base.__doc__ or "" for base in kind.__mro__)  # type: ignore[union-attr]
+            assert not [item.name for item in fields(kind) if f"{item.name}:" not in text], kind
+            for hint in get_type_hints(kind).values():
+                visit(hint)
+
+    visit(Score)
+    assert len(seen) > 30
