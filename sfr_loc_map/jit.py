@@ -1,6 +1,6 @@
 """The policies by which numerical kernels are compiled, one decorator each; all are cached on disk.
 
-Results must be the same to the bit on every run, for every number of threads, and whether a kernel was just compiled or
+Results must be bit-identical on every run, for every number of threads, and whether a kernel was just compiled or
 loaded from the cache. What may be inlined therefore always is (`forceinline`): if it were left to the compiler, two
 copies of a function would exist, its own and the one in its caller, compiled in different surroundings, and which of
 them runs would depend on whether the caller was compiled or loaded.

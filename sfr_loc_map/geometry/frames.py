@@ -1,4 +1,4 @@
-"""The frames of the rover by name, and the places that the source document fixes [3.2].
+"""The frames of the rover by name, and the positions that the source document fixes [3.2].
 
 All are in RB (x forward, y left, z up), metres.
 """

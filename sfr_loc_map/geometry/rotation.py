@@ -32,7 +32,7 @@ def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:
 
 
 def quat_conjugate(quat_xyzw: ArrayLike) -> FloatArray:
-    """Return the conjugate `(..., 4)`: the inverse rotation of a unit quaternion, exact to the bit."""
+    """Return the conjugate `(..., 4)`: the inverse rotation of a unit quaternion, without rounding."""
     quat = np.array(quat_xyzw, dtype=np.float64)
     quat[..., :3] = -quat[..., :3]
     return quat

@@ -27,7 +27,7 @@ class StereoRig:
         cx: Principal point, pixels.
         cy: Principal point, pixels.
         baseline_m: Distance between the optical centres, metres, > 0.
-        T_rb_sb: Takes points in the stereo bench frame (LOCSB) to RB; None where it is not known or not needed.
+        T_rb_sb: Takes points in the stereo bench frame SB (LOCSB) to RB; None where it is not known or not needed.
     """
 
     width: int
@@ -68,16 +68,16 @@ class StereoRig:
         """Takes points in the left optical frame to RB.
 
         Raises:
-            GeometryError: If the place of the stereo bench on the rover is not known.
+            GeometryError: If the extrinsics of the rig on the rover are not known.
         """
         if self.T_rb_sb is None:
             raise GeometryError(
-                "the rig has no T_rb_locsb (place of the stereo bench in RB): add it to rig.json or give a parameter"
+                "the rig has no T_rb_locsb (pose of the stereo rig in RB): add it to rig.json or give a parameter"
             )
         return self.T_rb_sb @ self.T_sb_left
 
     def same_cameras(self, other: StereoRig) -> bool:
-        """Tell whether both rigs have the same images, camera matrix and baseline (the place on the rover aside)."""
+        """Tell whether both rigs have the same images, camera matrix and baseline (extrinsics aside)."""
         names = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
         return all(getattr(self, name) == getattr(other, name) for name in names)
 
@@ -116,7 +116,7 @@ class StereoPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedStereoPair:
-    """A stereo pair for mapping with its place in the local map frame.
+    """A stereo pair for mapping with its pose in the local map frame.
 
     Attributes:
         pair: The images.

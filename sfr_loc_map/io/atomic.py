@@ -14,9 +14,9 @@ from sfr_loc_map.errors import OutputError
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Give a temporary place for a file or folder that takes the name `path` when the block ends well.
+    """Yield a temporary path for a file or folder that takes the name `path` when the block ends well.
 
-    The place has the same file name (writers choose the format by its ending) and lies in a hidden folder beside
+    It has the same file name (writers choose the format by its ending) and lies in a hidden folder beside
     `path`, so that the final renaming is one step of the file system. When the block raises, nothing is left.
 
     Args:

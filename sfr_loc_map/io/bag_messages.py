@@ -73,8 +73,8 @@ def odometry(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> Any:
     """Return the nav_msgs/Odometry of RB in DS; the twist is not known and zero."""
     zero = _T["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
     twist = _T["geometry_msgs/msg/TwistWithCovariance"](_T["geometry_msgs/msg/Twist"](zero, zero), np.zeros(36))
-    place = _T["geometry_msgs/msg/PoseWithCovariance"](_pose(position, quat_xyzw), np.zeros(36))
-    return _T[ODOMETRY](header(stamp_ns, "ds"), "rb", place, twist)
+    pose = _T["geometry_msgs/msg/PoseWithCovariance"](_pose(position, quat_xyzw), np.zeros(36))
+    return _T[ODOMETRY](header(stamp_ns, "ds"), "rb", pose, twist)
 
 
 def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> Any:  # noqa: ANN401
@@ -103,10 +103,10 @@ def static_transforms(stamp_ns: int, rig: StereoRig) -> Any:  # noqa: ANN401
     """Return the tf2_msgs/TFMessage rb -> locsb -> the two optical frames; the first only if it is known."""
     left = rig.T_sb_left
     right = Transform(left.rotation, -left.translation)
-    places = [("locsb", "loc_left_optical", left), ("locsb", "loc_right_optical", right)]
+    edges = [("locsb", "loc_left_optical", left), ("locsb", "loc_right_optical", right)]
     if rig.T_rb_sb is not None:
-        places.insert(0, ("rb", "locsb", rig.T_rb_sb))
-    return _T[TF]([_transform(stamp_ns, *place) for place in places])
+        edges.insert(0, ("rb", "locsb", rig.T_rb_sb))
+    return _T[TF]([_transform(stamp_ns, *pose) for pose in edges])
 
 
 def _transform(stamp_ns: int, parent: str, child: str, T_parent_child: Transform) -> Any:  # noqa: ANN401

@@ -31,7 +31,7 @@ END = DATA_END + FOOTER + MAGIC
 
 
 class _Part(BytesIO):
-    """What shall be written at a place of the file; its places are those of the file."""
+    """What is to be written at an offset of the file; positions count from the start of the file."""
 
     def __init__(self, begin: int) -> None:
         super().__init__()
@@ -40,8 +40,8 @@ class _Part(BytesIO):
     def tell(self) -> int:
         return super().tell() + self._begin
 
-    def seek(self, place: int, whence: int = 0) -> int:
-        return super().seek(place - self._begin, whence) + self._begin
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return super().seek(offset - self._begin, whence) + self._begin
 
     def close(self) -> None:
         """Keep what is to be written; the memory is freed with the object."""
@@ -55,9 +55,9 @@ class _SafeMcapWriter(CheckedMcapWriter):
     def __init__(self, path: Path, compression: CompressionMode) -> None:
         super().__init__(path, compression)
         self._file = self.bio
-        self._place = self.bio.tell()
+        self._offset = self.bio.tell()
         self._file.flush()
-        self.bio = _Part(self._place)
+        self.bio = _Part(self._offset)
         self._put(END)
 
     def close_chunk(self) -> None:
@@ -72,8 +72,8 @@ class _SafeMcapWriter(CheckedMcapWriter):
         super().close_chunk()
         data = self.bio.getvalue()
         self._put(data + END)
-        self._place += len(data)
-        self.bio = _Part(self._place)
+        self._offset += len(data)
+        self.bio = _Part(self._offset)
 
     def sync(self) -> None:
         """Let the system bring to the disk what was written."""
@@ -95,10 +95,10 @@ class _SafeMcapWriter(CheckedMcapWriter):
         number, done = self._file.fileno(), 0
         try:
             while done < len(data):
-                done += os.pwrite(number, memoryview(data)[done:], self._place + done)
+                done += os.pwrite(number, memoryview(data)[done:], self._offset + done)
         except OSError:
-            os.ftruncate(number, self._place)
-            os.pwrite(number, END, self._place)
+            os.ftruncate(number, self._offset)
+            os.pwrite(number, END, self._offset)
             raise
 
 
@@ -143,7 +143,7 @@ class BagRecorder:
         try:
             self._writer.open()
         except OSError as error:
-            raise OutputError(f"cannot record to '{self.path}': {error.strerror}; choose another place") from error
+            raise OutputError(f"cannot record to '{self.path}': {error.strerror}; choose another path") from error
         self._syncing.start()
         return self
 

@@ -65,9 +65,9 @@ class _PairTopics:
         for topic in infos:
             if topic.name not in first:
                 raise InputError(f"bag '{self.bag.path}' has no message on '{topic.bag_name}': the rig is not known")
-        place = read_static_transform(self.bag, RB_FRAME, LOCSB_FRAME) if self.task == "loc" else None
+        extrinsics = read_static_transform(self.bag, RB_FRAME, LOCSB_FRAME) if self.task == "loc" else None
         try:
-            return rig_from_camera_info(first[infos[0].name], first[infos[1].name], self.task, place)
+            return rig_from_camera_info(first[infos[0].name], first[infos[1].name], self.task, extrinsics)
         except InputError as error:
             raise InputError(f"bag '{self.bag.path}': {error}") from error
 
@@ -150,7 +150,7 @@ class BagLocSequence:
 
     @property
     def rig(self) -> StereoRig:
-        """Rig of the localisation cameras, with its place in RB where `/tf_static` has rb -> locsb."""
+        """Rig of the localisation cameras, with its extrinsics in RB where `/tf_static` has rb -> locsb."""
         return self._rig
 
     @property
@@ -250,9 +250,11 @@ def _load_poses(bag: Bag) -> dict[int, Transform]:
     topic = _require(bag, "nav/pose", POSE)
     poses = {}
     for _, stamp_ns, message in bag.messages([topic]):
-        place, quat = message.pose.position, message.pose.orientation
+        position, quat = message.pose.position, message.pose.orientation
         try:
-            poses[stamp_ns] = Transform.from_quat((place.x, place.y, place.z), (quat.x, quat.y, quat.z, quat.w))
+            poses[stamp_ns] = Transform.from_quat(
+                (position.x, position.y, position.z), (quat.x, quat.y, quat.z, quat.w)
+            )
         except GeometryError as error:
             raise InputError(
                 f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}: {error}; correct or leave out the pair"

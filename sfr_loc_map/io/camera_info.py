@@ -64,7 +64,7 @@ def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | 
         left: sensor_msgs/CameraInfo of the left camera.
         right: The same of the right camera.
         name: What they belong to, for messages (`loc`, `nav`).
-        T_rb_sb: Place of the stereo bench in RB, where known.
+        T_rb_sb: Pose of SB in RB, where known.
 
     Raises:
         InputError: If they are not those of a rectified pair with equal cameras, left and right in order.

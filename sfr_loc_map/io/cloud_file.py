@@ -43,7 +43,7 @@ class LoadedCloud:
 def load_cloud(path: Path) -> LoadedCloud:
     """Read a cloud (.ply, .pcd, .npz).
 
-    An organised PCD file (height above 1) without u and v gives them by the place of its points, with pair 0.
+    An organised PCD file (height above 1) without u and v gives them by the order of its points, with pair 0.
 
     Raises:
         InputError: If the file is missing, of another format, broken, or without x, y, z.

@@ -154,13 +154,13 @@ def _decode_jpeg(raw: bytes) -> GreyImage:
 
 def _check_png(raw: bytes) -> None:
     """Verify the chunks of a PNG (ISO/IEC 15948, 5.3): each ends in the CRC-32 of its type and data."""
-    place, kind = len(PNG_MAGIC), b""
+    offset, kind = len(PNG_MAGIC), b""
     while kind != b"IEND":
-        head = raw[place : place + 8]
+        head = raw[offset : offset + 8]
         if len(head) < 8:
             raise InputError("its PNG data is cut off; restore the original")
         (length,), kind = struct.unpack(">I", head[:4]), head[4:]
-        end = place + 8 + length
-        if len(raw) < end + 4 or zlib.crc32(raw[place + 4 : end]) != struct.unpack(">I", raw[end : end + 4])[0]:
+        end = offset + 8 + length
+        if len(raw) < end + 4 or zlib.crc32(raw[offset + 4 : end]) != struct.unpack(">I", raw[end : end + 4])[0]:
             raise InputError("its PNG data is broken (checksum or length wrong); restore the original")
-        place = end + 4
+        offset = end + 4

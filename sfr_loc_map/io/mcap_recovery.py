@@ -57,24 +57,24 @@ class _RecoveringMcapReader(McapReader):
         """Find the begin of the data and the end of the last whole record."""
         assert self.bio
         size = self.bio.seek(0, 2)
-        place = len(MAGIC)
-        while (following := self._after(place, size)) is not None:
-            if place == len(MAGIC):
+        offset = len(MAGIC)
+        while (following := self._after(offset, size)) is not None:
+            if offset == len(MAGIC):
                 self.data_start = following
-            place = following
+            offset = following
         if not self.data_start:
             raise ReaderError("it ends within its first record")
-        self.data_end = place
+        self.data_end = offset
 
-    def _after(self, place: int, size: int) -> int | None:
-        """Return where the record at a place ends, None where there is no whole one of the data."""
+    def _after(self, offset: int, size: int) -> int | None:
+        """Return where the record at an offset ends, None where there is no whole one of the data."""
         assert self.bio
-        self.bio.seek(place)
+        self.bio.seek(offset)
         head = self.bio.read(RECORD_HEAD)
         if len(head) < RECORD_HEAD or not HEADER <= head[0] < DATA_END:
             return None
-        end = place + RECORD_HEAD + int.from_bytes(head[1:], "little")
-        if end > size or (head[0] == CHUNK and not _whole(self.bio.read(end - place - RECORD_HEAD))):
+        end = offset + RECORD_HEAD + int.from_bytes(head[1:], "little")
+        if end > size or (head[0] == CHUNK and not _whole(self.bio.read(end - offset - RECORD_HEAD))):
             return None
         return end
 

@@ -1,4 +1,4 @@
-"""Every format that can be read, by name, and the way to find out which one a path holds."""
+"""Every format that can be read, by name, and the detection of the format of a path."""
 
 from __future__ import annotations
 

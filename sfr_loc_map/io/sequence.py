@@ -29,7 +29,7 @@ class LocSequence(Protocol):
         ...
 
     def pairs(self) -> Iterator[StereoPair]:
-        """Yield the pairs; each call starts anew and keeps at most a few pairs in memory."""
+        """Yield the pairs; each call starts from the first and keeps at most a few pairs in memory."""
         ...
 
 
@@ -46,7 +46,7 @@ class NavSequence(Protocol):
         ...
 
     def pairs(self) -> Iterator[PosedStereoPair]:
-        """Yield the pairs, with truth where the source has it; each call starts anew."""
+        """Yield the pairs, with truth where the source has it; each call starts from the first."""
         ...
 
 

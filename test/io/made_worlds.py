@@ -101,7 +101,7 @@ def assert_same_trajectory(a: Trajectory | None, b: Trajectory) -> None:
 
 
 def assert_is_world(source: Source, world: World) -> None:
-    """Check that a source holds a world, equal to the bit."""
+    """Check that a source holds a world, bit-identical."""
     assert source.loc is not None
     assert source.nav is not None
     assert len(source.loc) == len(world.pairs)

@@ -76,7 +76,7 @@ def test_zstd_round_trip_is_exact_and_smaller(tmp_path: Path) -> None:
     assert sizes[1] < 0.7 * sizes[0]
 
 
-def test_each_pass_starts_anew(tmp_path: Path, world: World) -> None:
+def test_each_pass_starts_from_the_first(tmp_path: Path, world: World) -> None:
     loc = open_source(write_bag(tmp_path / "x.mcap", world)).loc
     assert loc is not None
     first = loc.pairs()

@@ -1,4 +1,4 @@
-"""Trajectories as text: exact to the bit and nanosecond, one error for each broken file."""
+"""Trajectories as text: bit-identical, exact to the nanosecond, one error for each broken file."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
 
 def test_long_files_keep_every_bit(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    count = 100_000  # long enough for the reader in machine code
+    count = 100_000
     long = Trajectory(np.arange(count) * 10**8, rng.normal(size=(count, 3)), rng.normal(size=(count, 4)))
     (tmp_path / "t.txt").write_text(trajectory_text(long, tum=True))
     read = load_trajectory(tmp_path / "t.txt")
