@@ -1,1 +1,1 @@
-"""Side by side with what a user would take instead: same pictures, same run, each in a process of its own."""
+"""Benchmarks: our methods beside reference methods on the same images, in the same run, each in its own process."""

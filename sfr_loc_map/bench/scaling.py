@@ -1,4 +1,4 @@
-"""Pictures of half the size, and what goes with them."""
+"""Images of half the size, with rig and disparities to match."""
 
 from __future__ import annotations
 
@@ -7,19 +7,18 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
 JUMP_PX = 1.0
-"""Four true disparities that differ by more lie on an edge: the half-size pixel has no truth there."""
+"""Four true disparities that differ by more lie on an edge: the half-size pixel has no ground truth."""
 
 
 def half_rig(rig: StereoRig) -> StereoRig:
-    """Return the rig of pictures of half the size; an odd last row or column is left out.
+    """Return the rig of images of half the size; an odd last row or column is left out.
 
-    A pixel's centre comes to lie between four old ones: `u = 2 u' + 1/2`.
+    A pixel's centre lies between four of the larger image: `u = 2 u' + 1/2`.
     """
     return replace(
         rig,
@@ -42,7 +41,7 @@ def _half(image: GreyImage) -> GreyImage:
     return np.asarray(cv2.resize(image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA))
 
 
-def half_disparity(disparity_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def half_disparity(disparity_px: FloatArray) -> FloatArray:
     """Return true disparities `(H, W)` at half the size, in its pixels; NaN at edges and where one of four has none."""
     height, width = disparity_px.shape[0] // 2, disparity_px.shape[1] // 2
     blocks = disparity_px[: 2 * height, : 2 * width].reshape(height, 2, width, 2)

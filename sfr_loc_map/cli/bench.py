@@ -1,4 +1,4 @@
-"""`sfr bench`: side by side with what would be taken instead, on the same input, in the same run."""
+"""`sfr bench`: benchmarks beside other tools, on the same input, in the same run."""
 
 from __future__ import annotations
 
@@ -18,15 +18,14 @@ from sfr_loc_map.cli.common import (
 )
 from sfr_loc_map.errors import InputError
 
-app = typer.Typer(help="Side by side with other tools: same input, same run, own processes.")
+app = typer.Typer(help="Benchmarks beside other tools: same input, same run, own processes.")
 
 PeerPythonOption = Annotated[
-    Path | None, typer.Option("--peer-python", help="Interpreter of the environment that has the optional peers.")
+    Path | None,
+    typer.Option("--peer-python", help="Interpreter that has the optional reference methods."),
 ]
 RepeatOption = Annotated[int, typer.Option("--repeat", min=1, help="Passes; medians are shown.")]
-SizesOption = Annotated[
-    int, typer.Option("--sizes", min=1, max=5, help="Sizes of the pictures, each half of the one before.")
-]
+SizesOption = Annotated[int, typer.Option("--sizes", min=1, max=5, help="Image sizes, each half of the one before.")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="All figures as JSON; - for standard output.")]
 
 
@@ -50,15 +49,15 @@ def localise(
     sizes: SizesOption = 1,
     rate: Annotated[
         float | None,
-        typer.Option(min=0.01, help="Pairs a second for peers that work in the background; as recorded by default."),
+        typer.Option(min=0.01, help="Pairs per second for methods that work in the background; default: as recorded."),
     ] = None,
     json_path: JsonOption = None,
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
     """Our localiser against a plain OpenCV one and, where installed, ORB-SLAM3 (pyorbslam3)."""
-    from sfr_loc_map.bench.localise_bench import LocaliseBenchSettings, bench_localise
-    from sfr_loc_map.bench.peers import localisation_peers
+    from sfr_loc_map.bench.localisation_benchmark import BenchmarkSettings, benchmark_localisation
+    from sfr_loc_map.bench.reference_methods import localisation_methods
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.metrics.condition import Condition
@@ -71,14 +70,14 @@ def localise(
     sequence = open_source(source, parse_remaps(remap)).loc
     if sequence is None or not len(sequence):
         raise InputError(f"no drive (localisation pairs) in '{source}': give a source that has one")
-    peers = localisation_peers(peer_python, vocabulary)
-    settings = LocaliseBenchSettings(
+    methods = localisation_methods(peer_python, vocabulary)
+    settings = BenchmarkSettings(
         TrajectoryScoreConfig(conditions=conditions, spacing=spacing), repeat, sizes, rate_hz=rate
     )
     with progress_bar("calls") as bar:
-        task = bar.add_task("measuring", total=len(sequence) * len(peers.present) * repeat * sizes)
-        result = bench_localise(sequence, parameters, peers, settings, lambda name: bar.advance(task))
-    _show({"source": str(source)} | result, json_path)
+        task = bar.add_task("measuring", total=len(sequence) * len(methods.present) * repeat * sizes)
+        result = benchmark_localisation(sequence, parameters, methods, settings, lambda name: bar.advance(task))
+    _show({"source": str(source)} | result.to_json(), json_path)
 
 
 @app.command(name="map")
@@ -92,8 +91,8 @@ def map_(
     remap: RemapOption = None,
 ) -> None:
     """Our mapper against OpenCV's semi-global matching and, where installed, Pandora."""
-    from sfr_loc_map.bench.map_bench import bench_map
-    from sfr_loc_map.bench.peers import mapping_peers
+    from sfr_loc_map.bench.mapping_benchmark import benchmark_mapping
+    from sfr_loc_map.bench.reference_methods import mapping_methods
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.mapping.config import MappingConfig
 
@@ -101,18 +100,18 @@ def map_(
     sequence = open_source(source, parse_remaps(remap)).nav
     if sequence is None or not len(sequence):
         raise InputError(f"no mapping pairs in '{source}': give a source that has them")
-    peers = mapping_peers(peer_python)
+    methods = mapping_methods(peer_python)
     with progress_bar("calls") as bar:
-        task = bar.add_task("measuring", total=len(sequence) * len(peers.present) * repeat * sizes)
-        result = bench_map(
-            sequence, parameters, peers, repeat=repeat, sizes=sizes, progress=lambda name: bar.advance(task)
+        task = bar.add_task("measuring", total=len(sequence) * len(methods.present) * repeat * sizes)
+        result = benchmark_mapping(
+            sequence, parameters, methods, repeat=repeat, sizes=sizes, progress=lambda name: bar.advance(task)
         )
-    _show({"source": str(source)} | result, json_path)
+    _show({"source": str(source)} | result.to_json(), json_path)
 
 
 @app.command()
 def score(
-    poses: Annotated[int, typer.Option(min=200, help="Poses of the drive that is made for it.")] = 1_000_000,
+    poses: Annotated[int, typer.Option(min=200, help="Poses of the synthetic drive.")] = 1_000_000,
     peer_python: PeerPythonOption = None,
     repeat: RepeatOption = 1,
     all_pairs: Annotated[
@@ -121,14 +120,14 @@ def score(
     json_path: JsonOption = None,
 ) -> None:
     """Our trajectory score against evo (evo_rpe), reading of the files included."""
-    from sfr_loc_map.bench.score_bench import bench_score
+    from sfr_loc_map.bench.score_benchmark import benchmark_score
 
     with progress_bar("commands") as bar:
         task = bar.add_task("measuring", total=None)
-        result = bench_score(
+        result = benchmark_score(
             poses, peer_python, repeat=repeat, all_pairs=all_pairs, progress=lambda name: bar.advance(task)
         )
-    _show(result, json_path)
+    _show(result.to_json(), json_path)
 
 
 @app.command()
@@ -136,17 +135,17 @@ def faults(
     source: SourceArgument,
     fault: Annotated[
         list[str] | None,
-        typer.Option("--fault", help="As of `sfr perturb`, several joined by +; repeatable. A list of all by default."),
+        typer.Option("--fault", help="As for `sfr perturb`, several joined by +; repeatable. Default: common faults."),
     ] = None,
     condition: Annotated[str, typer.Option("--condition", help="End of a sub-trajectory.")] = "distance=5",
     spacing: Annotated[int, typer.Option(min=1, help="Frames from one start to the next.")] = 10,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of which pairs are struck.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of which pairs are affected.")] = 0,
     json_path: JsonOption = None,
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
-    """Our localiser on a drive with one fault after the other: error, lost, found again, silent jumps."""
-    from sfr_loc_map.bench.fault_bench import FAULTS, bench_faults
+    """Our localiser on a drive with one fault at a time: errors, lost pairs, silent jumps."""
+    from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -157,10 +156,10 @@ def faults(
         raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
     wanted = tuple(fault) if fault else FAULTS
     with progress_bar("faults") as bar:
-        task = bar.add_task("driving", total=len(wanted) + 1)
+        task = bar.add_task("localising", total=len(wanted) + 1)
         scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
-        result = bench_faults(sequence, wanted, parameters, scoring, seed, lambda name: bar.advance(task))
-    _show({"source": str(source)} | result, json_path)
+        result = benchmark_faults(sequence, wanted, parameters, scoring, seed, lambda name: bar.advance(task))
+    _show({"source": str(source)} | result.to_json(), json_path)
 
 
 def _show(result: dict[str, Any], json_path: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""Tiny sources for benches."""
+"""Tiny sources for benchmarks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Half-size pictures fit their half-size rig."""
+"""Half-size images fit their half-size rig."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def test_half_pixels_see_the_middle_of_four_rays() -> None:
         assert np.isclose((u - half.cx) / half.fx, full, atol=1e-12)
 
 
-def test_pictures_are_means_and_odd_edges_go() -> None:
+def test_images_are_means_and_odd_edges_go() -> None:
     pair = nav_pair(0).pair
     half = half_pair(pair)
     assert half.left[3, 4] == np.rint(pair.left[6:8, 8:10].mean())

@@ -1,5 +1,5 @@
-"""What runs in the processes of a bench; started as scripts, by the interpreter that has the peer.
+"""Worker processes of a benchmark, started as scripts by the interpreter that has the method.
 
-`loop.py` feeds a peer; every other file is one peer with `open_peer(setup)`. `peer_*.py` and `loop.py` import nothing
-of this package, so that an interpreter with nothing but NumPy, OpenCV and the peer can run them.
+`loop.py` feeds a method; every other file is one method with `open_method(setup)`. `reference_*.py` and `loop.py`
+import nothing of this package: an interpreter with NumPy, OpenCV and the method is enough.
 """

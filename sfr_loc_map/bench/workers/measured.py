@@ -1,7 +1,7 @@
-"""Runs a command and measures it: `python measured.py RESULT COMMAND...`.
+"""Runs a command and measures its time and memory: `python measured.py RESULT COMMAND...`.
 
-A process' peak of resident memory, as the kernel reports it at its end, counts the one that started it; so this one is
-small and imports next to nothing.
+The peak of resident memory that the kernel reports at a process' end includes the process that started it, so this one
+is small and imports next to nothing.
 """
 
 import os

@@ -1,7 +1,7 @@
-"""A plain stereo odometry as OpenCV's own building blocks give it: corners, optical flow, PnP from pair to pair.
+"""A plain stereo odometry of OpenCV's own building blocks: corners, optical flow, PnP from pair to pair.
 
-Corners (Shi-Tomasi) get their depth by pyramidal Lucas-Kanade flow to the right picture, are followed by the same flow
-to the next left picture and back, and give the motion by PnP with RANSAC, refined on its inliers.
+Corners (Shi-Tomasi) get their depth by pyramidal Lucas-Kanade flow to the right image, are tracked by the same flow
+to the next left image and back, and give the motion by PnP with RANSAC, refined on its inliers.
 """
 
 from __future__ import annotations
@@ -18,44 +18,44 @@ from sfr_loc_map.geometry.arrays import FloatArray
 FEATURES = 2000
 QUALITY, SPACING_PX = 0.003, 8.0
 RETURN_PX = 1.0
-"""Largest distance of a corner from where the flow forth and back brings it."""
+"""Largest distance of a corner from its position after flow forth and back."""
 ROW_PX = 1.0
-"""Largest distance of the rows of a corner in both pictures."""
-FEWEST = 8
+"""Largest vertical disparity of a corner."""
+MIN_INLIERS = 8
 
 Corners = NDArray[np.float32]
 
 
 def flow(image: NDArray[np.uint8], other: NDArray[np.uint8], corners: Corners) -> tuple[Corners, NDArray[np.bool_]]:
-    """Return where corners `(N, 2)` of an image are in another one, and whether they were found."""
-    places, found, _ = cv2.calcOpticalFlowPyrLK(
+    """Return the positions of corners `(N, 2)` in another image, and whether they were found."""
+    positions, found, _ = cv2.calcOpticalFlowPyrLK(
         image, other, corners, np.empty(0, np.float32), winSize=(21, 21), maxLevel=4, criteria=(3, 30, 0.01)
     )
-    return np.asarray(places, np.float32), np.asarray(found)[:, 0] == 1
+    return np.asarray(positions, np.float32), np.asarray(found)[:, 0] == 1
 
 
 class Odometry:
-    """The recipe; `step` gives the pose of the left camera in its first one, None where there is none."""
+    """The odometry; `step` returns the pose of the left camera in its first one, None where it is not known."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
         """Take the camera from the setup."""
         fx, fy, cx, cy = (float(setup[name]) for name in ("fx", "fy", "cx", "cy"))
-        self._k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        self._scale = fx * float(setup["baseline_m"])
+        self._camera_matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        self._focal_baseline = fx * float(setup["baseline_m"])
         self._pose = np.eye(4)
-        self._before: tuple[NDArray[np.uint8], NDArray[np.float32], FloatArray] | None = None
+        self._previous: tuple[NDArray[np.uint8], NDArray[np.float32], FloatArray] | None = None
         cv2.setRNGSeed(1)
 
     def step(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> FloatArray | None:
         """Return the pose `(4, 4)` at a pair, None where it is not known."""
-        moved = np.eye(4) if self._before is None else self._motion(left)
+        moved = np.eye(4) if self._previous is None else self._motion(left)
         if moved is not None:
             self._pose = self._pose @ moved
-        self._before = (left, *self._points(left, right))
+        self._previous = (left, *self._points(left, right))
         return None if moved is None else self._pose
 
     def _points(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[NDArray[np.float32], FloatArray]:
-        """Return corners `(N, 2)` and their places `(N, 3)`, metres, in the left camera."""
+        """Return corners `(N, 2)` and their points `(N, 3)`, metres, in the left camera."""
         corners = np.reshape(cv2.goodFeaturesToTrack(left, FEATURES, QUALITY, SPACING_PX), (-1, 2)).astype(np.float32)
         if not len(corners):
             return corners, np.zeros((0, 3))
@@ -63,41 +63,43 @@ class Odometry:
         disparity = corners[:, 0] - partners[:, 0]
         good = found & (np.abs(corners[:, 1] - partners[:, 1]) < ROW_PX) & (disparity > 1.0)
         corners = np.ascontiguousarray(corners[good])
-        depth = self._scale / disparity[good].astype(np.float64)
-        rays = np.column_stack((corners, np.ones(len(corners)))) @ np.linalg.inv(self._k).T
+        depth = self._focal_baseline / disparity[good].astype(np.float64)
+        rays = np.column_stack((corners, np.ones(len(corners)))) @ np.linalg.inv(self._camera_matrix).T
         return corners, rays * depth[:, None]
 
     def _motion(self, left: NDArray[np.uint8]) -> FloatArray | None:
-        """Return the pose `(4, 4)` of the camera now in the one before, None where too few corners agree."""
-        assert self._before is not None
-        image, corners, points = self._before
-        if len(corners) < FEWEST:
+        """Return the pose `(4, 4)` of the camera in the previous one, None where too few corners agree."""
+        assert self._previous is not None
+        image, corners, points = self._previous
+        if len(corners) < MIN_INLIERS:
             return None
-        now, there = flow(image, left, corners)
-        again, back = flow(left, image, now)
-        good = there & back & (np.linalg.norm(again - corners, axis=1) < RETURN_PX)
-        points, now = points[good], now[good]
-        if len(now) < FEWEST:
+        tracked, found_forth = flow(image, left, corners)
+        returned, found_back = flow(left, image, tracked)
+        good = found_forth & found_back & (np.linalg.norm(returned - corners, axis=1) < RETURN_PX)
+        points, tracked = points[good], tracked[good]
+        if len(tracked) < MIN_INLIERS:
             return None
-        solved, turn, shift, inliers = cv2.solvePnPRansac(
-            points, now, self._k, None, iterationsCount=200, reprojectionError=1.0, confidence=0.999
+        solved, rotvec, translation, inliers = cv2.solvePnPRansac(
+            points, tracked, self._camera_matrix, None, iterationsCount=200, reprojectionError=1.0, confidence=0.999
         )
-        if not solved or inliers is None or len(inliers) < FEWEST:
+        if not solved or inliers is None or len(inliers) < MIN_INLIERS:
             return None
         chosen = inliers[:, 0]
-        turn, shift = cv2.solvePnPRefineLM(points[chosen], now[chosen], self._k, None, turn, shift)
-        before_to_now = np.eye(4)
-        before_to_now[:3, :3], before_to_now[:3, 3] = cv2.Rodrigues(turn)[0], shift[:, 0]
-        return np.asarray(np.linalg.inv(before_to_now))
+        rotvec, translation = cv2.solvePnPRefineLM(
+            points[chosen], tracked[chosen], self._camera_matrix, None, rotvec, translation
+        )
+        T_now_before = np.eye(4)
+        T_now_before[:3, :3], T_now_before[:3, 3] = cv2.Rodrigues(rotvec)[0], translation[:, 0]
+        return np.asarray(np.linalg.inv(T_now_before))
 
 
 class OpenCvOdometry:
-    """The recipe as a peer."""
+    """The odometry as a reference method."""
 
     version = cv2.__version__
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Warm up on noise, so that no call pays for the start of threads."""
+        """Warm up on noise, so that no call includes the start of threads."""
         shape = (int(setup["height"]), int(setup["width"]))
         noise = np.random.default_rng(0).integers(0, 255, shape).astype(np.uint8)
         warm = Odometry(setup)
@@ -116,4 +118,4 @@ class OpenCvOdometry:
         return {"pose": None if answer is None else answer.ravel().tolist()}
 
 
-open_peer = OpenCvOdometry
+open_method = OpenCvOdometry

@@ -1,4 +1,4 @@
-"""OpenCV's semi-global matching as it is commonly used: three-way form, block 3, pictures padded on the left."""
+"""OpenCV's semi-global matching as commonly used: three-way form, block 3, images padded on the left."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BLOCK = 3
 
 
 class OpenCvStereo:
-    """Gives disparities of the left picture, NaN where none."""
+    """Disparities of the left image, NaN where none."""
 
     version = cv2.__version__
 
@@ -54,4 +54,4 @@ class OpenCvStereo:
         return {}
 
 
-open_peer = OpenCvStereo
+open_method = OpenCvStereo

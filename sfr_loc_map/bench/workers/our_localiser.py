@@ -1,4 +1,4 @@
-"""Our localiser as a peer."""
+"""Our localiser as a reference method."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 
 
 class OurLocaliser:
-    """Gives the pose of the left camera in its first one."""
+    """Pose of the left camera in its first one."""
 
     version = __version__
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Prepare with the rover's frame laid into the left camera: all peers are asked for the same."""
+        """Prepare with the rover frame in the left camera: all methods estimate the same pose."""
         rig = StereoRig(**{name: setup[name] for name in CAMERA})
         rig = replace(rig, T_rb_sb=rig.T_sb_left.inverse())
         self._localiser = Localiser(rig, LocalisationConfig(**setup["config"]), Transform.identity())
@@ -40,4 +40,4 @@ class OurLocaliser:
         return {"pose": answer.T_ds_rb.matrix.ravel().tolist() if known else None}
 
 
-open_peer = OurLocaliser
+open_method = OurLocaliser

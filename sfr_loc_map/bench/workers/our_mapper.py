@@ -1,4 +1,4 @@
-"""Our mapper as a peer."""
+"""Our mapper as a reference method."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 
 
 class OurMapper:
-    """Gives the disparities of the left picture; the call makes the cloud with sigma as well."""
+    """Disparities of the left image; the call also computes the cloud and its standard deviations."""
 
     version = __version__
 
@@ -38,4 +38,4 @@ class OurMapper:
         return {}
 
 
-open_peer = OurMapper
+open_method = OurMapper

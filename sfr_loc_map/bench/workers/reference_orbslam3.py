@@ -1,4 +1,4 @@
-"""ORB-SLAM3 (stereo) by its Python wheel `pyorbslam3`, GPL-3: it lives in a process of its own alone."""
+"""ORB-SLAM3 (stereo) by its Python wheel `pyorbslam3`, GPL-3: it runs in a process of its own only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# the settings format before 1.0: with that of 1.0 the stereo sensor of the wheel ends at the start
+# the settings format before 1.0: with that of 1.0 the wheel's stereo sensor ends at start-up
 SETTINGS = {
     "Camera.type": '"PinHole"',
     "Camera.k1": 0.0,
@@ -48,10 +48,10 @@ def settings_text(setup: Mapping[str, Any]) -> str:
 
 
 class OrbSlam3:
-    """Gives the pose of the left camera in its first one as known right after each pair."""
+    """Pose of the left camera in its first one, as known right after each pair."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Load the vocabulary; the system cannot be warmed up, its first call begins the map."""
+        """Load the vocabulary; the system cannot be warmed up: its first call starts the map."""
         import pyorbslam3  # type: ignore[import-not-found,unused-ignore]
 
         self.version = metadata.version("pyorbslam3")
@@ -74,4 +74,4 @@ class OrbSlam3:
         return {"pose": None if pose is None or not np.isfinite(pose).all() else pose.ravel().tolist()}
 
 
-open_peer = OrbSlam3
+open_method = OrbSlam3

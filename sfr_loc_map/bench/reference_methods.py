@@ -1,4 +1,4 @@
-"""What ours is measured against, and how each is started."""
+"""Methods that ours is compared with, and how each is started."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ WORKERS = Path(__file__).parent / "workers"
 
 @dataclass(frozen=True, slots=True)
 class ReferenceMethod:
-    """One contestant.
+    """A localiser or matcher that is benchmarked, ours or another.
 
     Attributes:
         name: Its name in tables.
         worker: Its file in `workers/`.
-        python: Interpreter that has it.
-        background: Whether it goes on working between calls: it runs alone, at the rate of the recording.
-        setup: What its worker needs to know besides the rig.
+        python: Interpreter that has it installed.
+        background: Whether it continues to work between calls: it runs alone, at the rate of the recording.
+        setup: Sent to its worker besides the rig.
     """
 
     name: str
@@ -40,20 +40,20 @@ class ReferenceMethod:
 
 
 @dataclass(frozen=True, slots=True)
-class Peers:
-    """Contestants of a bench, ours first.
+class ReferenceMethods:
+    """Methods of a benchmark, ours first.
 
     Attributes:
-        present: Those that can be run.
-        missing: Why the others cannot, by their names.
+        present: Methods that can be run.
+        missing: Reason why the others cannot be run, by name.
     """
 
     present: tuple[ReferenceMethod, ...]
     missing: Mapping[str, str]
 
 
-def localisation_peers(peer_python: Path | None, vocabulary: Path | None) -> Peers:
-    """Return ours, the plain OpenCV recipe, and ORB-SLAM3 where it is installed.
+def localisation_methods(peer_python: Path | None, vocabulary: Path | None) -> ReferenceMethods:
+    """Return ours, the plain OpenCV odometry, and ORB-SLAM3 where it is installed.
 
     Args:
         peer_python: Interpreter that may have the wheel `pyorbslam3`.
@@ -69,28 +69,28 @@ def localisation_peers(peer_python: Path | None, vocabulary: Path | None) -> Pee
     if reason is None and vocabulary is not None and not vocabulary.is_file():
         reason = f"there is no vocabulary '{vocabulary}'"
     if reason is not None or peer_python is None or vocabulary is None:
-        return Peers(always, {"orbslam3": str(reason)})
+        return ReferenceMethods(always, {"orbslam3": str(reason)})
     setup = {"vocabulary": str(vocabulary.resolve())}
-    return Peers(
-        (*always, ReferenceMethod("orbslam3", "peer_orbslam3.py", peer_python, background=True, setup=setup)), {}
+    return ReferenceMethods(
+        (*always, ReferenceMethod("orbslam3", "reference_orbslam3.py", peer_python, background=True, setup=setup)), {}
     )
 
 
-def mapping_peers(peer_python: Path | None) -> Peers:
+def mapping_methods(peer_python: Path | None) -> ReferenceMethods:
     """Return ours, OpenCV's semi-global matching, and Pandora where it is installed."""
     always = (ReferenceMethod(OURS, "our_mapper.py"), ReferenceMethod("sgbm", "opencv_stereo.py"))
     packages = "pip install 'pandora[sgm]' opencv-python-headless"
     reason = lacks(peer_python, "pandora", packages) or lacks(peer_python, "pandora_plugin_libsgm", packages)
     if reason is not None or peer_python is None:
-        return Peers(always, {"pandora": str(reason)})
-    return Peers((*always, ReferenceMethod("pandora", "peer_pandora.py", peer_python)), {})
+        return ReferenceMethods(always, {"pandora": str(reason)})
+    return ReferenceMethods((*always, ReferenceMethod("pandora", "reference_pandora.py", peer_python)), {})
 
 
 def lacks(python: Path | None, module: str, install: str) -> str | None:
-    """Return why a module cannot be had from an interpreter, None if it can; nothing is imported.
+    """Return why an interpreter cannot import a module, None if it can; nothing is imported.
 
     Raises:
-        BenchError: If that is no interpreter.
+        BenchError: If `python` is not an interpreter.
     """
     if python is None:
         return f"not looked for: give --peer-python, an interpreter with it ({install})"

@@ -1,4 +1,4 @@
-"""The bench of faults: what it counts, and that the localiser stands what it strikes with."""
+"""The benchmark of faults: what it counts, and that the localiser survives the faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfr_loc_map.bench.fault_bench import fault_figures, jump_sigmas
+from sfr_loc_map.bench.fault_benchmark import fault_figures, jump_sigmas
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -27,33 +27,33 @@ def at(x: float) -> Transform:
 
 
 def drive(errors_m: list[float], covariance: FloatArray | None = None) -> tuple[list[PoseEstimate], Trajectory]:
-    """A drive of 1 m a pair, its estimates so much too far on."""
+    """A drive of 1 m a pair, its estimates too far forward by the errors."""
     covariance = np.eye(6) * SIGMA_M**2 / 3 if covariance is None else covariance
     truth = Trajectory.from_poses((k, at(float(k))) for k in range(len(errors_m)))
     poses = [at(k + error) for k, error in enumerate(errors_m)]
     return [PoseEstimate(k, pose, covariance, TrackingState.TRACKING) for k, pose in enumerate(poses)], truth
 
 
-def test_a_jump_is_measured_by_what_was_stated() -> None:
+def test_a_jump_is_measured_in_stated_sigmas() -> None:
     estimates, truth = drive([0.0, 0.0, 0.04, 0.04, 0.04])
     assert jump_sigmas(estimates, truth) == pytest.approx([0.0, 4.0, 0.0, 0.0])
     figures = fault_figures(estimates, truth, SCORING)
-    assert (figures["pairs"], figures["lost"], figures["silent_jumps"]) == (5, 0, 1)
-    assert figures["largest_jump_sigma"] == pytest.approx(4.0)
+    assert (figures.pairs, figures.lost, figures.silent_jumps) == (5, 0, 1)
+    assert figures.largest_jump_sigma == pytest.approx(4.0)
 
 
-def test_what_is_called_lost_is_no_jump_and_is_counted() -> None:
+def test_lost_pairs_are_counted_and_are_no_jumps() -> None:
     estimates, truth = drive([0.0, 0.0, 9.0, 9.0, 0.0, 0.0, 9.0, 0.0])
     gone = (2, 3, 6)
-    said = [
+    reported = [
         replace(e, state=TrackingState.LOST, covariance=lost_covariance()) if e.stamp_ns in gone else e
         for e in estimates
     ]
-    figures = fault_figures(said, truth, SCORING)
-    assert (figures["lost"], figures["longest_lost"], figures["silent_jumps"]) == (3, 2, 0)
+    figures = fault_figures(reported, truth, SCORING)
+    assert (figures.lost, figures.longest_lost, figures.silent_jumps) == (3, 2, 0)
 
 
-def test_the_bench_shows_the_drive_without_and_with_each_fault(
+def test_benchmark_has_the_drive_without_and_with_each_fault(
     long_drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "faults.json"
@@ -78,5 +78,5 @@ def test_the_bench_shows_the_drive_without_and_with_each_fault(
         assert entry["silent_jumps"] == 0, name
         assert entry["longest_lost"] <= 3, name
         assert abs(entry["vertical_offset_px"]) < 0.1, name
-        if not name.startswith("repeated"):  # there the rover goes on unseen
+        if not name.startswith("repeated"):  # there the rover moves unseen
             assert entry["position_m"] < 0.02, name

@@ -21,11 +21,11 @@ PIPELINE: dict[str, dict[str, Any]] = {
     "validation": {"validation_method": "cross_checking_accurate"},
 }
 INVALID = 0b01111000011
-"""Bits of the validity mask that say that a pixel has no disparity."""
+"""Bits of the validity mask of pixels without disparity."""
 
 
 class Pandora:
-    """Gives disparities of the left picture, NaN where none."""
+    """Disparities of the left image, NaN where none."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
         """Load the plugins and warm up on noise."""
@@ -42,7 +42,7 @@ class Pandora:
     def prepare(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8], order: Mapping[str, Any]
     ) -> Callable[[], NDArray[np.float32]]:
-        """Read the pictures in Pandora's way and check the settings; return the call."""
+        """Read the images with Pandora's reader and check the settings; return the call."""
         from pandora.check_configuration import check_conf  # type: ignore[import-not-found,unused-ignore]
         from pandora.img_tools import create_dataset_from_inputs  # type: ignore[import-not-found,unused-ignore]
 
@@ -50,7 +50,7 @@ class Pandora:
             paths = [os.path.join(folder, f"{name}.tif") for name in ("left", "right")]
             for path, image in zip(paths, (left, right), strict=True):
                 cv2.imwrite(path, image)
-            # Pandora's disparity is the column in the right picture less that in the left one
+            # Pandora's disparity is the column in the right image less that in the left one
             sides = (
                 {"img": paths[0], "nodata": -9999, "disp": [1 - self._disparities, 0]},
                 {"img": paths[1], "nodata": -9999, "disp": [0, self._disparities - 1]},
@@ -73,4 +73,4 @@ class Pandora:
         return {}
 
 
-open_peer = Pandora
+open_method = Pandora

@@ -1,4 +1,4 @@
-"""Processes of peers: pictures by a shared file, orders and answers as lines of JSON."""
+"""Processes of methods: images in a shared file, orders and answers as lines of JSON."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.bench.peers import ReferenceMethod
+from sfr_loc_map.bench.reference_methods import ReferenceMethod
 from sfr_loc_map.errors import BenchError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
-PATIENCE_S = 900.0
+ANSWER_TIMEOUT_S = 900.0
 """Longest wait for an answer; some dense matchers take minutes."""
-LEAVE_S = 10.0
+EXIT_TIMEOUT_S = 10.0
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 
 
-class Pictures:
-    """A file with the pair that is worked on."""
+class SharedImages:
+    """A file with the current pair."""
 
     def __init__(self, path: Path, rig: StereoRig) -> None:
         """Make the file for pairs of a rig."""
@@ -38,47 +38,47 @@ class Pictures:
         self._array.flush()
 
 
-class PeerProcess:
-    """A peer's process, warm and waiting when made.
+class MethodProcess:
+    """A method's process, warmed up and waiting once constructed.
 
     Attributes:
-        peer: The peer.
-        version: What it says its version is.
+        method: The method.
+        version: Version that it reports.
         idle_bytes: Its resident memory after warm-up.
     """
 
     def __init__(
-        self, peer: ReferenceMethod, rig: StereoRig, pictures: Pictures, setup: Mapping[str, Any], folder: Path
+        self, method: ReferenceMethod, rig: StereoRig, images: SharedImages, setup: Mapping[str, Any], folder: Path
     ) -> None:
-        """Start it and wait until it is warm.
+        """Start it and wait until it is warmed up.
 
         Args:
-            peer: What to start.
-            rig: Rig of the pictures.
-            pictures: Where the pairs will be.
-            setup: What every worker of this bench is told.
-            folder: Where its messages are kept.
+            method: The method.
+            rig: Rig of the images.
+            images: File of the pairs.
+            setup: Sent to every worker of this benchmark.
+            folder: Folder of its log.
 
         Raises:
-            BenchError: If it does not come up; names its last words.
+            BenchError: If it does not start; the message has its last log line.
         """
-        self.peer = peer
-        self._log = folder / f"{peer.name}.log"
+        self.method = method
+        self._log = folder / f"{method.name}.log"
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                peer.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, bufsize=0
+                method.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, bufsize=0
             )
         self._rest = b""
         camera = {name: getattr(rig, name) for name in CAMERA}
         try:
-            hello = self.ask(camera | {"pictures": str(pictures.path)} | dict(setup) | dict(peer.setup))
+            hello = self.ask(camera | {"images": str(images.path)} | dict(setup) | dict(method.setup))
         except BenchError:
             self.close()
             raise
         self.version, self.idle_bytes = str(hello["version"]), hello["idle_bytes"]
 
     def ask(self, order: Mapping[str, Any]) -> dict[str, Any]:
-        """Give an order and return the answer.
+        """Send an order and return the answer.
 
         Raises:
             BenchError: If the process has ended or does not answer.
@@ -93,12 +93,12 @@ class PeerProcess:
 
     def _line(self) -> bytes:
         assert self._process.stdout is not None
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + ANSWER_TIMEOUT_S
         with selectors.DefaultSelector() as selector:
             selector.register(self._process.stdout, selectors.EVENT_READ)
             while b"\n" not in self._rest:
                 if not selector.select(max(0.0, end - time.monotonic())):
-                    self._fail(f"has not answered for {PATIENCE_S:g} s")
+                    self._fail(f"has not answered for {ANSWER_TIMEOUT_S:g} s")
                 data = os.read(self._process.stdout.fileno(), 65536)
                 if not data:
                     self._fail("has ended")
@@ -107,9 +107,9 @@ class PeerProcess:
         return line
 
     def _fail(self, what: str) -> None:
-        words = self._log.read_text("utf-8", "replace").split("\n")
-        last = next((line.strip() for line in reversed(words) if line.strip()), "it said nothing")
-        raise BenchError(f"peer {self.peer.name} {what}: {last[:300]}")
+        lines = self._log.read_text("utf-8", "replace").split("\n")
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "its log is empty")
+        raise BenchError(f"method {self.method.name} {what}: {last[:300]}")
 
     def close(self) -> None:
         """End the process."""
@@ -117,13 +117,13 @@ class PeerProcess:
         assert self._process.stdout is not None
         self._process.stdin.close()
         try:
-            self._process.wait(LEAVE_S)
+            self._process.wait(EXIT_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
         self._process.stdout.close()
 
-    def __enter__(self) -> PeerProcess:
+    def __enter__(self) -> MethodProcess:
         """Return itself."""
         return self
 

@@ -1,4 +1,4 @@
-"""Figures of disparities, against hand-made pictures and against the suite's own map score."""
+"""Accuracy of disparities, against hand-made images and against the suite's own map score."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from made_scene import NAV_RIG, nav_pair
 
-from sfr_loc_map.bench.disparity_figures import TrueDisparity, disparity_figures, seen_by_both
-from sfr_loc_map.bench.map_bench import true_disparity
+from sfr_loc_map.bench.disparity_accuracy import TrueDisparity, disparity_accuracy, visible_in_both
+from sfr_loc_map.bench.mapping_benchmark import true_disparity
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 from sfr_loc_map.metrics.cloud_error import score_map
 from sfr_loc_map.metrics.cloud_truth import PairTruth
@@ -17,15 +17,15 @@ from sfr_loc_map.metrics.config import MapScoreConfig
 def test_a_box_before_a_wall_hides_as_much_as_it_stands_out() -> None:
     truth = np.full((3, 40), 4.0)
     truth[:, 20:30] = 10.0
-    seen = seen_by_both(truth)
-    # the first four columns have no partner; the box covers columns 10-19 of the right picture, there the wall of 14-23
+    seen = visible_in_both(truth)
+    # the first four columns have no partner; the box covers columns 10-19 of the right image, there the wall of 14-23
     assert np.flatnonzero(~seen[1]).tolist() == [0, 1, 2, 3, 14, 15, 16, 17, 18, 19]
 
 
 def test_slanted_ground_hides_nothing() -> None:
     truth = np.tile(12.0 - 0.3 * np.arange(40), (2, 1)) + 0.5
     inside = np.arange(40) - truth[0] >= 0
-    np.testing.assert_array_equal(seen_by_both(np.where(truth > 0, truth, np.nan))[0], inside & (truth[0] > 0))
+    np.testing.assert_array_equal(visible_in_both(np.where(truth > 0, truth, np.nan))[0], inside & (truth[0] > 0))
 
 
 def test_figures_of_known_errors() -> None:
@@ -36,13 +36,14 @@ def test_figures_of_known_errors() -> None:
     found[1:] += np.float32(0.25)
     found[1, :18] += np.float32(1.25)
     found[2, :9] += np.float32(4.0)
-    figures = disparity_figures([found], [truth], NAV_RIG_10)
-    assert figures["density"] == pytest.approx(0.9)
-    assert figures["bad_1"] == pytest.approx(27 / 900)
-    assert figures["bad_2"] == pytest.approx(9 / 900)
-    assert figures["bias_px"] == pytest.approx(0.25)
-    assert figures["sigma_px"] == 0.0
-    assert figures["mean_abs_px"] == pytest.approx(0.25 + (18 * 1.25 + 9 * 4.0) / 900)
+    accuracy = disparity_accuracy([found], [truth], NAV_RIG_10)
+    assert accuracy.density == pytest.approx(0.9)
+    assert accuracy.errors is not None
+    assert accuracy.errors.bad_1 == pytest.approx(27 / 900)
+    assert accuracy.errors.bad_2 == pytest.approx(9 / 900)
+    assert accuracy.errors.bias_px == pytest.approx(0.25)
+    assert accuracy.errors.sigma_px == 0.0
+    assert accuracy.errors.mean_abs_px == pytest.approx(0.25 + (18 * 1.25 + 9 * 4.0) / 900)
 
 
 NAV_RIG_10 = type(NAV_RIG)(100, 10, 150.0, 150.0, 49.5, 4.5, 0.12)
@@ -53,18 +54,20 @@ def test_spread_is_that_of_a_normal_law() -> None:
     error = np.random.default_rng(3).normal(0.1, 0.3, true.shape)
     truth = TrueDisparity(true, np.ones(true.shape, np.bool_))
     rig = type(NAV_RIG)(500, 400, 150.0, 150.0, 250.0, 200.0, 0.12)
-    figures = disparity_figures([(true + error).astype(np.float32)], [truth], rig)
-    assert figures["sigma_px"] == pytest.approx(0.3, rel=0.01)
-    assert figures["bias_px"] == pytest.approx(0.1, abs=0.005)
+    accuracy = disparity_accuracy([(true + error).astype(np.float32)], [truth], rig)
+    assert accuracy.errors is not None
+    assert accuracy.errors.sigma_px == pytest.approx(0.3, rel=0.01)
+    assert accuracy.errors.bias_px == pytest.approx(0.1, abs=0.005)
 
 
 def test_nothing_found_has_no_errors() -> None:
     truth = true_disparity(nav_pair(0), NAV_RIG, 0)
     assert truth is not None
-    figures = disparity_figures([np.full((120, 160), np.nan, np.float32)], [truth], NAV_RIG)
-    assert figures["density"] == 0.0
-    assert figures["coverage"] == 0.0
-    assert "bad_1" not in figures
+    accuracy = disparity_accuracy([np.full((120, 160), np.nan, np.float32)], [truth], NAV_RIG)
+    assert accuracy.density == 0.0
+    assert accuracy.coverage == 0.0
+    assert accuracy.errors is None
+    assert "bad_1" not in accuracy.to_json()
 
 
 def test_point_errors_and_coverage_are_those_of_the_map_score() -> None:
@@ -73,16 +76,16 @@ def test_point_errors_and_coverage_are_those_of_the_map_score() -> None:
     assert truth is not None
     found = (truth.disparity_px + np.random.default_rng(2).normal(0, 0.4, (120, 160))).astype(np.float32)
     found[::7] = np.nan
-    figures = disparity_figures([found], [truth], NAV_RIG)
+    accuracy = disparity_accuracy([found], [truth], NAV_RIG)
     sigma = np.ones_like(found)
     cloud = cloud_from_disparity(found, sigma, item.pair.left, NAV_RIG, item.T_lm_navsb, 0)
     pair_truth = PairTruth.of(item, NAV_RIG)
     assert pair_truth is not None
     score = score_map(cloud, [pair_truth], MapScoreConfig(), fused=False)["map"]
-    assert figures["coverage"] == pytest.approx(score["coverage"], abs=1e-9)
+    assert accuracy.coverage == pytest.approx(score["coverage"], abs=1e-9)
     for row in score["by_range"]:
-        mine = figures["by_range_m"][f"{row['from_m']:g}-{row['to_m']:g} m"]
-        assert mine["count"] == pytest.approx(row["count"], abs=3)
+        mine = accuracy.by_range_m[f"{row['from_m']:g}-{row['to_m']:g} m"]
+        assert mine.count == pytest.approx(row["count"], abs=3)
         if row["count"]:
-            assert mine["mean"] == pytest.approx(row["mean"], rel=1e-3)
-            assert mine["mean_plus_3sigma"] == pytest.approx(row["mean_plus_3sigma"], rel=1e-3)
+            assert mine.mean == pytest.approx(row["mean"], rel=1e-3)
+            assert mine.mean_plus_3sigma == pytest.approx(row["mean_plus_3sigma"], rel=1e-3)

@@ -1,22 +1,31 @@
-"""Benches from end to end on tiny sources, and peers that are missing or fail."""
+"""Benchmarks from end to end on tiny sources, and methods that are missing or fail."""
 
 from __future__ import annotations
 
 import ast
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from made_scene import LOC_RIG, loc_pair
 
-from sfr_loc_map.bench import peers as peers_module
-from sfr_loc_map.bench.localise_bench import LocaliseBenchSettings, bench_localise
-from sfr_loc_map.bench.peers import WORKERS, Peers, ReferenceMethod, lacks, localisation_peers, mapping_peers
-from sfr_loc_map.bench.process import PeerProcess, Pictures
-from sfr_loc_map.bench.rounds import one_pass
-from sfr_loc_map.bench.score_bench import write_drive
+from sfr_loc_map.bench import reference_methods
+from sfr_loc_map.bench.localisation_benchmark import BenchmarkSettings, benchmark_localisation
+from sfr_loc_map.bench.method_process import MethodProcess, SharedImages
+from sfr_loc_map.bench.passes import PassInput, run_pass
+from sfr_loc_map.bench.reference_methods import (
+    WORKERS,
+    ReferenceMethod,
+    ReferenceMethods,
+    lacks,
+    localisation_methods,
+    mapping_methods,
+)
+from sfr_loc_map.bench.score_benchmark import write_drive
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.errors import BenchError
 from sfr_loc_map.io.registry import open_source
@@ -25,7 +34,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 
 SCORE = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
-PEER = """
+METHOD = """
 import os, sys
 class ReferenceMethod:
     version = "7"
@@ -37,7 +46,7 @@ class ReferenceMethod:
         return lambda: (int(left.sum()), int(right.sum()))
     def report(self, answer, order):
         return {{"pose": None, "sums": answer, "order": order}}
-open_peer = ReferenceMethod
+open_method = ReferenceMethod
 """
 
 
@@ -46,10 +55,16 @@ def sfr(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     return main()
 
 
-def made_peer(folder: Path, *, start: str = "pass", prepare: str = "pass", background: bool = False) -> ReferenceMethod:
+def made_method(
+    folder: Path, *, start: str = "pass", prepare: str = "pass", background: bool = False
+) -> ReferenceMethod:
     path = folder / "made.py"
-    path.write_text(PEER.format(start=start, prepare=prepare), encoding="utf-8")
+    path.write_text(METHOD.format(start=start, prepare=prepare), encoding="utf-8")
     return ReferenceMethod("made", str(path), background=background)  # an absolute path stands for itself
+
+
+def given(count: int) -> PassInput[Mapping[str, Any]]:
+    return PassInput(LOC_RIG, lambda: map(loc_pair, range(count)), {}, lambda report, _: report)
 
 
 def test_localise_shows_ours_and_opencv_and_names_what_is_missing(
@@ -81,18 +96,20 @@ def test_localise_gives_the_accuracy_of_the_suite(
 ) -> None:
     sequence = open_source(drive).loc
     assert sequence is not None
-    ours = Peers(localisation_peers(None, None).present[:1], {})
-    result = bench_localise(sequence, LocalisationConfig(), ours, LocaliseBenchSettings(SCORE, repeat=2))
-    found = result["sizes"][0]["entries"]["ours"]
+    ours = ReferenceMethods(localisation_methods(None, None).present[:1], {})
+    result = benchmark_localisation(sequence, LocalisationConfig(), ours, BenchmarkSettings(SCORE, repeat=2))
+    entry = result.sizes[0].entries["ours"]
     estimate = tmp_path / "estimate.csv"
     assert sfr(monkeypatch, "localise", drive, "-o", estimate, "--start", "truth") == 0
     options = ("--condition", "frames=3", "--spacing", 2, "--json", "-")
     assert sfr(monkeypatch, "score", estimate, drive, *options) == 0
     score = json.loads(capsys.readouterr().out)["trajectory"]
+    assert entry.figures.accuracy is not None
+    errors = entry.figures.accuracy["frames=3"]
     for name in ("position_m", "attitude_deg", "heading_deg"):
-        assert found["accuracy"]["frames=3"][name] == pytest.approx(score[name]["mean_plus_3sigma"], rel=1e-6)
-    assert len(found["runs"]) == 2
-    assert found["runs"][0]["accuracy"] == found["runs"][1]["accuracy"]
+        assert getattr(errors, name) == pytest.approx(score[name]["mean_plus_3sigma"], rel=1e-6)
+    assert len(entry.runs) == 2
+    assert entry.runs[0].accuracy == entry.runs[1].accuracy
 
 
 def test_map_shows_ours_and_sgbm(panorama: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,8 +153,8 @@ def test_made_drive_has_steps_of_five_centimetres(tmp_path: Path) -> None:
     assert np.linalg.norm(truth.positions[-1] - estimate.positions[-1]) > 0.01
 
 
-def test_pictures_arrive_and_noise_of_a_peer_does_no_harm(tmp_path: Path) -> None:
-    done = one_pass([made_peer(tmp_path)], LOC_RIG, lambda: map(loc_pair, range(3)), {}, lambda run, report, _: report)
+def test_images_arrive_and_output_of_a_method_is_ignored(tmp_path: Path) -> None:
+    done = run_pass([made_method(tmp_path)], given(3))
     run = done.runs["made"]
     assert run.version == "7"
     for index, report in enumerate(run.results):
@@ -146,12 +163,12 @@ def test_pictures_arrive_and_noise_of_a_peer_does_no_harm(tmp_path: Path) -> Non
         assert report["order"]["since_start_s"] == pytest.approx(0.1 * index)
 
 
-def test_background_peers_get_their_pairs_at_the_rate(tmp_path: Path) -> None:
+def test_background_methods_get_their_pairs_at_the_rate(tmp_path: Path) -> None:
     import time
 
-    peer, times = made_peer(tmp_path, background=True), []
+    method, times = made_method(tmp_path, background=True), []
     pairs = list(map(loc_pair, range(5)))
-    one_pass([peer], LOC_RIG, lambda: pairs, {}, lambda *_: times.append(time.monotonic()), rate_scale=0.5)
+    run_pass([method], PassInput(LOC_RIG, lambda: pairs, {}, lambda *_: times.append(time.monotonic()), 0.5))
     assert 0.7 < times[-1] - times[0] < 3.0  # four steps of 0.1 s at half the rate
 
 
@@ -163,11 +180,13 @@ def test_background_peers_get_their_pairs_at_the_rate(tmp_path: Path) -> None:
         ("pass", "if order['since_start_s'] > 0.1: sys.exit('out of memory')", "has ended: out of memory"),
     ],
 )
-def test_a_peer_that_fails_is_named_and_the_others_go_on(tmp_path: Path, start: str, prepare: str, words: str) -> None:
-    bad = made_peer(tmp_path, start=start, prepare=prepare)
-    (tmp_path / "good.py").write_text(PEER.format(start="pass", prepare="pass"), encoding="utf-8")
+def test_a_method_that_fails_is_named_and_the_others_go_on(
+    tmp_path: Path, start: str, prepare: str, words: str
+) -> None:
+    bad = made_method(tmp_path, start=start, prepare=prepare)
+    (tmp_path / "good.py").write_text(METHOD.format(start="pass", prepare="pass"), encoding="utf-8")
     good = ReferenceMethod("good", str(tmp_path / "good.py"))
-    done = one_pass([bad, good], LOC_RIG, lambda: map(loc_pair, range(4)), {}, lambda *_: None)
+    done = run_pass([bad, good], given(4))
     assert set(done.failed) == {"made"}
     assert words in done.failed["made"]
     assert len(done.runs["good"].seconds) == 4
@@ -176,39 +195,41 @@ def test_a_peer_that_fails_is_named_and_the_others_go_on(tmp_path: Path, start: 
 def test_ours_must_run(drive: Path, tmp_path: Path) -> None:
     sequence = open_source(drive).loc
     assert sequence is not None
-    broken = ReferenceMethod(peers_module.OURS, made_peer(tmp_path, start="sys.exit('broken')").worker)
+    broken = ReferenceMethod(reference_methods.OURS, made_method(tmp_path, start="sys.exit('broken')").worker)
     with pytest.raises(BenchError, match="ours has ended: broken"):
-        bench_localise(sequence, LocalisationConfig(), Peers((broken,), {}), LocaliseBenchSettings(SCORE))
+        benchmark_localisation(
+            sequence, LocalisationConfig(), ReferenceMethods((broken,), {}), BenchmarkSettings(SCORE)
+        )
 
 
-def test_a_silent_peer_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sfr_loc_map.bench.process.PATIENCE_S", 0.3)
-    monkeypatch.setattr("sfr_loc_map.bench.process.LEAVE_S", 0.3)
-    peer = made_peer(tmp_path, start="import time; time.sleep(60)")
+def test_a_silent_method_times_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfr_loc_map.bench.method_process.ANSWER_TIMEOUT_S", 0.3)
+    monkeypatch.setattr("sfr_loc_map.bench.method_process.EXIT_TIMEOUT_S", 0.3)
+    method = made_method(tmp_path, start="import time; time.sleep(60)")
     with pytest.raises(BenchError, match=r"has not answered for 0\.3 s"):
-        PeerProcess(peer, LOC_RIG, Pictures(tmp_path / "pictures", LOC_RIG), {}, tmp_path)
+        MethodProcess(method, LOC_RIG, SharedImages(tmp_path / "images", LOC_RIG), {}, tmp_path)
 
 
-def test_peers_that_are_not_there_are_named(tmp_path: Path) -> None:
+def test_missing_methods_are_named(tmp_path: Path) -> None:
     here = Path(sys.executable)
-    assert "pip install pyorbslam3" in localisation_peers(None, None).missing["orbslam3"]
-    assert "not installed in" in mapping_peers(here).missing["pandora"]
+    assert "pip install pyorbslam3" in localisation_methods(None, None).missing["orbslam3"]
+    assert "not installed in" in mapping_methods(here).missing["pandora"]
     assert lacks(here, "json", "") is None
     with pytest.raises(BenchError, match="give a Python interpreter"):
         lacks(tmp_path / "none", "json", "")
 
 
 def test_vocabulary_is_asked_for_where_the_wheel_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(peers_module, "lacks", lambda *_: None)
+    monkeypatch.setattr(reference_methods, "lacks", lambda *_: None)
     here = Path(sys.executable)
-    assert "--vocab" in localisation_peers(here, None).missing["orbslam3"]
-    assert "no vocabulary" in localisation_peers(here, tmp_path / "none.txt").missing["orbslam3"]
+    assert "--vocab" in localisation_methods(here, None).missing["orbslam3"]
+    assert "no vocabulary" in localisation_methods(here, tmp_path / "none.txt").missing["orbslam3"]
     (tmp_path / "vocabulary.txt").touch()
-    found = localisation_peers(here, tmp_path / "vocabulary.txt")
-    assert [peer.name for peer in found.present if peer.background] == ["ours", "orbslam3"]
+    found = localisation_methods(here, tmp_path / "vocabulary.txt")
+    assert [method.name for method in found.present if method.background] == ["ours", "orbslam3"]
 
 
-@pytest.mark.parametrize("name", ["loop.py", "measured.py", "peer_orbslam3.py", "peer_pandora.py"])
+@pytest.mark.parametrize("name", ["loop.py", "measured.py", "reference_orbslam3.py", "reference_pandora.py"])
 def test_what_runs_in_another_interpreter_needs_nothing_of_this_package(name: str) -> None:
     tree = ast.parse((WORKERS / name).read_text(encoding="utf-8"))
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
