@@ -14,6 +14,9 @@ Which freedom the compiler has with floating-point arithmetic:
 | `jit_rows`, `jit_rows_inline` | a product and a sum may be contracted | loops over image rows |
 
 NaN keeps its meaning under all of them: it marks what was not observed.
+
+Kernels take structs as `NamedTuple`s. Within a `prange` loop write to arrays only, never to a field of a struct
+(`out.x[i] = ...`): numba takes such a write for dead code and drops it. Bind the field to a name before the loop.
 """
 
 from __future__ import annotations

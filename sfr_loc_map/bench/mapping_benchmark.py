@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.semi_global_matching import search_range
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 
 
 @dataclass(frozen=True, slots=True)

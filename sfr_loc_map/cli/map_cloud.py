@@ -21,6 +21,8 @@ from sfr_loc_map.cli.common import (
 from sfr_loc_map.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sfr_loc_map.geometry.cloud import PointCloud
     from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.pipeline.offline import MapRun
@@ -72,8 +74,7 @@ def map_cloud(
     cloud = run.fused.cloud if fuse else run.unfused
     save_cloud(output, cloud)
     if products:
-        poses = run.fused.T_lm_navsb if fuse else tuple(item.T_lm_navsb for item in run.maps)
-        T_lm_left = [pose @ sequence.rig.T_sb_left for pose in poses]
+        T_lm_left = run.fused.T_lm_left if fuse else tuple(item.view.T_lm_left for item in run.maps)
         _save_products(products, cloud, T_lm_left, sequence.rig.fx, dem)
     if stats is not None:
         save_stats(stats, run.records)
@@ -95,19 +96,19 @@ def _products(output: Path, *, dem: bool, colour: bool, covariance: bool) -> dic
 
 
 def _save_products(
-    products: dict[str, Path], cloud: PointCloud, T_lm_left: list[Transform], focal_px: float, cell_m: float | None
+    products: dict[str, Path], cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float, cell_m: float | None
 ) -> None:
-    from sfr_loc_map.mapping.elevation import covariances, elevation_of
+    from sfr_loc_map.mapping.elevation import elevation_from_cloud, point_covariances
     from sfr_loc_map.pipeline import map_products
 
     if cell_m is not None:
-        model = elevation_of(cloud, T_lm_left, cell_m)
+        model = elevation_from_cloud(cloud, T_lm_left, cell_m)
         map_products.save_elevation(products["dem.npz"], model)
         map_products.save_elevation_figure(products["dem.png"], model)
     if "colour.ply" in products:
         map_products.save_coloured_ply(products["colour.ply"], cloud)
     if "covariance.npz" in products:
-        map_products.save_covariances(products["covariance.npz"], covariances(cloud, T_lm_left, focal_px))
+        map_products.save_covariances(products["covariance.npz"], point_covariances(cloud, T_lm_left, focal_px))
 
 
 def _warnings(run: MapRun) -> list[str]:

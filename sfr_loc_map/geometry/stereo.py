@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.transform import Transform
 
 
@@ -56,6 +57,11 @@ class StereoRig:
     def camera_matrix(self) -> FloatArray:
         """Camera matrix `(3, 3)` of either camera, pixels."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def camera(self) -> StereoCamera:
+        """The cameras as a struct for kernels."""
+        return StereoCamera(self.fx, self.fy, self.cx, self.cy, self.baseline_m)
 
     @property
     def T_sb_left(self) -> Transform:

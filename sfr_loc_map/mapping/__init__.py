@@ -1,1 +1,10 @@
-"""Terrain mapping: a point cloud from up to three stereo pairs."""
+"""Terrain mapping: a point cloud from up to three stereo pairs.
+
+The flow, file by file (`mapper.Mapper` calls them in this order):
+
+    process(pair):  checks -> disparity/semi_global_matching -> disparity/variational_refinement
+                    (rectification_correction, photometric_residual, regularisation, conjugate_gradient)
+                    -> disparity/uncertainty -> disparity/validity (occlusion) -> reprojection
+    fuse(maps):     multiview/registration -> multiview/fusion (view_reprojection, pose_agreement)
+    products:       elevation
+"""

@@ -14,6 +14,8 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 
 MAX_CELLS = 25_000_000
+SLOPE = 0.1
+"""Typical slope of ground: a point displaced along its ray lies over ground that is as much higher or lower."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,13 +37,13 @@ class ElevationModel:
     cell_m: float
 
 
-def elevation_of(cloud: PointCloud, T_lm_left: Sequence[Transform], cell_m: float) -> ElevationModel:
+def elevation_from_cloud(cloud: PointCloud, T_lm_left: Sequence[Transform], cell_m: float) -> ElevationModel:
     """Return the elevation model of a cloud.
 
-    A point that errs by `e` along its ray errs in height by the ray's z component times `e`, and by what the ground
-    rises on that way. Heights of a cell are
-    averaged by the inverse of that variance. Neighbouring points err together, so the mean of a cell is not taken as
-    surer than its points; to their variance comes that of the mean over heights that differ within the cell.
+    An error `e` of a point along its ray is an error of its height of the ray's z component times `e`, and of what the
+    ground rises over the horizontal displacement. Heights of a cell are averaged by the inverse of that variance.
+    Errors of neighbouring points are correlated, so the variance of a cell's mean is that of its points; to it comes
+    that of the mean over heights that differ within the cell.
 
     Args:
         cloud: Points in LM.
@@ -55,15 +57,15 @@ def elevation_of(cloud: PointCloud, T_lm_left: Sequence[Transform], cell_m: floa
         raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
     if len(cloud) == 0:
         raise MappingError("the cloud has no points: an elevation model needs some")
-    place = np.floor(cloud.xyz[:, :2].astype(np.float64) / cell_m).astype(np.int64)
-    first = place.min(axis=0)
-    columns, rows = (int(size) for size in place.max(axis=0) - first + 1)
+    grid = np.floor(cloud.xyz[:, :2].astype(np.float64) / cell_m).astype(np.int64)
+    first = grid.min(axis=0)
+    columns, rows = (int(size) for size in grid.max(axis=0) - first + 1)
     if rows * columns > MAX_CELLS:
         raise MappingError(
             f"cells of {cell_m} m over {columns * cell_m:.0f} x {rows * cell_m:.0f} m are {rows * columns / 1e6:.0f} "
-            f"million: {MAX_CELLS / 1e6:.0f} million are the most; take larger cells or a smaller max_range_m"
+            f"million: {MAX_CELLS / 1e6:.0f} million are the limit; take larger cells or a smaller max_range_m"
         )
-    cell = (place[:, 1] - first[1]) * columns + place[:, 0] - first[0]
+    cell = (grid[:, 1] - first[1]) * columns + grid[:, 0] - first[0]
     height = cloud.xyz[:, 2].astype(np.float64)
     weight = 1.0 / _height_variances(cloud, T_lm_left)
 
@@ -84,10 +86,6 @@ def elevation_of(cloud: PointCloud, T_lm_left: Sequence[Transform], cell_m: floa
     )
 
 
-SLOPE = 0.1
-"""Usual slope of ground: a point that slides along its ray comes to lie over ground that is as much higher or lower."""
-
-
 def _height_variances(cloud: PointCloud, T_lm_left: Sequence[Transform]) -> FloatArray:
     return np.asarray((np.square(rays(cloud, T_lm_left)[:, 2]) + SLOPE**2) * np.square(cloud.sigma, dtype=np.float64))
 
@@ -100,10 +98,10 @@ def rays(cloud: PointCloud, T_lm_left: Sequence[Transform]) -> FloatArray:
     return np.asarray(ray)
 
 
-def covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
+def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
-    Along the ray it is the point's variance. Across, a point stands for its whole pixel: that is a uniform law over a
+    Along the ray it is the point's variance. Across, a point represents its whole pixel: a uniform distribution over a
     square of side `Z / f`, whose variance is `(Z / f)^2 / 12`.
 
     Args:

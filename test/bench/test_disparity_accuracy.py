@@ -78,7 +78,7 @@ def test_point_errors_and_coverage_are_those_of_the_map_score() -> None:
     found[::7] = np.nan
     accuracy = disparity_accuracy([found], [truth], NAV_RIG)
     sigma = np.ones_like(found)
-    cloud = cloud_from_disparity(found, sigma, item.pair.left, NAV_RIG, item.T_lm_navsb, 0)
+    cloud = cloud_from_disparity(found, sigma, item.pair.left, NAV_RIG, item.T_lm_navsb @ NAV_RIG.T_sb_left, 0)
     pair_truth = PairTruth.of(item, NAV_RIG)
     assert pair_truth is not None
     score = score_map(cloud, [pair_truth], MapScoreConfig(), fused=False)["map"]

@@ -14,7 +14,7 @@ Field = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
 
 @dataclass(frozen=True)
 class World:
-    """Pictures of a known disparity field."""
+    """Images of a known disparity field."""
 
     rig: StereoRig
     pair: StereoPair
@@ -44,7 +44,7 @@ def make_world(
     gain: float = 1.0,
     offset: float = 0.0,
 ) -> World:
-    """Render both pictures; the right one's content lies `rows` lower and is `gain` times brighter plus `offset`."""
+    """Render both images; the right one's content lies `rows` lower and is `gain` times brighter plus `offset`."""
     rng = np.random.default_rng([seed, noise_seed])
     v, u = np.mgrid[:height, :width].astype(np.float64)
     left = texture(u, v, seed)

@@ -75,7 +75,7 @@ def test_error_grows_with_noise(world: Any, hills_field: Any) -> None:
 
 
 @pytest.mark.parametrize("rows", [-0.5, 0.25, 0.5])
-def test_row_offset_is_found_and_made_up_for(world: Any, slope_field: Any, rows: float) -> None:
+def test_vertical_disparity_is_measured_and_compensated(world: Any, slope_field: Any, rows: float) -> None:
     made = world(slope_field, rows=rows)
     result = mapped(made)
     assert result.statistics["vertical_offset_px"] == pytest.approx(rows, abs=0.06)
@@ -95,12 +95,12 @@ def test_unequal_exposure_changes_little(world: Any, hills_field: Any) -> None:
 def test_featureless_patch_is_a_hole(world: Any, slope_field: Any) -> None:
     made = world(slope_field, width=384, height=320, noise=3.0)
     rng = np.random.default_rng(9)
-    pictures = []
+    images = []
     for image in (made.pair.left, made.pair.right):
         image = image.copy()
         image[:120] = np.clip(np.rint(rng.normal(150.0, 3.0, (120, image.shape[1]))), 0, 255)
-        pictures.append(image)
-    result = Mapper(made.rig, MappingConfig()).process(StereoPair(0, *pictures), T_LM_NAVSB, 0)
+        images.append(image)
+    result = Mapper(made.rig, MappingConfig()).process(StereoPair(0, *images), T_LM_NAVSB, 0)
     assert np.isfinite(result.disparity_px[:90]).mean() < 0.05
     assert np.isfinite(result.disparity_px[150:, 48:]).mean() > 0.9
 
@@ -166,20 +166,22 @@ def test_range_limits_hold(world: Any, slope_field: Any) -> None:
 
 FAULTS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], str]] = {
     "swapped": (lambda a, b: (b, a), "swapped"),
-    "black right": (lambda a, b: (a, np.zeros_like(b)), "right picture .* is flat"),
-    "white left": (lambda a, b: (np.full_like(a, 255), b), "left picture .* is flat"),
-    "twice the same": (lambda a, b: (a, a), "the same"),
+    "black right": (lambda a, b: (a, np.zeros_like(b)), "right image .* is textureless"),
+    "white left": (lambda a, b: (np.full_like(a, 255), b), "left image .* is textureless"),
+    "twice the same": (lambda a, b: (a, a), "identical"),
     "upside down": (lambda a, b: (a, b[::-1].copy()), "do not match"),
     "rows far off": (lambda a, b: (a, np.roll(b, 12, axis=0)), "do not match"),
 }
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_pictures_that_cannot_match_are_refused_by_name(world: Any, slope_field: Any, name: str) -> None:
+def test_images_that_cannot_match_are_refused_by_name(world: Any, slope_field: Any, name: str) -> None:
     made = world(slope_field, width=384, height=320)
-    spoil, message = FAULTS[name]
+    corrupt, message = FAULTS[name]
     with pytest.raises(MappingError, match=message):
-        Mapper(made.rig, MappingConfig()).process(StereoPair(7, *spoil(made.pair.left, made.pair.right)), T_LM_NAVSB, 0)
+        Mapper(made.rig, MappingConfig()).process(
+            StereoPair(7, *corrupt(made.pair.left, made.pair.right)), T_LM_NAVSB, 0
+        )
 
 
 def test_wrong_size_and_index_are_refused(world: Any, slope_field: Any) -> None:
@@ -261,7 +263,7 @@ def disparity_of(truth: np.ndarray, pose: Transform, rig: StereoRig) -> np.ndarr
 
 
 def seen_by_both(disparity: np.ndarray) -> np.ndarray:
-    """Tell which true points are within the right picture and not behind a nearer one there."""
+    """Tell which true points are within the right image and not behind a nearer one there."""
     rows, cols = disparity.shape
     v, u = np.nonzero(np.isfinite(disparity))
     d = disparity[v, u]

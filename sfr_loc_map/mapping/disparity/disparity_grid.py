@@ -1,6 +1,6 @@
 """The disparity field on a grid of cells, 2 x 2 pixels each.
 
-Half the resolution of the picture is enough for a surface that is tied over several pixels, at a quarter of the cost.
+A surface that is smooth over several pixels needs half the resolution of the image only, at a quarter of the cost.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ F = np.float32
 
 
 @jit_rows
-def cells_of(disparity: FloatImage, jump: np.float32) -> FloatImage:
-    """Return the mean disparity of each cell's nearest surface, NaN for a cell without any `(H/2, W/2)`."""
+def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
+    """Return the mean disparity of each cell's nearest surface `(H/2, W/2)`, NaN for a cell without any."""
     rows, cols = disparity.shape[0] // 2, disparity.shape[1] // 2
     cells = np.empty((rows, cols), F)
     for i in prange(rows):
         for j in range(cols):
-            top = F(-1.0)
+            nearest = F(-1.0)
             for k in range(4):
-                top = max(top, disparity[2 * i + k // 2, 2 * j + k % 2])
+                nearest = max(nearest, disparity[2 * i + k // 2, 2 * j + k % 2])
             total, count = F(0.0), F(0.0)
             for k in range(4):
                 value = disparity[2 * i + k // 2, 2 * j + k % 2]
-                if value > top - jump:
+                if value > nearest - jump:
                     total += value
                     count += F(1.0)
-            cells[i, j] = total / count if count > 0 and top >= 0 else F(np.nan)
+            cells[i, j] = total / count if count > 0 and nearest >= 0 else F(np.nan)
     return cells
 
 
 @jit_rows
-def filled(cells: FloatImage) -> FloatImage:
+def fill_occlusions(cells: FloatImage) -> FloatImage:
     """Return the cells with each hole given the farther of its two neighbours along the row: holes are occlusions."""
     rows, cols = cells.shape
     out = cells.copy()
@@ -62,8 +62,8 @@ def filled(cells: FloatImage) -> FloatImage:
 
 
 @jit_rows
-def levelled(cells: FloatImage, radius: int, jump: np.float32) -> FloatImage:
-    """Return each cell's mean over its neighbours that differ by less than `jump`: noise goes, edges stay."""
+def edge_preserving_mean(cells: FloatImage, radius: int, jump: np.float32) -> FloatImage:
+    """Return each cell's mean over its neighbours that differ by less than `jump`: noise is averaged, edges stay."""
     rows, cols = cells.shape
     out = np.empty_like(cells)
     for i in prange(rows):
@@ -81,12 +81,13 @@ def levelled(cells: FloatImage, radius: int, jump: np.float32) -> FloatImage:
 
 
 @jit_rows_inline
-def _side(value: np.float32, centre: np.float32, jump: np.float32) -> np.float32:
+def _same_surface(value: np.float32, centre: np.float32, jump: np.float32) -> np.float32:
+    """Return the value if it belongs to the surface of `centre`, otherwise `centre`."""
     return centre if abs(value - centre) > jump else value
 
 
 @jit_rows
-def pixels_of(cells: FloatImage, jump: np.float32) -> FloatImage:
+def pixels_from_cells(cells: FloatImage, jump: np.float32) -> FloatImage:
     """Return the field at pixels `(2 h, 2 w)`, bilinear between cell centres but never across a jump."""
     rows, cols = cells.shape
     out = np.empty((2 * rows, 2 * cols), F)
@@ -97,8 +98,8 @@ def pixels_of(cells: FloatImage, jump: np.float32) -> FloatImage:
             j = x // 2
             j2 = min(max(j - 1 + 2 * (x % 2), 0), cols - 1)
             centre = cells[i, j]
-            across = _side(cells[i, j2], centre, jump)
-            along = _side(cells[i2, j], centre, jump)
-            corner = _side(cells[i2, j2], centre, jump)
+            across = _same_surface(cells[i, j2], centre, jump)
+            along = _same_surface(cells[i2, j], centre, jump)
+            corner = _same_surface(cells[i2, j2], centre, jump)
             out[y, x] = F(0.5625) * centre + F(0.1875) * (across + along) + F(0.0625) * corner
     return out

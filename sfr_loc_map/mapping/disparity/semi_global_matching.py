@@ -1,4 +1,4 @@
-"""Initial disparity to a fraction of a pixel by global matching."""
+"""Initial disparity by semi-global matching, to a fraction of a pixel."""
 
 from __future__ import annotations
 
@@ -15,29 +15,32 @@ from sfr_loc_map.mapping.config import MappingConfig
 
 BLOCK = 3
 """Side of the matching block, pixels: small blocks do not fatten the edges of rocks."""
+SPECKLE_PIXELS = 60
+SPECKLE_STEP = 16
+"""Islands of fewer pixels are removed; within one, neighbours differ by at most so many sixteenths of a pixel."""
 
 
 @dataclass(frozen=True, slots=True)
 class SearchRange:
-    """Disparities that are looked for, pixels.
+    """Disparities that are searched, pixels.
 
     Attributes:
-        farthest: Smallest disparity of a point that is kept.
+        min_disparity_px: Smallest disparity of a point that is kept.
         count: Number of whole disparities searched from 0 on, a multiple of 16.
     """
 
-    farthest: float
+    min_disparity_px: float
     count: int
 
 
 def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
     """Return the disparities between the farthest and the nearest depth, `d = fx baseline / Z`.
 
-    No more than half of the picture's width is searched, whatever the nearest depth: what is nearer is seen by one
-    camera alone over most of the picture.
+    No more than half of the image's width is searched, whatever the nearest depth: nearer surfaces are visible to one
+    camera only over most of the image.
 
     Raises:
-        ConfigError: If the depths are in the wrong order or beyond what the rig can tell apart.
+        ConfigError: If the depths are in the wrong order.
     """
     scale = rig.fx * rig.baseline_m
     if config.min_range_m >= config.max_range_m:
@@ -49,16 +52,16 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
     return SearchRange(scale / config.max_range_m, count)
 
 
-def match(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
-    """Return the disparity of the left picture by semi-global matching (Hirschmueller 2008, OpenCV's three-way form).
+def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
+    """Return the disparity of the left image by semi-global matching (Hirschmueller 2008, OpenCV's three-way form).
 
-    Both pictures are padded on the left, so that the columns whose partner may lie outside the right picture are
-    matched as far as it reaches.
+    Both images are padded on the left, so that columns are matched even where a part of the search range lies outside
+    the right image.
 
     Args:
         left: `(H, W)` uint8.
         right: `(H, W)` uint8.
-        count: Disparities 0 to `count - 1` are looked for, a multiple of 16.
+        count: Disparities 0 to `count - 1` are searched, a multiple of 16.
 
     Returns:
         `(H, W)` float32, pixels, steps of 1/16; NaN where the left-right check fails.
@@ -77,7 +80,7 @@ def match(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
     )
     padded = [cv2.copyMakeBorder(image, 0, 0, count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
     fixed = matcher.compute(padded[0], padded[1])[:, count:]
-    cv2.filterSpeckles(fixed, -16, 60, 16)
+    cv2.filterSpeckles(fixed, -16, SPECKLE_PIXELS, SPECKLE_STEP)
     disparity: FloatImage = fixed.astype(np.float32)
     disparity *= np.float32(1.0 / 16.0)
     disparity[fixed < 0] = np.nan

@@ -1,6 +1,8 @@
-"""What the pictures say of the disparity: residuals, brightness, and normal equations."""
+"""The data term: residuals of the warped right image, brightness offset, and normal equations of each cell."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -16,42 +18,61 @@ SMOOTH_SIDE = F(0.1065)
 """Taps of a central difference after a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))` at one pixel."""
 
 
+class NormalEquations(NamedTuple):
+    """Normal equations of a change in disparity, `(H/2, W/2)` float32 each.
+
+    Attributes:
+        information: Sum of `w g^2 / var`, 1 / pixels^2.
+        information_vector: Sum of `w g r / var`, 1 / pixels: information times the least squares change.
+        chi2: Sum of `w r^2 / var`.
+        weight: Sum of the robust weights w.
+    """
+
+    information: FloatImage
+    information_vector: FloatImage
+    chi2: FloatImage
+    weight: FloatImage
+
+
+@jit_rows_inline
+def _cubic(p0: np.float32, p1: np.float32, p2: np.float32, p3: np.float32, t: np.float32) -> np.float32:
+    """Interpolate at `t` between p1 (0) and p2 (1) (Keys 1981, a = -0.5)."""
+    cubic = t * (F(3.0) * (p1 - p2) + p3 - p0)
+    square = t * (F(2.0) * p0 - F(5.0) * p1 + F(4.0) * p2 - p3 + cubic)
+    value: np.float32 = p1 + F(0.5) * t * (p2 - p0 + square)
+    return value
+
+
 @jit_rows
-def residual_of(left: FloatImage, right: FloatImage, disparity: FloatImage) -> FloatImage:
-    """Return the right picture at `u - d` (Keys 1981, a = -0.5) minus the left one; NaN outside the right picture."""
+def photometric_residual(left: FloatImage, right: FloatImage, disparity: FloatImage) -> FloatImage:
+    """Return the right image at `u - d` minus the left one `(H, W)`, grey levels; NaN outside the right image."""
     rows, cols = left.shape
     out = np.empty((rows, cols), F)
     for y in prange(rows):
         for x in range(cols):
-            place = F(x) - disparity[y, x]
-            if not (place >= 0 and place <= cols - 1):
+            u = F(x) - disparity[y, x]
+            if not (u >= 0 and u <= cols - 1):
                 out[y, x] = F(np.nan)
                 continue
-            k = int(place)
-            t = place - F(k)
+            k = int(u)
             p0, p1 = right[y, max(k - 1, 0)], right[y, k]
             p2, p3 = right[y, min(k + 1, cols - 1)], right[y, min(k + 2, cols - 1)]
-            cubic = t * (F(3.0) * (p1 - p2) + p3 - p0)
-            square = t * (F(2.0) * p0 - F(5.0) * p1 + F(4.0) * p2 - p3 + cubic)
-            out[y, x] = p1 + F(0.5) * t * (p2 - p0 + square) - left[y, x]
+            out[y, x] = _cubic(p0, p1, p2, p3, u - F(k)) - left[y, x]
     return out
 
 
 @jit_rows
-def rows_shifted(image: FloatImage, shift: FloatImage) -> FloatImage:
-    """Return the picture at `v + shift` (Keys 1981, a = -0.5), `shift` `(H, W)` in pixels."""
+def shift_rows(image: FloatImage, shift: FloatImage) -> FloatImage:
+    """Return the image at `v + shift`, `shift` `(H, W)` in pixels; the border is repeated."""
     rows, cols = image.shape
     out = np.empty((rows, cols), F)
     for y in prange(rows):
         for x in range(cols):
-            place = min(max(F(y) + shift[y, x], F(0.0)), F(rows - 1))
-            k = int(place)
-            t = place - F(k)
+            v = min(max(F(y) + shift[y, x], F(0.0)), F(rows - 1))
+            k = int(v)
             p0, p1 = image[max(k - 1, 0), x], image[k, x]
             p2, p3 = image[min(k + 1, rows - 1), x], image[min(k + 2, rows - 1), x]
-            cubic = t * (F(3.0) * (p1 - p2) + p3 - p0)
-            square = t * (F(2.0) * p0 - F(5.0) * p1 + F(4.0) * p2 - p3 + cubic)
-            out[y, x] = p1 + F(0.5) * t * (p2 - p0 + square)
+            out[y, x] = _cubic(p0, p1, p2, p3, v - F(k))
     return out
 
 
@@ -73,8 +94,11 @@ def cell_means(residual: FloatImage, limit: np.float32) -> FloatImage:
 
 
 @jit_rows
-def template_of(left: FloatImage, residual: FloatImage, offset: FloatImage, limit: np.float32) -> FloatImage:
-    """Return the mean of the left and the warped right picture, brightness offset removed; left where they differ."""
+def mean_template(left: FloatImage, residual: FloatImage, offset: FloatImage, limit: np.float32) -> FloatImage:
+    """Return the mean of the left and the warped right image, brightness offset removed.
+
+    It is the left image alone where the two differ by `limit` or more.
+    """
     rows, cols = left.shape
     out = np.empty((rows, cols), F)
     for y in prange(rows):
@@ -85,34 +109,31 @@ def template_of(left: FloatImage, residual: FloatImage, offset: FloatImage, limi
 
 
 @jit_rows_inline
-def _slope(picture: FloatImage, y: int, x: int) -> np.float32:
-    near: np.float32 = picture[y, x + 1] - picture[y, x - 1]
-    far: np.float32 = picture[y, x + 2] - picture[y, x - 2]
+def _slope(image: FloatImage, y: int, x: int) -> np.float32:
+    near: np.float32 = image[y, x + 1] - image[y, x - 1]
+    far: np.float32 = image[y, x + 2] - image[y, x - 2]
     return DERIVATIVE_NEAR * near + DERIVATIVE_FAR * far
 
 
 @jit_rows
 def normal_equations(
-    template: FloatImage,
-    residual: FloatImage,
-    offset: FloatImage,
-    inverse_variance: FloatImage,
-    tail: np.float32,
-    out: FloatImage,
-) -> None:
-    """Sum each cell's normal equations of a shift in disparity (Lucas and Kanade 1981), robustly weighted.
+    template: FloatImage, residual: FloatImage, offset: FloatImage, inverse_variance: FloatImage, tail: np.float32
+) -> NormalEquations:
+    """Return each cell's normal equations of a change in disparity (Lucas and Kanade 1981), robustly weighted.
 
-    `r(d + s) = r(d) - g s` with g the slope along the row; weight `1 / (1 + tail e^2 / variance)`.
+    `r(d + s) = r(d) - g s` with g the slope along the row; weight `1 / (1 + tail r^2 / variance)`.
 
     Args:
         template: `(H, W)`, whose slope is g.
-        residual: `(H, W)`, NaN where the partner lies outside.
+        residual: `(H, W)`, NaN where the corresponding pixel lies outside the right image.
         offset: `(H/2, W/2)`, brightness offset of the residual.
         inverse_variance: `(H/2, W/2)` of a residual.
         tail: How soon large residuals lose weight.
-        out: `(4, H/2, W/2)`, filled: sums of `w g^2 / var`, `w g r / var`, `w r^2 / var` and `w`.
     """
     height, width = template.shape
+    information = np.empty((height // 2, width // 2), F)
+    information_vector, chi2 = np.empty_like(information), np.empty_like(information)
+    weights = np.empty_like(information)
     for i in prange(height // 2):
         for j in range(width // 2):
             hessian, gradient, square, weight_sum = F(0.0), F(0.0), F(0.0), F(0.0)
@@ -131,7 +152,8 @@ def normal_equations(
                 gradient += weight * slope * value
                 square += weight * level
                 weight_sum += weight
-            out[0, i, j] = hessian * inverse
-            out[1, i, j] = gradient * inverse
-            out[2, i, j] = square
-            out[3, i, j] = weight_sum
+            information[i, j] = hessian * inverse
+            information_vector[i, j] = gradient * inverse
+            chi2[i, j] = square
+            weights[i, j] = weight_sum
+    return NormalEquations(information, information_vector, chi2, weights)

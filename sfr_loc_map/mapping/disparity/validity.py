@@ -1,0 +1,100 @@
+"""Which disparities are valid: visible to both cameras, textured, alike in both images, on the right surface."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.mapping.disparity.filters import box_mean, upsample_nearest
+from sfr_loc_map.mapping.disparity.occlusion import (
+    NEIGHBOURHOOD,
+    SupportWeights,
+    matching_cost_margin,
+    occlusion_mask,
+)
+from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION
+from sfr_loc_map.mapping.disparity.variational_refinement import JUMP_PX, RefinedDisparity
+from sfr_loc_map.mapping.robust import MAD_TO_SIGMA
+
+F = np.float32
+
+MIN_TEXTURE = F(0.06)
+"""Mean information of a cell beyond that of noise below which a region counts as textureless."""
+TEXTURE_CELLS = 13
+MAX_CHI2_PER_DOF = F(4.0)
+"""Mean square of normalised residuals in 5 x 5 pixels beyond which a match is doubtful."""
+MAX_SQUARE = F(36.0)
+"""Squares of single normalised residuals are clipped to this, unknown ones take it."""
+MAX_CONTRAST_SHARE = F(0.7)
+"""Share of the image's own variance that a doubtful match's residuals must reach to be wrong; 2 is no correlation."""
+MAX_CHANGE_PX = 1.5
+"""Refinement may change a disparity by this, or by five times the typical change if that is more."""
+JUMP_RANGE_PX = F(1.5)
+"""Disparities of 3 x 3 pixels that span more are a jump; pixels up to `NEIGHBOURHOOD` from it are beside it."""
+GREY_SCALE, DISTANCE_SCALE_PX = 8.0, 3.0
+SUPPORT_RADIUS = 4
+"""Neighbours of similar grey level support a pixel: where their weight is 1/e, and the radius of the window."""
+MARGIN_PER_SIGMA = F(4.0)
+MARGIN_OFFSET = F(3.0)
+"""Margin in matching cost by which a pixel beside a jump must prefer its own surface, in standard deviations of noise:
+so much per pixel of its own sigma, less the offset. The weaker a match, the larger the margin it needs."""
+SPECKLE_PIXELS = 80
+
+
+def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatImage, sigma_px: FloatImage) -> Mask:
+    """Tell which pixels `(H, W)` have a valid disparity.
+
+    Invalid are pixels that the matcher left out, that refinement moved far, that are occluded in the right image, have
+    no texture, differ between the images, match a surface beyond an edge nearly as well as their own, or stand alone.
+    """
+    disparity = refined.disparity_px
+    change = np.abs(disparity - initial_px)
+    matched = np.isfinite(initial_px)
+    if not matched.any():
+        return matched
+    valid = matched & (change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * float(np.nanmedian(change))))
+    valid &= ~occlusion_mask(disparity, valid, JUMP_PX)
+    valid &= _textured(refined) & _similar(left, refined)
+    queried = _beside_jump(disparity) & valid
+    margin = matching_cost_margin(left, refined.right, disparity, matched, queried, _support_weights())
+    valid &= margin > F(refined.noise) * (MARGIN_PER_SIGMA * sigma_px - MARGIN_OFFSET)
+    return _without_speckles(disparity, valid)
+
+
+def _textured(refined: RefinedDisparity) -> Mask:
+    height, width = refined.disparity_px.shape
+    texture = upsample_nearest(box_mean(refined.information, TEXTURE_CELLS))[:height, :width]
+    return np.asarray(texture > NOISE_INFORMATION + MIN_TEXTURE)
+
+
+def _similar(left: FloatImage, refined: RefinedDisparity) -> Mask:
+    """Tell where residuals are no larger than their noise explains, or small against the image's contrast."""
+    square = np.minimum(refined.normalised_residual * refined.normalised_residual, MAX_SQUARE)
+    square[np.isnan(square)] = MAX_SQUARE
+    chi2_per_dof = box_mean(square, 5)
+    contrast = box_mean(np.square(left), 7) - np.square(box_mean(left, 7))
+    doubtful = chi2_per_dof > MAX_CHI2_PER_DOF
+    wrong = chi2_per_dof * F(refined.noise * refined.noise) > MAX_CONTRAST_SHARE * contrast
+    return np.asarray(~(doubtful & wrong))
+
+
+def _beside_jump(disparity: FloatImage) -> Mask:
+    square = np.ones((3, 3), np.uint8)
+    jump = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F) > JUMP_RANGE_PX
+    wide = np.ones((2 * NEIGHBOURHOOD + 1,) * 2, np.uint8)
+    return np.asarray(cv2.dilate(jump.astype(np.uint8), wide)).astype(np.bool_)
+
+
+def _support_weights() -> SupportWeights:
+    axis = np.arange(-SUPPORT_RADIUS, SUPPORT_RADIUS + 1, dtype=np.float64)
+    distance = np.hypot(axis[:, None], axis[None])
+    by_grey = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
+    return SupportWeights(by_grey, np.exp(-distance / DISTANCE_SCALE_PX).astype(F))
+
+
+def _without_speckles(disparity: FloatImage, valid: Mask) -> Mask:
+    """Leave out small islands: a few pixels that agree with nothing around them."""
+    fixed = np.where(valid, np.rint(disparity * F(16.0)), F(-16.0)).astype(np.int16)
+    cv2.filterSpeckles(fixed, -16, SPECKLE_PIXELS, 16)
+    return fixed >= 0

@@ -1,0 +1,182 @@
+"""Registration of views: the motion of a pair that makes it agree with other pairs where they overlap."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.multiview.pose_agreement import MIN_OVERLAP
+from sfr_loc_map.mapping.multiview.view import View
+from sfr_loc_map.mapping.multiview.view_reprojection import ReprojectedPoints, ViewImages, reproject_into_view
+from sfr_loc_map.mapping.robust import mad_sigma
+
+POINTS = 10_000
+BLURS_PX = (12.0, 5.0, 2.0, 0.7)
+"""Images are compared at these scales, coarse to fine, so that a degree (a dozen pixels) can be compensated."""
+ITERATIONS = 6
+DERIVATIVE_STEPS = np.array([2e-4] * 3 + [1e-3] * 3)
+"""Steps of numerical derivatives, radians and metres."""
+CONVERGED_STEP = 1e-5
+"""Radians and metres: less than what the last image row of a pair can show."""
+PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
+"""Standard deviations of a pose error, radians and metres: where rotation and translation look alike, they share."""
+TAIL = 3.0
+"""Residuals of so many standard deviations have half their weight."""
+MAX_ROTATION_DEG, MAX_TRANSLATION_M = 2.0, 0.1
+"""Poses that would have to be moved farther are left as given, with a warning."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """Views with poses that fit each other.
+
+    Attributes:
+        views: The views.
+        statistics: How far each pose was moved, by name.
+        warnings: What could not be done, one line each.
+    """
+
+    views: Sequence[View]
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseCorrection:
+    """Motion that a pose needs.
+
+    Attributes:
+        T_left_left: Takes points of the left optical frame as posed to where they should be in that frame.
+    """
+
+    T_left_left: Transform
+
+    @property
+    def rotation_deg(self) -> float:
+        """Its angle."""
+        return float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(self.T_left_left.rotation))))
+
+    @property
+    def translation_m(self) -> float:
+        """Its length."""
+        return float(np.linalg.norm(self.T_left_left.translation))
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether it is within the bounds."""
+        return self.rotation_deg <= MAX_ROTATION_DEG and self.translation_m <= MAX_TRANSLATION_M
+
+
+def register_views(views: Sequence[View], rig: StereoRig) -> Registration:
+    """Return views with the second and third moved to fit those before; poses of pairs without overlap stay."""
+    registered, statistics, warnings = [views[0]], {}, []
+    for number, view in enumerate(views[1:], start=1):
+        correction = estimate_correction(registered, view, rig)
+        if correction is not None:
+            statistics[f"pose_turned_deg_{number}"] = correction.rotation_deg
+            statistics[f"pose_moved_m_{number}"] = correction.translation_m
+            if correction.is_plausible:
+                view = view.with_pose(view.T_lm_left @ correction.T_left_left)
+            else:
+                warnings.append(
+                    f"pair {number} would fit if moved by {correction.rotation_deg:.1f} deg and "
+                    f"{correction.translation_m:.2f} m: that is beyond {MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} "
+                    "m, its pose is left as given"
+                )
+        registered.append(view)
+    return Registration(registered, statistics, tuple(warnings))
+
+
+def estimate_correction(fixed: Sequence[View], moved: View, rig: StereoRig) -> PoseCorrection | None:
+    """Return the motion of a view that makes it agree best with others, None where they overlap too little.
+
+    Ranges and grey levels of the others' points are compared with those of the view where they fall; six parameters,
+    robust least squares (Gauss-Newton, numerical derivatives), coarse to fine in the images.
+
+    Args:
+        fixed: Views whose poses are taken as right.
+        moved: The view.
+        rig: Rig of all.
+    """
+    images = ViewImages(moved.disparity_px, moved.weight_image(), moved.grey_image())
+    clouds = [_common_points(view, moved, images, rig) for view in fixed]
+    if sum(len(cloud) for cloud in clouds) < MIN_OVERLAP:
+        return None
+    pose = moved.T_lm_left
+    for blur in BLURS_PX:
+        blurred = images._replace(grey=moved.grey_image(blur))
+        points = _with_grey(clouds, [view.grey_image(blur) for view in fixed])
+        for _ in range(ITERATIONS):
+            step = _gauss_newton_step(points, blurred, pose, moved.T_lm_left, rig)
+            if step is None:
+                return None
+            pose = pose @ _motion(step)
+            if np.abs(step).max() < CONVERGED_STEP:
+                break
+    return PoseCorrection(moved.T_lm_left.inverse() @ pose)
+
+
+def _common_points(view: View, moved: View, images: ViewImages, rig: StereoRig) -> PointCloud:
+    """Return an even choice of a view's points that the other sees as well, as posed now."""
+    index = reproject_into_view(view.cloud, moved.T_lm_left, images, rig).index
+    return view.cloud.select(index[:: max(1, len(index) // POINTS)])
+
+
+def _with_grey(clouds: Sequence[PointCloud], images: Sequence[FloatImage]) -> PointCloud:
+    """Return all points with the grey level of the smoothed images."""
+    pairs = zip(clouds, images, strict=True)
+    return PointCloud.concatenate([replace(cloud, intensity=image[cloud.v, cloud.u]) for cloud, image in pairs])
+
+
+def _motion(parameters: FloatArray) -> Transform:
+    return Transform(matrix_from_rotvec(parameters[:3]), parameters[3:].copy())
+
+
+def _gauss_newton_step(
+    points: PointCloud, images: ViewImages, pose: Transform, given: Transform, rig: StereoRig
+) -> FloatArray | None:
+    """Return one step `(6,)`: rotation vector and translation in the left optical frame; None for too few points.
+
+    Args:
+        points: Of the fixed views.
+        images: Of the moved view.
+        pose: Of its left camera now.
+        given: The same before registration: the mean of the prior.
+        rig: Rig of all.
+    """
+
+    def residuals(parameters: FloatArray) -> FloatArray:
+        return _residuals(points, reproject_into_view(points, pose @ _motion(parameters), images, rig))
+
+    present = residuals(np.zeros(6))
+    differences = [(residuals(h) - residuals(-h)) / (2.0 * h.sum()) for h in np.diag(DERIVATIVE_STEPS)]
+    jacobian = np.stack(differences, axis=2)
+    moved = given.inverse() @ pose
+    information = 1.0 / np.square(PRIOR_SIGMAS)
+    normal = np.diag(information)
+    rhs = -information * np.concatenate((rotvec_from_matrix(moved.rotation), moved.translation))
+    for r, j in zip(present, jacobian, strict=True):
+        known = np.isfinite(r) & np.isfinite(j).all(axis=1)
+        if known.sum() < MIN_OVERLAP:
+            return None
+        r, j = r[known], j[known]
+        scale = mad_sigma(r) + 1e-6
+        weighted = j * (1.0 / (1.0 + np.square(r / (TAIL * scale))) / scale**2)[:, None]
+        normal = normal + weighted.T @ j
+        rhs = rhs - weighted.T @ r
+    return np.asarray(np.linalg.solve(normal, rhs))
+
+
+def _residuals(points: PointCloud, seen: ReprojectedPoints) -> FloatArray:
+    """Return differences of range over standard deviation, and of grey level `(2, N)`; NaN where there are none."""
+    out = np.full((2, len(points)), np.nan)
+    out[0, seen.index] = seen.difference / np.sqrt(np.square(points.sigma[seen.index]) + np.square(seen.deviation))
+    out[1, seen.index] = seen.grey_difference
+    return out
