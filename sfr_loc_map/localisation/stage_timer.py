@@ -1,4 +1,4 @@
-"""How long the stages of a call took."""
+"""Time that the stages of a call took."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-class Stages:
-    """Adds up the time of each stage.
+class StageTimer:
+    """Sums the time of each stage of one call.
 
     Attributes:
         seconds: Time of each stage by name.
     """
 
     def __init__(self) -> None:
-        """Start with none."""
+        """Start without stages."""
         self.seconds: dict[str, float] = {}
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
-        """Take the time of a stage."""
+        """Time the block as part of a stage, also where it raises."""
         start = time.perf_counter()
         try:
             yield

@@ -13,7 +13,7 @@ from sfr_loc_map.errors import InputError, OutputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.pose_covariance import UNSEEN_SIGMA, Start
+from sfr_loc_map.localisation.covariance_model import UNSEEN_SIGMA, Start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class KnownPose:
 
     def added_covariance(self, T_ds_rb: Transform) -> FloatArray:
         """Return what the covariance of a start at this pose, `(6, 6)`, makes of that of a later pose."""
-        return Start(self.T_ds_rb.translation, self.covariance).carried_to(T_ds_rb.translation)
+        return Start(self.T_ds_rb.translation, self.covariance).propagated_to(T_ds_rb.translation)
 
 
 class PoseFile:

@@ -1,0 +1,70 @@
+"""Active landmarks: the ones that are tracked in each pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
+from sfr_loc_map.localisation.frontend.patch_tracking import HALF
+
+BORDER = HALF + 4
+"""Pixels along the image edges where no landmark is made: its patch with the gradients must fit."""
+MIN_INVERSE_DEPTH = 1e-6
+"""Inverse depth, 1/m, up to which a landmark is at infinity."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Landmarks:
+    """Active landmarks as arrays, each a host pixel with an inverse depth in its host keyframe.
+
+    Attributes:
+        index: `(M,)` rows in the sliding window.
+        host_rotations: `(M, 3, 3)` host cameras to world.
+        host_positions: `(M, 3)` host cameras in the world, metres.
+        uv: `(M, 2)` host pixels of the patch centres.
+        rays: `(M, 3)` host rays `K^-1 (u, v, 1)` of the estimated host pixels.
+        inverse_depth: `(M,)` 1/m.
+        slopes: `(M, 2)` change of the inverse depth per pixel, 1/m.
+        covariance: `(M, 3, 3)` of host pixel and inverse depth given the poses, px and 1/m.
+        patches: One array `(M, 3, S * S)` per pyramid level.
+        last_seen: `(M, 4)` u, v left, u, v right in the newest keyframe; NaN where not observed.
+    """
+
+    index: NDArray[np.intp]
+    host_rotations: FloatArray
+    host_positions: FloatArray
+    uv: FloatArray
+    rays: FloatArray
+    inverse_depth: FloatArray
+    slopes: FloatArray
+    covariance: FloatArray
+    patches: list[NDArray[np.float32]]
+    last_seen: FloatArray
+
+    @classmethod
+    def none(cls) -> Landmarks:
+        """Return no landmarks, as before the first pair."""
+        vectors, matrices = np.zeros((0, 3)), np.zeros((0, 3, 3))
+        no_uv, no_patches = np.zeros((0, 2)), [np.zeros((0, 3, 0), np.float32)] * LEVELS
+        index, depth = np.zeros(0, np.intp), np.zeros(0)
+        return cls(index, matrices, vectors, no_uv, vectors, depth, no_uv, matrices, no_patches, np.zeros((0, 4)))
+
+    def __len__(self) -> int:
+        """Return their number."""
+        return len(self.index)
+
+    @property
+    def points(self) -> FloatArray:
+        """Points `(M, 3)` in the world, metres; NaN at infinity."""
+        inverse_depth = np.where(self.inverse_depth > MIN_INVERSE_DEPTH, self.inverse_depth, np.nan)
+        directions = np.einsum("nij,nj->ni", self.host_rotations, self.rays)
+        return np.asarray(directions / inverse_depth[:, None] + self.host_positions)
+
+    @property
+    def median_depth(self) -> float:
+        """Median depth in the host cameras, metres, at most 1 km; 0 without landmarks."""
+        return 1.0 / max(float(np.median(self.inverse_depth)), 1e-3) if len(self) else 0.0
