@@ -9,7 +9,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import skew
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import LocalisationConfig
 
@@ -63,7 +63,7 @@ class CovarianceModel:
 
     def after_gap(self, position: FloatArray, in_window: FloatArray) -> FloatArray:
         """Return the covariance `(6, 6)` of a new window's start at the last known position, after lost tracking."""
-        return in_window + self._start.propagated_to(position) + np.diag(np.square(UNSEEN_SIGMA))
+        return np.asarray(in_window + self._start.propagated_to(position) + np.diag(np.square(UNSEEN_SIGMA)))
 
     def step(self, step: FloatArray, depth_m: float, right_offset_u: float) -> None:
         """Extend the path.

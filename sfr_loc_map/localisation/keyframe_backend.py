@@ -102,7 +102,7 @@ class KeyframeBackend:
         return found
 
     def wants_keyframe(self, result: TrackingResult) -> bool:
-        """Tell whether a tracked pair shall be a keyframe: few landmarks of the last one are left, or they moved far."""
+        """Tell whether a pair shall be a keyframe: few landmarks of the last one are left, or they moved far."""
         flow = result.flow_px
         seen_by_keyframe = int(np.isfinite(self.landmarks.last_seen[:, 0]).sum())
         if len(flow) < self._config.keyframe_share * seen_by_keyframe:

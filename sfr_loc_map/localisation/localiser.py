@@ -84,7 +84,7 @@ class Localiser:
 
         Args:
             pair: Images of the rig's size.
-            motion: Motion of RB since the last pair, `T_before_now`, by another source as wheel odometry: one more guess.
+            motion: One more initial guess, as by wheel odometry: motion of RB since the last pair, `T_before_now`.
 
         Raises:
             LocalisationError: If the pair does not have the rig's size.

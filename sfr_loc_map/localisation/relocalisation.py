@@ -188,9 +188,7 @@ def _sift(image: GreyImage, uv: FloatArray) -> NDArray[np.float32]:
     return np.asarray(descriptors, dtype=np.float32)
 
 
-def _pnp(
-    points: FloatArray, uv: FloatArray, camera: FloatArray, *, iterations: int, min_inliers: float
-) -> Pose | None:
+def _pnp(points: FloatArray, uv: FloatArray, camera: FloatArray, *, iterations: int, min_inliers: float) -> Pose | None:
     """Return the pose from points `(N, 3)` at pixels `(N, 2)` by random samples; None where too few agree."""
     fx, fy, cx, cy = camera
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])

@@ -357,7 +357,7 @@ class LocalisationNode(ManagedNode):
     def _publish_debug_picture(self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate) -> None:
         """Show what was found in the left picture, where somebody wants to see it."""
         if self._debug_picture.get_subscription_count():
-            picture = draw_tracks(pair.left, localiser.last_tracked, estimate)
+            picture = draw_tracks(pair.left, localiser.last_result, estimate)
             self._debug_picture.publish(image_msg(picture, header_msg(pair.stamp_ns, "")))
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:

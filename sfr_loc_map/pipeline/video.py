@@ -43,7 +43,7 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
             raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
 
         def watch(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
-            writer.write(draw_tracks(pair.left, localiser.last_tracked, estimate))
+            writer.write(draw_tracks(pair.left, localiser.last_result, estimate))
 
         try:
             yield watch

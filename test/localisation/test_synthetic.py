@@ -35,7 +35,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.relocalisation import WellSeen, pose_by_descriptors
+from sfr_loc_map.localisation.relocalisation import RelocalisationKeyframe, pnp_from_descriptors
 
 DRIVE = [loc_pair(index) for index in range(40)]
 BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -135,7 +135,7 @@ def test_bits_do_not_depend_on_how_fast_pairs_come(estimates: list[PoseEstimate]
 
 
 def test_stages_of_a_call_are_timed(estimates: list[PoseEstimate]) -> None:
-    keyframes = np.array([e.statistics.get("keyframes", 0.0) for e in estimates])
+    keyframes = np.array([e.statistics.keyframes or 0 for e in estimates])
     for index, estimate in enumerate(estimates):
         assert all(seconds >= 0.0 for seconds in estimate.stage_s.values())
         assert {"wait", "pyramid"} <= set(estimate.stage_s)
@@ -143,6 +143,21 @@ def test_stages_of_a_call_are_timed(estimates: list[PoseEstimate]) -> None:
         assert ("keyframe" in estimate.stage_s) == after_keyframe or index < 3
     assert sum("keyframe" in e.stage_s for e in estimates) >= 3
     assert estimates[5].figures["stage_align_s"] == estimates[5].stage_s["align"]
+
+
+def test_an_estimate_keeps_its_stage_times_whatever_follows() -> None:
+    by = localiser()
+    for index in range(4):  # until a keyframe is in work
+        estimate = by.process(DRIVE[index])
+        before = dict(estimate.stage_s)
+        by.set_pose(true_pose(index))
+        assert dict(estimate.stage_s) == before
+    estimate = by.process(DRIVE[4])
+    before = dict(estimate.stage_s)
+    by.reset(true_pose(0))
+    assert dict(estimate.stage_s) == before
+    with pytest.raises(TypeError):
+        estimate.stage_s["wait"] = 0.0  # type: ignore[index]
 
 
 def test_the_start_moves_the_whole_trajectory(estimates: list[PoseEstimate]) -> None:
@@ -272,7 +287,7 @@ from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 
-names = [f"{package.__name__}.{info.name}" for info in pkgutil.iter_modules(package.__path__)]
+names = [info.name for info in pkgutil.walk_packages(package.__path__, package.__name__ + ".")]
 modules = [importlib.import_module(name) for name in names]
 
 def signatures():
@@ -320,7 +335,7 @@ def test_a_pair_that_comes_again_says_that_the_rover_may_have_gone_on() -> None:
     estimates = run([DRIVE[0], DRIVE[1], DRIVE[2], replace(DRIVE[2], stamp_ns=DRIVE[3].stamp_ns), DRIVE[4]])
     again, step = estimates[3], np.linalg.norm(true_pose(2).translation - true_pose(1).translation)
     assert again.state is TrackingState.TRACKING
-    assert again.statistics["repeated"] == 1.0
+    assert again.statistics.repeated == 1
     np.testing.assert_array_equal(again.T_ds_rb.matrix, estimates[2].T_ds_rb.matrix)
     assert np.sqrt(again.covariance[0, 0]) > 0.9 * step > 5 * np.sqrt(estimates[2].covariance[0, 0])
     assert errors(estimates[4], true_pose(4))[0] < 0.003
@@ -339,18 +354,19 @@ def test_found_again_after_a_gap() -> None:
     assert errors(estimates[-1], true_pose(21))[0] < 0.01
 
 
-def test_pose_by_descriptors_from_afar() -> None:
+def test_pnp_from_descriptors_from_afar() -> None:
     first, now = (true_pose(index) @ LOC_RIG.T_rb_left for index in (0, 20))
     left, other = DRIVE[0].left, DRIVE[20].left
     corners, found = (find_corners(image.astype(np.float32), np.zeros((0, 2)), 400, 20) for image in (left, other))
     points = wall_points(first, LOC_RIG)[corners[:, 1].astype(int), corners[:, 0].astype(int)]
     camera = np.array([LOC_RIG.fx, LOC_RIG.fy, LOC_RIG.cx, LOC_RIG.cy])
-    pose = pose_by_descriptors(WellSeen(left, corners, points), other, found, camera, 20)
+    keyframe = RelocalisationKeyframe(left, corners, points)
+    pose = pnp_from_descriptors(keyframe, other, found, camera, 20)
     assert pose is not None
     np.testing.assert_allclose(pose[1], now.translation, atol=0.05)
     np.testing.assert_allclose(pose[0], now.rotation, atol=0.05)
     grey = np.full_like(other, 90)
-    assert pose_by_descriptors(WellSeen(left, corners, points), grey, np.zeros((0, 2)), camera, 20) is None
+    assert pnp_from_descriptors(keyframe, grey, np.zeros((0, 2)), camera, 20) is None
 
 
 def test_a_yaw_that_is_not_known_yet_is_within_what_is_stated() -> None:

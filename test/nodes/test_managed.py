@@ -478,7 +478,7 @@ def test_the_debug_picture_shows_what_the_localiser_found(ros: None, tmp_path: P
             peer.until(lambda count=index: len(pictures) > count, "the debug picture")
             pair = loc_pair(index)
             estimate = localiser.process(pair)
-            drawn = draw_tracks(pair.left, localiser.last_tracked, estimate)
+            drawn = draw_tracks(pair.left, localiser.last_result, estimate)
             sent = pictures[-1]
             assert (sent.encoding, sent.step, stamp_of(sent)) == ("bgr8", 3 * sent.width, pair.stamp_ns)
             assert np.array_equal(np.frombuffer(sent.data, np.uint8).reshape(drawn.shape), drawn)

@@ -22,7 +22,7 @@ for index in range(0, 12, 3):
     estimate = localiser.process(loc_pair(index))
     digest.update(estimate.T_ds_rb.matrix.tobytes() + estimate.covariance.tobytes())
     assert estimate.state.value != "lost"
-assert localiser.last_tracked is not None
+assert localiser.last_result is not None
 item = nav_pair(0)
 points = Mapper(NAV_RIG, MappingConfig()).process(item.pair, item.T_lm_navsb, 0)
 digest.update(points.cloud.xyz.tobytes() + points.cloud.sigma.tobytes())

@@ -1,8 +1,8 @@
 """Online calibration: rotation of the right camera against its calibration, estimated from the images.
 
-A rotation of some hundredths of a degree is the commonest error of a rig after a shock or a change of temperature. Pitch
-and roll show in every stereo match as vertical disparity. Yaw changes all depths, hence the length of the path; it is
-observable only where depths from stereo disagree with depths from motion, in the bundle adjustment.
+A rotation of some hundredths of a degree is the commonest error of a rig after a shock or a change of temperature.
+Pitch and roll show in every stereo match as vertical disparity. Yaw changes all depths, hence the length of the path;
+it is observable only where depths from stereo disagree with depths from motion, in the bundle adjustment.
 """
 
 from __future__ import annotations

@@ -142,7 +142,7 @@ class SlidingWindow:
     @property
     def newest_observations(self) -> FloatArray:
         """Where the newest keyframe observed the active landmarks, `(M, 4)`."""
-        return self.observations.uv[self.hosted.active, -1]
+        return np.asarray(self.observations.uv[self.hosted.active, -1])
 
     def landmarks(self) -> Landmarks:
         """Return the active landmarks of a window with at least one keyframe."""

@@ -117,7 +117,7 @@ class TrackingResult:
         """Optical flow `(N,)` of the inliers in the left image since the newest keyframe, pixels."""
         moved = self.observations[:, :2] - self.landmarks.last_seen[:, :2]
         length = np.linalg.norm(moved, axis=1)[self.inliers]
-        return length[np.isfinite(length)]
+        return np.asarray(length[np.isfinite(length)])
 
     @property
     def residual_px(self) -> float:
@@ -179,9 +179,7 @@ class Tracker:
         rotation, position, information, chi2_per_dof = solve_pose(
             *start, *hosts, landmarks.covariance, observations, variance, self._camera, self._baseline, 10
         )
-        return TrackingResult(
-            Pose(rotation, position), information, landmarks, observations, variance, chi2_per_dof
-        )
+        return TrackingResult(Pose(rotation, position), information, landmarks, observations, variance, chi2_per_dof)
 
     def refine_from_afar(
         self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.localisation.backend.bundle_adjustment import Adjusted, Prior, adjust
-from sfr_loc_map.localisation.backend.online_calibration import RightOffset
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 
 CAMERA = np.array([400.0, 400.0, 256.0, 256.0])
 BASELINE = 0.15
@@ -63,17 +63,17 @@ def test_points_at_one_distance_say_little_of_it() -> None:
 
 def test_an_offset_is_corrected_once_it_is_beyond_doubt_and_no_other() -> None:
     random = np.random.default_rng(3)
-    true, knocked, straight = 0.12, RightOffset(CAMERA, 7), RightOffset(CAMERA, 7)
+    true, knocked, straight = 0.12, OnlineCalibration(CAMERA, 7), OnlineCalibration(CAMERA, 7)
     applied = [0.0]
     for _ in range(60):
-        change = knocked.learn_columns(true - knocked.u + random.normal(0, 0.015), 0.015**2)
-        applied.append(knocked.u)
+        change = knocked.learn_yaw(true - knocked.offset.u + random.normal(0, 0.015), 0.015**2)
+        applied.append(knocked.offset.u)
         assert change == pytest.approx(applied[-1] - applied[-2], abs=1e-15)
         assert abs(change) <= 0.05
-        straight.learn_columns(random.normal(0, 0.015) - straight.u, 0.015**2)
-        assert straight.u == 0.0
+        straight.learn_yaw(random.normal(0, 0.015) - straight.offset.u, 0.015**2)
+        assert straight.offset.u == 0.0
     assert applied[-1] == pytest.approx(true, abs=0.02)
-    assert RightOffset(CAMERA, 7).learn_columns(5.0, np.inf) == 0.0
+    assert OnlineCalibration(CAMERA, 7).learn_yaw(5.0, np.inf) == 0.0
 
 
 def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_does() -> None:
@@ -84,38 +84,38 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     rays = np.column_stack(((places - CAMERA[2:]) / CAMERA[:2], np.ones(400)))
     rotated = rays @ cv2.Rodrigues(turn)[0].T
     moved = rotated[:, :2] / rotated[:, 2:] * CAMERA[:2] + CAMERA[2:]
-    offset = RightOffset(CAMERA, 7)
+    calibration = OnlineCalibration(CAMERA, 7)
     noisy = moved[:, 1] - places[:, 1] + random.normal(0, 0.1, 400)
     noisy[:30] += random.uniform(-3, 3, 30)  # wrong matches
-    offset.learn_rows(moved[:10], noisy[:10])
-    assert (offset.v, offset.roll) == (0.0, 0.0)  # too few to say
+    calibration.learn_vertical(moved[:10], noisy[:10])
+    assert (calibration.offset.v, calibration.offset.roll) == (0.0, 0.0)  # too few to say
     for _ in range(3):
-        offset.learn_rows(moved, noisy)
-    assert offset.v == pytest.approx(-CAMERA[0] * turn[0], abs=0.03)
-    assert offset.roll == pytest.approx(CAMERA[0] * turn[2], abs=0.06)
-    np.testing.assert_allclose(offset.at(moved), moved - places, atol=0.06)
+        calibration.learn_vertical(moved, noisy)
+    assert calibration.offset.v == pytest.approx(-CAMERA[0] * turn[0], abs=0.03)
+    assert calibration.offset.roll == pytest.approx(CAMERA[0] * turn[2], abs=0.06)
+    np.testing.assert_allclose(calibration.offset.at(moved, CAMERA), moved - places, atol=0.06)
 
 
 def test_rows_are_followed_ever_more_slowly() -> None:
-    offset, places = RightOffset(CAMERA, 7), np.random.default_rng(1).uniform(20, 490, (50, 2))
+    calibration, places = OnlineCalibration(CAMERA, 7), np.random.default_rng(1).uniform(20, 490, (50, 2))
     shapes = 1.0 + ((places[:, 1] - CAMERA[3]) / CAMERA[1]) ** 2
-    offset.learn_rows(places, 0.5 * shapes)
-    assert offset.v == pytest.approx(0.5, abs=3e-3)
-    offset.learn_rows(places, 0.0 * shapes)
-    assert offset.v == pytest.approx(0.25, abs=0.01)
+    calibration.learn_vertical(places, 0.5 * shapes)
+    assert calibration.offset.v == pytest.approx(0.5, abs=3e-3)
+    calibration.learn_vertical(places, 0.0 * shapes)
+    assert calibration.offset.v == pytest.approx(0.25, abs=0.01)
     for _ in range(400):
-        offset.learn_rows(places, 0.0 * shapes)
-    assert abs(offset.v) < 1e-3
+        calibration.learn_vertical(places, 0.0 * shapes)
+    assert abs(calibration.offset.v) < 1e-3
 
 
 def test_matches_in_a_corner_do_not_say_much_of_the_rest() -> None:
     """As in a picture with glare over all but a strip, where the edge of the glare is matched with itself."""
-    offset, random = RightOffset(CAMERA, 7), np.random.default_rng(2)
+    calibration, random = OnlineCalibration(CAMERA, 7), np.random.default_rng(2)
     for _ in range(5):
         places = random.uniform(20, 490, (300, 2))
-        offset.learn_rows(places, 0.2 + random.normal(0, 0.1, 300))
+        calibration.learn_vertical(places, 0.2 + random.normal(0, 0.1, 300))
     for _ in range(5):
         strip = np.column_stack((np.linspace(470, 490, 40), random.uniform(20, 490, 40)))
-        offset.learn_rows(strip, 0.2 + np.linspace(-0.9, 0.9, 40))
-    assert offset.at(np.array([[256.0, 256.0]]))[0, 1] == pytest.approx(0.2, abs=0.1)
-    assert offset.at(np.array([[30.0, 256.0]]))[0, 1] == pytest.approx(0.2, abs=0.2)
+        calibration.learn_vertical(strip, 0.2 + np.linspace(-0.9, 0.9, 40))
+    assert calibration.offset.at(np.array([[256.0, 256.0]]), CAMERA)[0, 1] == pytest.approx(0.2, abs=0.1)
+    assert calibration.offset.at(np.array([[30.0, 256.0]]), CAMERA)[0, 1] == pytest.approx(0.2, abs=0.2)
