@@ -20,15 +20,16 @@ ALLOWED: dict[str, set[str]] = {
     "constants": {ROOT},
     "jit": {ROOT},
     "errors": {ROOT},
+    "tables": {ROOT},
     "config": {ROOT, "errors"},
     "geometry": {ROOT, "errors", "config", "constants", "jit"},
     **dict.fromkeys(MIDDLE, BASE),
     "pipeline": BASE | MIDDLE,
-    "report": BASE | MIDDLE,
+    "report": BASE | MIDDLE | {"tables"},
     "nodes": BASE | (MIDDLE - {"simulation"}) | {"pipeline"},
-    "bench": BASE | MIDDLE | {"pipeline"},
-    "fault_injection": BASE | (MIDDLE - {"simulation"}) | {"pipeline", "nodes"},
-    "cli": BASE | MIDDLE | {"pipeline", "report", "nodes", "bench", "fault_injection"},
+    "bench": BASE | MIDDLE | {"pipeline", "tables"},
+    "fault_injection": BASE | (MIDDLE - {"simulation"}) | {"pipeline", "nodes", "tables"},
+    "cli": BASE | MIDDLE | {"tables", "pipeline", "report", "nodes", "bench", "fault_injection"},
 }
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfr_loc_map.cli.common import check_output
+from sfr_loc_map.cli.app import help_without_command
+from sfr_loc_map.cli.output import check_output, write_text
 from sfr_loc_map.errors import FailedVerdictError
 
-app = typer.Typer(help="The node processes over real DDS: faults done on purpose, rates, long runs.")
+if TYPE_CHECKING:
+    from sfr_loc_map.fault_injection.outcome import Row
 
-JsonOption = Annotated[Path | None, typer.Option("--json", help="All figures as JSON.")]
+app = typer.Typer(help="The node processes over real DDS: injected faults, rates, long runs.")
+app.callback(invoke_without_command=True)(help_without_command)
 
-
-@app.callback(invoke_without_command=True)
-def _root(context: typer.Context) -> None:
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+JsonFileOption = Annotated[Path | None, typer.Option("--json", help="All figures as JSON.")]
+MinutesOption = Annotated[float, typer.Option(min=0.05, max=10_000.0, help="How long.")]
 
 
 @app.command()
@@ -32,24 +33,27 @@ def faults(
         float, typer.Option(min=0.1, max=600.0, help="Longest from the start of a killed node to its first result.")
     ] = 3.0,
     soak_minutes: Annotated[float, typer.Option(min=0.0, max=10_000.0, help="Length of the soak; 0: none.")] = 1.0,
-    json_path: JsonOption = None,
+    json_path: JsonFileOption = None,
     markdown_path: Annotated[Path | None, typer.Option("--markdown", help="The table as Markdown.")] = None,
     keep: Annotated[
-        Path | None, typer.Option("--keep", help="Folder for the nodes' logs; else they are thrown away.")
+        Path | None, typer.Option("--keep", help="Folder for the nodes' logs; by default they are deleted.")
     ] = None,
 ) -> None:
-    """Do one fault after the other to the nodes; exit 1 if one of them has not the outcome expected."""
-    from sfr_loc_map.fault_injection.outcome import FAIL, CampaignSettings, markdown, report
+    """Inject one fault after the other into the nodes; exit 1 if one of them has another outcome than expected."""
+    from sfr_loc_map.fault_injection.outcome import FAIL, CampaignSettings, outcome_table, report
     from sfr_loc_map.fault_injection.run import run_campaign, select, timed
+    from sfr_loc_map.tables.markdown import to_markdown
 
     settings = CampaignSettings(stop_s=stop_s, restart_limit_s=restart_limit_s, soak_minutes=soak_minutes)
     chosen = select(fault or [], settings)
-    for path in (json_path, markdown_path):
-        check_output(path)
+    check_output(json_path)
+    check_output(markdown_path)
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
         folder = keep or Path(scratch)
         rows, seconds = timed(lambda: run_campaign(chosen, settings, folder, _say))
-    _write(json_path, markdown_path, report(rows, settings, seconds), markdown(rows))
+    _write_json(report(rows, settings, seconds), json_path)
+    if markdown_path is not None:
+        write_text(to_markdown([outcome_table(rows)]), markdown_path)
     failed = [row.name for row in rows if row.verdict == FAIL]
     typer.echo(f"{len(rows)} rows in {seconds:.0f} s, {len(failed)} not as expected")
     if failed:
@@ -58,12 +62,12 @@ def faults(
 
 @app.command()
 def rate(
-    minutes: Annotated[float, typer.Option(min=0.05, max=10_000.0, help="How long.")] = 10.0,
+    minutes: MinutesOption = 10.0,
     rate_hz: Annotated[
-        float, typer.Option("--rate", min=0.0, max=1000.0, help="Pairs a second; 0: lock step, one after the other.")
+        float, typer.Option("--rate", min=0.0, max=1000.0, help="Pairs per second; 0: lock step, one after the other.")
     ] = 10.0,
-    size: Annotated[int, typer.Option(min=64, max=4096, help="Width and height of the pictures.")] = 1024,
-    json_path: JsonOption = None,
+    size: Annotated[int, typer.Option(min=64, max=4096, help="Width and height of the images.")] = 1024,
+    json_path: JsonFileOption = None,
 ) -> None:
     """Send stereo pairs through the localisation node: what is lost, what transport and conversion add."""
     from sfr_loc_map.fault_injection.rate import RateSettings, carry_images
@@ -80,9 +84,9 @@ def rate(
 
 @app.command()
 def monitor(
-    minutes: Annotated[float, typer.Option(min=0.05, max=10_000.0, help="How long.")] = 10.0,
-    rate_hz: Annotated[float, typer.Option("--rate", min=0.1, max=1000.0, help="Poses a second.")] = 50.0,
-    json_path: JsonOption = None,
+    minutes: MinutesOption = 10.0,
+    rate_hz: Annotated[float, typer.Option("--rate", min=0.1, max=1000.0, help="Poses per second.")] = 50.0,
+    json_path: JsonFileOption = None,
 ) -> None:
     """Send estimates, truth and calls to the monitor: is each of them scored, is its memory flat."""
     from sfr_loc_map.fault_injection.rate import RateSettings, carry_poses
@@ -99,23 +103,16 @@ def _conclude(result: dict[str, Any], json_path: Path | None) -> None:
     memory = result["memory"]
     slope = f"{memory['slope_mb_h']:+.1f} +- {2 * memory['error_mb_h']:.1f} MB/h"
     typer.echo(f"memory {memory['mb'][-1]:.0f} MB, {slope} after the warm-up")
-    _write(json_path, None, result, "")
+    _write_json(result, json_path)
     if result["failures"]:
         raise FailedVerdictError("; ".join(result["failures"]))
 
 
-def _say(row: object) -> None:
-    seconds = getattr(row, "recover_s", None)
-    time = "" if seconds is None else f", recovered in {seconds:.1f} s"
-    typer.echo(f"{row.verdict:8}{row.name}{time}: {row.observed}; lost: {row.lost or '-'}")  # type: ignore[attr-defined]
+def _say(row: Row) -> None:
+    time = "" if row.recover_s is None else f", recovered in {row.recover_s:.1f} s"
+    typer.echo(f"{row.verdict:8}{row.name}{time}: {row.observed}; lost: {row.lost or '-'}")
 
 
-def _write(json_path: Path | None, markdown_path: Path | None, content: object, table: str) -> None:
-    import json
-
-    from sfr_loc_map.io.atomic import atomic_path
-
-    for path, text in ((json_path, json.dumps(content, indent=1)), (markdown_path, table)):
-        if path is not None:
-            with atomic_path(path) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+def _write_json(content: object, path: Path | None) -> None:
+    if path is not None:
+        write_text(json.dumps(content, indent=1), path)

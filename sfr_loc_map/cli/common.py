@@ -1,11 +1,11 @@
-"""What several subcommands share: options, configuration files, progress bars."""
+"""What several subcommands share: options, sources, configuration files, progress bars."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
@@ -19,8 +19,10 @@ from sfr_loc_map.errors import (
     LocalisationError,
     MappingError,
     MissingExtraError,
-    OutputError,
 )
+
+if TYPE_CHECKING:
+    from sfr_loc_map.io.sequence import LocSequence, NavSequence
 
 C = TypeVar("C")
 
@@ -30,6 +32,10 @@ SourceArgument = Annotated[
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="YAML file with parameters.")]
 RemapOption = Annotated[
     list[str] | None, typer.Option("--remap", help="Topic of a bag under another name, FOUND:=EXPECTED; repeatable.")
+]
+ConditionOption = Annotated[
+    list[str] | None,
+    typer.Option("--condition", help="End of a sub-trajectory: distance=M, time=S or frames=N; repeatable."),
 ]
 StartOption = Annotated[str, typer.Option("--start", help="First pose: identity, or truth for the truth's first pose.")]
 
@@ -63,6 +69,34 @@ def require_ros(command: str) -> None:
         ) from error
 
 
+def open_drive(source: Path, remap: list[str] | None) -> LocSequence:
+    """Return the localisation pairs of a source.
+
+    Raises:
+        InputError: If it has none.
+    """
+    from sfr_loc_map.io.registry import open_source
+
+    sequence = open_source(source, parse_remaps(remap)).loc
+    if sequence is None or not len(sequence):
+        raise InputError(f"no drive (localisation pairs) in '{source}': give a source that has one")
+    return sequence
+
+
+def open_panorama(source: Path, remap: list[str] | None) -> NavSequence:
+    """Return the mapping pairs of a source.
+
+    Raises:
+        InputError: If it has none.
+    """
+    from sfr_loc_map.io.registry import open_source
+
+    sequence = open_source(source, parse_remaps(remap)).nav
+    if sequence is None or not len(sequence):
+        raise InputError(f"no mapping pairs in '{source}': give a source that has them")
+    return sequence
+
+
 @contextmanager
 def naming(source: Path) -> Iterator[None]:
     """Let the errors that come of a source name it."""
@@ -72,25 +106,6 @@ def naming(source: Path) -> Iterator[None]:
         if str(source) in str(error):
             raise
         raise type(error)(f"'{source}': {error}") from error
-
-
-def check_output(path: Path | None, endings: tuple[str, ...] = ()) -> None:
-    """Check an output before the work for it is done.
-
-    Args:
-        path: Where it shall be; None for no output.
-        endings: What its name may end in; empty for anything.
-
-    Raises:
-        OutputError: If the name ends otherwise, or it cannot be written.
-    """
-    from sfr_loc_map.io.atomic import check_output as check
-
-    if path is None:
-        return
-    if endings and path.suffix not in endings:
-        raise OutputError(f"cannot write '{path}': its name must end in one of {', '.join(endings)}")
-    check(path)
 
 
 def parse_remaps(remaps: list[str] | None) -> dict[str, str]:

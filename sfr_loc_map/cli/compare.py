@@ -9,9 +9,11 @@ from typing import Annotated, Any
 
 import typer
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.errors import ConfigError
 
 
+@app.command()
 def compare(
     scores: Annotated[
         list[Path],

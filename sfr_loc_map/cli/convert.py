@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import RemapOption, SourceArgument, naming, parse_remaps, progress_bar
 from sfr_loc_map.errors import InputError
 
@@ -19,6 +20,7 @@ class Compression(StrEnum):
     ZSTD = "zstd"
 
 
+@app.command()
 def convert(
     source: SourceArgument,
     destination: Annotated[
@@ -29,7 +31,7 @@ def convert(
         ),
     ],
     remap: RemapOption = None,
-    jpeg_quality: Annotated[int | None, typer.Option(min=1, max=100, help="Pictures as JPEG (bags only).")] = None,
+    jpeg_quality: Annotated[int | None, typer.Option(min=1, max=100, help="Images as JPEG (bags only).")] = None,
     compression: Annotated[Compression, typer.Option(help="Of a bag's chunks (mcap only).")] = Compression.NONE,
     truth_grid: Annotated[
         float | None, typer.Option(help="Round true points to this power of two, m (bags only).")

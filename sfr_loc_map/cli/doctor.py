@@ -1,21 +1,27 @@
-"""`sfr doctor`: what would stop us on a bag or a graph, or which mistake of convention makes an estimate disagree."""
+"""`sfr doctor`: the blocking issues of a bag or a graph, or the convention mismatch that explains a disagreement."""
 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import ConfigOption, RemapOption, parse_remaps, require_ros
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, show
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
 if TYPE_CHECKING:
+    from sfr_loc_map.metrics.convention_diagnosis import Diagnosis
     from sfr_loc_map.pipeline.doctor.observation import Observation
+    from sfr_loc_map.tables.table import Table
+
+SHOWN_HYPOTHESES = 5
 
 
+@app.command()
 def doctor(
     subject: Annotated[
         Path | None, typer.Argument(metavar="[BAG|EST]", help="Bag; or an estimated trajectory: TUM, csv, bag.")
@@ -28,22 +34,21 @@ def doctor(
     seconds: Annotated[float, typer.Option(min=0.1, max=600.0, help="How long messages are watched (--graph).")] = 3.0,
     config: ConfigOption = None,
     remap: RemapOption = None,
-    json_path: Annotated[
-        str | None, typer.Option("--json", metavar="F", help="Write what was found as JSON; - for standard output.")
-    ] = None,
+    json_path: JsonOption = None,
 ) -> None:
-    """Name what would stop us on a bag or on the running graph (--graph), each with its cure; exit 1 if any.
+    """Name the blocking issues of a bag or of the running graph (--graph), each with its fix; exit 1 if there are any.
 
-    With EST and TRUTH: find the mistake of convention that explains how an estimate disagrees with the truth. The
-    disagreement is the mean error of position over the way and of attitude in radians, re-based at many starts.
+    With EST and TRUTH: find the convention mismatch that explains how an estimate disagrees with the truth. The
+    disagreement is the mean error of position per distance travelled and of attitude in radians, re-based at many
+    starts.
     """
     if graph != (subject is None) or (graph and truth is not None):
         raise ConfigError("what shall be looked at? give BAG, or EST and TRUTH, or --graph")
     if subject is not None and truth is not None:
-        _conventions(subject, truth, json_path)
+        _diagnose(subject, truth, json_path)
         return
     remaps = parse_remaps(remap)
-    place = _gives_place(config)
+    place = _gives_extrinsics(config)
     if graph:
         require_ros("doctor --graph")
         from sfr_loc_map.nodes.tools.graph_observation import observe_graph
@@ -62,21 +67,20 @@ def _examine(seen: Observation, json_path: str | None) -> None:
 
     findings = examine(seen)
     stops = sum(finding.stops for finding in findings)
-    _write(
-        json_path, {"subject": seen.subject, "stops": stops, "findings": [finding.as_dict() for finding in findings]}
-    )
-    if json_path != "-":
+    content = {"subject": seen.subject, "stops": stops, "findings": [finding.as_dict() for finding in findings]}
+    show(_json(content), json_path, ())
+    if json_path != STANDARD_OUTPUT:
         for finding in findings:
             typer.echo(f"{'STOPS' if finding.stops else 'warns'}  {finding.where}: {finding.text}")
-            typer.echo(f"       cure: {finding.cure}")
+            typer.echo(f"       fix: {finding.cure}")
         if not findings:
-            typer.echo(f"{seen.subject}: nothing would stop us")
+            typer.echo(f"{seen.subject}: no blocking issue")
     if stops:
-        raise FailedVerdictError(f"{stops} thing{'s' * (stops > 1)} would stop us on {seen.subject}")
+        raise FailedVerdictError(f"{stops} blocking issue{'s' * (stops > 1)} on {seen.subject}")
 
 
-def _gives_place(config: Path | None) -> bool:
-    """Tell whether a parameter file says where the stereo bench is."""
+def _gives_extrinsics(config: Path | None) -> bool:
+    """Tell whether a parameter file has the pose of a stereo rig on the rover."""
     from sfr_loc_map.config import load_yaml
 
     if config is None:
@@ -91,32 +95,33 @@ def _gives_place(config: Path | None) -> bool:
     return any(isinstance(value, list) and any(value) for value in quats(load_yaml(config)))
 
 
-def _conventions(estimate: Path, truth: Path, json_path: str | None) -> None:
+def _diagnose(estimate: Path, truth: Path, json_path: str | None) -> None:
     from dataclasses import asdict
 
     from sfr_loc_map.metrics.config import ScoreConfig
     from sfr_loc_map.pipeline.scoring import diagnose_files
 
     diagnosis = diagnose_files(estimate, truth, ScoreConfig())
-    _write(json_path, asdict(diagnosis))
-    if json_path == "-":
+    show(_json(asdict(diagnosis)), json_path, [_hypothesis_table(diagnosis)])
+    if json_path == STANDARD_OUTPUT:
         return
-    before = diagnosis.disagreement
-    typer.echo("no stamp in common" if before is None else f"disagreement as it stands: {before:.4g}")
-    for item in diagnosis.suspicions[:5]:
-        typer.echo(f"  {item.disagreement:.4g} without: {item.mistake}")
     if diagnosis.found is not None:
         typer.echo(diagnosis.found.sentence)
     else:
-        typer.echo("no single mistake of convention explains what disagreement there is")
+        typer.echo("no single convention mismatch explains the disagreement, if there is any")
 
 
-def _write(json_path: str | None, content: dict[str, Any]) -> None:
-    from sfr_loc_map.io.atomic import atomic_path
+def _hypothesis_table(diagnosis: Diagnosis) -> Table:
+    from sfr_loc_map.tables.table import Cell, Column, Table
 
-    text = json.dumps(content, allow_nan=False) + "\n"
-    if json_path == "-":
-        sys.stdout.write(text)
-    elif json_path is not None:
-        with atomic_path(Path(json_path)) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+    rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"))]
+    rows += [
+        (Cell.head(f"without: {item.mistake}"), Cell.number(item.disagreement))
+        for item in diagnosis.suspicions[:SHOWN_HYPOTHESES]
+    ]
+    columns = (Column("convention", words=True), Column("disagreement"))
+    return Table("conventions", "Estimate against truth", columns, tuple(rows))
+
+
+def _json(content: dict[str, Any]) -> str:
+    return json.dumps(content, allow_nan=False) + "\n"

@@ -8,32 +8,32 @@ from typing import Annotated
 
 import typer
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import (
     ConfigOption,
     RemapOption,
     SourceArgument,
     StartOption,
-    check_output,
     check_start,
     naming,
-    parse_remaps,
+    open_drive,
     progress_bar,
     read_config,
 )
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.cli.output import check_output
 
 
+@app.command()
 def localise(
     source: SourceArgument,
     output: Annotated[Path, typer.Option("-o", "--output", help="Trajectory: .csv, or TUM for .txt and .tum.")],
     stats: Annotated[Path | None, typer.Option(help="CSV with a row for each call: time, memory, state, ...")] = None,
-    video: Annotated[Path | None, typer.Option(help="Film of the tracks, .avi or .mp4: why a pair was hard.")] = None,
+    video: Annotated[Path | None, typer.Option(help="Feature-track video, .avi or .mp4.")] = None,
     start: StartOption = "identity",
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
     """Estimate the trajectory of a drive, with the same code as the node."""
-    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.trajectory_file import TUM_SUFFIXES, save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.pipeline.offline import localise as run
@@ -44,14 +44,12 @@ def localise(
     check_output(output, (".csv", *TUM_SUFFIXES))
     check_output(stats)
     parameters = read_config(LocalisationConfig, config, "localisation")
-    sequence = open_source(source, parse_remaps(remap)).loc
-    if sequence is None:
-        raise InputError(f"no drive (localisation pairs) in '{source}': give a source that has one")
+    sequence = open_drive(source, remap)
     with naming(source):
         first_pose = start_pose(sequence, start)
     estimates, records = [], []
-    film = nullcontext(no_observer) if video is None else track_video(video, sequence.rig)
-    with naming(source), film as watch, progress_bar("pairs") as bar:
+    video_writer = nullcontext(no_observer) if video is None else track_video(video, sequence.rig)
+    with naming(source), video_writer as watch, progress_bar("pairs") as bar:
         task = bar.add_task("localising", total=len(sequence))
         for estimate, record in run(sequence, parameters, first_pose, watch):
             estimates.append(estimate)

@@ -1,4 +1,4 @@
-"""`sfr perturb`: any source with faults."""
+"""`sfr perturb`: any source with injected faults."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from typing import Annotated
 
 import typer
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import SourceArgument, naming, progress_bar
 from sfr_loc_map.errors import ConfigError
 
 
+@app.command()
 def perturb(
     source: SourceArgument,
     destination: Annotated[Path, typer.Argument(help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")],
@@ -18,9 +20,9 @@ def perturb(
         list[str] | None,
         typer.Option("--fault", help="KIND[:amount=A,share=S,burst=B,start=N,camera=both|left|right]; repeatable."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of which pairs are struck.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed that selects the affected pairs.")] = 0,
 ) -> None:
-    """Copy a source and spoil it: missing, repeated, black, blurred or late frames, wrong calibration, and more."""
+    """Copy a source and inject faults: missing, duplicate, black, blurred or late frames, wrong calibration."""
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.pipeline.perturb import perturb as run
     from sfr_loc_map.simulation.faults import KINDS, parse_fault
@@ -31,6 +33,6 @@ def perturb(
     opened = open_source(source, {})
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     with naming(source), progress_bar("pairs") as bar:
-        task = bar.add_task("spoiling", total=total)
+        task = bar.add_task("injecting faults", total=total)
         count = run(opened, destination, faults, seed, lambda done: bar.update(task, completed=done))
     typer.echo(f"{count} of {total} pairs: {destination}", err=True)

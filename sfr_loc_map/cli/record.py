@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import require_ros
 
 
+@app.command()
 def record(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the bag (mcap); must not exist.")],
     topics: Annotated[
@@ -22,7 +24,7 @@ def record(
     ] = None,
     zstd: Annotated[bool, typer.Option("--zstd", help="Compress.")] = False,
 ) -> None:
-    """Record topics as they come; each half second what came is on file, so that a crash costs no more."""
+    """Record topics; every half second all messages are on disk, so that a crash costs no more."""
     require_ros("record")
     from sfr_loc_map.nodes.tools.record import RecordOptions
     from sfr_loc_map.nodes.tools.record import record as run
@@ -33,4 +35,4 @@ def record(
     typer.echo(f"{out}: {count} messages of {sum(tally.count > 0 for tally in tallies.values())} topics, {lost} lost")
     for name, tally in tallies.items():
         if tally.lost:
-            typer.echo(f"  {tally.lost} of {name} lost on the way", err=True)
+            typer.echo(f"  {tally.lost} of {name} lost in transport", err=True)

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import (
+    ConditionOption,
     ConfigOption,
     RemapOption,
     SourceArgument,
     StartOption,
-    check_output,
     check_start,
     naming,
     parse_remaps,
@@ -22,7 +23,8 @@ from sfr_loc_map.cli.common import (
     read_config,
     require_ros,
 )
-from sfr_loc_map.cli.score import ConditionOption, LimitsOption, present
+from sfr_loc_map.cli.output import check_output
+from sfr_loc_map.cli.score import LimitsOption, present
 from sfr_loc_map.errors import NodeError, OutputError
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
 
 
+@app.command()
 def replay(
     source: SourceArgument,
     out: Annotated[

@@ -8,12 +8,14 @@ from typing import Annotated
 
 import typer
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.errors import ConfigError
 
 SUFFIXES = {".html": "html", ".htm": "html", ".md": "md", ".csv": "csv"}
 FORMATS = ("html", "md", "csv", "pdf-ready")
 
 
+@app.command()
 def report(
     score: Annotated[
         Path, typer.Argument(metavar="SCORE.json", help="Score, as sfr score --json or sfr replay write.")

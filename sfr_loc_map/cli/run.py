@@ -7,12 +7,14 @@ from typing import Annotated
 
 import typer
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import require_ros
 from sfr_loc_map.errors import InputError
 
 ROS_ARGS = "--ros-args"
 
 
+@app.command(context_settings={"ignore_unknown_options": True})  # what it does not know is passed on to ROS
 def run(
     words: Annotated[
         list[str] | None,
@@ -32,7 +34,7 @@ def run(
     ] = None,
     log_level: Annotated[str, typer.Option("--log-level", help="debug, info, warn or error.")] = "info",
     respawn: Annotated[
-        bool, typer.Option("--respawn", help="Start a node again that breaks down; else the others are ended.")
+        bool, typer.Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
     ] = False,
 ) -> None:
     """Run the nodes, one process each, until Ctrl-C or SIGTERM; exit 2 if one ends before."""

@@ -9,19 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfr_loc_map.cli.common import check_output
+from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.common import ConditionOption
+from sfr_loc_map.cli.output import check_output
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, MissingExtraError
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.config import ScoreConfig
 
 LimitsOption = Annotated[Path | None, typer.Option("--limits", help="Limits (YAML); exit code 1 if one is missed.")]
-ConditionOption = Annotated[
-    list[str] | None,
-    typer.Option("--condition", help="End of a sub-trajectory: distance=M, time=S or frames=N; repeatable."),
-]
 
 
+@app.command()
 def score(
     estimate: Annotated[
         Path, typer.Argument(metavar="EST", help="Trajectory (TUM, csv, bag) or cloud (.ply, .pcd, .npz).")

@@ -8,10 +8,12 @@ from typing import Annotated, Any
 import typer
 import yaml
 
+from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import progress_bar
 from sfr_loc_map.errors import ConfigError
 
 
+@app.command()
 def simulate(
     paths: Annotated[
         list[Path],
@@ -37,7 +39,7 @@ def simulate(
     if seed is not None:
         values["seed"] = seed
     config = build(SimulationConfig, values, origin=str(paths[0]) if len(paths) == 2 else "settings")
-    with progress_bar("pictures") as bar:
+    with progress_bar("images") as bar:
         task = bar.add_task("rendering", total=None)
         count = run(config, paths[-1], workers, lambda done, total: bar.update(task, completed=done, total=total))
     typer.echo(f"{count} pairs: {paths[-1]}", err=True)

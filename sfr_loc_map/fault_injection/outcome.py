@@ -9,12 +9,19 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sfr_loc_map.tables.numbers import SECOND
+from sfr_loc_map.tables.table import Cell, Column, Table
+
 if TYPE_CHECKING:
     from sfr_loc_map.fault_injection.harness import Bench
 
 SCHEMA = "sfr-faults/1"
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
-COLUMNS = ("fault", "expected", "observed", "data lost", "recovery, s", "verdict")
+COLUMNS = (
+    *(Column(title, words=True) for title in ("fault", "expected", "observed", "data lost")),
+    Column("recovery", SECOND),
+    Column("verdict", words=True),
+)
 
 
 @dataclass(slots=True)
@@ -135,11 +142,17 @@ def report(rows: Sequence[Row], settings: CampaignSettings, seconds: float) -> d
     }
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """Return rows as a Markdown table."""
-    lines = ["| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
-    for row in rows:
-        recover = "" if row.recover_s is None else f"{row.recover_s:.1f}"
-        cells = (f"`{row.name}` {row.fault}", row.expected, row.observed, row.lost, recover, row.verdict)
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
+def outcome_table(rows: Sequence[Row]) -> Table:
+    """Return rows as a table."""
+    cells = tuple(
+        (
+            Cell.head(f"{row.name}: {row.fault}"),
+            Cell(row.expected),
+            Cell(row.observed),
+            Cell(row.lost),
+            Cell.number(row.recover_s, undefined=""),
+            Cell(row.verdict),
+        )
+        for row in rows
+    )
+    return Table("faults", "", COLUMNS, cells)

@@ -108,8 +108,8 @@ def test_a_bag_with_one_thing_wrong(tmp_path: Path, sfr: Sfr, name: str) -> None
     if name not in ("good", "exchanged"):
         return
     plain = sfr("doctor", bag)
-    assert plain.out.count("cure: ") == len(expected)
-    assert ("nothing would stop us" in plain.out) == (not expected)
+    assert plain.out.count("fix: ") == len(expected)
+    assert ("no blocking issue" in plain.out) == (not expected)
 
 
 def _smaller_camera(topic: str, number: int, message: Any) -> Any:
@@ -275,4 +275,4 @@ def test_a_graph_with_one_thing_wrong(verdicts: dict[str, Any], what: str) -> No
     findings = json.loads(report.read_text())["findings"]
     assert [(f["cause"], f["stops"]) for f in findings] == GRAPHS[what], findings
     assert code == int(any(stops for _, stops in GRAPHS[what]))
-    assert text.count("cure: ") == len(GRAPHS[what])
+    assert text.count("fix: ") == len(GRAPHS[what])

@@ -20,7 +20,7 @@ from sfr_loc_map.fault_injection.outcome import (
     CampaignSettings,
     Fault,
     Outcome,
-    markdown,
+    outcome_table,
     report,
     row_not_run,
     row_of,
@@ -28,6 +28,7 @@ from sfr_loc_map.fault_injection.outcome import (
 from sfr_loc_map.fault_injection.run import FAULTS, run_campaign, select
 from sfr_loc_map.fault_injection.scene import Scene
 from sfr_loc_map.fault_injection.soak import MemoryTrend
+from sfr_loc_map.tables.markdown import to_markdown
 
 QUICK = ("kill-localisation", "kill-monitor", "pictures-localisation", "messages-monitor", "stamps-jump")
 SETTINGS = CampaignSettings(stop_s=1.0, restart_limit_s=60.0, soak_minutes=0.0, patience_s=60.0)
@@ -101,10 +102,10 @@ def test_the_table_has_a_line_for_each_row() -> None:
     outcome.recovered(2.04, 3.0, "the restart")
     good = row_of(fault, outcome)
     outcome.recovered(4.0, 3.0, "the restart")
-    table = markdown([good, row_of(fault, outcome), row_not_run(fault, "no root")]).splitlines()
-    assert table[2] == "| `name` a \\| b | that | this | nothing | 2.0 | pass |"
-    assert table[3].endswith("NOT AS EXPECTED: the restart took 4.0 s, the limit is 3 s | nothing | 4.0 | fail |")
-    assert table[4] == f"| `name` a \\| b | that | no root |  |  | {NOT_RUN} |"
+    table = to_markdown([outcome_table([good, row_of(fault, outcome), row_not_run(fault, "no root")])]).splitlines()
+    assert table[2] == "| name: a \\| b | that | this | nothing | 2.04 | pass |"
+    assert table[3].endswith("NOT AS EXPECTED: the restart took 4.0 s, the limit is 3 s | nothing | 4 | fail |")
+    assert table[4] == f"| name: a \\| b | that | no root |  |  | {NOT_RUN} |"
 
 
 def test_the_slope_of_memory_is_that_after_the_warm_up() -> None:

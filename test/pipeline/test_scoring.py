@@ -242,4 +242,4 @@ def test_a_wrong_convention_is_warned_of_and_the_doctor_finds_it(
     assert run(monkeypatch, "doctor", tmp_path / "late.tum", tmp_path / "truth.tum") == 0
     assert "-1000.000 s" in capsys.readouterr().out
     assert run(monkeypatch, "doctor", tmp_path / "truth.tum", tmp_path / "truth.tum") == 0
-    assert "no single mistake" in capsys.readouterr().out
+    assert "no single convention mismatch" in capsys.readouterr().out

@@ -1,0 +1,110 @@
+"""One table, four renderers: exact values kept, every text shown as it is."""
+
+import csv
+import io
+
+import pytest
+from rich.console import Console
+
+from sfr_loc_map.tables.csv_rows import to_csv
+from sfr_loc_map.tables.html import to_html
+from sfr_loc_map.tables.markdown import to_markdown
+from sfr_loc_map.tables.numbers import MIB, MILLISECOND, Unit, number
+from sfr_loc_map.tables.table import Cell, Column, Table
+from sfr_loc_map.tables.terminal import to_rich
+
+HOSTILE = "</td><script>alert('1')</script> a | b [red]"
+TABLE = Table(
+    "times",
+    "Time | of [bold]calls",
+    (Column("call", words=True), Column("p50", MILLISECOND), Column("95 % interval"), Column("verdict", words=True)),
+    (
+        (
+            Cell.head(HOSTILE),
+            Cell.number(0.0123456, "timing.p50", MILLISECOND),
+            Cell.interval((1.0, 2.5), "timing.ci95"),
+            Cell.verdict("pass"),
+        ),
+        (Cell.head("none"), Cell.number(None, "timing.p95", MILLISECOND), Cell.interval(None), Cell.verdict("open")),
+    ),
+    "A * note.",
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.000123456, "0.0001235"),
+        (12345.6, "12346"),
+        (1.5e7, "1.5e+07"),
+        (7, "7"),
+        (2_292_689, "2292689"),
+        (None, "unknown"),
+        (-0.5, "-0.5"),
+    ],
+)
+def test_number(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("unit", "text"), [(MIB, "500"), (Unit("GiB", 2.0**30), "0.4883"), (Unit("byte"), "524288000")]
+)
+def test_a_value_is_shown_in_the_unit(unit: Unit, text: str) -> None:
+    assert number(500 * 2**20, unit=unit) == text
+
+
+def test_differences_have_a_sign() -> None:
+    assert [number(value, signed=True) for value in (0.25, -0.25, 20000.0, 3)] == ["+0.25", "-0.25", "+20000", "+3"]
+
+
+def test_cells_keep_the_value_in_the_unit_of_its_source() -> None:
+    cell = TABLE.rows[0][1]
+    assert (cell.text, cell.value, cell.key) == ("12.35", 0.0123456, "timing.p50")
+    assert Cell.interval(None).key == ""
+
+
+def test_markdown() -> None:
+    lines = to_markdown([TABLE], "All").splitlines()
+    assert lines[:3] == ["# All", "", "## Time \\| of \\[bold\\]calls"]
+    assert lines[4:6] == ["| call | p50, ms | 95 % interval | verdict |", "| --- | --- | --- | --- |"]
+    assert lines[6] == (
+        "| \\</td\\>\\<script\\>alert('1')\\</script\\> a \\| b \\[red\\] | 12.35 | 1 to 2.5 | ✔ pass |"
+    )
+    assert lines[7] == "| none | unknown | - | ? open |"
+    assert lines[9] == "A \\* note."
+
+
+def test_csv_has_the_exact_values_and_both_bounds() -> None:
+    rows = list(csv.reader(io.StringIO(to_csv([TABLE]))))
+    assert rows[0] == ["table", "row", "column", "key", "value"]
+    assert [row[2:] for row in rows[1:]] == [
+        ["p50, ms", "timing.p50", "0.0123456"],
+        ["95 % interval", "timing.ci95.0", "1.0"],
+        ["95 % interval", "timing.ci95.1", "2.5"],
+        ["verdict", "", "pass"],
+        ["p50, ms", "timing.p95", ""],
+        ["verdict", "", "open"],
+    ]
+    assert {row[0] for row in rows[1:]} == {"times"}
+    assert rows[1][1] == HOSTILE
+
+
+def test_html_escapes_every_text_and_keeps_key_and_value() -> None:
+    text = to_html(TABLE)
+    assert "<script" not in text
+    assert '<th scope="col" class="words">call</th><th scope="col">p50, ms</th>' in text
+    assert '<td data-key="timing.p50" data-value="0.0123456" title="timing.p50 = 0.0123456">12.35</td>' in text
+    assert '<td data-key="timing.ci95">1 to 2.5</td>' in text
+    assert '<td data-key="timing.p95">unknown</td>' in text
+    assert '<td class="verdict pass"><span class="icon" aria-hidden="true">✔</span> pass</td>' in text
+    assert '<td class="verdict open"><span class="icon" aria-hidden="true">?</span> open</td>' in text
+
+
+def test_the_terminal_shows_texts_without_markup() -> None:
+    console = Console(width=150, color_system=None)
+    with console.capture() as capture:
+        console.print(to_rich(TABLE))
+    shown = capture.get()
+    for text in ("Time | of [bold]calls", HOSTILE, "12.35", "1 to 2.5", "A * note."):
+        assert text in shown
