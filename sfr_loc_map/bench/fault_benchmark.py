@@ -146,8 +146,8 @@ def fault_figures(
         longest_lost=max((len(list(run)) for gone, run in groupby(lost) if gone), default=0),
         silent_jumps=int(np.count_nonzero(jumps > JUMP_SIGMA)),
         largest_jump_sigma=float(jumps.max()) if len(jumps) else None,
-        vertical_offset_px=last.get("vertical_offset_px"),
-        disparity_offset_px=last.get("disparity_offset_px"),
+        vertical_offset_px=last.vertical_offset_px,
+        disparity_offset_px=last.disparity_offset_px,
     )
 
 

@@ -182,7 +182,7 @@ def test_parameters_change_live_as_a_whole_or_not_at_all(ros: None, tmp_path: Pa
         # which it knows no better than before, and the rover has gone on by a step meanwhile
         assert np.linalg.eigvalsh(after - before - 0.8 * np.diag([step**2] * 3 + [0] * 3)).min() > -1e-12
         localiser = Localiser(LOC_RIG, LocalisationConfig(max_features=300, keyframe_share=0.5), Transform.identity())
-        features = [localiser.process(loc_pair(index)).statistics["features"] for index in (2, 3)]
+        features = [localiser.process(loc_pair(index)).statistics.features for index in (2, 3)]
         peer.play(3)
         found = [float(values_of(status)["statistic.features"]) for status in calls(peer.diagnostics)[-2:]]
         assert found == features
