@@ -1,0 +1,156 @@
+"""What is added to the covariance of a pose in its window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.covariance_model import (
+    UNSEEN_SIGMA,
+    CovarianceModel,
+    Start,
+    covariance_of_rb,
+    systematic_covariance,
+)
+
+RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2)
+CONFIG = LocalisationConfig(common_px=0.04, common_disparity_px=0.0, inflation=2.0)
+CAMERA = np.array([400.0, 400.0, 320.0, 240.0])
+DEPTH_M = 5.0
+STEP = np.array([0.1, 0.0, 0.3])
+NOTHING = np.zeros((6, 6))
+
+
+def calibration(window: int = 7) -> OnlineCalibration:
+    return OnlineCalibration(CAMERA, window)
+
+
+@pytest.fixture
+def model() -> CovarianceModel:
+    model = CovarianceModel(RIG, CONFIG)
+    model.start(np.zeros(3), NOTHING, NOTHING, DEPTH_M)
+    return model
+
+
+def random_covariance(seed: int) -> np.ndarray:
+    root = np.random.default_rng(seed).normal(size=(6, 6))
+    return 1e-6 * root @ root.T
+
+
+def numeric_jacobian(moved: Callable[[np.ndarray], Transform]) -> np.ndarray:
+    """Return the derivative `(6, 6)` of a pose by position and rotation about fixed axes of another."""
+    step, columns = 1e-6, []
+    for axis in range(6):
+        ends = []
+        for sign in (1.0, -1.0):
+            change = np.zeros(6)
+            change[axis] = sign * step
+            ends.append(moved(change))
+        translation = (ends[0].translation - ends[1].translation) / (2.0 * step)
+        rotation = rotvec_from_matrix(ends[0].rotation @ ends[1].rotation.T) / (2.0 * step)
+        columns.append(np.concatenate((translation, rotation)))
+    return np.column_stack(columns)
+
+
+def perturbed(pose: Transform, change: np.ndarray) -> Transform:
+    return Transform(matrix_from_rotvec(change[3:]) @ pose.rotation, pose.translation + change[:3])
+
+
+def test_error_of_a_whole_image_is_an_angle_and_that_angle_at_the_depth() -> None:
+    sigma = np.sqrt(np.diag(systematic_covariance(DEPTH_M, 0.04, 400.0)))
+    np.testing.assert_allclose(sigma, [5e-4] * 3 + [1e-4] * 3)
+
+
+def test_nothing_is_known_worse_than_an_image_at_the_start(model: CovarianceModel) -> None:
+    np.testing.assert_array_equal(model.path_covariance(calibration()), np.zeros((3, 3)))
+    first_and_this = 2.0 * systematic_covariance(DEPTH_M, 0.04, 400.0)
+    np.testing.assert_allclose(model.of_left(np.zeros(3), DEPTH_M, calibration()), first_and_this)
+
+
+def test_yaw_error_grows_in_proportion_to_the_path(model: CovarianceModel) -> None:
+    """A disparity error of one pixel scales a step by depth / (f b): 5 / (400 * 0.2)."""
+    sigma = FIRST_SIGMA_PX * DEPTH_M / 80.0 * np.linalg.norm(STEP)
+    for count in range(1, 6):
+        model.step(STEP, DEPTH_M, 0.0)
+        covariance = model.path_covariance(calibration())
+        assert np.sqrt(np.trace(covariance)) == pytest.approx(count * sigma)
+        np.testing.assert_allclose(covariance @ np.array([0.3, 0.0, -0.1]), 0.0, atol=1e-12)  # along the path alone
+
+
+def test_a_path_back_takes_the_yaw_error_back(model: CovarianceModel) -> None:
+    for step in (STEP, -STEP):
+        model.step(step, DEPTH_M, 0.0)
+    np.testing.assert_allclose(model.path_covariance(calibration()), 0.0, atol=1e-18)
+
+
+def test_a_yaw_found_late_leaves_the_path_before_it_uncertain(model: CovarianceModel) -> None:
+    known = calibration()
+    known.target_u, known._variance_u = 0.5, 0.0
+    model.step(STEP, DEPTH_M, 0.0)  # not corrected
+    before = model.path_covariance(known)
+    assert np.sqrt(np.trace(before)) == pytest.approx(0.5 * DEPTH_M / 80.0 * np.linalg.norm(STEP))
+    model.step(STEP, DEPTH_M, 0.5)  # corrected
+    np.testing.assert_allclose(model.path_covariance(known), before, atol=1e-15)
+
+
+def test_disparity_error_that_is_never_known_stays() -> None:
+    model = CovarianceModel(RIG, LocalisationConfig(common_disparity_px=0.02))
+    known = calibration()
+    known._variance_u = 0.0
+    model.step(STEP, DEPTH_M, 0.0)
+    sigma = 0.02 * DEPTH_M / 80.0 * np.linalg.norm(STEP)
+    assert np.sqrt(np.trace(model.path_covariance(known))) == pytest.approx(sigma)
+
+
+def test_window_covariance_is_inflated_and_the_start_is_not() -> None:
+    model, window, start = CovarianceModel(RIG, CONFIG), random_covariance(0), random_covariance(1)
+    model.start(np.zeros(3), start, window, 0.0)
+    rotation_only = 2.0 * systematic_covariance(0.0, 0.04, 400.0)
+    np.testing.assert_allclose(model.of_left(np.zeros(3), 0.0, calibration()), 2.0 * window + start + rotation_only)
+
+
+def test_repeated_pairs_may_hide_as_many_steps(model: CovarianceModel) -> None:
+    still = model.of_left(np.zeros(3), DEPTH_M, calibration())
+    for count in (1, 2, 3):
+        model.repeat((0.2, 0.05))
+        hidden = model.of_left(np.zeros(3), DEPTH_M, calibration()) - still
+        np.testing.assert_allclose(np.sqrt(np.diag(hidden)), count * np.repeat([0.2, 0.05], 3))
+    model.set_in_window(NOTHING)
+    np.testing.assert_array_equal(model.of_left(np.zeros(3), DEPTH_M, calibration()), still)
+
+
+def test_a_gap_adds_what_a_rover_may_have_moved(model: CovarianceModel) -> None:
+    window, position = random_covariance(2), np.array([3.0, -1.0, 0.5])
+    image = Start(np.zeros(3), systematic_covariance(DEPTH_M, 0.04, 400.0))
+    known = window + image.propagated_to(position)
+    np.testing.assert_allclose(np.diag(model.after_gap(position, window) - known), np.square(UNSEEN_SIGMA))
+
+
+def test_rotation_error_of_the_start_swings_the_path() -> None:
+    start = Transform.from_quat([1.0, 2.0, 3.0], [0.1, 0.2, 0.3, 0.9])
+    later = Transform.from_quat([4.0, 0.5, 3.5], [0.0, 0.2, 0.0, 1.0])
+    relative, covariance = start.inverse() @ later, random_covariance(3)
+    jacobian = numeric_jacobian(lambda change: perturbed(start, change) @ relative)
+    propagated = Start(start.translation, covariance).propagated_to(later.translation)
+    np.testing.assert_allclose(propagated, jacobian @ covariance @ jacobian.T, atol=1e-12)
+    np.testing.assert_array_equal(Start(start.translation, covariance).propagated_to(start.translation), covariance)
+
+
+def test_covariance_of_the_rover_follows_its_extrinsics() -> None:
+    T_ds_world = Transform.from_quat([5.0, 6.0, 7.0], [0.3, -0.1, 0.5, 0.8])
+    T_world_left = Transform.from_quat([1.0, -2.0, 0.5], [0.2, 0.1, -0.4, 0.9])
+    T_left_rb = Transform.from_quat([0.3, 0.4, -0.5], [0.5, 0.5, -0.5, 0.5])
+    covariance = random_covariance(4)
+    jacobian = numeric_jacobian(lambda change: T_ds_world @ perturbed(T_world_left, change) @ T_left_rb)
+    T_ds_left = T_ds_world @ T_world_left
+    lever = (T_ds_left @ T_left_rb).translation - T_ds_left.translation
+    found = covariance_of_rb(covariance, T_ds_world.rotation, lever)
+    np.testing.assert_allclose(found, jacobian @ covariance @ jacobian.T, atol=1e-12)
+    np.testing.assert_array_equal(found, found.T)
