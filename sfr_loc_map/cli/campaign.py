@@ -1,4 +1,4 @@
-"""`sfr campaign`: what the nodes survive, and what they carry."""
+"""`sfr campaign`: injected faults, rates and long runs of the nodes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def faults(
     ] = None,
 ) -> None:
     """Inject one fault after the other into the nodes; exit 1 if one of them has another outcome than expected."""
-    from sfr_loc_map.fault_injection.outcome import FAIL, CampaignSettings, outcome_table, report
+    from sfr_loc_map.fault_injection.outcome import CampaignSettings, Verdict, outcome_table, report
     from sfr_loc_map.fault_injection.run import run_campaign, select, timed
     from sfr_loc_map.tables.markdown import to_markdown
 
@@ -54,7 +54,7 @@ def faults(
     _write_json(report(rows, settings, seconds), json_path)
     if markdown_path is not None:
         write_text(to_markdown([outcome_table(rows)]), markdown_path)
-    failed = [row.name for row in rows if row.verdict == FAIL]
+    failed = [row.name for row in rows if row.verdict is Verdict.FAIL]
     typer.echo(f"{len(rows)} rows in {seconds:.0f} s, {len(failed)} not as expected")
     if failed:
         raise FailedVerdictError(f"not as expected: {', '.join(failed)}")

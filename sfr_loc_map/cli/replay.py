@@ -30,7 +30,7 @@ from sfr_loc_map.errors import NodeError, OutputError
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.nodes.replay.replay import ReplayOptions
+    from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
 
 
@@ -73,7 +73,7 @@ def replay(
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.metrics.config import ScoreConfig
-    from sfr_loc_map.nodes.replay.replay import ReplayOptions, is_ros_parameter_file
+    from sfr_loc_map.nodes.replay.options import ReplayOptions, is_ros_parameter_file
     from sfr_loc_map.pipeline.offline import start_pose
 
     values = {"trajectory.conditions": tuple(condition)} if condition else {}
@@ -146,16 +146,16 @@ def _run(source: Source, options: ReplayOptions) -> ReplayResult:
                 for name, task in tasks.items():
                     bar.reset(task, total=totals[name])
 
-        recording = run(source, options, lambda bench: bar.advance(tasks[bench]), say)
-    played = {bench: sum(each == bench for each, _ in recording.published) for bench in totals}
-    missing = played.get("loc", 0) - len(recording.rows)
+        results = run(source, options, lambda task: bar.advance(tasks[task]), say)
+    missing = len(results.published_stamps("loc")) - len(results.rows)
     if missing > 0:
-        typer.echo(f"{missing} of {played['loc']} pairs have no odometry: the nodes could not keep up", err=True)
-    if played.get("nav") and not recording.clouds:
+        played = len(results.published_stamps("loc"))
+        typer.echo(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
+    mapped = frozenset(results.published_stamps("nav"))
+    if mapped and not results.clouds:
         raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
-    cloud = recording.clouds[-1] if recording.clouds else None
-    mapped = frozenset(stamp_ns for bench, stamp_ns in recording.published if bench == "nav")
-    return ReplayResult(recording.trajectory, cloud, recording.records, recording.report, mapped)
+    cloud = results.clouds[-1] if results.clouds else None
+    return ReplayResult(results.trajectory, cloud, results.records, results.report, mapped)
 
 
 def _say_where(result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:

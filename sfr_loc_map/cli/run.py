@@ -39,7 +39,7 @@ def run(
 ) -> None:
     """Run the nodes, one process each, until Ctrl-C or SIGTERM; exit 2 if one ends before."""
     require_ros("run")
-    from sfr_loc_map.nodes.process.node_group import nodes_of, run_group
+    from sfr_loc_map.nodes.process.supervisor import node_names, run_nodes
 
     given = list(words or ())
     cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)
@@ -50,7 +50,7 @@ def run(
         arguments += ["--params-file", str(path)]
     for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
         arguments += ["-r", item]
-    nodes = nodes_of(given[:cut])
-    run_group(
+    nodes = node_names(given[:cut])
+    run_nodes(
         nodes, [*arguments, *given[cut + 1 :]], lambda text: typer.echo(f"sfr run: {text}", err=True), respawn=respawn
     )

@@ -1,1 +1,1 @@
-"""Faults done on purpose to the node processes over real DDS, and what became of it."""
+"""Injected faults: what the node processes survive over real DDS, and which rates they carry."""

@@ -1,4 +1,4 @@
-"""One fault in a process of its own; see `run.run_ordered`."""
+"""Injects one fault in a process of its own; see `run.run_ordered`."""
 
 import sys
 

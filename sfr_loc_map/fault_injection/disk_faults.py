@@ -1,4 +1,4 @@
-"""Full and read-only file systems, and a small /dev/shm; each row has a mount namespace of its own."""
+"""Injected faults of file systems: full, read-only, small /dev/shm; each in a mount namespace of its own."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.fault_injection.harness import LOCALISATION, MONITOR, Bench
+from sfr_loc_map.fault_injection.harness import LOCALISATION, MONITOR, Harness
 from sfr_loc_map.fault_injection.outcome import Fault, Outcome
 from sfr_loc_map.nodes.diagnostics.key_values import Level
 
@@ -20,69 +20,68 @@ def mount_disk(folder: Path) -> None:
 
 
 def mount_shm(folder: Path) -> None:
-    """Put a small file system at /dev/shm, as containers have it."""
+    """Put a small file system at /dev/shm, as in a container."""
     _mount("-t", "tmpfs", "-o", f"size={SHM_MB}m", "tmpfs", "/dev/shm")
 
 
-def full_disk(bench: Bench, outcome: Outcome) -> None:
-    """Fill the file system that logs, kept pose and report are written to; then make room again."""
-    filler = bench.folder / "filler"
+def full_disk(harness: Harness, outcome: Outcome) -> None:
+    """Fill the file system of logs, saved pose and report; then free space."""
+    filler = harness.folder / "filler"
     _fill(filler)
-    _without_disk(bench, outcome)
+    _work_without_disk(harness, outcome)
     filler.unlink()
-    _with_disk_again(bench, outcome)
+    _check_recovered(harness, outcome)
 
 
-def read_only(bench: Bench, outcome: Outcome) -> None:
-    """Make the file system that is written to read-only, then writable again."""
-    # open files keep a file system from becoming read-only: the folder is bound once more, and that is changed
-    _mount("--bind", str(bench.folder), str(bench.folder))
-    _mount("-o", "remount,ro,bind", str(bench.folder))
-    _without_disk(bench, outcome)
-    subprocess.run(["umount", str(bench.folder)], check=False, capture_output=True)
-    _with_disk_again(bench, outcome)
+def read_only(harness: Harness, outcome: Outcome) -> None:
+    """Make the file system of logs, saved pose and report read-only, then writable."""
+    # open files prevent a remount of the file system: a bind mount of the folder is made read-only instead
+    _mount("--bind", str(harness.folder), str(harness.folder))
+    _mount("-o", "remount,ro,bind", str(harness.folder))
+    _work_without_disk(harness, outcome)
+    subprocess.run(["umount", str(harness.folder)], check=False, capture_output=True)
+    _check_recovered(harness, outcome)
 
 
-def small_shm(bench: Bench, outcome: Outcome) -> None:
-    """Drive, map and score with what a container gives: the segments do not fit, UDP is left."""
-    first = bench.next_stamp()
-    with bench.driving(10.0):
-        count = len(bench.odometry)
-        bench.until(lambda: len(bench.odometry) >= count + 20, "odometry")
-    bench.settle()
-    bench.map()
-    sent = [stamp for stamp in bench.sent if stamp > first]
-    missing = sum(stamp not in bench.odometry for stamp in sent)
-    outcome.observed.append(f"{len(sent)} pairs of 160 x 120 sent, {len(sent) - missing} localised, one map made")
-    outcome.lost = f"{missing} pairs" if missing else "nothing (small pictures)"
-    outcome.expect(not missing, f"{missing} pairs are missing")
+def small_shm(harness: Harness, outcome: Outcome) -> None:
+    """Drive, map and score with the /dev/shm of a container: the segments do not fit, Fast DDS uses UDP."""
+    first = harness.rover.next_stamp()
+    with harness.rover.driving(10.0):
+        harness.wait_poses(20)
+    harness.settle()
+    harness.map()
+    pairs = harness.pairs_since(first)
+    outcome.observed.append(f"{pairs} (160 x 120), one map made")
+    outcome.lost = pairs.lost
+    outcome.expect(not pairs.missing, f"{pairs.missing} pairs are missing")
 
 
-def _without_disk(bench: Bench, outcome: Outcome) -> None:
-    before = len(bench.odometry)
-    bench.localise(5)
-    answer = bench.call("monitor_node/save")
-    outcome.expect(not answer.success, "saving was answered as a success")
-    told = lambda: "resume_file" in bench.health[LOCALISATION][2]  # noqa: E731
+def _work_without_disk(harness: Harness, outcome: Outcome) -> None:
+    before = len(harness.received.odometry)
+    harness.localise(5)
+    localised = len(harness.received.odometry) - before
+    answer = harness.call("monitor_node/save")
+    outcome.expect(not answer.success, "saving was reported as a success")
+    reported = lambda: "resume_file" in harness.received.health[LOCALISATION].message  # noqa: E731
     try:
-        bench.until(told, "warning of the kept pose", 5.0)
+        harness.wait_until(reported, "warning about resume_file", 5.0)
     except NodeError as error:
         outcome.expect(False, str(error))
     reason = answer.message.split(": ", 1)[-1].split(";")[0]
-    outcome.observed.append(f"{len(bench.odometry) - before} of 5 pairs localised; ~/save answered '{reason}'")
+    outcome.observed.append(f"{localised} of 5 pairs localised; ~/save answered '{reason}'")
     outcome.observed.append("health of localisation and monitor WARN")
-    bench.until(lambda: bench.health[MONITOR][1] is Level.WARN, "warning of the monitor that it cannot save")
+    harness.wait_until(lambda: harness.received.health[MONITOR].level is Level.WARN, "warning of the monitor")
 
 
-def _with_disk_again(bench: Bench, outcome: Outcome) -> None:
-    stamps = bench.localise(2)
-    answer = bench.call("monitor_node/save")
-    outcome.expect(answer.success, f"saving failed with room again: {answer.message}")
-    kept = bench.saved_pose.read_text(encoding="utf-8")
-    outcome.expect(str(stamps[-1]) in kept, "the kept pose is not the last")
-    parts = [path.name for path in bench.folder.iterdir() if path.name.endswith(".part")]
-    outcome.expect(not parts, f"left over: {', '.join(parts)}")
-    outcome.observed.append("with room again both were written, nothing was left over")
+def _check_recovered(harness: Harness, outcome: Outcome) -> None:
+    stamps = harness.localise(2)
+    answer = harness.call("monitor_node/save")
+    outcome.expect(answer.success, f"saving failed with free space: {answer.message}")
+    text = harness.saved_pose.read_text(encoding="utf-8")
+    outcome.expect(str(stamps[-1]) in text, "the saved pose is not the last one")
+    parts = [path.name for path in harness.folder.iterdir() if path.name.endswith(".part")]
+    outcome.expect(not parts, f"partial files are left: {', '.join(parts)}")
+    outcome.observed.append("with free space both were written, no partial file was left")
 
 
 def _fill(path: Path) -> None:
@@ -104,15 +103,15 @@ def _mount(*arguments: str) -> None:
 FAULTS = (
     Fault(
         "full-disk",
-        "the file system of logs, kept pose and report is full; later there is room again",
-        "odometry goes on, health WARN, saving is refused with a reason, nothing half written; all is well with room",
+        "the file system of logs, saved pose and report is full; later space is freed",
+        "odometry continues, health WARN, saving fails with a reason, no partial file; recovers with free space",
         full_disk,
         own_mounts=True,
         prepare=mount_disk,
     ),
     Fault(
         "read-only",
-        "the same becomes read-only; later it is writable again",
+        "the same file system becomes read-only; later it is writable again",
         "as with a full disk",
         read_only,
         own_mounts=True,
@@ -120,8 +119,8 @@ FAULTS = (
     ),
     Fault(
         "small-shm",
-        f"/dev/shm of {SHM_MB} MB, what a container has",
-        "nodes start and work over UDP; small pictures come through",
+        f"/dev/shm of {SHM_MB} MB, the default of containers",
+        "nodes start and work over UDP; small images are delivered",
         small_shm,
         own_mounts=True,
         prepare=mount_shm,

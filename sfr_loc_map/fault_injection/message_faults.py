@@ -1,152 +1,140 @@
-"""Broken and hostile messages: no node may die, hang, grow or stop working of one."""
+"""Injected faults of messages: no malformed message may end, block or grow a node."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 
 from sensor_msgs.msg import Image
 
-from sfr_loc_map.fault_injection import malformed_messages as hostile
-from sfr_loc_map.fault_injection.harness import LOCALISATION, MAPPING, MATCH_S, MONITOR, SENT_DEPTH, Bench
+from sfr_loc_map.fault_injection import malformed_messages as malformed
+from sfr_loc_map.fault_injection.fake_rover import IMAGE_DEPTH, MATCH_S
+from sfr_loc_map.fault_injection.harness import LOCALISATION, MAPPING, MONITOR, Harness
 from sfr_loc_map.fault_injection.malformed_messages import MalformedMessage
 from sfr_loc_map.fault_injection.outcome import Fault, Outcome
-from sfr_loc_map.geometry.stereo import StereoPair
 
 GROWTH_MB = 100.0
 """A message may not make a node grow by more than this."""
-MESSAGES_AT_ONCE = 10
+BURST_MESSAGES = 10
 RATE_HZ = 10.0
+TASK_OF_NODE = {LOCALISATION: "loc", MAPPING: "nav"}
 
 
-def malformed_images(node: str, bench: Bench, outcome: Outcome) -> None:
-    """Send pictures with wrong steps, sizes, encodings and data."""
-    name, work = _part(node, bench)
-    picture = _pair(name, bench).left
-    messages = (message for both in hostile.pictures(name, picture, bench.next_stamp) for message in both)
-    _strike(bench, outcome, node, messages, work, told=True)
+def malformed_images(node: str, harness: Harness, outcome: Outcome) -> None:
+    """Send images with wrong steps, sizes, encodings and data."""
+    task, rover = TASK_OF_NODE[node], harness.rover
+    pairs = malformed.images(task, rover.pair(task).left, rover.next_stamp)
+    _inject(harness, outcome, node, [message for pair in pairs for message in pair])
 
 
-def hostile_bytes(node: str, bench: Bench, outcome: Outcome) -> None:
-    """Send pictures and camera_info that cannot be deserialised."""
-    name, work = _part(node, bench)
-    rig = bench.scene.loc if name == "loc" else bench.scene.nav
-    _strike(bench, outcome, node, hostile.broken_bytes(name, _pair(name, bench), rig), work, told=False)
+def malformed_bytes(node: str, harness: Harness, outcome: Outcome) -> None:
+    """Send images and camera_info that cannot be deserialised."""
+    task, rover = TASK_OF_NODE[node], harness.rover
+    messages = malformed.malformed_bytes(task, rover.pair(task), rover.rig(task))
+    _inject(harness, outcome, node, messages, reported=False)
 
 
-def hostile_infos(node: str, bench: Bench, outcome: Outcome) -> None:
-    """Send camera_info that no camera has, and poses that are none."""
-    name, work = _part(node, bench)
-    rig = bench.scene.loc if name == "loc" else bench.scene.nav
-    infos = [info for pair in hostile.camera_infos(name, bench.next_stamp(), rig) for info in pair]
-    poses = hostile.poses_for_localisation if name == "loc" else hostile.poses_for_mapping
-    _strike(bench, outcome, node, [*infos, *poses(bench.next_stamp())], work, told=True)
+def malformed_camera_info(node: str, harness: Harness, outcome: Outcome) -> None:
+    """Send impossible camera_info and invalid poses."""
+    task, rover = TASK_OF_NODE[node], harness.rover
+    infos = [info for pair in malformed.camera_infos(task, rover.next_stamp(), rover.rig(task)) for info in pair]
+    poses = malformed.poses_for_localisation if task == "loc" else malformed.poses_for_mapping
+    _inject(harness, outcome, node, [*infos, *poses(rover.next_stamp())])
 
 
-def hostile_scores(bench: Bench, outcome: Outcome) -> None:
-    """Send the monitor poses, calls, clouds and configurations that are none."""
-
-    def work() -> None:
-        known = bench.monitored
-        bench.localise()
-        bench.until(lambda: bench.monitored > known, "score of the pose")
-
-    _strike(bench, outcome, MONITOR, hostile.messages_for_monitor(bench.next_stamp()), work, told=True)
+def malformed_score_inputs(harness: Harness, outcome: Outcome) -> None:
+    """Send the monitor invalid poses, calls, clouds and configurations."""
+    _inject(harness, outcome, MONITOR, malformed.messages_for_monitor(harness.rover.next_stamp()))
 
 
-def empty_message(bench: Bench, outcome: Outcome) -> None:
-    """Send a message of no bytes at all, by a stranger and by the camera itself.
+def empty_message(harness: Harness, outcome: Outcome) -> None:
+    """Send a zero-length message, by another publisher and by that of the camera.
 
-    Fast DDS 2 does not deliver it, and a reliable reader then waits for it before it hands out what the same writer
-    sent later, until it has left the writer's history. Other writers are not held up.
+    Fast DDS 2 does not deliver it, and a reliable reader then waits for it before it delivers later messages of the
+    same writer, until it has left the writer's history. Other writers are not blocked.
     """
     topic = "loc/left/image_rect"
-    bench.publisher(Image, topic)
-    stranger = bench.node.create_publisher(Image, topic, SENT_DEPTH)
-    bench.until(lambda: stranger.get_subscription_count() > 0, f"a listener on {topic}")
+    harness.rover.publisher(Image, topic)
+    other = harness.node.create_publisher(Image, topic, IMAGE_DEPTH)
+    harness.wait_until(lambda: other.get_subscription_count() > 0, f"subscriber of {topic}")
     time.sleep(MATCH_S)
-    stranger.publish(b"")
-    bench.localise(3)
-    outcome.observed.append("sent by a stranger it does not disturb the camera's pictures")
-    bench.node.destroy_publisher(stranger)
-    first = bench.next_stamp()
-    bench.publisher(Image, topic).publish(b"")
-    begin, count = time.monotonic(), len(bench.odometry)
-    with bench.driving(RATE_HZ):
-        bench.until(lambda: len(bench.odometry) > count, "odometry")
+    other.publish(b"")
+    harness.localise(3)
+    outcome.observed.append("sent by another publisher it does not disturb the images of the camera")
+    harness.node.destroy_publisher(other)
+    first = harness.rover.next_stamp()
+    harness.rover.publisher(Image, topic).publish(b"")
+    begin = time.monotonic()
+    with harness.rover.driving(RATE_HZ):
+        harness.wait_poses(1)
         outcome.recover_s = time.monotonic() - begin
         time.sleep(1.0)
-    bench.settle()
-    sent = [stamp for stamp in bench.sent if stamp > first]
-    missing = sum(stamp not in bench.odometry for stamp in sent)
-    outcome.observed.append(
-        f"sent by the camera's own publisher it holds up what that sends, until {SENT_DEPTH} more have pushed it out"
-    )
-    outcome.lost = f"{missing} of {len(sent)} pairs" if missing else "nothing"
+    harness.settle()
+    pairs = harness.pairs_since(first)
+    outcome.observed.append(f"sent by the camera it blocks the images of the camera, until {IMAGE_DEPTH} more are sent")
+    outcome.lost = f"{pairs.missing} of {pairs.sent} pairs" if pairs.missing else "nothing"
 
 
-def _part(node: str, bench: Bench) -> tuple[str, Callable[[], object]]:
-    """Return the first part of a node's topics, and what it must still be able to do."""
-    return ("loc", lambda: bench.localise(2)) if node == LOCALISATION else ("nav", bench.map)
+def _work(harness: Harness, node: str) -> None:
+    """Let a node process valid messages."""
+    if node == LOCALISATION:
+        harness.localise(2)
+    elif node == MAPPING:
+        harness.map()
+    else:
+        before = harness.received.scored_poses
+        harness.localise()
+        harness.wait_until(lambda: harness.received.scored_poses > before, "score of the pose")
 
 
-def _pair(name: str, bench: Bench) -> StereoPair:
-    stamp_ns = bench.next_stamp()
-    return bench.scene.loc_pair(0, stamp_ns) if name == "loc" else bench.scene.nav_pair(0, stamp_ns)
-
-
-def _strike(
-    bench: Bench,
-    outcome: Outcome,
-    node: str,
-    messages: Iterable[MalformedMessage],
-    work: Callable[[], object],
-    *,
-    told: bool,
+def _inject(
+    harness: Harness, outcome: Outcome, node: str, messages: Iterable[MalformedMessage], *, reported: bool = True
 ) -> None:
-    """Publish messages; then the node must live, work, be no larger and have told of the messages."""
-    process = bench.nodes[node]
-    pid, before, said, text = process.popen.pid, bench.memory_mb(node), len(bench.problems), len(process.text)
+    """Publish messages; then the node must run, process valid ones, not have grown and have reported problems."""
+    process, received = harness.nodes[node], harness.received
+    pid, memory_before = process.popen.pid, harness.memory_mb(node)
+    problems_before, text_before = len(received.problems), len(process.text)
     count = 0
     for item in messages:
-        bench.publish(item.kind, item.topic, item.message)
+        harness.rover.publish(item.kind, item.topic, item.message)
         count += 1
-        if count % MESSAGES_AT_ONCE == 0:
+        if count % BURST_MESSAGES == 0:
             time.sleep(0.05)
     begin = time.monotonic()
-    work()
-    outcome.recovered(time.monotonic() - begin, bench.settings.patience_s, "the next honest message")
-    grown, problems = bench.memory_mb(node) - before, len(bench.problems) - said
-    outcome.observed.append(f"{count} messages; works on with the next honest ones; {problems} problems told")
+    _work(harness, node)
+    outcome.recovered(time.monotonic() - begin, harness.settings.patience_s, "the next valid message")
+    grown, problems = harness.memory_mb(node) - memory_before, len(received.problems) - problems_before
+    outcome.observed.append(f"{count} messages; continues with the next valid ones; {problems} problems reported")
     outcome.figures |= {"messages": count, "grown_mb": grown, "problems": problems}
-    outcome.expect(process.lives and process.popen.pid == pid, f"{node} has ended")
+    outcome.expect(process.is_running and process.popen.pid == pid, f"{node} has ended")
     outcome.expect(grown < GROWTH_MB, f"{node} has grown by {grown:.0f} MB")
-    outcome.expect(problems > 0 or not told, "no problem was told on /diagnostics")
-    outcome.expect("Traceback" not in process.text[text:], f"{node} met an exception that was not foreseen")
+    outcome.expect(problems > 0 or not reported, "no problem was reported on /diagnostics")
+    outcome.expect("Traceback" not in process.text[text_before:], f"unexpected exception in {node}")
 
 
-_EXPECTED = "lives, does not grow, tells of it on /diagnostics, works on with the next honest pair"
-_PICTURES = "pictures with wrong step, size, encoding, length; NaN; 4 GB claimed; broken PNG and JPEG"
-_BYTES = "pictures and camera_info cut off, noise, lengths of 4 GB claimed (CDR)"
+_CONTINUES = "runs on, continues"
+_EXPECTED = "runs on, does not grow, reports it on /diagnostics, continues with the next valid pair"
+_IMAGES = "images with wrong step, size, encoding, length; NaN; 4 GB claimed; broken PNG and JPEG"
+_BYTES = "images and camera_info cut off, noise, lengths of 4 GB claimed (CDR)"
 _INFOS = "camera_info of NaN, zero, 4294967295 pixels; poses of NaN, infinity, zero quaternions"
 FAULTS = (
-    Fault("pictures-localisation", f"to localisation: {_PICTURES}", _EXPECTED, partial(malformed_images, LOCALISATION)),
-    Fault("bytes-localisation", f"to localisation: {_BYTES}", "lives, works on", partial(hostile_bytes, LOCALISATION)),
-    Fault("infos-localisation", f"to localisation: {_INFOS}", _EXPECTED, partial(hostile_infos, LOCALISATION)),
-    Fault("pictures-mapping", f"to mapping: {_PICTURES}", _EXPECTED, partial(malformed_images, MAPPING)),
-    Fault("bytes-mapping", f"to mapping: {_BYTES}", "lives, works on", partial(hostile_bytes, MAPPING)),
-    Fault("infos-mapping", f"to mapping: {_INFOS}", _EXPECTED, partial(hostile_infos, MAPPING)),
+    Fault("pictures-localisation", f"to localisation: {_IMAGES}", _EXPECTED, partial(malformed_images, LOCALISATION)),
+    Fault("bytes-localisation", f"to localisation: {_BYTES}", _CONTINUES, partial(malformed_bytes, LOCALISATION)),
+    Fault("infos-localisation", f"to localisation: {_INFOS}", _EXPECTED, partial(malformed_camera_info, LOCALISATION)),
+    Fault("pictures-mapping", f"to mapping: {_IMAGES}", _EXPECTED, partial(malformed_images, MAPPING)),
+    Fault("bytes-mapping", f"to mapping: {_BYTES}", _CONTINUES, partial(malformed_bytes, MAPPING)),
+    Fault("infos-mapping", f"to mapping: {_INFOS}", _EXPECTED, partial(malformed_camera_info, MAPPING)),
     Fault(
         "messages-monitor",
-        "to the monitor: poses of NaN, calls without numbers, clouds of 4294967295 points, JSON that is none",
-        "lives, does not grow, tells of it on /diagnostics, scores on",
-        hostile_scores,
+        "to the monitor: poses of NaN, calls without numbers, clouds of 4294967295 points, invalid JSON",
+        "runs on, does not grow, reports it on /diagnostics, continues to score",
+        malformed_score_inputs,
     ),
 )
 EMPTY = Fault(
     "empty-message",
-    "a message of no bytes at all on a topic of pictures",
-    "other publishers are not disturbed; its own works again when the message has left the publisher's history",
+    "a zero-length message on an image topic",
+    "other publishers are not disturbed; its own works again when the message has left the history of the publisher",
     empty_message,
 )

@@ -1,4 +1,4 @@
-"""What a fault of the campaign is, what became of it, and both as a table."""
+"""A fault of the campaign, its outcome, and the table of both."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +14,9 @@ from sfr_loc_map.tables.numbers import SECOND
 from sfr_loc_map.tables.table import Cell, Column, Table
 
 if TYPE_CHECKING:
-    from sfr_loc_map.fault_injection.harness import Bench
+    from sfr_loc_map.fault_injection.harness import Harness
 
 SCHEMA = "sfr-faults/1"
-PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
 COLUMNS = (
     *(Column(title, words=True) for title in ("fault", "expected", "observed", "data lost")),
     Column("recovery", SECOND),
@@ -24,17 +24,25 @@ COLUMNS = (
 )
 
 
+class Verdict(StrEnum):
+    """Verdict on a fault."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    NOT_RUN = "not run"
+
+
 @dataclass(slots=True)
 class Outcome:
-    """What was seen of a fault; filled step by step.
+    """What was observed of a fault; filled step by step.
 
     Attributes:
         observed: What happened, in words.
         lost: What data was lost, in words.
-        recover_s: From the end of the fault (or the restart) to the first good result, seconds; None where nothing
+        recover_s: From the end of the fault (or the restart) to the first valid result, seconds; None where nothing
             had to recover.
         failures: What was not as expected; empty for a pass.
-        figures: Numbers behind the words.
+        figures: Numbers for the JSON report.
     """
 
     observed: list[str] = field(default_factory=list)
@@ -44,26 +52,26 @@ class Outcome:
     figures: dict[str, Any] = field(default_factory=dict)
 
     def expect(self, condition: object, text: str) -> None:
-        """Note what should hold; the text says what was found where it does not."""
+        """Record a failure with this text unless the condition holds."""
         if not condition:
             self.failures.append(text)
 
     def recovered(self, seconds: float, limit_s: float, what: str) -> None:
-        """Note how long the recovery took, and hold it against its limit."""
+        """Record how long the recovery took, and compare it with its limit."""
         self.recover_s = max(self.recover_s or 0.0, seconds)
         self.expect(seconds <= limit_s, f"{what} took {seconds:.1f} s, the limit is {limit_s:g} s")
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignSettings:
-    """How hard the campaign is.
+    """Settings of the campaign.
 
     Attributes:
         stop_s: How long a process is stopped by SIGSTOP, seconds.
         restart_limit_s: From the start of a killed node to its first result, seconds.
         soak_minutes: Length of the soak; 0 leaves it out.
-        slope_limit: Largest growth of memory in the soak, MB an hour.
-        patience_s: How long a result is waited for at most, seconds.
+        slope_limit: Largest growth of memory in the soak, MB/h.
+        patience_s: How long a result is awaited at most, seconds.
     """
 
     stop_s: float = 10.0
@@ -79,18 +87,18 @@ class Fault:
 
     Attributes:
         name: Its name on the command line.
-        fault: What is done.
-        expected: What should become of it.
-        run: Does it with the bench.
-        arguments: ROS arguments of nodes beside the usual ones, by node; rows with the same share their processes.
-        own_mounts: Whether it needs file systems of its own: it then runs in a mount namespace (Linux, root).
-        prepare: Done to the folder of logs and saved files before the nodes start.
+        fault: What is injected.
+        expected: Expected outcome.
+        run: Injects it by means of the harness and fills the outcome.
+        arguments: ROS arguments of nodes beside the common ones, by node; faults with the same share their processes.
+        own_mounts: Whether it mounts file systems and therefore runs in a mount namespace (Linux, root).
+        prepare: Called with the folder of logs and saved files before the nodes start.
     """
 
     name: str
     fault: str
     expected: str
-    run: Callable[[Bench, Outcome], None]
+    run: Callable[[Harness, Outcome], None]
     arguments: Mapping[str, Sequence[str]] = field(default_factory=dict)
     own_mounts: bool = False
     prepare: Callable[[Path], None] | None = None
@@ -98,7 +106,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A fault and its outcome, as written."""
+    """A fault and its outcome, as reported."""
 
     name: str
     fault: str
@@ -106,28 +114,31 @@ class Row:
     observed: str
     lost: str
     recover_s: float | None
-    verdict: str
+    verdict: Verdict
     figures: dict[str, Any]
 
 
 def row_of(fault: Fault, outcome: Outcome) -> Row:
-    """Return the row of a fault that was run."""
+    """Return the row of a fault that was injected."""
     said = [*outcome.observed, *(f"NOT AS EXPECTED: {text}" for text in outcome.failures)]
-    verdict = FAIL if outcome.failures else PASS
-    return _row(fault, "; ".join(said), outcome.lost, outcome.recover_s, verdict, outcome.figures)
+    verdict = Verdict.FAIL if outcome.failures else Verdict.PASS
+    text = "; ".join(said)
+    return Row(fault.name, fault.fault, fault.expected, text, outcome.lost, outcome.recover_s, verdict, outcome.figures)
 
 
 def row_not_run(fault: Fault, reason: str) -> Row:
-    """Return the row of a fault that could not be run here."""
-    return _row(fault, reason, "", None, NOT_RUN, {})
+    """Return the row of a fault that could not be injected on this host."""
+    return Row(fault.name, fault.fault, fault.expected, reason, "", None, Verdict.NOT_RUN, {})
 
 
-def _row(fault: Fault, observed: str, lost: str, recover_s: float | None, verdict: str, figures: dict[str, Any]) -> Row:
+def _row(
+    fault: Fault, observed: str, lost: str, recover_s: float | None, verdict: Verdict, figures: dict[str, Any]
+) -> Row:
     return Row(fault.name, fault.fault, fault.expected, observed, lost, recover_s, verdict, figures)
 
 
 def report(rows: Sequence[Row], settings: CampaignSettings, seconds: float) -> dict[str, Any]:
-    """Return rows with what they were made with, for JSON."""
+    """Return rows, settings and host, for JSON."""
     return {
         "schema": SCHEMA,
         "settings": asdict(settings),

@@ -1,4 +1,4 @@
-"""What the nodes carry: large pictures at a rate through localisation, poses at a rate through the monitor."""
+"""Rates that the nodes carry: large images through localisation, poses through the monitor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 
-from sfr_loc_map.fault_injection.harness import LOCALISATION, MONITOR, Bench
+from sfr_loc_map.fault_injection.harness import LOCALISATION, MONITOR, Harness
 from sfr_loc_map.fault_injection.outcome import CampaignSettings
 from sfr_loc_map.fault_injection.scene import TURN, Scene
 from sfr_loc_map.fault_injection.soak import MemoryTrend
@@ -24,25 +24,25 @@ from sfr_loc_map.nodes.messages.pose import odometry_msg
 from sfr_loc_map.nodes.process import environment
 
 ADDED_LIMIT_S = 0.010
-"""What transport and conversion may add to the processing (p95)."""
+"""Limit of the time that transport and conversion add to the processing (p95)."""
 SLOPE_LIMIT_MB_H = 1.0
 SAMPLE_S = 0.5
 STEP_M = 0.02
-USUAL = {
+ARGUMENTS = {
     LOCALISATION: ("-p", "resume_file:=''"),
     MONITOR: ("-p", "publish_period_s:=1.0", "-p", "save_period_s:=0.0"),
 }
-"""Nothing is kept in files, reports once a second, as by default."""
+"""No files, a report once a second, as by default."""
 
 
 @dataclass(frozen=True, slots=True)
 class RateSettings:
-    """What is sent.
+    """What is published.
 
     Attributes:
         minutes: How long.
-        rate_hz: How often; 0: in lock step, the next pair when the last one is answered.
-        size: Width and height of the pictures.
+        rate_hz: Rate; 0: lock step, the next pair after the result of the last one.
+        size: Width and height of the images.
     """
 
     minutes: float
@@ -51,58 +51,58 @@ class RateSettings:
 
 
 def carry_images(settings: RateSettings, folder: Path) -> dict[str, Any]:
-    """Send stereo pairs through the localisation node; return what came of it.
+    """Send stereo pairs through the localisation node; return counts, times and memory for JSON.
 
-    `added_s` is the time from the publisher's publish call of the slower picture to the publication of the odometry,
+    `added_s` is the time from the publish call of the slower image to the publication of the odometry,
     less the processing time: transport, conversion, waiting, publication.
     """
     environment.prepare()
     environment.isolate()
     scene = Scene(settings.size, settings.size)
     for index in range(TURN + 1):
-        scene.loc_pair(index, 0)  # rendered before, so that the sender keeps its rate
+        scene.loc_pair(index, 0)  # rendered beforehand, so that the publisher keeps its rate
     calls: dict[int, dict[str, str]] = {}
     trend, sent = MemoryTrend(), 0
-    with Bench(folder, CampaignSettings(), USUAL, scene, nodes=(LOCALISATION,)) as bench:
-        bench.wait_ready()
-        dropped = _drops(bench)
-        first, begin = bench.next_stamp(), time.monotonic()
+    with Harness(folder, CampaignSettings(), ARGUMENTS, scene, nodes=(LOCALISATION,)) as harness:
+        harness.wait_ready()
+        dropped = harness.received.health[LOCALISATION].dropped
+        first, begin = harness.rover.next_stamp(), time.monotonic()
         stamps: set[int] = set()
 
-        def look() -> None:
-            for (_, _, stamp), (_, values) in list(bench.calls.items()):
+        def sample() -> None:
+            for (_, _, stamp), values in list(harness.received.calls.items()):
                 if stamp > first:
                     calls[stamp] = values
-            stamps.update(stamp for stamp in list(bench.sent) if stamp > first)
+            stamps.update(stamp for stamp in list(harness.rover.sent) if stamp > first)
             trend.seconds.append(time.monotonic() - begin)
-            trend.mb.append(bench.memory_mb(LOCALISATION))
+            trend.mb.append(harness.memory_mb(LOCALISATION))
 
-        _send(bench, settings, look)
-        bench.settle(2.0)
-        look()
+        _send(harness, settings, sample)
+        harness.settle(2.0)
+        sample()
         sent = len(stamps)
-        counted = _drops(bench)
+        counted = harness.received.health[LOCALISATION].dropped
     counts = {name: counted[name] - dropped.get(name, 0) for name in counted}
-    return _pictures_result(settings, sent, list(calls.values()), counts, trend)
+    return _images_result(settings, sent, list(calls.values()), counts, trend)
 
 
-def _send(bench: Bench, settings: RateSettings, look: Callable[[], None]) -> None:
+def _send(harness: Harness, settings: RateSettings, sample: Callable[[], None]) -> None:
     end = time.monotonic() + 60.0 * settings.minutes
     if settings.rate_hz > 0.0:
-        with bench.driving(settings.rate_hz):
+        with harness.rover.driving(settings.rate_hz):
             while time.monotonic() < end:
                 time.sleep(SAMPLE_S)
-                look()
+                sample()
         return
-    looked = 0.0
+    last_sample = 0.0
     while time.monotonic() < end:
-        bench.await_pose(bench.send_loc())
-        if time.monotonic() - looked > SAMPLE_S:
-            looked = time.monotonic()
-            look()
+        harness.wait_pose(harness.rover.send_loc())
+        if time.monotonic() - last_sample > SAMPLE_S:
+            last_sample = time.monotonic()
+            sample()
 
 
-def _pictures_result(
+def _images_result(
     settings: RateSettings, sent: int, calls: Sequence[dict[str, str]], counts: dict[str, int], trend: MemoryTrend
 ) -> dict[str, Any]:
     def figures(name: str) -> list[float]:
@@ -144,29 +144,29 @@ def _pictures_result(
 
 
 def carry_poses(settings: RateSettings, folder: Path) -> dict[str, Any]:
-    """Send estimates, truth and calls to the monitor; return what came of it."""
+    """Send estimates, truth and calls to the monitor; return counts, load and memory for JSON."""
     environment.prepare()
     environment.isolate()
     trend = MemoryTrend()
-    with Bench(folder, CampaignSettings(), USUAL, nodes=(MONITOR,)) as bench:
-        bench.wait_ready()
-        _await_heard(bench)
-        begin, sent, known = time.monotonic(), 0, bench.monitored
-        due, looked, used = begin, 0.0, bench.nodes[MONITOR].processor_s
+    with Harness(folder, CampaignSettings(), ARGUMENTS, nodes=(MONITOR,)) as harness:
+        harness.wait_ready()
+        _wait_discovered(harness)
+        begin, sent, before = time.monotonic(), 0, harness.received.scored_poses
+        due, last_sample, cpu_before = begin, 0.0, harness.cpu_s(MONITOR)
         while time.monotonic() - begin < 60.0 * settings.minutes:
-            _send_pose(bench, sent)
+            _send_pose(harness, sent)
             sent += 1
             due += 1.0 / settings.rate_hz
             time.sleep(max(due - time.monotonic(), 0.0))
-            if time.monotonic() - looked > SAMPLE_S:
-                looked = time.monotonic()
-                bench.forget()
-                trend.seconds.append(looked - begin)
-                trend.mb.append(bench.memory_mb(MONITOR))
+            if time.monotonic() - last_sample > SAMPLE_S:
+                last_sample = time.monotonic()
+                harness.received.forget()
+                trend.seconds.append(last_sample - begin)
+                trend.mb.append(harness.memory_mb(MONITOR))
         took = time.monotonic() - begin
-        bench.settle(4.0)
-        scored, counts = bench.monitored - known, _drops(bench, MONITOR)
-        share = (bench.nodes[MONITOR].processor_s - used) / took
+        harness.settle(4.0)
+        scored, counts = harness.received.scored_poses - before, harness.received.health[MONITOR].dropped
+        share = (harness.cpu_s(MONITOR) - cpu_before) / took
     slope = trend.slope()
     failures = []
     if scored != sent:
@@ -188,25 +188,25 @@ def carry_poses(settings: RateSettings, folder: Path) -> dict[str, Any]:
     }
 
 
-def _await_heard(bench: Bench) -> None:
-    """Send poses until the monitor has scored some: from then on it hears all of them."""
+def _wait_discovered(harness: Harness) -> None:
+    """Send poses until the monitor has scored some: from then on it receives all of them."""
     for number in range(200):
-        _send_pose(bench, number)
+        _send_pose(harness, number)
         time.sleep(0.05)
-        if bench.monitored > 0:
+        if harness.received.scored_poses > 0:
             break
-    bench.settle(3.0)
+    harness.settle(3.0)
 
 
-def _send_pose(bench: Bench, number: int) -> None:
+def _send_pose(harness: Harness, number: int) -> None:
     """Publish a true pose, its estimate and the call that made it."""
-    stamp_ns = bench.next_stamp()
-    at = np.array([STEP_M * number, 0.0, 0.0])
-    truth = PoseEstimate(stamp_ns, Transform(np.eye(3), at), 1e-6 * np.eye(6), TrackingState.TRACKING)
-    off = 0.001 * np.array([np.sin(0.1 * number), np.cos(0.07 * number), 0.0])
-    estimate = replace(truth, T_ds_rb=Transform(np.eye(3), at + off))
-    bench.publisher(Odometry, "ground_truth/odometry").publish(odometry_msg(truth, "ds", "rb"))
-    bench.publisher(Odometry, "localisation/odometry").publish(odometry_msg(estimate, "ds", "rb"))
+    stamp_ns = harness.rover.next_stamp()
+    position = np.array([STEP_M * number, 0.0, 0.0])
+    truth = PoseEstimate(stamp_ns, Transform(np.eye(3), position), 1e-6 * np.eye(6), TrackingState.TRACKING)
+    error = 0.001 * np.array([np.sin(0.1 * number), np.cos(0.07 * number), 0.0])
+    estimate = replace(truth, T_ds_rb=Transform(np.eye(3), position + error))
+    harness.rover.publisher(Odometry, "ground_truth/odometry").publish(odometry_msg(truth, "ds", "rb"))
+    harness.rover.publisher(Odometry, "localisation/odometry").publish(odometry_msg(estimate, "ds", "rb"))
     call: dict[str, Value] = {
         "task": "localisation",
         "stamp_ns": stamp_ns,
@@ -214,12 +214,7 @@ def _send_pose(bench: Bench, number: int) -> None:
         "processing_time_s": 0.05,
     }
     status = status_msg("localisation_node: call", Level.OK, "tracking", call)
-    bench.publisher(DiagnosticArray, "/diagnostics").publish(array_msg(header_msg(stamp_ns, ""), status))
-
-
-def _drops(bench: Bench, node: str = LOCALISATION) -> dict[str, int]:
-    values = bench.health[node][3]
-    return {name: int(value) for name, value in values.items() if name.startswith("dropped_")}
+    harness.rover.publisher(DiagnosticArray, "/diagnostics").publish(array_msg(header_msg(stamp_ns, ""), status))
 
 
 def _quantiles(values: Sequence[float]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The campaign: one fault after the other, each with an outcome."""
+"""The campaign: injects one fault after the other."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.fault_injection import disk_faults, message_faults, process_faults, soak, time_faults
-from sfr_loc_map.fault_injection.harness import Bench
-from sfr_loc_map.fault_injection.outcome import CampaignSettings, Fault, Outcome, Row, row_not_run, row_of
+from sfr_loc_map.fault_injection.harness import Harness
+from sfr_loc_map.fault_injection.outcome import CampaignSettings, Fault, Outcome, Row, Verdict, row_not_run, row_of
 from sfr_loc_map.nodes.process import environment
 
 FAULTS: tuple[Fault, ...] = (
@@ -28,7 +28,7 @@ FAULTS: tuple[Fault, ...] = (
     *disk_faults.FAULTS,
     *soak.FAULTS,
 )
-"""Those with the same arguments of the nodes stand together, so that they share their processes."""
+"""Faults with the same arguments of the nodes are neighbours, so that they share their processes."""
 NAMESPACE = ("unshare", "--mount", "--propagation", "private")
 CHILD_S = 300.0
 
@@ -55,11 +55,11 @@ def run_campaign(
     *,
     in_namespace: bool = False,
 ) -> list[Row]:
-    """Run faults, those with the same arguments of the nodes with the same processes.
+    """Inject faults; those with the same arguments of the nodes share the node processes.
 
     Args:
         faults: Which.
-        settings: How hard.
+        settings: Settings of the campaign.
         folder: For logs; made if need be.
         done: Called with each row.
         in_namespace: Whether this process has a mount namespace of its own.
@@ -67,64 +67,89 @@ def run_campaign(
     environment.prepare()
     environment.isolate()
     rows: list[Row] = []
-    with ExitStack() as stack:
-        bench: Bench | None = None
-        arguments = None
+    with _SharedHarness(settings, folder) as shared:
         for fault in faults:
             if fault.own_mounts and not in_namespace:
                 row = _run_in_namespace(fault, settings, folder)
             else:
-                if bench is None or fault.arguments != arguments:
-                    stack.close()
-                    bench, arguments = None, fault.arguments
-                outcome = Outcome()
-                try:
-                    if bench is None:
-                        place = folder / fault.name
-                        place.mkdir(parents=True, exist_ok=True)
-                        if fault.prepare is not None:
-                            fault.prepare(place)
-                        bench = stack.enter_context(Bench(place, settings, fault.arguments))
-                        bench.wait_ready()
-                    fault.run(bench, outcome)
-                    dead = [name for name, node in bench.nodes.items() if not node.lives]
-                    outcome.expect(not dead, f"dead: {', '.join(dead)}")
-                except SfrError as error:
-                    outcome.failures.append(str(error))
-                if outcome.failures:
-                    stack.close()
-                    bench = None
-                row = row_of(fault, outcome)
+                row = row_of(fault, shared.inject(fault))
             rows.append(row)
             done(row)
     return rows
 
 
+class _SharedHarness:
+    """The harness of the last fault, for the next one with the same arguments; a context manager."""
+
+    def __init__(self, settings: CampaignSettings, folder: Path) -> None:
+        self._settings, self._folder = settings, folder
+        self._stack = ExitStack()
+        self._harness: Harness | None = None
+        self._arguments: object = None
+
+    def __enter__(self) -> _SharedHarness:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._close()
+
+    def inject(self, fault: Fault) -> Outcome:
+        """Inject a fault; after a failure the next one gets new processes."""
+        outcome = Outcome()
+        try:
+            harness = self._harness_for(fault)
+            fault.run(harness, outcome)
+            ended = [name for name, node in harness.nodes.items() if not node.is_running]
+            outcome.expect(not ended, f"ended: {', '.join(ended)}")
+        except SfrError as error:
+            outcome.failures.append(str(error))
+        if outcome.failures:
+            self._close()
+        return outcome
+
+    def _harness_for(self, fault: Fault) -> Harness:
+        if self._harness is not None and fault.arguments == self._arguments:
+            return self._harness
+        self._close()
+        folder = self._folder / fault.name
+        folder.mkdir(parents=True, exist_ok=True)
+        if fault.prepare is not None:
+            fault.prepare(folder)
+        harness = self._stack.enter_context(Harness(folder, self._settings, fault.arguments))
+        harness.wait_ready()
+        self._harness, self._arguments = harness, fault.arguments
+        return harness
+
+    def _close(self) -> None:
+        self._harness = None
+        self._stack.close()
+
+
 def _run_in_namespace(fault: Fault, settings: CampaignSettings, folder: Path) -> Row:
-    """Run one fault in a process that has its own view of the mounted file systems."""
+    """Inject one fault in a process that has a mount namespace of its own."""
     if not sys.platform.startswith("linux") or os.geteuid() != 0 or shutil.which("unshare") is None:
         return row_not_run(fault, "needs Linux, root and the command unshare")
     probe = subprocess.run([*NAMESPACE, "mount", "-t", "tmpfs", "tmpfs", "/mnt"], capture_output=True, text=True)
     if probe.returncode:
         return row_not_run(fault, f"mounting is not allowed here: {probe.stderr.strip()}")
-    with tempfile.TemporaryDirectory() as place:
-        answer = Path(place) / "row.json"
+    with tempfile.TemporaryDirectory() as scratch:
+        answer = Path(scratch) / "row.json"
         order = {"fault": fault.name, "settings": asdict(settings), "folder": str(folder), "answer": str(answer)}
         command = [*NAMESPACE, sys.executable, "-m", "sfr_loc_map.fault_injection", json.dumps(order)]
-        surroundings = {k: v for k, v in os.environ.items() if k != "ROS_DOMAIN_ID"}
+        variables = {k: v for k, v in os.environ.items() if k != "ROS_DOMAIN_ID"}
         try:
-            child = subprocess.run(command, env=surroundings, capture_output=True, text=True, timeout=CHILD_S)
+            child = subprocess.run(command, env=variables, capture_output=True, text=True, timeout=CHILD_S)
         except subprocess.TimeoutExpired:
-            outcome = Outcome(failures=[f"did not end within {CHILD_S:g} s"])
-            return row_of(fault, outcome)
+            return row_of(fault, Outcome(failures=[f"did not end within {CHILD_S:g} s"]))
         if not answer.exists():
-            last = (child.stderr.strip().splitlines() or ["it said nothing"])[-1]
+            last = (child.stderr.strip().splitlines() or ["no output"])[-1]
             return row_of(fault, Outcome(failures=[f"its process ended with exit code {child.returncode}: {last}"]))
-        return Row(**json.loads(answer.read_text(encoding="utf-8")))
+        values = json.loads(answer.read_text(encoding="utf-8"))
+        return Row(**values | {"verdict": Verdict(values["verdict"])})
 
 
 def run_ordered(order: str) -> None:
-    """Run what `_run_in_namespace` ordered, in the process that it started."""
+    """Inject the fault that `_run_in_namespace` ordered, in the process that it started."""
     wanted = json.loads(order)
     settings = CampaignSettings(**wanted["settings"])
     faults = select([wanted["fault"]], settings)

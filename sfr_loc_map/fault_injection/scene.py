@@ -1,4 +1,4 @@
-"""A rover that drives to and fro in front of a textured wall: pictures of any size with exact poses, for ever."""
+"""A rover that drives back and forth in front of a textured wall: images of any size with exact poses, endlessly."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from functools import cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -16,13 +16,13 @@ WALL_M = 3.0
 """Distance of the wall x = WALL_M from DS and LM."""
 HALF_WALL_M = 2.6
 TURN = 40
-"""Pairs after which the drive goes back."""
-MOUNT = Transform.from_quat([0.3, 0.01, 0.2], [0.01, -0.02, 0.03, 0.9993])
-"""Place of LOCSB on RB."""
+"""Pairs after which the rover turns back."""
+LOCSB_EXTRINSICS = Transform.from_quat([0.3, 0.01, 0.2], [0.01, -0.02, 0.03, 0.9993])
+"""Extrinsics `T_rb_locsb` of the localisation rig."""
 
 
 class Scene:
-    """The pictures of both stereo benches.
+    """The images of both stereo rigs.
 
     Attributes:
         loc: Rig of the localisation cameras.
@@ -30,18 +30,18 @@ class Scene:
     """
 
     def __init__(self, width: int = 160, height: int = 120) -> None:
-        """Make the wall for pictures of this size."""
+        """Make the wall for images of this size."""
         focal = 0.94 * width
         camera = (width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), 0.12)
-        self.loc, self.nav = StereoRig(*camera, MOUNT), StereoRig(*camera)
+        self.loc, self.nav = StereoRig(*camera, LOCSB_EXTRINSICS), StereoRig(*camera)
         self._texels_per_m = focal
         self._wall = _texture(round(2 * HALF_WALL_M * self._texels_per_m))
-        self._loc_pictures = cache(self._make_loc)
-        self._nav_pictures = cache(self._make_nav)
+        self._loc_images = cache(self._make_loc)
+        self._nav_images = cache(self._make_nav)
 
     def loc_pair(self, index: int, stamp_ns: int) -> StereoPair:
         """Return a pair of the drive."""
-        return StereoPair(stamp_ns, *self._loc_pictures(_there_and_back(index)))
+        return StereoPair(stamp_ns, *self._loc_images(_there_and_back(index)))
 
     def true_pose(self, index: int) -> Transform:
         """Return `T_ds_rb` of a pair of the drive."""
@@ -51,26 +51,26 @@ class Scene:
 
     def nav_pair(self, index: int, stamp_ns: int) -> StereoPair:
         """Return one of the three pairs of a map."""
-        return StereoPair(stamp_ns, *self._nav_pictures(index % 3))
+        return StereoPair(stamp_ns, *self._nav_images(index % 3))
 
     def nav_pose(self, index: int) -> Transform:
         """Return `T_lm_navsb` of one of the three pairs of a map."""
         rotation = matrix_from_rotvec([0.0, 0.02, 0.05 * (index % 3 - 1)])
         return Transform(rotation, np.array([0.2, 0.1 * (index % 3), 0.1]))
 
-    def _make_loc(self, step: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        return self._pictures(self.true_pose(step) @ MOUNT, self.loc)
+    def _make_loc(self, step: int) -> tuple[GreyImage, GreyImage]:
+        return self._images(self.true_pose(step) @ LOCSB_EXTRINSICS, self.loc)
 
-    def _make_nav(self, index: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-        return self._pictures(self.nav_pose(index), self.nav)
+    def _make_nav(self, index: int) -> tuple[GreyImage, GreyImage]:
+        return self._images(self.nav_pose(index), self.nav)
 
-    def _pictures(self, T_world_sb: Transform, rig: StereoRig) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    def _images(self, T_world_sb: Transform, rig: StereoRig) -> tuple[GreyImage, GreyImage]:
         left = T_world_sb @ rig.T_sb_left
         right = left @ Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
-        return self._picture(left, rig), self._picture(right, rig)
+        return self._image(left, rig), self._image(right, rig)
 
-    def _picture(self, T_world_camera: Transform, rig: StereoRig) -> NDArray[np.uint8]:
-        """Return what a camera sees: each pixel's ray meets the wall, whose grey is interpolated there."""
+    def _image(self, T_world_camera: Transform, rig: StereoRig) -> GreyImage:
+        """Render an image: the ray of each pixel meets the wall, whose grey value is interpolated there."""
         u, v = np.meshgrid(np.arange(rig.width), np.arange(rig.height))
         rays = np.stack(((u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy, np.ones(u.shape)), axis=-1)
         rays = rays @ T_world_camera.rotation.T
@@ -86,7 +86,7 @@ def _there_and_back(index: int) -> int:
     return phase if phase <= TURN else 2 * TURN - phase
 
 
-def _texture(size: int) -> NDArray[np.uint8]:
+def _texture(size: int) -> GreyImage:
     noise = np.random.default_rng(5).standard_normal((size, size), np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 1.6) * 1.6 + cv2.GaussianBlur(noise, (0, 0), 5.0) * 5.0
     return np.clip(128 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)

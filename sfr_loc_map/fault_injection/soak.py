@@ -1,4 +1,4 @@
-"""A long run as fast as it goes: does memory grow?"""
+"""Soak: a long run at the highest rate, and the growth of memory."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sfr_loc_map.fault_injection.harness import Bench
+from sfr_loc_map.fault_injection.harness import Harness
 from sfr_loc_map.fault_injection.outcome import Fault, Outcome
 
 WARM_UP_SHARE = 1.0 / 3.0
-"""Share of the soak before memory is looked at: buffers fill, the allocator finds its size."""
+"""Share of the soak before memory is judged: buffers fill, the allocator reaches its size."""
 PAIRS_PER_MAP = 50
-USUAL_HZ = 10.0
+NOMINAL_HZ = 10.0
 JUDGED_FROM_S = 540.0
-"""A shorter run cannot tell a slow growth from the warm-up: only a gross one is held against it."""
-GROSS_MB = 40.0
+"""A shorter run cannot separate slow growth from the warm-up: only a large growth fails it."""
+LARGE_MB = 40.0
 
 
 @dataclass(slots=True)
@@ -27,9 +27,9 @@ class MemoryTrend:
     mb: list[float] = field(default_factory=list)
 
     def slope(self) -> tuple[float, float]:
-        """Return the slope after the warm-up and its standard error, MB an hour, by least squares.
+        """Return the slope after the warm-up and its standard error, MB/h, by least squares.
 
-        Neighbouring values are much alike; the error is made from the means of ten equal parts, taken as independent.
+        Neighbouring values are correlated; the error is that of the means of ten equal parts, taken as independent.
         """
         begin = int(len(self.mb) * WARM_UP_SHARE)
         hours, mb = np.array(self.seconds[begin:]) / 3600.0, np.array(self.mb[begin:])
@@ -45,43 +45,44 @@ class MemoryTrend:
         return slope, error
 
     def failure(self, limit_mb_h: float) -> str:
-        """Return what is wrong with the memory, empty if nothing is.
+        """Return why the memory fails, empty if it does not.
 
         Args:
-            limit_mb_h: Largest slope, MB an hour; exceeded if the slope lies above it by two standard errors.
+            limit_mb_h: Largest slope, MB/h; exceeded if the slope lies above it by two standard errors.
         """
         grown = self.mb[-1] - self.mb[int(len(self.mb) * WARM_UP_SHARE)]
         slope, error = self.slope()
         if self.seconds[-1] < JUDGED_FROM_S:
-            return f"memory has grown by {grown:.0f} MB after the warm-up" if grown > GROSS_MB else ""
+            return f"memory has grown by {grown:.0f} MB after the warm-up" if grown > LARGE_MB else ""
         return (
             f"memory grows by {slope:.1f} MB/h, the limit is {limit_mb_h:g}" if slope - 2 * error > limit_mb_h else ""
         )
 
 
-def soak(bench: Bench, outcome: Outcome) -> None:
-    """Localise in lock step and map now and then, and look at the memory of each node."""
-    trends = {name: MemoryTrend() for name in bench.nodes}
-    begin = sampled = time.monotonic()
+def soak(harness: Harness, outcome: Outcome) -> None:
+    """Localise in lock step, map after every `PAIRS_PER_MAP` pairs, and sample the memory of each node."""
+    trends = {name: MemoryTrend() for name in harness.nodes}
+    begin = last_sample = time.monotonic()
     pairs = maps = 0
-    seconds = 60.0 * bench.settings.soak_minutes
+    seconds = 60.0 * harness.settings.soak_minutes
     while time.monotonic() - begin < seconds:
-        bench.localise(PAIRS_PER_MAP)
-        bench.map()
+        harness.localise(PAIRS_PER_MAP)
+        harness.map()
         pairs, maps = pairs + PAIRS_PER_MAP, maps + 1
-        bench.forget()
-        if time.monotonic() - sampled >= 0.5:
-            sampled = time.monotonic()
+        harness.received.forget()
+        harness.rover.forget()
+        if time.monotonic() - last_sample >= 0.5:
+            last_sample = time.monotonic()
             for name, trend in trends.items():
-                trend.seconds.append(sampled - begin)
-                trend.mb.append(bench.memory_mb(name))
-    drive_min = pairs / USUAL_HZ / 60.0
+                trend.seconds.append(last_sample - begin)
+                trend.mb.append(harness.memory_mb(name))
+    drive_min = pairs / NOMINAL_HZ / 60.0
     outcome.observed.append(f"{seconds / 60:g} min: {pairs} pairs (a drive of {drive_min:.1f} min), {maps} maps")
     for name, trend in trends.items():
         slope, error = trend.slope()
         outcome.observed.append(f"{name} {trend.mb[-1]:.0f} MB, {slope:+.1f} +- {2 * error:.1f} MB/h")
         outcome.figures[name] = {"slope_mb_h": slope, "error_mb_h": error, "mb": trend.mb, "seconds": trend.seconds}
-        failure = trend.failure(bench.settings.slope_limit)
+        failure = trend.failure(harness.settings.slope_limit)
         outcome.expect(not failure, f"{name}: {failure}")
 
 

@@ -20,10 +20,8 @@ from scenes import MOUNT, raw, send_infos
 from sensor_msgs.msg import Image
 
 from sfr_loc_map.cli.main import main
-from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.process import environment
-from sfr_loc_map.nodes.process.node_group import nodes_of as chosen
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 
@@ -33,14 +31,6 @@ def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
-
-
-def test_words_choose_nodes_each_once() -> None:
-    everything = ["localisation_node", "mapping_node", "monitor_node"]
-    assert chosen([]) == chosen(["all"]) == chosen(["monitor", "all"]) == everything
-    assert chosen(["monitor", "localisation", "monitor"]) == ["localisation_node", "monitor_node"]
-    with pytest.raises(ConfigError, match="'mapper' is no node"):
-        chosen(["mapper"])
 
 
 def test_namespace_remaps_and_parameters_reach_the_nodes_and_ctrl_c_ends_all(tmp_path: Path) -> None:
@@ -93,7 +83,7 @@ def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) ->
             os.kill(pids[0], signal.SIGKILL)
             if not respawn:
                 assert run.popen.wait(20) == 2
-                assert "was killed by SIGKILL: what it said is above" in run.text.splitlines()[-1]
+                assert "was killed by SIGKILL: its output is above" in run.text.splitlines()[-1]
                 assert not Path(f"/proc/{pids[1]}").exists()
                 continue
             run.wait_for("was killed by SIGKILL: started again")

@@ -1,1 +1,1 @@
-"""Nodes as processes: started, watched and ended."""
+"""Nodes as processes: environment, main program, start, supervision, launch files."""

@@ -1,4 +1,4 @@
-"""What a process needs in its environment before ROS starts."""
+"""Environment variables of a process that must be set before ROS starts."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from sfr_loc_map.errors import NodeError
 
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 PROFILE = Path(__file__).with_name("profiles") / "fastdds_shm.xml"
-"""Fast DDS profile with a shared-memory segment that holds large pictures and clouds."""
+"""Fast DDS profile with a shared-memory segment that holds large images and clouds."""
 DOMAINS = 101
-"""Domains 1 to 101 have ports below the range that systems give out by themselves."""
+"""Domains 1 to 101 have ports below the ephemeral range."""
 
 
 def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Set what is missing; what the user has set stays.
+    """Set missing variables; those that the user has set stay.
 
-    An empty profile variable counts as not set: Fast DDS would report it as a broken file. The ROS wheels do not set
-    the path of their package index.
+    An empty profile variable counts as not set: Fast DDS would report it as a broken file. The pip wheels of ROS do not
+    set the path of their package index.
     """
     if not environment.get(PROFILE_VARIABLE):
         environment[PROFILE_VARIABLE] = str(PROFILE)

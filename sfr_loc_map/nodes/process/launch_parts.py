@@ -1,4 +1,4 @@
-"""What the launch files share; needs the packages `launch` and `launch_ros` of a full ROS 2 install."""
+"""Arguments and nodes that the launch files share; needs `launch` and `launch_ros` of a full ROS 2 install."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from launch_ros.actions import Node
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.process.environment import PROFILE, PROFILE_VARIABLE
-from sfr_loc_map.nodes.process.node_group import TASKS
+from sfr_loc_map.nodes.process.supervisor import TASKS
 
 PACKAGE = "sfr_loc_map"
-PLACE = "; must give T_rb_locsb where /tf_static does not"
+EXTRINSICS_HINT = "; must give T_rb_locsb where /tf_static does not"
 
 
 def common_arguments(files: dict[str, str]) -> list[Any]:
-    """Return what each launch file declares and sets.
+    """Return the launch arguments and environment variables of a launch file.
 
     Args:
-        files: Argument that names the parameter file of a task, by task.
+        files: Name of the argument that gives the parameter file, by task.
     """
     config = Path(get_package_share_directory(PACKAGE)) / "config"
     declared = {
@@ -31,12 +31,12 @@ def common_arguments(files: dict[str, str]) -> list[Any]:
         "log_level": ("info", "debug, info, warn or error."),
         "remaps": ("", "Remappings FROM:=TO, separated by blanks, as loc/left/image_rect:=/eye/left."),
         "use_sim_time": ("false", "true: follow /clock."),
-        "respawn": ("false", "true: start a node again that ends."),
+        "respawn": ("false", "true: restart a node that ends."),
     }
     for task, name in files.items():
         declared[name] = (
             str(config / f"{task}.yaml"),
-            f"Parameters of {task}_node{PLACE if task == 'localisation' else ''}.",
+            f"Parameters of {task}_node{EXTRINSICS_HINT if task == 'localisation' else ''}.",
         )
     profile = EnvironmentVariable(PROFILE_VARIABLE, default_value=str(PROFILE))
     return [
@@ -49,8 +49,8 @@ def nodes(context: LaunchContext, files: dict[str, str]) -> list[Any]:
     """Return the nodes with the values that the launch arguments have.
 
     Args:
-        context: Where these values are.
-        files: Argument that names the parameter file of a task, by task.
+        context: Holds these values.
+        files: Name of the argument that gives the parameter file, by task.
 
     Raises:
         ConfigError: If a remapping has not the form FROM:=TO.

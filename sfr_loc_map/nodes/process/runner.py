@@ -1,9 +1,8 @@
-"""One way to run a node as a process."""
+"""Runs a node as the main program of a process."""
 
 from __future__ import annotations
 
 import ctypes
-import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -17,17 +16,16 @@ from rclpy.utilities import ok, try_shutdown
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.process import environment
-from sfr_loc_map.nodes.process.supervisor import SUPERVISOR_VARIABLE
+from sfr_loc_map.nodes.process.node_process import end_with_supervisor
 
-_PR_SET_PDEATHSIG = 1
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
 _LARGE_BYTES = 131_072
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Run one node until it is told to end.
+    """Run one node until SIGINT or SIGTERM.
 
-    SIGINT and SIGTERM end it with exit code 0, also when more of them come while it ends.
+    Both end it with exit code 0, also when more of them come while it ends.
 
     Args:
         factory: Makes the node after ROS has started.
@@ -55,9 +53,9 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
     except Exception:
         if ok():
             raise
-        # A signal has shut ROS down while a callback ran: what the callback touched next failed.
+        # A signal has shut ROS down while a callback ran; the next ROS call of the callback failed.
     finally:
-        _ignore_signals()  # a second one must not break the tidying up
+        _ignore_signals()  # a second one must not interrupt the shutdown
         if node is not None:
             node.destroy_node()
         try_shutdown()
@@ -65,27 +63,11 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
     return 0
 
 
-def end_with_supervisor() -> None:
-    """Ask the kernel to end this process when the one that started it has gone, however it went (Linux).
-
-    Does nothing for a process that no supervisor of ours started.
-
-    Raises:
-        KeyboardInterrupt: If it has gone already.
-    """
-    supervisor = os.environ.pop(SUPERVISOR_VARIABLE, "")
-    if not supervisor or not sys.platform.startswith("linux"):
-        return
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != int(supervisor):
-        raise KeyboardInterrupt
-
-
 def configure_malloc() -> None:
-    """Make glibc give large blocks back at once and keep all small ones together; does nothing elsewhere.
+    """Make glibc return large blocks at once and use one arena for all small ones; does nothing elsewhere.
 
-    For processes that run without end and are in no hurry: what one thread makes and another one frees, between blocks
-    of all sizes, otherwise leaves ever more holes. It must come before other threads are started.
+    For long-running processes without deadlines: blocks that one thread allocates and another one frees otherwise
+    fragment the heap more and more. Call it before other threads are started.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform.startswith("linux") else None
     if mallopt is not None:

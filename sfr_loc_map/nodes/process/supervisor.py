@@ -1,59 +1,27 @@
-"""The nodes as processes that one other process starts, watches and ends."""
+"""Several nodes as processes that one other process starts, watches and ends."""
 
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType, MappingProxyType
-from typing import IO
+from types import FrameType
 
-from sfr_loc_map.errors import NodeError
+from sfr_loc_map.errors import ConfigError, NodeError
+from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes.process.node_process import NodeProcess
 
-SUPERVISOR_VARIABLE = "SFR_SUPERVISOR_PID"
-"""Tells a node which process started it and must not outlive; see `runner.end_with_supervisor`."""
+TASKS = ("localisation", "mapping", "monitor")
+EVERYTHING = "all"
 ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
-"""Signals that end a process, and how many seconds each gets."""
+"""Signals that end processes, and how many seconds each gets."""
 CANNOT_START = 2
-"""Exit code of a node that cannot work with what it was given."""
-
-
-def start_process(
-    module: str, arguments: Sequence[str], log: IO[bytes] | None, environment: Mapping[str, str] = MappingProxyType({})
-) -> subprocess.Popen[bytes]:
-    """Start a module of this package as a process that does not outlive this one.
-
-    Args:
-        module: Name below `sfr_loc_map`, such as `nodes.localisation_node`.
-        arguments: Its command line.
-        log: File for its standard output and error; None: those of this process.
-        environment: Variables beside those of this process.
-
-    Raises:
-        OSError: If the system cannot start a process.
-    """
-    # A session of its own: Ctrl-C at the terminal reaches this process alone, which then ends the nodes.
-    return subprocess.Popen(
-        [sys.executable, "-m", f"sfr_loc_map.{module}", *arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=log,
-        stderr=subprocess.STDOUT if log is not None else None,
-        env=os.environ | {SUPERVISOR_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1"} | dict(environment),
-        start_new_session=True,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Process:
-    name: str
-    arguments: tuple[str, ...]
-    popen: subprocess.Popen[bytes]
+"""Exit code of a node that cannot work with its arguments and settings."""
+WATCH_S = 0.2
+RESTART_PAUSE_S = 1.0
+"""Pause after a restart, so that a node that crashes at once does not occupy the host."""
 
 
 class Supervisor:
@@ -67,7 +35,7 @@ class Supervisor:
                 process.
         """
         self._folder = folder
-        self._processes: list[_Process] = []
+        self.processes: dict[str, NodeProcess] = {}
 
     def __enter__(self) -> Supervisor:
         """Return itself."""
@@ -75,12 +43,7 @@ class Supervisor:
 
     def __exit__(self, *_: object) -> None:
         """End all nodes."""
-        self.stop()
-
-    @property
-    def pids(self) -> dict[str, int]:
-        """Process ids by the nodes' names."""
-        return {process.name: process.popen.pid for process in self._processes}
+        end_processes(list(self.processes.values()))
 
     def start(self, name: str, arguments: Sequence[str] = ()) -> None:
         """Start a node of this package.
@@ -92,76 +55,48 @@ class Supervisor:
         Raises:
             NodeError: If the system cannot start a process.
         """
-        try:
-            with ExitStack() as stack:
-                log = stack.enter_context(self._log(name).open("wb")) if self._folder is not None else None
-                popen = start_process(f"nodes.{name}", arguments, log)
-        except OSError as error:
-            raise NodeError(f"cannot start {name}: {error.strerror}; check memory and process limits") from error
-        self._processes.append(_Process(name, tuple(arguments), popen))
+        process = NodeProcess(f"nodes.{name}", arguments, self._folder)
+        process.start()
+        self.processes[name] = process
 
     def check(self) -> None:
-        """Make sure that all nodes live.
+        """Make sure that all nodes run.
 
         Raises:
-            NodeError: If one has ended; says how and its last words.
+            NodeError: If one has ended; says how, with its last log line.
         """
-        for process in self._processes:
-            if process.popen.poll() is not None:
-                words = f"{_how_it_ended(process)}: {self.last_log_line(process.name)}"
-                raise NodeError(f"{words}; correct that and start again")
+        for process in self.processes.values():
+            if process.exit_code is not None:
+                raise NodeError(f"{process.ending}: {process.last_log_line}; correct that and start again")
 
-    def revive(self) -> list[str]:
-        """Start the nodes again that have broken down.
+    def restart_crashed(self) -> list[str]:
+        """Start the nodes again that have crashed.
 
         Returns:
             How each of them ended.
 
         Raises:
-            NodeError: If one ended on purpose, or because it cannot work with what it was given.
+            NodeError: If one ended by itself (exit code 0), or because it cannot work with its arguments.
         """
-        ends = []
-        for process in list(self._processes):
-            code = process.popen.poll()
-            if code in (0, CANNOT_START):
+        endings = []
+        for process in self.processes.values():
+            if process.exit_code in (0, CANNOT_START):
                 self.check()
-            if code is not None:
-                ends.append(_how_it_ended(process))
-                self._processes.remove(process)
-                self.start(process.name, process.arguments)
-        return ends
-
-    def last_log_line(self, name: str) -> str:
-        """Return the last line that a node wrote."""
-        if self._folder is None:
-            return "what it said is above"
-        if name not in self.pids:
-            return "it was not started"
-        lines = self._log(name).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        return lines[-1].strip() if lines else "it said nothing"
-
-    def stop(self) -> None:
-        """End all nodes: ask, then insist, then kill. Returns when none is left."""
-        for number, patience_s in ESCALATION:
-            running = [process for process in self._processes if process.popen.poll() is None]
-            for process in running:
-                process.popen.send_signal(number)
-            deadline = time.monotonic() + patience_s
-            for process in running:
-                try:
-                    process.popen.wait(max(deadline - time.monotonic(), 0.01))
-                except subprocess.TimeoutExpired:
-                    continue
-        self._processes = [process for process in self._processes if process.popen.poll() is None]
-
-    def _log(self, name: str) -> Path:
-        return (self._folder or Path()) / f"{name}.log"
+            if process.exit_code is not None:
+                endings.append(process.ending)
+                process.start()
+        return endings
 
 
-def _how_it_ended(process: _Process) -> str:
-    code = process.popen.returncode
-    how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-    return f"{process.name} {how}"
+def end_processes(processes: Sequence[NodeProcess]) -> None:
+    """End processes together: SIGINT, then SIGTERM, then SIGKILL; returns when none is left."""
+    for number, timeout_s in ESCALATION:
+        running = [process for process in processes if process.is_running]
+        for process in running:
+            process.send(number)
+        deadline = time.monotonic() + timeout_s
+        for process in running:
+            process.wait(deadline - time.monotonic())
 
 
 @contextmanager
@@ -179,3 +114,48 @@ def sigterm_as_interrupt() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def node_names(tasks: Sequence[str]) -> list[str]:
+    """Return the names of the nodes of tasks, each once.
+
+    Args:
+        tasks: Of `TASKS`, or `all`; none stands for all.
+
+    Raises:
+        ConfigError: For another word.
+    """
+    for task in tasks:
+        if task not in (*TASKS, EVERYTHING):
+            raise ConfigError(f"'{task}' is no node: give {EVERYTHING}, {', '.join(TASKS)}; for ROS after --ros-args")
+    everything = not tasks or EVERYTHING in tasks
+    return [f"{task}_node" for task in TASKS if everything or task in tasks]
+
+
+def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str], None], *, respawn: bool) -> None:
+    """Run nodes, one process each, until SIGINT or SIGTERM; they write to standard output and error.
+
+    Args:
+        nodes: Their names.
+        arguments: Command line of each.
+        say: Called with a line for each restart.
+        respawn: Start a node again that crashes, rather than end the others.
+
+    Raises:
+        NodeError: If a node ends; the others have been ended then.
+    """
+    environment.prepare()
+    try:
+        with sigterm_as_interrupt(), Supervisor() as supervisor:
+            for node in nodes:
+                supervisor.start(node, arguments)
+            while True:
+                time.sleep(WATCH_S)
+                if not respawn:
+                    supervisor.check()
+                    continue
+                for ending in supervisor.restart_crashed():
+                    say(f"{ending}: started again")
+                    time.sleep(RESTART_PAUSE_S)
+    except KeyboardInterrupt:
+        return

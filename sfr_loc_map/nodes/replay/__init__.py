@@ -1,1 +1,1 @@
-"""A recorded source through the running nodes."""
+"""Replay of a source through the running nodes."""

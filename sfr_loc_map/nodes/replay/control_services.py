@@ -1,4 +1,4 @@
-"""A replay's controls as services and parameters of its node, under the names of rosbag2's player."""
+"""The controls of a replay as services and parameters, named as those of the rosbag2 player."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from std_srvs.srv import SetBool, Trigger
 from sfr_loc_map.pipeline.playback.controls import Controls
 
 SEEK, RATE = "seek_s", "rate"
-RATE_TEXT = "0: each result is awaited; else multiple of the recorded speed."
+RATE_TEXT = "0: lock step; else multiple of the recorded speed."
 
 
 def offer_controls(node: Node, controls: Controls) -> None:
-    """Offer a replay's controls.
+    """Offer the controls of a replay.
 
     Services `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/stop` (std_srvs/Trigger; the
-    answer says where it is) and `~/set_loop` (std_srvs/SetBool); parameters `rate` and `seek_s` (to go there).
+    answer gives the position) and `~/set_loop` (std_srvs/SetBool); parameters `rate` and `seek_s` (continues there).
     """
     actions: dict[str, Callable[[], None]] = {
         "pause": controls.pause,
@@ -54,7 +54,7 @@ def _serve(controls: Controls, name: str, action: Callable[[], None]) -> Callabl
 
 def _declare(node: Node, controls: Controls) -> None:
     node.declare_parameter(RATE, controls.rate, ParameterDescriptor(description=RATE_TEXT))
-    node.declare_parameter(SEEK, 0.0, ParameterDescriptor(description="Set it to go on there. [s]"))
+    node.declare_parameter(SEEK, 0.0, ParameterDescriptor(description="Set it to continue there. [s]"))
 
     def check(changes: list[Parameter]) -> SetParametersResult:
         ours = [change.value for change in changes if change.name in (RATE, SEEK)]

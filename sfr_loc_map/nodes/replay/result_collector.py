@@ -1,112 +1,131 @@
-"""What the nodes answer during a replay."""
+"""Collects what the nodes publish during a replay."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import json
+import time
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC as DIAGNOSTICS
 from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.pose import odometry_row
-from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.nodes.replay.replay_node import ANSWER_TIMEOUT_S, ReplayNode
+from sfr_loc_map.nodes.replay.results import ReplayResults
 
 QUEUE_DEPTH = 1000
+NODE_OF_TASK = {"loc": "localisation_node", "nav": "mapping_node"}
+QUIET_S = 5.0
+"""At a rate, results are awaited for so long after the last one."""
+REPORT_TIMEOUT_S = 20.0
+POLL_S = 0.05
 
 
-@dataclass(slots=True)
-class Recording:
-    """What the nodes have answered.
+class ResultCollector:
+    """Subscribes to the results of the nodes and waits for them."""
 
-    Attributes:
-        rows: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, numbers as received.
-        covariances: Covariance `(6, 6)` of the pose by stamp.
-        localisation: Calls of the localiser by stamp.
-        mapping: Calls of the mapper by stamp, and of the fusion by stamp.
-        clouds: Fused clouds.
-        report: Last report of the monitor (JSON), empty where there is none.
-        problem: What a node said of input that it cannot use, empty if none did.
-        published: Bench and stamp of each pair that was published.
-    """
+    def __init__(self, node: ReplayNode) -> None:
+        """Subscribe.
 
-    rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
-    covariances: dict[int, FloatArray] = field(default_factory=dict)
-    localisation: dict[int, CallRecord] = field(default_factory=dict)
-    mapping: dict[tuple[str, int], CallRecord] = field(default_factory=dict)
-    clouds: list[PointCloud] = field(default_factory=list)
-    report: str = ""
-    problem: str = ""
-    published: set[tuple[str, int]] = field(default_factory=set)
-
-    def forget(self) -> None:
-        """Begin anew: what was answered before belongs to another run."""
-        for part in (self.rows, self.covariances, self.localisation, self.mapping, self.clouds, self.published):
-            part.clear()
-        self.report = ""
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The estimated trajectory."""
-        if not self.rows:
-            return Trajectory.empty()
-        stamps, positions, quats = zip(*self.rows, strict=True)
-        return Trajectory(np.array(stamps, np.int64), np.array(positions), np.array(quats))
-
-    @property
-    def records(self) -> list[CallRecord]:
-        """All calls: those of the localiser, with the covariances of the odometry, then those of the mapper."""
-        localised = [replace(r, covariance=self.covariances.get(s)) for s, r in self.localisation.items()]
-        return [*localised, *self.mapping.values()]
-
-    def answered(self, bench: str, stamp_ns: int) -> bool:
-        """Tell whether all that a pair leads to has come."""
-        if bench == "loc":
-            return stamp_ns in self.localisation and stamp_ns in self.covariances
-        return ("mapped", stamp_ns) in self.mapping
-
-    @property
-    def answers(self) -> int:
-        """How much has come."""
-        return len(self.rows) + len(self.localisation) + len(self.mapping) + len(self.clouds)
-
-    def listen(self, node: Node) -> None:
-        """Subscribe."""
+        Args:
+            node: Joins the graph; its executor receives the results while this waits.
+        """
+        self.results = ReplayResults()
+        self._node = node
         depth = QoSProfile(depth=QUEUE_DEPTH)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(Odometry, "localisation/odometry", self._on_odometry, depth)
-        node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, depth)
-        node.create_subscription(PointCloud2, "mapping/points", self._on_cloud, QoSProfile(depth=10))
-        node.create_subscription(String, "metrics/report", self._on_report, latched)
+        node.node.create_subscription(Odometry, "localisation/odometry", self._on_odometry, depth)
+        node.node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, depth)
+        node.node.create_subscription(PointCloud2, "mapping/points", self._on_cloud, QoSProfile(depth=10))
+        node.node.create_subscription(String, "metrics/report", self._on_report, latched)
+
+    def wait_for_pair(self, task: str, stamp_ns: int) -> None:
+        """Wait for the results of one pair.
+
+        Raises:
+            InputError: If a node refuses its input.
+            NodeError: If a node ends or gives no result in time.
+        """
+
+        def received() -> bool:
+            if self.results.input_error:
+                raise InputError(self.results.input_error)
+            return self.results.has_pair(task, stamp_ns)
+
+        def problem() -> str:
+            name = NODE_OF_TASK[task]
+            line = self._node.supervisor.processes[name].last_log_line
+            return f"{name} gave no result for the pair of stamp {stamp_ns} (its last log line: {line})"
+
+        self._node.wait_for(received, ANSWER_TIMEOUT_S, problem)
+
+    def settle(self, clouds: int = 0) -> None:
+        """Wait for the results of all published pairs, as long as some are received.
+
+        Args:
+            clouds: How many clouds there will be.
+        """
+        count, deadline = -1, 0.0
+        while not self.results.are_complete(clouds) and (count != self.results.count or time.monotonic() < deadline):
+            if count != self.results.count:
+                count, deadline = self.results.count, time.monotonic() + QUIET_S
+            self._node.spin_for(POLL_S)
+
+    def finish(self, pairs_per_map: int, *, has_map_truth: bool) -> ReplayResults:
+        """Wait for the results that are still missing: pairs, cloud, the monitor's report.
+
+        Args:
+            pairs_per_map: Pairs after which the mapper publishes a cloud by itself.
+            has_map_truth: Whether the true points were published, so that the report scores the map.
+        """
+        mapped = self.results.published_stamps("nav")
+        clouds = len(mapped) // pairs_per_map if pairs_per_map else 0
+        if mapped and len(mapped) % pairs_per_map:
+            for stamp_ns in mapped:
+                self.wait_for_pair("nav", stamp_ns)
+            self._node.call("mapping_node/finish", "mapping_node did not finish its map")
+            clouds += 1
+        self.settle(clouds)
+        deadline = time.monotonic() + REPORT_TIMEOUT_S
+        while not self._has_full_report(clouds > 0 and has_map_truth) and time.monotonic() < deadline:
+            self._node.spin_for(POLL_S)
+        return self.results
+
+    def _has_full_report(self, with_map: bool) -> bool:
+        """Tell whether the report has everything; without it the score is made of the results all the same."""
+        results, report = self.results, json.loads(self.results.report or "{}")
+        poses = report.get("trajectory", {}).get("estimate_poses", len(results.rows))
+        timing = report.get("timing", {})
+        calls = sum(timing.get(f"{name}_s", {}).get("count", 0) for name in ("localisation", "mapping"))
+        done = len(results.localisation) + sum(state == "mapped" for state, _ in results.mapping)
+        return poses >= len(results.rows) and calls >= done and ("map" in report or not with_map)
 
     def _on_odometry(self, message: Odometry) -> None:
-        self.rows.append(odometry_row(message))
-        self.covariances[stamp_of(message)] = np.array(message.pose.covariance).reshape(6, 6)
+        self.results.rows.append(odometry_row(message))
+        self.results.covariances[stamp_of(message)] = np.array(message.pose.covariance).reshape(6, 6)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             found = task_record(status)
             if found is None:
                 if level_of(status) is Level.ERROR and status.name.endswith(": input"):
-                    self.problem = f"{status.name.split(':')[0]}: {status.message}"
+                    self.results.input_error = f"{status.name.split(':')[0]}: {status.message}"
             elif found.task == "localisation":
-                self.localisation[found.record.stamp_ns] = found.record
+                self.results.localisation[found.record.stamp_ns] = found.record
             else:
-                self.mapping[found.record.state, found.record.stamp_ns] = found.record
+                self.results.mapping[found.record.state, found.record.stamp_ns] = found.record
 
     def _on_cloud(self, message: PointCloud2) -> None:
-        self.clouds.append(cloud_from_msg(message))
+        self.results.clouds.append(cloud_from_msg(message))
 
     def _on_report(self, message: String) -> None:
-        self.report = message.data
+        self.results.report = message.data

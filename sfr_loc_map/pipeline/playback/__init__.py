@@ -1,1 +1,1 @@
-"""A source as a stream of messages, and the controls of its playback."""
+"""Playback of a source: its messages in order, their pacing, the operator's controls."""

@@ -1,4 +1,4 @@
-"""The campaign of faults: some of its rows over real DDS, and its table."""
+"""The campaign of injected faults: some of its rows over real DDS, and its table."""
 
 # ruff: noqa: E402 - ROS may be absent
 import json
@@ -14,12 +14,10 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(400)]
 
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.fault_injection.outcome import (
-    FAIL,
-    NOT_RUN,
-    PASS,
     CampaignSettings,
     Fault,
     Outcome,
+    Verdict,
     outcome_table,
     report,
     row_not_run,
@@ -36,21 +34,21 @@ SETTINGS = CampaignSettings(stop_s=1.0, restart_limit_s=60.0, soak_minutes=0.0, 
 
 def test_some_rows_over_dds(tmp_path: Path) -> None:
     rows = run_campaign(select(QUICK, SETTINGS), SETTINGS, tmp_path)
-    assert {row.name: row.observed for row in rows if row.verdict != PASS} == {}
+    assert {row.name: row.observed for row in rows if row.verdict is not Verdict.PASS} == {}
     assert tuple(row.name for row in rows) == QUICK
     json.dumps(report(rows, SETTINGS, 1.0))
 
 
-class FakeBench:
-    """Nodes that are none: only whether they live is asked for."""
+class FakeHarness:
+    """No nodes: only whether they run is asked."""
 
     made = 0
 
     def __init__(self, *_: object) -> None:
-        FakeBench.made += 1
-        self.nodes = {"monitor_node": SimpleNamespace(lives=True)}
+        FakeHarness.made += 1
+        self.nodes = {"monitor_node": SimpleNamespace(is_running=True)}
 
-    def __enter__(self) -> "FakeBench":
+    def __enter__(self) -> "FakeHarness":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -63,29 +61,29 @@ class FakeBench:
 def test_a_fault_with_another_outcome_fails_and_the_next_gets_new_nodes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sfr_loc_map.fault_injection.run.Bench", FakeBench)
+    monkeypatch.setattr("sfr_loc_map.fault_injection.run.Harness", FakeHarness)
 
-    def dies(bench: Any, outcome: Outcome) -> None:
-        bench.nodes["monitor_node"].lives = False
+    def dies(harness: Any, outcome: Outcome) -> None:
+        harness.nodes["monitor_node"].is_running = False
 
-    def hangs(bench: Any, outcome: Outcome) -> None:
-        assert bench.nodes["monitor_node"].lives
+    def hangs(harness: Any, outcome: Outcome) -> None:
+        assert harness.nodes["monitor_node"].is_running
         raise NodeError("odometry did not come")
 
-    def is_well(bench: Any, outcome: Outcome) -> None:
-        outcome.observed.append("well")
+    def succeeds(harness: Any, outcome: Outcome) -> None:
+        outcome.observed.append("done")
 
     others = {"monitor_node": ("-p", "x:=1")}
-    works = [dies, hangs, is_well, is_well]
-    faults = [Fault(str(n), "f", "e", work) for n, work in enumerate(works)] + [Fault("4", "f", "e", is_well, others)]
+    works = [dies, hangs, succeeds, succeeds]
+    faults = [Fault(str(n), "f", "e", work) for n, work in enumerate(works)] + [Fault("4", "f", "e", succeeds, others)]
     rows = run_campaign(faults, SETTINGS, tmp_path)
-    assert [row.verdict for row in rows] == [FAIL, FAIL, PASS, PASS, PASS]
+    assert [row.verdict for row in rows] == [Verdict.FAIL] * 2 + [Verdict.PASS] * 3
     assert [row.observed for row in rows[:3]] == [
-        "NOT AS EXPECTED: dead: monitor_node",
+        "NOT AS EXPECTED: ended: monitor_node",
         "NOT AS EXPECTED: odometry did not come",
-        "well",
+        "done",
     ]
-    assert FakeBench.made == 4  # after each failure, and for the other arguments
+    assert FakeHarness.made == 4  # after each failure, and for the other arguments
 
 
 def test_names_are_unique_and_unknown_ones_are_refused() -> None:
@@ -96,16 +94,16 @@ def test_names_are_unique_and_unknown_ones_are_refused() -> None:
 
 
 def test_the_table_has_a_line_for_each_row() -> None:
-    fault = Fault("name", "a | b", "that", lambda bench, outcome: None)
+    fault = Fault("name", "a | b", "that", lambda harness, outcome: None)
     outcome = Outcome()
     outcome.observed.append("this")
     outcome.recovered(2.04, 3.0, "the restart")
-    good = row_of(fault, outcome)
+    passed = row_of(fault, outcome)
     outcome.recovered(4.0, 3.0, "the restart")
-    table = to_markdown([outcome_table([good, row_of(fault, outcome), row_not_run(fault, "no root")])]).splitlines()
+    table = to_markdown([outcome_table([passed, row_of(fault, outcome), row_not_run(fault, "no root")])]).splitlines()
     assert table[2] == "| name: a \\| b | that | this | nothing | 2.04 | pass |"
     assert table[3].endswith("NOT AS EXPECTED: the restart took 4.0 s, the limit is 3 s | nothing | 4 | fail |")
-    assert table[4] == f"| name: a \\| b | that | no root |  |  | {NOT_RUN} |"
+    assert table[4] == f"| name: a \\| b | that | no root |  |  | {Verdict.NOT_RUN} |"
 
 
 def test_the_slope_of_memory_is_that_after_the_warm_up() -> None:

@@ -9,7 +9,7 @@ from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.pipeline.playback.messages import messages_of, topics_of
+from sfr_loc_map.pipeline.playback.message_stream import messages_of, topics_of
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> list:
@@ -41,13 +41,13 @@ def test_all_messages_of_a_source_come_whole(tmp_path: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["folder", "bag"])
-def test_camera_info_comes_before_the_pictures_and_truth_not_after_its_pair(tmp_path: Path, kind: str) -> None:
+def test_camera_info_comes_before_the_images_and_truth_not_after_its_pair(tmp_path: Path, kind: str) -> None:
     path = write_folder(tmp_path / "f", 3, 2) if kind == "folder" else write_bag(tmp_path / "b.mcap", 3, 2)
     order = [(m.topic, m.stamp_ns) for m in played(path)]
-    for bench in ("loc", "nav"):
-        first = order.index((f"{bench}/left/image_rect", START_NS))
-        assert order.index((f"{bench}/left/camera_info", START_NS)) < first
-        assert order.index((f"{bench}/right/camera_info", START_NS)) < first
+    for task in ("loc", "nav"):
+        first = order.index((f"{task}/left/image_rect", START_NS))
+        assert order.index((f"{task}/left/camera_info", START_NS)) < first
+        assert order.index((f"{task}/right/camera_info", START_NS)) < first
     for index in range(3):
         stamp = START_NS + index * 100_000_000
         assert order.index(("ground_truth/odometry", stamp)) < order.index(("loc/left/image_rect", stamp))
@@ -66,6 +66,6 @@ def test_a_bag_passes_on_its_own_bytes_under_other_names(tmp_path: Path) -> None
     assert other[key] == plain["loc/right/image_rect/compressed", START_NS] != plain[key]
 
 
-def test_benches_keep_their_own_clock(tmp_path: Path) -> None:
+def test_tasks_keep_their_own_clock(tmp_path: Path) -> None:
     for message in played(write_folder(tmp_path / "f", 1, 1)):
-        assert message.bench == ("nav" if message.topic.startswith(("nav/", "ground_truth/points")) else "loc")
+        assert message.task == ("nav" if message.topic.startswith(("nav/", "ground_truth/points")) else "loc")

@@ -1,6 +1,6 @@
 """A source as a stream of serialised messages, in the order in which they are to be published.
 
-A bag is passed on as it is, byte by byte. Of other sources the messages are made as for a bag that is written.
+Messages of a bag are passed on byte by byte. Those of other sources are made as for a bag that is written.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sfr_loc_map.constants import SIDES
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, TYPESTORE, Bag
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 
-SIDES: tuple[bag_messages.Side, ...] = ("left", "right")
 POSE_TOPIC = "nav/pose"
 TRUTH_TOPIC = "ground_truth/odometry"
 POINTS_TOPIC = "ground_truth/points"
@@ -39,8 +39,8 @@ class Message:
     raw: bytes
 
     @property
-    def bench(self) -> str:
-        """Stereo bench whose clock it follows: `loc` or `nav`."""
+    def task(self) -> str:
+        """Stereo rig whose clock it follows: `loc` or `nav`."""
         return "nav" if self.topic.startswith("nav/") or self.topic == POINTS_TOPIC else "loc"
 
 
@@ -54,8 +54,8 @@ def topics_of(source: Source, remap: Mapping[str, str]) -> dict[str, str]:
         bag = Bag(source.path, remap)
         found = [bag.find(name, *_types(name)) for name in _names(source)]
         return {topic.name: topic.msgtype for topic in found if topic is not None}
-    images = {f"{bench}/{side}/image_rect": IMAGE for bench in _benches(source) for side in SIDES}
-    infos = {f"{bench}/{side}/camera_info": CAMERA_INFO for bench in _benches(source) for side in SIDES}
+    images = {f"{task}/{side}/image_rect": IMAGE for task in _tasks(source) for side in SIDES}
+    infos = {f"{task}/{side}/camera_info": CAMERA_INFO for task in _tasks(source) for side in SIDES}
     others: dict[str, str] = {}
     if source.loc is not None and source.loc.ground_truth is not None:
         others[TRUTH_TOPIC] = "nav_msgs/msg/Odometry"
@@ -65,7 +65,7 @@ def topics_of(source: Source, remap: Mapping[str, str]) -> dict[str, str]:
 
 
 def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
-    """Yield the messages of a source; camera_info of both benches comes first.
+    """Yield the messages of a source; camera_info of both rigs comes first.
 
     Args:
         source: An opened source.
@@ -83,36 +83,36 @@ def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
         yield from _nav_messages(source.nav)
 
 
-def begin_at(
-    messages: Iterator[Message], offset_s: float, told: Callable[[float], None] = lambda position_s: None
+def start_at(
+    messages: Iterator[Message], offset_s: float, on_position: Callable[[float], None] = lambda position_s: None
 ) -> Iterator[Message]:
-    """Yield the messages from a place on; the first camera_info of each camera stay, whatever their stamps.
+    """Yield the messages from a position on; the first camera_info of each camera stays, whatever its stamp.
 
     Args:
-        messages: From their begin.
-        offset_s: Seconds after the first message of each bench.
-        told: Called with the place of each message before it is yielded.
+        messages: From their beginning.
+        offset_s: Seconds after the first message of each task.
+        on_position: Called with the position of each message before it is yielded.
     """
     first: dict[str, int] = {}
     infos: set[str] = set()
     for message in messages:
-        position_s = (message.stamp_ns - first.setdefault(message.bench, message.stamp_ns)) * 1e-9
+        position_s = (message.stamp_ns - first.setdefault(message.task, message.stamp_ns)) * 1e-9
         is_first_info = message.topic.endswith("camera_info") and message.topic not in infos
         if is_first_info:
             infos.add(message.topic)
         if is_first_info or position_s >= offset_s:
-            told(max(position_s, offset_s))
+            on_position(max(position_s, offset_s))
             yield message
 
 
-def _benches(source: Source) -> list[str]:
+def _tasks(source: Source) -> list[str]:
     return [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
 
 
 def _names(source: Source) -> list[str]:
-    """Return the topics that matter of a bag's; camera_info first."""
-    names = [f"{bench}/{side}/camera_info" for bench in _benches(source) for side in SIDES]
-    names += [f"{bench}/{side}/image_rect" for bench in _benches(source) for side in SIDES]
+    """Return the topics of a bag that are played; camera_info first."""
+    names = [f"{task}/{side}/camera_info" for task in _tasks(source) for side in SIDES]
+    names += [f"{task}/{side}/image_rect" for task in _tasks(source) for side in SIDES]
     if source.loc is not None:
         names.append(TRUTH_TOPIC)
     if source.nav is not None:
@@ -159,14 +159,14 @@ def _nav_messages(sequence: NavSequence) -> Iterator[Message]:
         yield from _pair_messages("nav", sequence.rig, item.pair)
 
 
-def _pair_messages(bench: str, rig: StereoRig, pair: StereoPair) -> Iterator[Message]:
+def _pair_messages(task: str, rig: StereoRig, pair: StereoPair) -> Iterator[Message]:
     stamp_ns = pair.stamp_ns
     for side in SIDES:
-        info = bag_messages.camera_info(stamp_ns, rig, bench, side)
-        yield _message(f"{bench}/{side}/camera_info", stamp_ns, info)
-    for side, picture in zip(SIDES, (pair.left, pair.right), strict=True):
-        image = bag_messages.image(stamp_ns, picture, bench, side)
-        yield _message(f"{bench}/{side}/image_rect", stamp_ns, image)
+        info = bag_messages.camera_info(stamp_ns, rig, task, side)
+        yield _message(f"{task}/{side}/camera_info", stamp_ns, info)
+    for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):
+        image = bag_messages.image(stamp_ns, pixels, task, side)
+        yield _message(f"{task}/{side}/image_rect", stamp_ns, image)
 
 
 def _true_pose(truth: Trajectory, index: int) -> Message:

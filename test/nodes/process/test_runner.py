@@ -24,7 +24,7 @@ class Slow(Node):
     def destroy_node(self):
         time.sleep(0.4)
         super().destroy_node()
-        print("tidied", flush=True)
+        print("shut down", flush=True)
 
 code = run(Slow)
 print("code", code, flush=True)
@@ -45,7 +45,7 @@ def test_signals_end_a_node_cleanly_however_many(tmp_path: Path, signals: tuple[
     with process(tmp_path) as node:
         node.wait_for("ready")
         assert node.end(*signals) == 0
-        assert node.text.split("ready\n")[1] == "tidied\ncode 0\n"
+        assert node.text.split("ready\n")[1] == "shut down\ncode 0\n"
 
 
 def test_a_signal_while_the_node_is_being_made_ends_it_cleanly(tmp_path: Path) -> None:
@@ -87,7 +87,7 @@ def test_a_supervised_node_does_not_outlive_its_supervisor(tmp_path: Path) -> No
     script.write_text(
         "import time\nfrom pathlib import Path\nfrom sfr_loc_map.nodes.process.supervisor import Supervisor\n"
         f"s = Supervisor(Path({str(tmp_path)!r}))\ns.start('monitor_node')\n"
-        "print('pid', s.pids['monitor_node'], flush=True)\ntime.sleep(100)\n",
+        "print('pid', s.processes['monitor_node'].popen.pid, flush=True)\ntime.sleep(100)\n",
         encoding="utf-8",
     )
     with Process(tmp_path / "supervisor.log", str(script)) as supervisor:

@@ -13,7 +13,7 @@ import yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.process.environment import PROFILE, PROFILE_VARIABLE
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 LAUNCH = ROOT / "launch_scripts"
 
 

@@ -1,0 +1,97 @@
+"""The ROS node of a replay: joins the graph, waits while it watches the nodes, calls their services."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import rclpy
+from rclpy.client import Client
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.nodes.process.supervisor import Supervisor
+
+NAME = "sfr_player"
+ANSWER_TIMEOUT_S = 120.0
+SPIN_S = 0.05
+
+
+class ReplayNode:
+    """A ROS node whose waiting fails as soon as a supervised node ends; a context manager."""
+
+    def __init__(self, supervisor: Supervisor) -> None:
+        """Join the graph; signals stay with the program.
+
+        Args:
+            supervisor: The nodes.
+        """
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.supervisor = supervisor
+        self.node: Node = rclpy.create_node(NAME)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._clients: dict[str, Client] = {}
+
+    def __enter__(self) -> ReplayNode:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the graph."""
+        self.node.destroy_node()
+        try_shutdown()
+
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
+        """Spin until a condition holds.
+
+        Args:
+            condition: Checked after each callback.
+            timeout_s: How long at most, seconds.
+            problem: Says what did not happen.
+
+        Raises:
+            NodeError: If a node ends, or it takes too long.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            self.supervisor.check()
+            if time.monotonic() > deadline:
+                raise NodeError(f"{problem()} within {timeout_s:g} s: look at the load of this host and start again")
+            self._executor.spin_once(timeout_sec=SPIN_S)
+
+    def spin_for(self, seconds: float) -> None:
+        """Spin for some time.
+
+        Raises:
+            NodeError: If a node ends.
+        """
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=min(left, SPIN_S))
+        self.supervisor.check()
+
+    def spin_once(self) -> None:
+        """Do one callback that is due, if there is one."""
+        self._executor.spin_once(timeout_sec=0.0)
+
+    def client(self, service: str) -> Client:
+        """Return the client of a Trigger service."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(Trigger, service)
+        return self._clients[service]
+
+    def call(self, service: str, problem: str) -> None:
+        """Call a Trigger service and wait for its answer.
+
+        Raises:
+            NodeError: If a node ends, or there is no answer in time.
+        """
+        client = self.client(service)
+        self.wait_for(client.service_is_ready, ANSWER_TIMEOUT_S, lambda: problem)
+        future = client.call_async(Trigger.Request())
+        self.wait_for(future.done, ANSWER_TIMEOUT_S, lambda: problem)
