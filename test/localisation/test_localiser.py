@@ -6,60 +6,23 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import made_scene
 import numpy as np
 import pytest
-from made_scene import (
-    HEIGHT,
-    LOC_RIG,
-    PERIOD_NS,
-    START_NS,
-    T_RB_LOCSB,
-    WIDTH,
-    loc_pair,
-    stereo_pair,
-    true_pose,
-    wall_points,
-)
+from loc_drive import drive, errors, localiser, noisy, run
+from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, WIDTH, true_pose
 
 from sfr_loc_map.errors import GeometryError, LocalisationError
-from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.relocalisation import RelocalisationKeyframe, pnp_from_descriptors
 
-DRIVE = [loc_pair(index) for index in range(40)]
-BLACK = np.zeros((HEIGHT, WIDTH), np.uint8)
-LOST = np.eye(6) * 9999.0
-
-
-def localiser(T_ds_rb: Transform | None = None) -> Localiser:
-    return Localiser(LOC_RIG, LocalisationConfig(), true_pose(0) if T_ds_rb is None else T_ds_rb)
-
-
-def run(pairs: Iterable[StereoPair], by: Localiser | None = None) -> list[PoseEstimate]:
-    by = by or localiser()
-    return [by.process(pair) for pair in pairs]
-
-
-def errors(estimate: PoseEstimate, truth: Transform) -> tuple[float, float]:
-    """Return distance, metres, and angle, degrees, between an estimate and the truth."""
-    difference = truth.inverse() @ estimate.T_ds_rb
-    angle = np.linalg.norm(rotvec_from_matrix(difference.rotation))
-    return float(np.linalg.norm(difference.translation)), float(np.degrees(angle))
-
-
-def black(index: int) -> StereoPair:
-    return StereoPair(START_NS + index * PERIOD_NS, BLACK, BLACK)
+DRIVE = drive()
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +31,7 @@ def estimates() -> list[PoseEstimate]:
 
 
 def test_without_noise_the_error_is_near_zero(estimates: list[PoseEstimate]) -> None:
-    # About 1 m of driving at 3 m from the wall; what is left comes from pictures rounded to whole grey levels.
+    # About 1 m of driving at 3 m from the wall; what is left comes from images rounded to whole grey levels.
     for index, estimate in enumerate(estimates):
         metres, degrees = errors(estimate, true_pose(index))
         assert metres < 0.003, index
@@ -86,29 +49,17 @@ def test_covariance_is_one_and_agrees_with_the_error(estimates: list[PoseEstimat
         np.testing.assert_array_equal(estimate.covariance, estimate.covariance.T)
         assert np.linalg.eigvalsh(estimate.covariance).min() > 0
         sigma = np.sqrt(np.trace(estimate.covariance[:3, :3]))
-        # a wall alone says little of the right camera's yaw, by which the way may be off
+        # a wall alone says little of the right camera's yaw, by which the path may be off
         assert errors(estimate, true_pose(index))[0] < 4 * sigma < 0.08
     growth = [float(np.trace(e.covariance[:3, :3])) for e in (estimates[2], estimates[-1])]
     assert growth[1] > growth[0]
 
 
-def test_error_grows_with_noise() -> None:
-    means = []
-    for level in (0.0, 10.0):
-        rng = np.random.default_rng(7)
-        noisy = [
-            replace(
-                pair,
-                **{
-                    side: np.clip(np.rint(getattr(pair, side) + rng.normal(0, level, BLACK.shape)), 0, 255).astype("u1")
-                    for side in ("left", "right")
-                },
-            )
-            for pair in DRIVE
-        ]
-        found = run(noisy)
-        assert all(e.state is not TrackingState.LOST for e in found)
-        means.append(np.mean([errors(e, true_pose(i))[0] for i, e in enumerate(found)]))
+def test_error_grows_with_noise(estimates: list[PoseEstimate]) -> None:
+    rng = np.random.default_rng(7)
+    worse = run(StereoPair(pair.stamp_ns, noisy(pair.left, 10.0, rng), noisy(pair.right, 10.0, rng)) for pair in DRIVE)
+    assert all(estimate.state is not TrackingState.LOST for estimate in worse)
+    means = [np.mean([errors(e, true_pose(i))[0] for i, e in enumerate(found)]) for found in (estimates, worse)]
     assert means[0] < means[1] < 0.05
 
 
@@ -173,83 +124,17 @@ def test_pair_of_another_size_is_refused_and_changes_nothing(estimates: list[Pos
     assert by.process(DRIVE[3]).T_ds_rb.matrix.tobytes() == estimates[3].T_ds_rb.matrix.tobytes()
 
 
-def test_rig_without_its_place_is_refused() -> None:
+def test_rig_without_extrinsics_is_refused() -> None:
     with pytest.raises(GeometryError, match="T_rb_locsb"):
         Localiser(replace(LOC_RIG, T_rb_sb=None), LocalisationConfig(), Transform.identity())
-
-
-@pytest.mark.parametrize("count", [1, 5])
-def test_black_pictures_are_lost_at_the_last_pose_and_found_again(count: int) -> None:
-    by = localiser()
-    last = run(DRIVE[:10], by)[-1]
-    for index in range(10, 10 + count):
-        estimate = by.process(black(index))
-        assert estimate.state is TrackingState.LOST
-        assert estimate.stamp_ns == black(index).stamp_ns
-        np.testing.assert_array_equal(estimate.covariance, LOST)
-        assert estimate.T_ds_rb.matrix.tobytes() == last.T_ds_rb.matrix.tobytes()
-    after = range(10 + count, 13 + count)
-    found = run((DRIVE[index] for index in after), by)
-    assert found[-1].state is TrackingState.TRACKING
-    metres, degrees = errors(found[-1], true_pose(after[-1]))
-    assert metres < 0.005  # the wall is recognised: what was driven blindly does not count
-    assert degrees < 0.1
-
-
-def test_one_black_picture_of_two_is_lost() -> None:
-    by = localiser()
-    last = run(DRIVE[:5], by)[-1]
-    estimate = by.process(replace(DRIVE[5], right=BLACK))
-    if estimate.state is TrackingState.LOST:
-        assert estimate.T_ds_rb.matrix.tobytes() == last.T_ds_rb.matrix.tobytes()
-    else:
-        assert errors(estimate, true_pose(5))[0] < 0.01
-
-
-def test_found_again_where_nothing_is_recognised_with_a_growing_covariance() -> None:
-    by = localiser()
-    before = run(DRIVE[:10], by)[-1]
-    by.process(black(10))
-    # Turned by half a radian to the left: another part of the wall.
-    away = [
-        stereo_pair(
-            START_NS + (11 + step) * PERIOD_NS,
-            Transform.from_quat([0.2, 1.5 + 0.015 * step, 0.8], [0, 0, 0.05, 1.0]) @ T_RB_LOCSB,
-            LOC_RIG,
-        )
-        for step in range(6)
-    ]
-    found = run(away, by)
-    first = next(i for i, e in enumerate(found) if e.state is TrackingState.TRACKING)
-    assert first < 3
-    for estimate in found[:first]:
-        assert estimate.T_ds_rb.matrix.tobytes() == before.T_ds_rb.matrix.tobytes()
-    np.testing.assert_allclose(found[first].T_ds_rb.matrix, before.T_ds_rb.matrix, atol=1e-12)
-    assert (np.diag(found[first].covariance)[:3] > 100 * np.diag(before.covariance)[:3]).all()
-    assert np.linalg.norm(found[-1].T_ds_rb.translation - before.T_ds_rb.translation) < 0.2
-
-
-def test_black_from_the_start_is_lost_at_the_pose_given() -> None:
-    by = localiser()
-    for index in range(2):
-        estimate = by.process(black(index))
-        assert estimate.state is TrackingState.LOST
-        np.testing.assert_array_equal(estimate.covariance, LOST)
-        np.testing.assert_allclose(estimate.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
-    first = by.process(DRIVE[2])
-    assert first.state is TrackingState.INITIALISING
-    np.testing.assert_allclose(first.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
 
 
 def test_standing_still_stays_within_a_millimetre() -> None:
     rng = np.random.default_rng(3)
     by = localiser()
     for index in range(100):
-        pictures = (
-            np.clip(np.rint(side + rng.normal(0, 1.0, BLACK.shape)), 0, 255).astype(np.uint8)
-            for side in (DRIVE[0].left, DRIVE[0].right)
-        )
-        estimate = by.process(StereoPair(START_NS + index * PERIOD_NS, *pictures))
+        images = (noisy(side, 1.0, rng) for side in (DRIVE[0].left, DRIVE[0].right))
+        estimate = by.process(StereoPair(START_NS + index * PERIOD_NS, *images))
         assert errors(estimate, true_pose(0))[0] < 0.001, index
 
 
@@ -303,8 +188,8 @@ black = np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8)
 states = set()
 for index in [*range(20), None, *range(21, 30), None, *range(5, 10)]:
     pair = StereoPair(0, black, black) if index is None else loc_pair(index)
-    for picture in (pair.left, pair.right):
-        picture.flags.writeable = False  # as pictures of messages are
+    for image in (pair.left, pair.right):
+        image.flags.writeable = False  # as images of messages are
     states.add(localiser.process(pair).state.value)
 assert states == {"initialising", "tracking", "lost"}, states
 after = signatures()
@@ -325,52 +210,3 @@ def test_warm_up_does_not_change_the_state(estimates: list[PoseEstimate]) -> Non
     run(DRIVE[:5], by)
     by.warm_up()
     assert by.process(DRIVE[5]).T_ds_rb.matrix.tobytes() == estimates[5].T_ds_rb.matrix.tobytes()
-
-
-def test_a_pair_that_comes_again_says_that_the_rover_may_have_gone_on() -> None:
-    estimates = run([DRIVE[0], DRIVE[1], DRIVE[2], replace(DRIVE[2], stamp_ns=DRIVE[3].stamp_ns), DRIVE[4]])
-    again, step = estimates[3], np.linalg.norm(true_pose(2).translation - true_pose(1).translation)
-    assert again.state is TrackingState.TRACKING
-    assert again.statistics.repeated == 1
-    np.testing.assert_array_equal(again.T_ds_rb.matrix, estimates[2].T_ds_rb.matrix)
-    assert np.sqrt(again.covariance[0, 0]) > 0.9 * step > 5 * np.sqrt(estimates[2].covariance[0, 0])
-    assert errors(estimates[4], true_pose(4))[0] < 0.003
-
-
-def test_exchanged_pictures_are_lost_and_not_half_believed() -> None:
-    swapped = StereoPair(DRIVE[3].stamp_ns, DRIVE[3].right, DRIVE[3].left)
-    estimates = run([*DRIVE[:3], swapped, *DRIVE[4:6]])
-    assert [e.state for e in estimates[3:]] == [TrackingState.LOST, TrackingState.TRACKING, TrackingState.TRACKING]
-    assert errors(estimates[5], true_pose(5))[0] < 0.003
-
-
-def test_found_again_after_a_gap() -> None:
-    estimates = run([*DRIVE[:3], black(3), black(4), DRIVE[20], DRIVE[21]])
-    assert [e.state.value for e in estimates[3:]] == ["lost", "lost", "tracking", "tracking"]
-    assert errors(estimates[-1], true_pose(21))[0] < 0.01
-
-
-def test_pnp_from_descriptors_from_afar() -> None:
-    first, now = (true_pose(index) @ LOC_RIG.T_rb_left for index in (0, 20))
-    left, other = DRIVE[0].left, DRIVE[20].left
-    corners, found = (find_corners(image.astype(np.float32), np.zeros((0, 2)), 400, 20) for image in (left, other))
-    points = wall_points(first, LOC_RIG)[corners[:, 1].astype(int), corners[:, 0].astype(int)]
-    camera = np.array([LOC_RIG.fx, LOC_RIG.fy, LOC_RIG.cx, LOC_RIG.cy])
-    keyframe = RelocalisationKeyframe(left, corners, points)
-    pose = pnp_from_descriptors(keyframe, other, found, camera, 20)
-    assert pose is not None
-    np.testing.assert_allclose(pose[1], now.translation, atol=0.05)
-    np.testing.assert_allclose(pose[0], now.rotation, atol=0.05)
-    grey = np.full_like(other, 90)
-    assert pnp_from_descriptors(keyframe, grey, np.zeros((0, 2)), camera, 20) is None
-
-
-def test_a_yaw_that_is_not_known_yet_is_within_what_is_stated() -> None:
-    """Right pictures 0.5 px off along the columns: the way is wrong from the first step on."""
-    shift = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0]])
-    size = (LOC_RIG.width, LOC_RIG.height)
-    moved = [StereoPair(pair.stamp_ns, pair.left, cv2.warpAffine(pair.right, shift, size)) for pair in DRIVE[:12]]
-    found = [(errors(estimate, true_pose(k))[0], estimate.covariance) for k, estimate in enumerate(run(moved))]
-    assert found[-1][0] > 0.01
-    for metres, covariance in found[1:]:
-        assert metres < 2.0 * np.sqrt(np.trace(covariance[:3, :3]))

@@ -1,0 +1,44 @@
+import numpy as np
+
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
+from sfr_loc_map.localisation.frontend.landmarks import Landmarks
+
+
+def landmarks(inverse_depth: np.ndarray) -> Landmarks:
+    count = len(inverse_depth)
+    rotation, position = matrix_from_rotvec([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0])
+    rays = np.column_stack((np.linspace(-0.5, 0.5, count), np.full(count, 0.1), np.ones(count)))
+    return Landmarks(
+        index=np.arange(count),
+        host_rotations=np.tile(rotation, (count, 1, 1)),
+        host_positions=np.tile(position, (count, 1)),
+        uv=np.zeros((count, 2)),
+        rays=rays,
+        inverse_depth=inverse_depth,
+        slopes=np.zeros((count, 2)),
+        covariance=np.zeros((count, 3, 3)),
+        patches=[np.zeros((count, 3, 1), np.float32)] * LEVELS,
+        last_seen=np.zeros((count, 4)),
+    )
+
+
+def test_points_lie_on_their_rays_at_their_depth() -> None:
+    marks = landmarks(np.array([0.5, 0.1, 2.0]))
+    in_camera = (marks.points - marks.host_positions[0]) @ marks.host_rotations[0]
+    np.testing.assert_allclose(in_camera[:, 2], [2.0, 10.0, 0.5])
+    np.testing.assert_allclose(in_camera / in_camera[:, 2:], marks.rays, atol=1e-12)
+
+
+def test_a_landmark_at_infinity_is_no_point() -> None:
+    points = landmarks(np.array([0.5, 0.0, -0.1])).points
+    assert np.isfinite(points[0]).all()
+    assert np.isnan(points[1:]).all()
+
+
+def test_median_depth_has_a_limit() -> None:
+    assert landmarks(np.array([0.5, 0.2, 0.1])).median_depth == 5.0
+    assert landmarks(np.zeros(3)).median_depth == 1000.0
+    assert Landmarks.none().median_depth == 0.0
+    assert len(Landmarks.none()) == 0
+    assert Landmarks.none().points.shape == (0, 3)

@@ -1,0 +1,125 @@
+"""Keyframes: the first of a window, the next ones in the background, and when one is wanted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from loc_drive import BLACK, pair_of_drive
+from made_scene import HEIGHT, LOC_RIG, WIDTH, true_pose
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.frontend.tracking import Pose, StereoFrame, Tracker, TrackingResult
+from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
+
+CAMERA = np.array([LOC_RIG.fx, LOC_RIG.fy, LOC_RIG.cx, LOC_RIG.cy])
+BLACK_FRAME = StereoFrame.of(StereoPair(0, BLACK, BLACK))
+
+
+def backend(config: LocalisationConfig | None = None) -> tuple[KeyframeBackend, Tracker]:
+    config = config or LocalisationConfig()
+    tracker = Tracker(LOC_RIG, config, CAMERA)
+    return KeyframeBackend(LOC_RIG, config, CAMERA, tracker), tracker
+
+
+def frame(index: int) -> StereoFrame:
+    return StereoFrame.of(pair_of_drive(index))
+
+
+def camera_motion(index: int) -> Transform:
+    """Return the left camera at a pair in that of the first pair."""
+    first, now = (true_pose(k) @ LOC_RIG.T_rb_left for k in (0, index))
+    return first.inverse() @ now
+
+
+def tracked(by: KeyframeBackend, tracker: Tracker, index: int) -> TrackingResult:
+    start = Pose(camera_motion(index).rotation, camera_motion(index).translation)
+    return tracker.refine(frame(index), by.landmarks, start, by.calibration.offset)
+
+
+def test_a_window_begins_with_landmarks_on_the_wall() -> None:
+    by, _ = backend()
+    assert not by.started
+    assert len(by.landmarks) == 0
+    found = by.begin(frame(0), Transform.identity())
+    assert by.started
+    assert found == len(by.landmarks) > 100
+    assert by.keyframe_count == 1
+    wall = (true_pose(0) @ LOC_RIG.T_rb_left).apply(by.landmarks.points)
+    assert np.median(np.abs(wall[:, 0] - 3.0)) < 0.05
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_window_that_finds_too_few_landmarks_does_not_replace_the_one_before(begun: bool) -> None:
+    by, _ = backend()
+    if begun:
+        by.begin(frame(0), Transform.identity())
+    before, count = by.landmarks, by.keyframe_count
+    assert by.begin(BLACK_FRAME, camera_motion(5)) == 0
+    assert by.started is begun
+    assert by.landmarks is before
+    assert by.keyframe_count == count
+
+
+def test_a_keyframe_is_wanted_after_some_flow_or_with_few_landmarks_left() -> None:
+    by, tracker = backend()
+    by.begin(frame(0), Transform.identity())
+    assert not by.wants_keyframe(tracked(by, tracker, 1))
+    far = tracked(by, tracker, 12)
+    assert np.median(far.flow_px) > 0.05 * WIDTH
+    assert by.wants_keyframe(far)
+    near = tracked(by, tracker, 1)
+    few = np.where(np.arange(len(near.chi2_per_dof)) % 2, near.chi2_per_dof, 100.0)
+    assert by.wants_keyframe(replace(near, chi2_per_dof=few))
+
+
+def test_a_keyframe_adds_landmarks_and_drops_outliers() -> None:
+    by, tracker = backend()
+    by.begin(frame(0), Transform.identity())
+    result = tracked(by, tracker, 12)
+    assert by.wait() is None
+    by.add_keyframe(frame(12), result)
+    seconds = by.wait()
+    assert seconds is not None
+    assert seconds > 0.0
+    assert by.wait() is None
+    assert by.keyframe_count == 2
+    kept = result.landmarks.index[result.inliers]
+    assert set(kept) <= set(by.landmarks.index)
+    assert not set(result.landmarks.index[~result.inliers]) & set(by.landmarks.index)
+    assert len(by.landmarks) > len(kept)
+    np.testing.assert_allclose(by.T_world_left.translation, camera_motion(12).translation, atol=0.01)
+    assert by.covariance.shape == (6, 6)
+    assert np.linalg.eigvalsh(by.covariance).min() > 0.0
+
+
+def test_reset_waits_for_the_keyframe_and_forgets_it() -> None:
+    by, tracker = backend()
+    by.begin(frame(0), Transform.identity())
+    by.add_keyframe(frame(12), tracked(by, tracker, 12))
+    by.reset()
+    assert by.wait() is None
+    assert (by.started, by.keyframe_count, len(by.landmarks)) == (False, 0, 0)
+
+
+@pytest.mark.parametrize("side", ["left_mask", "right_mask"])
+def test_masked_parts_have_no_landmarks(side: str, tmp_path: object) -> None:
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[:, : WIDTH // 2] = 0
+    cv2.imwrite(f"{tmp_path}/mask.png", mask)
+    by, _ = backend(LocalisationConfig(**{side: f"{tmp_path}/mask.png"}, min_tracked=8))
+    by.begin(frame(0), Transform.identity())
+    column = by.landmarks.last_seen[:, 0 if side == "left_mask" else 2]
+    assert len(column) > 20
+    assert column.min() > WIDTH // 2 - 1
+
+
+def test_a_mask_of_another_size_is_refused(tmp_path: object) -> None:
+    cv2.imwrite(f"{tmp_path}/mask.png", np.zeros((3, 4), np.uint8))
+    with pytest.raises(ConfigError, match=rf"4 x 3 pixels; give a grey .* of {WIDTH} x {HEIGHT} pixels"):
+        backend(LocalisationConfig(left_mask=f"{tmp_path}/mask.png"))

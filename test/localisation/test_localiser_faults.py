@@ -1,0 +1,140 @@
+"""The localiser with images that are black, swapped, duplicate, missing, or rotated against the calibration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from loc_drive import BLACK, LOST, black, drive, errors, localiser, run
+from made_scene import LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, stereo_pair, true_pose
+
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.localisation.localiser import is_duplicate_pair
+
+DRIVE = drive(25)
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_black_images_are_lost_at_the_last_pose_and_recovered(count: int) -> None:
+    by = localiser()
+    last = run(DRIVE[:10], by)[-1]
+    for index in range(10, 10 + count):
+        estimate = by.process(black(index))
+        assert estimate.state is TrackingState.LOST
+        assert estimate.stamp_ns == black(index).stamp_ns
+        np.testing.assert_array_equal(estimate.covariance, LOST)
+        assert estimate.T_ds_rb.matrix.tobytes() == last.T_ds_rb.matrix.tobytes()
+    after = range(10 + count, 13 + count)
+    found = run((DRIVE[index] for index in after), by)
+    assert found[-1].state is TrackingState.TRACKING
+    metres, degrees = errors(found[-1], true_pose(after[-1]))
+    assert metres < 0.005  # the wall is recognised: what was driven blindly does not count
+    assert degrees < 0.1
+
+
+def test_one_black_image_of_two_is_lost() -> None:
+    by = localiser()
+    last = run(DRIVE[:5], by)[-1]
+    estimate = by.process(replace(DRIVE[5], right=BLACK))
+    if estimate.state is TrackingState.LOST:
+        assert estimate.T_ds_rb.matrix.tobytes() == last.T_ds_rb.matrix.tobytes()
+    else:
+        assert errors(estimate, true_pose(5))[0] < 0.01
+
+
+def test_recovered_where_nothing_is_recognised_with_a_growing_covariance() -> None:
+    by = localiser()
+    before = run(DRIVE[:10], by)[-1]
+    by.process(black(10))
+    # Turned by half a radian to the left: another part of the wall.
+    away = [
+        stereo_pair(
+            START_NS + (11 + step) * PERIOD_NS,
+            Transform.from_quat([0.2, 1.5 + 0.015 * step, 0.8], [0, 0, 0.05, 1.0]) @ T_RB_LOCSB,
+            LOC_RIG,
+        )
+        for step in range(6)
+    ]
+    found = run(away, by)
+    first = next(i for i, e in enumerate(found) if e.state is TrackingState.TRACKING)
+    assert first < 3
+    for estimate in found[:first]:
+        assert estimate.T_ds_rb.matrix.tobytes() == before.T_ds_rb.matrix.tobytes()
+    np.testing.assert_allclose(found[first].T_ds_rb.matrix, before.T_ds_rb.matrix, atol=1e-12)
+    assert (np.diag(found[first].covariance)[:3] > 100 * np.diag(before.covariance)[:3]).all()
+    assert np.linalg.norm(found[-1].T_ds_rb.translation - before.T_ds_rb.translation) < 0.2
+
+
+def test_black_from_the_start_is_lost_at_the_pose_given() -> None:
+    by = localiser()
+    for index in range(2):
+        estimate = by.process(black(index))
+        assert estimate.state is TrackingState.LOST
+        np.testing.assert_array_equal(estimate.covariance, LOST)
+        np.testing.assert_allclose(estimate.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
+    first = by.process(DRIVE[2])
+    assert first.state is TrackingState.INITIALISING
+    np.testing.assert_allclose(first.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
+
+
+def test_a_duplicate_pair_says_that_the_rover_may_have_gone_on() -> None:
+    estimates = run([DRIVE[0], DRIVE[1], DRIVE[2], replace(DRIVE[2], stamp_ns=DRIVE[3].stamp_ns), DRIVE[4]])
+    again, step = estimates[3], np.linalg.norm(true_pose(2).translation - true_pose(1).translation)
+    assert again.state is TrackingState.TRACKING
+    assert again.statistics.repeated == 1
+    np.testing.assert_array_equal(again.T_ds_rb.matrix, estimates[2].T_ds_rb.matrix)
+    assert np.sqrt(again.covariance[0, 0]) > 0.9 * step > 5 * np.sqrt(estimates[2].covariance[0, 0])
+    assert errors(estimates[4], true_pose(4))[0] < 0.003
+
+
+def test_swapped_images_are_lost_and_not_half_trusted() -> None:
+    swapped = StereoPair(DRIVE[3].stamp_ns, DRIVE[3].right, DRIVE[3].left)
+    estimates = run([*DRIVE[:3], swapped, *DRIVE[4:6]])
+    assert [e.state for e in estimates[3:]] == [TrackingState.LOST, TrackingState.TRACKING, TrackingState.TRACKING]
+    assert errors(estimates[5], true_pose(5))[0] < 0.003
+
+
+def test_recovered_after_a_gap() -> None:
+    estimates = run([*DRIVE[:3], black(3), black(4), DRIVE[20], DRIVE[21]])
+    assert [e.state.value for e in estimates[3:]] == ["lost", "lost", "tracking", "tracking"]
+    assert errors(estimates[-1], true_pose(21))[0] < 0.01
+
+
+def test_a_yaw_that_is_not_known_yet_is_within_what_is_stated() -> None:
+    """Right images 0.5 px off along the columns: the path is wrong from the first step on."""
+    shift = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0]])
+    size = (LOC_RIG.width, LOC_RIG.height)
+    moved = [StereoPair(pair.stamp_ns, pair.left, cv2.warpAffine(pair.right, shift, size)) for pair in DRIVE[:12]]
+    found = [(errors(estimate, true_pose(k))[0], estimate.covariance) for k, estimate in enumerate(run(moved))]
+    assert found[-1][0] > 0.01
+    for metres, covariance in found[1:]:
+        assert metres < 2.0 * np.sqrt(np.trace(covariance[:3, :3]))
+
+
+def test_a_duplicate_pair_is_equal_in_both_images() -> None:
+    pair = DRIVE[0]
+    assert is_duplicate_pair(pair, StereoPair(pair.stamp_ns + 1, pair.left.copy(), pair.right.copy()))
+    assert not is_duplicate_pair(pair, replace(pair, left=pair.right))
+    changed = pair.right.copy()
+    changed[-1, -1] ^= 1
+    assert not is_duplicate_pair(pair, replace(pair, right=changed))
+
+
+def test_a_pair_that_stays_is_ever_less_certain_until_another_comes() -> None:
+    again = [replace(DRIVE[3], stamp_ns=DRIVE[3].stamp_ns + k * PERIOD_NS) for k in range(1, 4)]
+    estimates = run([*DRIVE[:4], *again, DRIVE[7]])
+    sigma = [np.sqrt(np.trace(estimate.covariance[:3, :3])) for estimate in estimates[3:7]]
+    assert (np.diff(sigma) > 0.01).all()
+    assert np.sqrt(np.trace(estimates[7].covariance[:3, :3])) < sigma[1]
+    assert errors(estimates[7], true_pose(7))[0] < 0.003
+
+
+def test_swapped_images_begin_nothing_anew() -> None:
+    swapped = [StereoPair(pair.stamp_ns, pair.right, pair.left) for pair in DRIVE[3:5]]
+    estimates = run([*DRIVE[:3], *swapped, DRIVE[5]])
+    assert [estimate.state.value for estimate in estimates[3:]] == ["lost", "lost", "tracking"]
+    np.testing.assert_array_equal(estimates[4].T_ds_rb.matrix, estimates[2].T_ds_rb.matrix)
