@@ -57,7 +57,7 @@ def matched_share(left: FloatImage, valid: Mask) -> float:
     (Immerkaer 1996).
     """
     mask = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], np.float32)
-    noise = mad_sigma(np.asarray(cv2.filter2D(left, -1, mask))[::2, ::2]) / 6.0
+    noise = mad_sigma(np.asarray(cv2.filter2D(left, -1, mask), np.float32)[::2, ::2]) / 6.0
     variance = box_mean(np.square(left), 7) - np.square(box_mean(left, 7))
     textured = variance > max(2.0 * noise, 1.0) ** 2
     if textured.mean() < MIN_TEXTURED_SHARE:

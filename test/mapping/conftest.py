@@ -85,3 +85,9 @@ def slope_field() -> Field:
 def hills_field() -> Field:
     """A smooth surface that no window fits by a plane."""
     return hills
+
+
+@pytest.fixture(scope="session")
+def textured() -> Callable[..., NDArray[np.float64]]:
+    """Return grey levels of waves at any place."""
+    return texture

@@ -6,8 +6,10 @@ import pytest
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.elevation import SLOPE, elevation_from_cloud, point_covariances
+from sfr_loc_map.mapping.elevation import SLOPE, elevation_from_cloud, point_covariances, rays
+from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 
 CENTRES = [np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 2.0])]
 POSES = [Transform(matrix_from_rotvec([-1.9, 0.3, 0.2]), centre) for centre in CENTRES]
@@ -71,3 +73,43 @@ def test_covariance_is_that_of_the_ray_and_of_the_pixel() -> None:
         assert values[2] == pytest.approx(sigma**2, rel=1e-4)
         ray = POSES[pair].rotation @ local[pair] / np.linalg.norm(local[pair])
         assert abs(vectors[:, 2] @ ray) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_covariance_is_the_scatter_of_points_of_a_pixel() -> None:
+    """Points drawn over the area of a pixel and over the error of its disparity, against the stated covariance."""
+    rig = StereoRig(640, 480, 300.0, 300.0, 319.5, 239.5, 0.2)
+    rng = np.random.default_rng(0)
+    u, v, disparity, sigma_px = 400.0, 150.0, 12.0, 0.05
+    drawn = 200_000
+    depth = rig.fx * rig.baseline_m / rng.normal(disparity, sigma_px, drawn)
+    ray_x = (rng.uniform(u - 0.5, u + 0.5, drawn) - rig.cx) / rig.fx
+    ray_y = (rng.uniform(v - 0.5, v + 0.5, drawn) - rig.cy) / rig.fy
+    points = POSES[1].apply(np.column_stack((ray_x, ray_y, np.ones(drawn))) * depth[:, None])
+    image = np.full((rig.height, rig.width), np.nan, np.float32)
+    image[int(v), int(u)] = disparity
+    deviation, grey = np.full_like(image, sigma_px), np.zeros(image.shape, np.uint8)
+    cloud = cloud_from_disparity(image, deviation, grey, rig, POSES[1], 1)
+    stated = point_covariances(cloud, POSES, rig.fx)[0]
+    found = np.cov(points.T)
+    np.testing.assert_allclose(stated, found, atol=0.05 * np.trace(found))
+    np.testing.assert_allclose(np.linalg.eigvalsh(stated)[:2], np.linalg.eigvalsh(found)[:2], rtol=0.2)
+
+
+def test_rays_are_unit_vectors_from_the_camera_to_the_point() -> None:
+    xyz = [[1.0, 2.0, 0.0], [3.0, 0.0, 2.0]]
+    found = rays(cloud_of(xyz, [0.1, 0.1], [0, 1]), POSES)
+    np.testing.assert_allclose(found[0], np.array([1.0, 2.0, -2.0]) / 3.0, atol=1e-6)
+    np.testing.assert_allclose(found[1], [1.0, 0.0, 0.0], atol=1e-6)
+
+
+def test_a_plane_gives_a_plane() -> None:
+    """Many points of sloping ground: each cell has the height of its points, and a sigma that covers its slope."""
+    rng = np.random.default_rng(1)
+    xy = rng.uniform(0.0, 2.0, (40_000, 2))
+    xyz = np.column_stack((xy, 0.3 * xy[:, 0] - 0.2 * xy[:, 1]))
+    model = elevation_from_cloud(cloud_of(xyz.tolist(), [0.01] * len(xyz), [0] * len(xyz)), POSES, 0.1)
+    rows, cols = model.height_m.shape
+    y, x = np.mgrid[:rows, :cols] * 0.1 + 0.05
+    np.testing.assert_allclose(model.height_m, 0.3 * x - 0.2 * y, atol=0.01)
+    assert model.count.sum() == len(xyz)
+    assert (model.sigma_m < 0.02).all()

@@ -90,7 +90,8 @@ def _exposure(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tup
 def _vertical_step(left: FloatImage, right: FloatImage, disparity: FloatImage) -> FloatArray:
     """Return the change of the vertical disparity by one weighted least squares step over the whole image.
 
-    Shifting the right image's content up by s changes the residual by `s` times the slope along columns.
+    Shifting the right image's content up by s changes the residual by `s` times the slope along columns. The step is 0
+    where there is too little to measure it by.
     """
     residual = photometric_residual(left, right, disparity)
     template = left + F(0.5) * np.nan_to_num(residual)
@@ -106,6 +107,8 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity: FloatImage) -
     design *= g[:, None]
     weighted = design * weight[:, None]
     normal = weighted.T @ design
+    if not normal.any():  # no slope anywhere
+        return np.zeros(3)
     step = np.linalg.solve(normal + 1e-6 * np.trace(normal) * np.eye(3), -(weighted.T @ r))
     return np.asarray(np.clip(step, -MAX_STEP_PX, MAX_STEP_PX))
 

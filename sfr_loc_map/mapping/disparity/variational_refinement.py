@@ -165,7 +165,8 @@ def linearise(left: FloatImage, right: FloatImage, cells: FloatImage) -> Lineari
     chi2_per_dof = box_mean(found.chi2, BOX) / np.maximum(box_mean(found.weight, BOX), F(0.1))
     excess = np.maximum(chi2_per_dof, F(1.0))
     scaled = found._replace(
-        information=found.information / excess, information_vector=found.information_vector / excess
+        information=np.asarray(found.information / excess, F),
+        information_vector=np.asarray(found.information_vector / excess, F),
     )
     return Linearisation(residual, offset, variance, scaled)
 

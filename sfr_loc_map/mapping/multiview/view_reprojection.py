@@ -89,7 +89,7 @@ def reproject_into_view(
     index = np.flatnonzero(np.isfinite(samples.difference))
     difference, weight, grey, grey_shifted, offset_px = (values[index] for values in samples)
     own = cloud.intensity[index]
-    deviation = F(1.0) / np.sqrt(weight)
+    deviation = np.asarray(F(1.0) / np.sqrt(weight), F)
     return ReprojectedPoints(index, difference, deviation, weight, grey - own, grey_shifted - own, offset_px)
 
 
@@ -106,7 +106,8 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 def _is_smooth(disparity: FloatImage, i: int, j: int) -> bool:
     """Tell whether the four pixels from (i, j) on belong to one surface."""
     a, b, c, d = disparity[i, j], disparity[i, j + 1], disparity[i + 1, j], disparity[i + 1, j + 1]
-    return max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) < JUMP_PX
+    smooth: bool = max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) < JUMP_PX
+    return smooth
 
 
 @jit_rows

@@ -1,0 +1,50 @@
+"""Filters against plain numpy."""
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.mapping.disparity.filters import (
+    box_mean,
+    downsample_mean,
+    second_differences,
+    upsample_bilinear,
+    upsample_nearest,
+)
+
+RNG = np.random.default_rng(0)
+IMAGE = RNG.normal(0.0, 5.0, (24, 32)).astype(np.float32)
+
+
+@pytest.mark.parametrize("side", [3, 5])
+def test_box_mean(side: int) -> None:
+    padded = np.pad(IMAGE, side // 2, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
+    np.testing.assert_allclose(box_mean(IMAGE, side), windows.mean(axis=(2, 3)), atol=1e-5)
+
+
+@pytest.mark.parametrize("factor", [2, 4])
+def test_downsampling_gives_block_means(factor: int) -> None:
+    blocks = IMAGE.reshape(24 // factor, factor, 32 // factor, factor).mean(axis=(1, 3))
+    np.testing.assert_allclose(downsample_mean(IMAGE, factor), blocks, atol=1e-5)
+
+
+def test_downsampling_undoes_upsampling() -> None:
+    up = upsample_nearest(IMAGE)
+    assert up.shape == (48, 64)
+    np.testing.assert_array_equal(up[1::2, ::2], IMAGE)
+    np.testing.assert_allclose(downsample_mean(up, 2), IMAGE, atol=1e-6)
+
+
+def test_bilinear_upsampling_keeps_planes_and_their_place() -> None:
+    """Element centres: the first of the fine image lies half a coarse element minus half a fine one to the left."""
+    y, x = np.mgrid[:12, :16].astype(np.float32)
+    v, u = (np.mgrid[:48, :64].astype(np.float32) + 0.5) / 4.0 - 0.5
+    up = upsample_bilinear(3.0 + 0.5 * x - 0.25 * y, (48, 64))
+    np.testing.assert_allclose(up[4:-4, 4:-4], (3.0 + 0.5 * u - 0.25 * v)[4:-4, 4:-4], atol=1e-5)
+
+
+def test_second_differences_of_a_quadratic_are_constant() -> None:
+    y, x = np.mgrid[:9, :11].astype(np.float32)
+    along_x, along_y = second_differences(0.5 * x * x - 1.5 * y * y + 2.0 * x + y)
+    np.testing.assert_allclose(along_x[:, 1:-1], 1.0, atol=1e-4)
+    np.testing.assert_allclose(along_y[1:-1], -3.0, atol=1e-4)

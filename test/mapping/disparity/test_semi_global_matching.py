@@ -1,0 +1,70 @@
+"""Semi-global matching on random-dot stereograms; the range that is searched."""
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
+
+ROWS, COLS = 120, 200
+
+
+def stereogram(background: int, foreground: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return left and right dots and the true disparity: a square before a background."""
+    rng = np.random.default_rng(0)
+    dots = rng.integers(0, 256, (ROWS, COLS + 80), dtype=np.uint8)
+    square = rng.integers(0, 256, (60, 70), dtype=np.uint8)
+    left, right = dots[:, :COLS].copy(), dots[:, background : COLS + background].copy()
+    left[30:90, 80:150] = square
+    right[30:90, 80 - foreground : 150 - foreground] = square
+    truth = np.full((ROWS, COLS), float(background))
+    truth[30:90, 80:150] = foreground
+    return left, right, truth
+
+
+@pytest.mark.parametrize(("background", "foreground"), [(4, 12), (7, 20), (0, 3)])
+def test_a_random_dot_stereogram_is_matched(background: int, foreground: int) -> None:
+    left, right, truth = stereogram(background, foreground)
+    disparity = semi_global_matching(left, right, 32)
+    assert disparity.shape == truth.shape
+    known = np.isfinite(disparity)
+    assert known[:, background:].mean() > 0.85
+    assert (np.abs(disparity - truth)[known] < 0.5).mean() > 0.97
+    inside = np.s_[35:85, 85:145]
+    assert np.nanmedian(disparity[inside]) == pytest.approx(foreground, abs=1.0 / 16.0)
+
+
+def test_the_background_beside_the_square_is_occluded() -> None:
+    """8 columns left of a square that stands out by 8 pixels have no counterpart."""
+    left, right, _ = stereogram(4, 12)
+    disparity = semi_global_matching(left, right, 32)
+    hidden = disparity[40:80, 73:79]
+    wrong = np.isfinite(hidden) & (np.abs(hidden - 4.0) < 0.5)
+    assert wrong.mean() < 0.5
+    assert np.isfinite(disparity[40:80, 40:70]).mean() > 0.95
+
+
+def test_swapped_images_do_not_match() -> None:
+    left, right, _ = stereogram(8, 16)
+    assert np.isfinite(semi_global_matching(right, left, 32)).mean() < 0.3
+
+
+def test_the_search_range_covers_the_depths() -> None:
+    rig = StereoRig(1000, 800, 500.0, 500.0, 499.5, 399.5, 0.2)
+    found = search_range(rig, MappingConfig(min_range_m=2.0, max_range_m=25.0))
+    assert found.min_disparity_px == pytest.approx(500.0 * 0.2 / 25.0)
+    assert found.count == 64
+    assert found.count > 500.0 * 0.2 / 2.0
+
+
+def test_no_more_than_half_the_width_is_searched() -> None:
+    rig = StereoRig(300, 200, 500.0, 500.0, 149.5, 99.5, 0.2)
+    assert search_range(rig, MappingConfig(min_range_m=0.1)).count == 160
+
+
+def test_depths_in_the_wrong_order_are_refused() -> None:
+    rig = StereoRig(300, 200, 500.0, 500.0, 149.5, 99.5, 0.2)
+    with pytest.raises(ConfigError, match=r"min_range_m 5\.0 must be less than max_range_m 5\.0"):
+        search_range(rig, MappingConfig(min_range_m=5.0, max_range_m=5.0))

@@ -1,0 +1,85 @@
+"""Sigma against theory and against Monte Carlo."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.mapping.disparity.conjugate_gradient import conjugate_gradient_step
+from sfr_loc_map.mapping.disparity.regularisation import SmoothnessWeights
+from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
+from sfr_loc_map.mapping.disparity.uncertainty import (
+    MAX_SIGMA_PX,
+    NOISE_EXCESS,
+    NOISE_INFORMATION,
+    SHAPE_SHARE,
+    disparity_sigma,
+)
+from sfr_loc_map.mapping.disparity.variational_refinement import refine
+
+F = np.float32
+INNER = np.s_[24:-24, 48:-24]
+
+
+def uniform(shape: tuple[int, int], weight: float) -> SmoothnessWeights:
+    """Return equal weights, 0 at the border, so that the regulariser is `weight (d_xx + d_yy)^2`."""
+    along_x, along_y, mixed = (np.full(shape, w, F) for w in (weight, weight, 2.0 * weight))
+    along_x[:, [0, -1]], along_y[[0, -1]] = 0.0, 0.0
+    mixed[-1], mixed[:, -1] = 0.0, 0.0
+    return SmoothnessWeights(along_x, along_y, mixed)
+
+
+@pytest.mark.parametrize(("information", "weight"), [(4.0, 400.0), (9.0, 9000.0)])
+def test_the_posterior_variance_of_a_smoothed_field_is_the_closed_form(information: float, weight: float) -> None:
+    """The diagonal of the inverse of the system, information h and weight s everywhere, is 1 / (8 sqrt(h s))."""
+    shape = (121, 121)
+    zero, impulse = np.zeros(shape, F), np.zeros(shape, F)
+    impulse[60, 60] = 1.0
+    solved = conjugate_gradient_step(zero, zero + F(information), impulse, uniform(shape, weight), 400)
+    assert solved[60, 60] == pytest.approx(0.125 / np.sqrt(information * weight), rel=0.05)
+
+
+@pytest.fixture(scope="module")
+def refined(world: Any, slope_field: Any) -> Any:
+    made = world(slope_field, noise=2.0)
+    initial = semi_global_matching(made.pair.left, made.pair.right, 48)
+    return refine(made.pair.left.astype(F), made.pair.right.astype(F), initial)
+
+
+def test_sigma_is_noise_and_shape(refined: Any) -> None:
+    cells = refined.cells_px.shape
+    v, u = np.mgrid[: cells[0], : cells[1]]
+    information, weight = 3.0, 50.0
+    plane = replace(
+        refined,
+        cells_px=(5.0 + 0.1 * u).astype(F),
+        information=np.full(cells, information + NOISE_INFORMATION, F),
+        weights=uniform(cells, weight)._replace(along_x=np.full(cells, 25.0, F), along_y=np.full(cells, 100.0, F)),
+    )
+    noise = NOISE_EXCESS**2 / (8.0 * np.sqrt(information * weight))
+    np.testing.assert_allclose(disparity_sigma(plane)[INNER], np.sqrt(noise), rtol=1e-3)
+    bowl = replace(plane, cells_px=(5.0 + 0.05 * u * u + 0.025 * v * v).astype(F))
+    shape = (SHAPE_SHARE * (0.1 + 0.05)) ** 2 * weight / information
+    np.testing.assert_allclose(disparity_sigma(bowl)[INNER], np.sqrt(noise + shape), rtol=1e-2)
+
+
+def test_sigma_is_bounded_without_information(refined: Any) -> None:
+    cells = refined.cells_px.shape
+    nothing = replace(refined, information=np.zeros(cells, F), weights=uniform(cells, 1e-6))
+    assert (disparity_sigma(nothing) == MAX_SIGMA_PX).all()
+
+
+@pytest.mark.parametrize("noise", [2.0, 6.0])
+def test_sigma_is_that_of_repeated_images(world: Any, slope_field: Any, noise: float) -> None:
+    """Eight pairs of one scene with other noise: their scatter is what is stated."""
+    disparities, sigmas = [], []
+    for seed in range(8):
+        made = world(slope_field, width=256, height=192, noise=noise, noise_seed=seed)
+        initial = semi_global_matching(made.pair.left, made.pair.right, 48)
+        found = refine(made.pair.left.astype(F), made.pair.right.astype(F), initial)
+        disparities.append(found.disparity_px[INNER])
+        sigmas.append(disparity_sigma(found)[INNER])
+    scatter = np.sqrt(np.mean(np.var(disparities, axis=0, ddof=1)))
+    stated = np.sqrt(np.mean(np.square(sigmas)))
+    assert 0.6 < scatter / stated < 1.4
