@@ -1,4 +1,4 @@
-"""A localisation node of one's own, made without copying."""
+"""A localisation node of your own, without copied code."""
 
 from geometry_msgs.msg import PointStamped
 
@@ -8,21 +8,21 @@ from sfr_loc_map.nodes.process.runner import run
 
 
 class OurLocalisation(LocalisationNode):
-    """Also publishes the place alone, and answers where it is."""
+    """Also publishes the position alone, and answers where it is."""
 
-    def make(self) -> None:
-        """Advertise one more topic."""
-        super().make()
-        self._place = self.publish_on(PointStamped, "our/place", 10)
+    def setup(self) -> None:
+        """Create one more publisher."""
+        super().setup()
+        self._position = self.endpoints.add_publisher(PointStamped, "our/position", 10)
         self._last: PoseEstimate | None = None
 
-    def listen(self) -> None:
+    def subscribe(self) -> None:
         """Offer one more service."""
-        super().listen()
-        self.offer("~/where", self._where)
+        super().subscribe()
+        self.add_service("~/where", self._where)
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
-        """Publish as ever, and the place; called in the node's thread, in the order of the pairs."""
+        """Publish as usual, and the position; called in the worker's thread, in the order of the pairs."""
         super().publish_estimate(estimate)
         if estimate.state is TrackingState.LOST:
             return
@@ -30,7 +30,7 @@ class OurLocalisation(LocalisationNode):
         message = PointStamped()
         message.header.frame_id = self.config.ds_frame
         message.point.x, message.point.y, message.point.z = estimate.T_ds_rb.translation.tolist()
-        self._place.publish(message)
+        self._position.publish(message)
 
     def _where(self) -> str:
         """Answer after the pairs that wait."""

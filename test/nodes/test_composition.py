@@ -57,7 +57,11 @@ def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -
             peer.publish(PoseStamped, "/rover/nav/pose", raw(pose))
             send_pair(peer, "nav", item.pair, "/rover/")
         peer.until(lambda: len(odometry) == 2 and len(clouds) == 1 and len(calls(diagnostics)) == 5, "all results")
-        held = [weakref.ref(localisation._localiser), weakref.ref(mapping._mapper), weakref.ref(mapping.worker)]
+        held = [
+            weakref.ref(localisation._session._localiser),
+            weakref.ref(mapping._session._mapper),
+            weakref.ref(mapping.worker),
+        ]
         for node in (localisation, mapping):
             node.trigger_deactivate()
             node.trigger_cleanup()
@@ -84,7 +88,7 @@ def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None) -> No
     executor = SingleThreadedExecutor()
     with ReferenceMethod() as peer:
         odometry = peer.listen(Odometry, "/rover1/localisation/odometry")
-        places = peer.listen(PointStamped, "/rover1/our/place")
+        positions = peer.listen(PointStamped, "/rover1/our/position")
         executor.add_node(node)
         executor.add_node(peer.node)
         peer._executor = executor
@@ -93,9 +97,9 @@ def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None) -> No
         send_infos(peer, "loc", LOC_RIG, "/rover1/")
         for index in range(3):
             send_pair(peer, "loc", loc_pair(index), "/rover1/")
-        peer.until(lambda: len(odometry) == len(places) == 3, "odometry and places")
-        for message, place in zip(odometry, places, strict=True):
-            assert message.pose.pose.position == place.point
+        peer.until(lambda: len(odometry) == len(positions) == 3, "odometry and positions")
+        for message, position in zip(odometry, positions, strict=True):
+            assert message.pose.pose.position == position.point
         assert peer.call("/rover1/localisation_node/where").message.startswith("at [")
         executor.remove_node(node)
         node.destroy_node()
@@ -116,8 +120,8 @@ def test_destroying_a_node_that_works_waits_for_the_call_under_way(ros: None) ->
     node = LocalisationNode(parameter_overrides=MOUNT)
     node.start()
     done: list[int] = []
-    node.worker.put(lambda: (time.sleep(0.3), done.append(1)))
+    node.worker.enqueue(lambda: (time.sleep(0.3), done.append(1)))
     time.sleep(0.1)
-    node.worker.put(lambda: done.append(2))
+    node.worker.enqueue(lambda: done.append(2))
     node.destroy_node()
     assert done == [1]

@@ -217,10 +217,10 @@ from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.process.runner import run
 
 class Odd(LocalisationNode):
-    def _on_pair(self, received):
+    def _process(self, received):
         self.seen = getattr(self, "seen", 0) + 1
         {before}
-        super()._on_pair(received)
+        super()._process(received)
 
 sys.exit(run(lambda: Odd("odd_node")))
 """
@@ -265,7 +265,7 @@ def test_a_fault_that_no_one_foresaw_is_told_and_survived(ros: None, tmp_path: P
         peer.play(0)
         at = peer.play(1)
         send_pair(peer, "loc", loc_pair(2))
-        peer.well(Level.ERROR, "internal fault, localisation starts anew: AssertionError: a third")
+        peer.well(Level.ERROR, "internal fault, localisation restarts: AssertionError: a third")
         assert "Traceback" in node.text
         assert peer.play(3) == pytest.approx(at, abs=1e-12)
         values = values_of(calls(peer.diagnostics)[-1])
@@ -385,7 +385,7 @@ def test_health_says_what_is_wrong_and_when_it_is_over(ros: None, tmp_path: Path
         peer.call("localisation_node/reset")
         for index, right in enumerate(lower, 7):
             send_pair(peer, "loc", StereoPair(loc_pair(index).stamp_ns, loc_pair(index - 3).left, right))
-        peer.well(Level.WARN, "rows off: check the calibration")
+        peer.well(Level.WARN, "vertical disparity of more than")
         peer.well(Level.STALE)
 
 
@@ -394,14 +394,14 @@ def test_quality_of_service_that_does_not_fit_is_named(ros: None, tmp_path: Path
         node.wait_for("listens to")
         best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
         peer.node.create_publisher(Image, "loc/left/image_rect", best_effort)
-        node.wait_for("a publisher of /loc/left/image_rect offers less RELIABILITY than this node asks for")
+        node.wait_for("a publisher of /loc/left/image_rect offers less RELIABILITY than this node requests")
         peer.well(Level.WARN, "/loc/left/image_rect offers less RELIABILITY")
     arguments = ["--ros-args", *MOUNT, "-p", "input.reliability:=best_effort", "-p", "output_reliability:=best_effort"]
     with node_process(tmp_path, "localisation_node", *arguments) as node, ReferenceMethod() as peer:
         node.wait_for("listens to")
         peer.node.create_publisher(Image, "loc/left/image_rect", best_effort)
         peer.listen(Odometry, "localisation/odometry")
-        node.wait_for("a subscriber of /localisation/odometry asks for more RELIABILITY than this node offers")
+        node.wait_for("a subscriber of /localisation/odometry requests more RELIABILITY than this node offers")
         assert "offers less" not in node.text
 
 
@@ -414,12 +414,12 @@ def test_another_rig_begins_anew_and_says_so(ros: None, tmp_path: Path) -> None:
         peer.play(0)
         at = peer.play(1)
         send_infos(peer, "loc", replace(LOC_RIG, fx=151.0, fy=151.0))
-        node.wait_for("camera_info has changed: localisation starts anew at its last pose")
+        node.wait_for("camera_info has changed: localisation restarts at its last pose")
         assert peer.play(2) == pytest.approx(at, abs=1e-12)
         assert not [s for array in peer.diagnostics for s in array.status if s.name.endswith(": input")]
         huge = replace(LOC_RIG, width=65_536, height=65_536)
         send_infos(peer, "loc", huge)
-        node.wait_for("camera_info of loc says 65536 x 65536: pictures of up to")
+        node.wait_for("camera_info of loc says 65536 x 65536: images of up to")
         peer.play(3)  # the rig known stays
 
 
@@ -439,7 +439,7 @@ def test_a_clock_that_goes_back_begins_a_new_run(ros: None, tmp_path: Path) -> N
             peer.play(index) if index < 3 or index > 27 else None
         assert peer.play(30) != pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
         tick(begin)
-        node.wait_for("the clock has gone back: localisation starts anew at its first pose")
+        node.wait_for("the clock has gone back: localisation restarts at its first pose")
         assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
         assert "stamps have gone back" not in node.text  # once is enough
         latency = values_of(calls(peer.diagnostics)[-1])["latency_stamp_to_publish_s"]

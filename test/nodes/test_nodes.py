@@ -177,7 +177,7 @@ def test_localisation_without_the_place_of_its_cameras_says_what_is_missing(ros:
     with node_process(tmp_path, "localisation_node") as node, ReferenceMethod() as peer:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         odometry = peer.listen(Odometry, "localisation/odometry")
-        node.wait_for("the place of the stereo bench (parameters T_rb_locsb) is not given")
+        node.wait_for("the extrinsics of the stereo rig (parameters T_rb_locsb) are not given")
         send_infos(peer, "loc", LOC_RIG)
         send_pair(peer, "loc", loc_pair(0))
         peer.until(lambda: any("T_rb_locsb.translation_m" in text for text in problems(diagnostics)), "the error")

@@ -20,7 +20,7 @@ MANY, KEPT = 200, 5
 def lost(numbers: list[int | None]) -> int:
     gaps = TransportGaps()
     for number in numbers:
-        gaps.came({"publication_sequence_number": number})
+        gaps.add({"publication_sequence_number": number})
     return gaps.lost
 
 

@@ -60,7 +60,10 @@ def test_a_suspicious_map_is_a_warning_in_its_call_and_in_the_health(ros: None) 
         send_pair(peer, "nav", lowered(item.pair))
         peer.until(lambda: len(calls(diagnostics)) == 2, "map")
         assert level_of(calls(diagnostics)[0]) is Level.WARN
-        peer.until(lambda: any(lv is Level.WARN and "row" in text for lv, text, _ in healths(diagnostics)), "warning")
+        peer.until(
+            lambda: any(lv is Level.WARN and "vertical disparity" in text for lv, text, _ in healths(diagnostics)),
+            "warning",
+        )
         node.destroy_node()
 
 
@@ -77,7 +80,7 @@ def test_offsets_of_the_right_camera_are_figures_and_warned_of(ros: None) -> Non
         assert float(values["statistic.vertical_offset_px"]) == pytest.approx(ROWS, abs=0.2)
         assert abs(float(values["statistic.roll_offset_px"])) < 0.3
         assert "statistic.disparity_offset_px" in values
-        text = "right pictures lie more than 0.3 rows off"
+        text = "vertical disparity of more than 0.3 px"
         peer.until(lambda: any(lv is Level.WARN and text in words for lv, words, _ in healths(diagnostics)), "warning")
         last = values["statistic.vertical_offset_px"]
         peer.until(lambda: healths(diagnostics)[-1][2].get("vertical_offset_px") == last, "figure in the health")

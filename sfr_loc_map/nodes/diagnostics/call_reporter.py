@@ -1,12 +1,11 @@
-"""What one call of the processing API took and said, on /diagnostics and back."""
+"""Time, memory and result of one call of the processing API, to /diagnostics and back."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Lock
-from types import MappingProxyType
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -18,9 +17,9 @@ from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.pipeline.call_record import CallRecord
 
-LONGEST_CALL_S = 1e6
+MAX_CALL_S = 1e6
 STATISTIC = "statistic."
-"""What the names of a call's own figures begin with."""
+"""Prefix of the names of a call's figures."""
 _ONE_AT_A_TIME = Lock()
 """Time and memory are those of the whole process: nodes that share one take turns."""
 
@@ -40,8 +39,29 @@ class TaskRecord:
     memory_method: str
 
 
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One call of the processing API, as the node saw it.
+
+    Attributes:
+        stamp_ns: Stamp of the pair.
+        usage: Its time and memory.
+        state: Its result in one word (tracking, lost, mapped, ...).
+        level: How good that is.
+        statistics: Its figures by name.
+        times: Times around it, seconds, by name.
+    """
+
+    stamp_ns: int
+    usage: CallUsage
+    state: str
+    level: Level
+    statistics: Mapping[str, float]
+    times: Mapping[str, float] = field(default_factory=dict)
+
+
 class CallReporter:
-    """Measures the calls of one node and publishes what they took."""
+    """Measures the calls of one node and publishes them."""
 
     def __init__(self, node: Node, task: str, publisher: Any) -> None:  # noqa: ANN401 - rclpy has no types
         """Take the present memory as that of the idle process.
@@ -56,46 +76,35 @@ class CallReporter:
 
     @contextmanager
     def measure(self) -> Iterator[CallUsage]:
-        """Measure what is done in the `with` block."""
+        """Measure the `with` block."""
         with _ONE_AT_A_TIME, self._meter.measure() as usage:
             yield usage
 
-    def publish(
-        self,
-        stamp_ns: int,
-        usage: CallUsage,
-        state: str,
-        statistics: Mapping[str, float],
-        counts: Mapping[str, int],
-        level: Level,
-        times: Mapping[str, float] = MappingProxyType({}),
-    ) -> dict[str, Value]:
-        """Publish one call; return what it took, by name.
+    def publish(self, call: Call, counts: Mapping[str, int]) -> dict[str, Value]:
+        """Publish one call; return its times and memory, by name.
 
         Args:
-            stamp_ns: Stamp of the pair.
-            usage: What it took.
-            state: What the call said (tracking, lost, mapped, ...).
-            statistics: Figures of the call.
+            call: The call.
             counts: Counts since the start of the node.
-            level: How good it is.
-            times: Times around the call, seconds, by name.
         """
+        usage = call.usage
         took: dict[str, Value] = {"processing_time_s": usage.processing_time_s}
         if usage.peak_rss_bytes is not None and usage.above_idle_bytes is not None:
             took |= {"peak_rss_bytes": usage.peak_rss_bytes, "above_idle_bytes": usage.above_idle_bytes}
-        took |= dict(times)
+        took |= dict(call.times)
         values: dict[str, Value] = {
             "task": self._task,
-            "stamp_ns": stamp_ns,
-            "state": state,
+            "stamp_ns": call.stamp_ns,
+            "state": call.state,
             "memory_method": self._meter.method,
             **took,
         }
-        values |= {STATISTIC + name: float(value) for name, value in statistics.items()}
+        values |= {STATISTIC + name: float(value) for name, value in call.statistics.items()}
         values |= dict(counts)
         name = call_name(self._node.get_fully_qualified_name())
-        self._publisher.publish(array_msg(header_msg(stamp_ns, ""), status_msg(name, level, state, values)))
+        self._publisher.publish(
+            array_msg(header_msg(call.stamp_ns, ""), status_msg(name, call.level, call.state, values))
+        )
         return took
 
 
@@ -138,6 +147,6 @@ def _whole(values: Mapping[str, str], name: str) -> int:
 
 def _seconds(text: str) -> float:
     seconds = float(text)
-    if not 0.0 <= seconds <= LONGEST_CALL_S:
+    if not 0.0 <= seconds <= MAX_CALL_S:
         raise ValueError(f"a call of {seconds} s")
     return seconds

@@ -1,4 +1,4 @@
-"""Whether a node is well, in the levels of /diagnostics.
+"""The health of a node, in the levels of /diagnostics.
 
 OK: it does what it is there for. WARN: it works, but something is lost, late or not as it should be. ERROR: it cannot
 do its work (lost, unusable input, a failed transition). STALE: it is active but nothing has come for a while, so that
@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from threading import Lock
 
 import numpy as np
@@ -21,65 +22,65 @@ from sfr_loc_map.nodes.diagnostics.key_values import Level, Value
 
 SEVERITY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)
 """From good to bad: that nothing comes is worse than a warning, a known error is worse still."""
-REMEMBERED = 200
-"""Calls over which latencies are summarised."""
-MOST_MOMENTS = 10_000
+LATENCY_WINDOW = 200
+"""Calls over which the percentile of a latency is taken."""
+MAX_MOMENTS = 10_000
 """Arrivals or calls within the window that a rate is taken over."""
-MOST_WORDS = 4
+MAX_REASONS = 4
 """Reasons that a message names."""
 MB = 1_000_000
 OFFSETS = {
-    "vertical_offset_px": "right pictures lie more than {:g} rows off: check the calibration",
-    "roll_offset_px": "right pictures are rolled by more than {:g} px over the focal length: check the calibration",
-    "disparity_offset_px": "disparities are more than {:g} px off: check the calibration",
+    "vertical_offset_px": "vertical disparity of more than {:g} px: check the calibration",
+    "roll_offset_px": "vertical disparity grows by more than {:g} px over the focal length: check the calibration",
+    "disparity_offset_px": "disparity bias of more than {:g} px: check the calibration",
 }
-"""Statistics of the localiser that are watched, and what is said of them; limits are `..._offset_warn_px`."""
+"""Statistics of the localiser that are monitored, and their warnings; limits are `..._offset_warn_px`."""
 
 
 @dataclass(frozen=True, slots=True)
 class HealthConfig:
-    """What a node calls a warning."""
+    """When a node warns."""
 
     period_s: float = param(
-        1.0, unit="s", doc="How often the health is published, beside at once when it changes.", low=0.1, high=60.0
+        1.0, unit="s", doc="Period of the health, which is also published at once when it changes.", low=0.1, high=60.0
     )
     window_s: float = param(
-        5.0, unit="s", doc="Rates are taken over it, and a drop or a problem shows for so long.", low=0.5, high=600.0
+        5.0, unit="s", doc="Rates are taken over it; a drop or a problem shows for so long.", low=0.5, high=600.0
     )
     stale_after_s: float = param(
-        5.0, unit="s", doc="An active node that received nothing to work on for so long is stale.", low=0.1, high=3600.0
+        5.0, unit="s", doc="An active node that received no input for so long is stale.", low=0.1, high=3600.0
     )
     vertical_offset_warn_px: float = param(
         0.3,
         unit="px",
-        doc="Rows by which right pictures may lie off (camera pitched) before the calibration is warned of.",
+        doc="Vertical disparity (right camera pitched) above which the calibration is warned of.",
         low=0.0,
         high=100.0,
     )
     roll_offset_warn_px: float = param(
         0.5,
         unit="px",
-        doc="The same for how much that grows over a distance of the focal length (camera rolled).",
+        doc="The same for its growth over a distance of the focal length (camera rolled).",
         low=0.0,
         high=100.0,
     )
     disparity_offset_warn_px: float = param(
-        0.3, unit="px", doc="The same for pixels of disparity (camera yawed).", low=0.0, high=100.0
+        0.3, unit="px", doc="The same for the bias of the disparity (camera yawed).", low=0.0, high=100.0
     )
     memory_warn_mb: int = param(
-        4000, unit="MB", doc="Resident memory of the process above which is warned.", low=1, high=10_000_000
+        4000, unit="MB", doc="Resident memory of the process above which a warning is given.", low=1, high=10_000_000
     )
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class HealthStatus:
     """Level, the reasons for it in words, and figures.
 
     Attributes:
         level: How well the node is.
         message: Why, the worst first.
         values: Figures by name.
-        kind: Equal for two verdicts between which nothing has changed but single problems and figures.
+        kind: Equal for two statuses between which nothing has changed but single problems and figures.
     """
 
     level: Level
@@ -88,8 +89,34 @@ class Verdict:
     kind: tuple[str, ...]
 
 
+class State(StrEnum):
+    """Primary states of a managed node (design.ros2.org, "Managed nodes")."""
+
+    UNCONFIGURED = "unconfigured"
+    INACTIVE = "inactive"
+    ACTIVE = "active"
+    FINALIZED = "finalized"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeActivity:
+    """What a node does at a moment.
+
+    Attributes:
+        lifecycle: One of `State`, or the state of a transition.
+        counts: What was dropped since the start, by name.
+        waiting: Jobs that wait for the worker.
+        expects_input: Whether messages should be coming in, so that silence makes an active node stale.
+    """
+
+    lifecycle: str
+    counts: Mapping[str, int]
+    waiting: int
+    expects_input: bool
+
+
 class Health:
-    """Collects what happens in a node and judges it. May be told and asked from any thread."""
+    """Collects what happens in a node and judges it. All methods may be called in any thread."""
 
     def __init__(self, config: HealthConfig, clock: Callable[[], float] = time.monotonic) -> None:
         """Begin.
@@ -101,14 +128,14 @@ class Health:
         self._config, self._clock = config, clock
         self._lock = Lock()
         self._process = psutil.Process()
-        self.begin()
+        self.reset()
 
-    def begin(self) -> None:
-        """Forget what happened: the node has become active, or is so no more."""
+    def reset(self) -> None:
+        """Forget what happened: the node has become active or inactive."""
         with self._lock:
             self._since = self._last_arrival = self._clock()
-            self._arrivals: deque[float] = deque(maxlen=MOST_MOMENTS)
-            self._calls: deque[float] = deque(maxlen=MOST_MOMENTS)
+            self._arrivals: deque[float] = deque(maxlen=MAX_MOMENTS)
+            self._calls: deque[float] = deque(maxlen=MAX_MOMENTS)
             self._latencies: dict[str, deque[float]] = {}
             self._problems: dict[str, tuple[float, Level]] = {}
             self._counts: dict[str, int] = {}
@@ -117,19 +144,19 @@ class Health:
             self._last_values: dict[str, Value] = {}
             self._offsets: dict[str, float] = {}
 
-    def arrived(self) -> None:
-        """Note that something to work on has come."""
+    def note_arrival(self) -> None:
+        """Note that input was received."""
         with self._lock:
             self._last_arrival = self._clock()
             self._remember(self._arrivals, self._last_arrival)
 
-    def called(self, level: Level, state: str, values: Mapping[str, Value], statistics: Mapping[str, float]) -> None:
+    def note_call(self, level: Level, state: str, values: Mapping[str, Value], statistics: Mapping[str, float]) -> None:
         """Note a call.
 
         Args:
             level: How good its result is.
-            state: The result in a word.
-            values: What it took; names that begin with `latency_` are summarised.
+            state: The result in one word.
+            values: Its times and memory; names that begin with `latency_` are summarised.
             statistics: Its figures; those of `OFFSETS` are watched.
         """
         with self._lock:
@@ -139,59 +166,52 @@ class Health:
             self._offsets |= {name: float(statistics[name]) for name in OFFSETS if name in statistics}
             for name, value in values.items():
                 if name.startswith("latency_"):
-                    self._latencies.setdefault(name, deque(maxlen=REMEMBERED)).append(float(value))
+                    self._latencies.setdefault(name, deque(maxlen=LATENCY_WINDOW)).append(float(value))
 
-    def problem(self, level: Level, text: str) -> None:
+    def note_problem(self, level: Level, text: str) -> None:
         """Note something that shows for a while."""
         with self._lock:
             self._problems.pop(text, None)  # the latest is last
             self._problems[text] = (self._clock(), level)
 
-    def judge(self, lifecycle: str, counts: Mapping[str, int], waiting: int, *, expecting: bool) -> Verdict:
-        """Judge the node.
-
-        Args:
-            lifecycle: State of the managed node.
-            expecting: Whether more should be coming in, so that silence is a sign.
-            counts: What was dropped since the start, by name.
-            waiting: What waits to be worked on.
-        """
+    def judge(self, activity: NodeActivity) -> HealthStatus:
+        """Judge the node by what happened and what it does at the moment."""
         with self._lock:
             now = self._clock()
-            self._note_drops(counts, now)
+            self._note_drops(activity.counts, now)
             memory = int(self._process.memory_info().rss)
             problems = self._recent_problems(now)
-            lasting = self._findings(now, memory, active=lifecycle == "active", expecting=expecting)
+            lasting = self._findings(now, memory, activity)
             findings = problems + lasting
             level = max((found for found, _ in findings), key=SEVERITY.index, default=Level.OK)
             words = [text for severity in reversed(SEVERITY) for found, text in findings if found is severity]
             values: dict[str, Value] = {
-                "lifecycle": lifecycle,
+                "lifecycle": activity.lifecycle,
                 "received_messages_hz": self._rate(self._arrivals, now),
                 "processed_hz": self._rate(self._calls, now),
-                "waiting": waiting,
+                "waiting": activity.waiting,
                 "resident_memory_bytes": memory,
             }
             values |= self._offsets
             values |= {n.removesuffix("_s") + "_p95_s": float(np.quantile(v, 0.95)) for n, v in self._latencies.items()}
-            if len(words) > MOST_WORDS:
-                words[MOST_WORDS:] = [f"and {len(words) - MOST_WORDS} more"]
-            message = "; ".join(words) or (lifecycle if self._last_call is None else self._last_call[1])
-            kind = (lifecycle, level.name, *(text for _, text in lasting))
-            return Verdict(level, message, values | self._last_values | dict(counts), kind)
+            if len(words) > MAX_REASONS:
+                words[MAX_REASONS:] = [f"and {len(words) - MAX_REASONS} more"]
+            message = "; ".join(words) or (activity.lifecycle if self._last_call is None else self._last_call[1])
+            kind = (activity.lifecycle, level.name, *(text for _, text in lasting))
+            return HealthStatus(level, message, values | self._last_values | dict(activity.counts), kind)
 
     def _recent_problems(self, now: float) -> list[tuple[Level, str]]:
         """Return the problems that still show, the latest first."""
         self._problems = {t: (at, lv) for t, (at, lv) in self._problems.items() if now - at <= self._config.window_s}
         return [(level, text) for text, (_, level) in reversed(self._problems.items())]
 
-    def _findings(self, now: float, memory: int, *, active: bool, expecting: bool) -> list[tuple[Level, str]]:
+    def _findings(self, now: float, memory: int, activity: NodeActivity) -> list[tuple[Level, str]]:
         found: list[tuple[Level, str]] = []
         if memory > self._config.memory_warn_mb * MB:
             found.append((Level.WARN, f"more than {self._config.memory_warn_mb} MB of memory in use"))
-        if not active:
+        if activity.lifecycle != State.ACTIVE:
             return found
-        if expecting and now - self._last_arrival > self._config.stale_after_s:
+        if activity.expects_input and now - self._last_arrival > self._config.stale_after_s:
             found.append((Level.STALE, f"nothing came for more than {self._config.stale_after_s:g} s"))
         if self._last_call is not None and self._last_call[0] is not Level.OK:
             found.append(self._last_call)

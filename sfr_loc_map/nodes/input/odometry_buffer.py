@@ -1,4 +1,4 @@
-"""What wheel odometry says of the motion between two pairs."""
+"""A buffer of wheel odometry, interpolated between its messages."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ CAPACITY = 5000
 
 
 class OdometryBuffer:
-    """Keeps the last poses of another odometry and tells the motion between two moments.
+    """Keeps the last poses of another odometry and gives the motion between two stamps.
 
-    One thread may add while another asks.
+    One thread may add while another reads.
     """
 
     def __init__(self, max_gap_ns: int) -> None:
         """Start empty.
 
         Args:
-            max_gap_ns: Neighbouring messages further apart do not cover what lies between them.
+            max_gap_ns: Neighbouring messages further apart are not interpolated.
         """
         self._max_gap_ns = max_gap_ns
         self._poses: deque[tuple[int, Transform]] = deque(maxlen=CAPACITY)
         self._changed = Condition()
 
     def add(self, stamp_ns: int, T_odom_rb: Transform) -> None:
-        """Take a message; one that is not later than the last one begins anew (a recording that loops)."""
+        """Take a message; one that is not later than the last one clears the buffer (a recording that loops)."""
         with self._changed:
             if self._poses and stamp_ns <= self._poses[-1][0]:
                 self._poses.clear()
@@ -43,7 +43,7 @@ class OdometryBuffer:
             self._poses.clear()
 
     def between(self, before_ns: int, now_ns: int, wait_s: float) -> Transform | None:
-        """Return `T_before_now` of RB, None where the messages do not cover both moments.
+        """Return `T_before_now` of RB, None where the messages do not cover both stamps.
 
         Args:
             before_ns: Stamp of the earlier pair.
@@ -53,11 +53,11 @@ class OdometryBuffer:
         with self._changed:
             if self._poses:
                 self._changed.wait_for(lambda: not self._poses or self._poses[-1][0] >= now_ns, wait_s)
-            before, now = self._at(before_ns), self._at(now_ns)
+            before, now = self._pose_at(before_ns), self._pose_at(now_ns)
         return before.inverse() @ now if before is not None and now is not None else None
 
-    def _at(self, stamp_ns: int) -> Transform | None:
-        """Return the pose at a moment, interpolated: straight on, and turning about one axis."""
+    def _pose_at(self, stamp_ns: int) -> Transform | None:
+        """Return the pose at a stamp, interpolated: linear in position, about one axis in rotation."""
         index = bisect_left(self._poses, stamp_ns, key=lambda item: item[0])
         if index == len(self._poses):
             return None
@@ -67,7 +67,7 @@ class OdometryBuffer:
         if index == 0 or later_ns - self._poses[index - 1][0] > self._max_gap_ns:
             return None
         earlier_ns, earlier = self._poses[index - 1]
-        share = (stamp_ns - earlier_ns) / (later_ns - earlier_ns)
-        turn = matrix_from_rotvec(share * rotvec_from_matrix(earlier.rotation.T @ later.rotation))
-        place = earlier.translation + share * (later.translation - earlier.translation)
-        return Transform(earlier.rotation @ turn, place)
+        fraction = (stamp_ns - earlier_ns) / (later_ns - earlier_ns)
+        rotation = matrix_from_rotvec(fraction * rotvec_from_matrix(earlier.rotation.T @ later.rotation))
+        position = earlier.translation + fraction * (later.translation - earlier.translation)
+        return Transform(earlier.rotation @ rotation, position)

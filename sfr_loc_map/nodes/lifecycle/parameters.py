@@ -27,7 +27,7 @@ class Parameters(Generic[C]):
     """The parameters of a node as one configuration, which live changes replace as a whole.
 
     Attributes:
-        config: The configuration in force.
+        config: The active configuration.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Parameters(Generic[C]):
         check: Callable[[C], None] = lambda config: None,
         changed: Callable[[C], None] = lambda config: None,
     ) -> None:
-        """Declare the parameters with what parameter files and command line gave.
+        """Declare the parameters with the values from parameter files and command line.
 
         Args:
             node: A node that has declared none of them yet.
@@ -55,20 +55,20 @@ class Parameters(Generic[C]):
         self._type, self._check, self._changed = config_type, check, changed
         self._origin = f"parameters of {node.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(config_type)}
-        given = {n: _plain(p.value) for n, p in node._parameter_overrides.items() if not n.startswith(BUILT_IN)}
+        given = {n: _as_list(p.value) for n, p in node._parameter_overrides.items() if not n.startswith(BUILT_IN)}
         self._refuse_unknown(given)
         self.config = build(config_type, given, origin=self._origin)
         check(self.config)
         values = flatten(self.config)
         for name, info in self._infos.items():
             is_live = info.live or name.startswith(live or ("\0",))
-            node.declare_parameter(name, _plain(values[name]), descriptor(info, live=is_live), ignore_override=True)
+            node.declare_parameter(name, _as_list(values[name]), descriptor(info, live=is_live), ignore_override=True)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_changed)
 
     def to_json(self) -> str:
-        """Return the configuration in force by dotted names."""
-        return json.dumps({name: _plain(value) for name, value in flatten(self.config).items()})
+        """Return the active configuration by dotted names."""
+        return json.dumps({name: _as_list(value) for name, value in flatten(self.config).items()})
 
     def _refuse_unknown(self, given: dict[str, Any]) -> None:
         unknown = sorted(set(given) - set(self._infos))
@@ -78,7 +78,7 @@ class Parameters(Generic[C]):
 
     def _with(self, changes: Sequence[Parameter]) -> C:
         """Return the configuration with changes."""
-        values = flatten(self.config) | {p.name: _plain(p.value) for p in changes if p.name in self._infos}
+        values = flatten(self.config) | {p.name: _as_list(p.value) for p in changes if p.name in self._infos}
         return build(self._type, values, origin=self._origin)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
@@ -112,7 +112,7 @@ def descriptor(info: ParamInfo, *, live: bool) -> ParameterDescriptor:
     return message
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401 - any parameter type
+def _as_list(value: Any) -> Any:  # noqa: ANN401 - any parameter type
     """Return arrays of any kind as lists."""
     return list(value) if hasattr(value, "__iter__") and not isinstance(value, (str, bytes)) else value
 

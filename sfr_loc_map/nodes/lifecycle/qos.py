@@ -1,4 +1,4 @@
-"""Quality of service: what the parameters ask for, and a plain word where the other side offers less."""
+"""Quality of service: profiles from parameters, and warnings about incompatible peers."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ def profile(reliability: str, depth: int) -> QoSProfile:
 
 
 def subscription_events(topic: str, warn: Warn) -> SubscriptionEventCallbacks:
-    """Return callbacks that tell of publishers from which nothing can be received."""
+    """Return callbacks that warn of publishers with an incompatible profile."""
 
     def incompatible(event: QoSRequestedIncompatibleQoSInfo) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
         warn(
-            f"a publisher of {topic} offers less {policy} than this node asks for, nothing is received from it: set "
-            f"this node's parameter for it to the publisher's (best_effort takes both kinds), or the publisher's"
+            f"a publisher of {topic} offers less {policy} than this node requests, nothing is received from it: set "
+            f"the parameter of this node to that of the publisher (best_effort matches both), or change the publisher"
         )
 
     return SubscriptionEventCallbacks(incompatible_qos=incompatible)
 
 
 def publisher_events(topic: str, warn: Warn) -> PublisherEventCallbacks:
-    """Return callbacks that tell of subscribers to which nothing can be sent."""
+    """Return callbacks that warn of subscribers with an incompatible profile."""
 
     def incompatible(event: QoSRequestedIncompatibleQoSInfo) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
         warn(
-            f"a subscriber of {topic} asks for more {policy} than this node offers, nothing is sent to it: set the "
-            f"subscriber's to this node's, or this node's parameter output_reliability"
+            f"a subscriber of {topic} requests more {policy} than this node offers, nothing is sent to it: change the "
+            f"subscriber, or the parameter output_reliability of this node"
         )
 
     return PublisherEventCallbacks(incompatible_qos=incompatible)

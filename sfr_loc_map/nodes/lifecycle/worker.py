@@ -1,15 +1,23 @@
-"""One thread that does a node's work, one job after the other, so that the node goes on answering meanwhile."""
+"""One thread that does the work of a node, job after job, so that the executor stays free to answer."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from threading import Condition, Thread
-from typing import Literal
 
 Job = Callable[[], None]
-Overload = Literal["every_pair", "newest_first"]
+
+
+class Overload(StrEnum):
+    """Which droppable jobs are kept when they come faster than they are done."""
+
+    EVERY_PAIR = "every_pair"
+    """The last ones, as many as there is room for."""
+    NEWEST_FIRST = "newest_first"
+    """The newest alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,27 +29,24 @@ class _Waiting:
 class Worker:
     """Does jobs in the order in which they were given.
 
-    Two kinds of jobs wait in one queue. Those that `offer` gives (stereo pairs) are bounded in number and may be
-    dropped; those that `put` gives (a new rig, a new pose, a reset) are never dropped and keep their place between
-    the others.
+    Two kinds of jobs wait in one queue. Droppable ones (stereo pairs) are bounded in number. The others (a new rig, a
+    new pose, a reset) are never dropped and keep their position among them.
 
     Attributes:
-        dropped: Jobs dropped since the start because there was no room for them.
+        dropped: Jobs dropped since the start because the queue was full.
     """
 
-    def __init__(self, name: str, overload: Overload, room: int, on_fault: Callable[[Exception], None]) -> None:
+    def __init__(self, name: str, overload: Overload, capacity: int, on_fault: Callable[[Exception], None]) -> None:
         """Start the thread.
 
         Args:
             name: Name of the thread.
-            overload: `every_pair`: up to `room` jobs wait, the oldest goes when one more comes; `newest_first`: only
-                the newest waits.
-            room: Most droppable jobs that wait.
-            on_fault: Called, in the thread, with an exception that a job let through; the next job is done all the
-                same.
+            overload: Which droppable jobs are kept.
+            capacity: Most droppable jobs that wait (`EVERY_PAIR`).
+            on_fault: Called, in the thread, with an exception that a job did not catch; the next job is done anyway.
         """
         self.dropped = 0
-        self._room = 1 if overload == "newest_first" else room
+        self._capacity = 1 if overload is Overload.NEWEST_FIRST else capacity
         self._on_fault = on_fault
         self._jobs: deque[_Waiting] = deque()
         self._droppable = 0
@@ -55,14 +60,14 @@ class Worker:
         """Droppable jobs that wait."""
         return self._droppable
 
-    def put(self, job: Job) -> None:
+    def enqueue(self, job: Job) -> None:
         """Add a job that is never dropped."""
         self._add(_Waiting(job, droppable=False))
 
-    def offer(self, job: Job) -> None:
-        """Add a job; where there is no room for it the oldest of its kind is dropped, and counted."""
+    def enqueue_droppable(self, job: Job) -> None:
+        """Add a job; if the queue is full the oldest droppable job is dropped, and counted."""
         with self._changed:
-            while self._droppable >= self._room:
+            while self._droppable >= self._capacity:
                 self._drop_oldest()
                 self.dropped += 1
         self._add(_Waiting(job, droppable=True))
@@ -80,18 +85,18 @@ class Worker:
         with self._changed:
             self._changed.wait_for(lambda: not self._busy and not self._jobs)
 
-    def stop(self, patience_s: float = 10.0) -> None:
-        """End the thread: what waits is forgotten, the job under way is waited for.
+    def stop(self, timeout_s: float = 10.0) -> None:
+        """End the thread: waiting jobs are forgotten, the running one is finished.
 
         Args:
-            patience_s: How long; a thread that hangs ends with the process.
+            timeout_s: How long the running job may take; a thread that hangs ends with the process.
         """
         with self._changed:
             self._ending = True
             self._jobs.clear()
             self._droppable = 0
             self._changed.notify_all()
-        self._thread.join(patience_s)
+        self._thread.join(timeout_s)
 
     def _add(self, job: _Waiting) -> None:
         with self._changed:
@@ -112,7 +117,7 @@ class Worker:
                 job()
             except Exception as error:
                 self._on_fault(error)
-            del job  # a picture must not be held until the next one comes
+            del job  # an image must not be held until the next one comes
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
@@ -53,7 +55,7 @@ def cloud_from_msg(message: PointCloud2) -> PointCloud:
         raise InputError(
             f"cloud of stamp {stamp} is {width} x {height} points of {step} bytes in {len(message.data)}: too few"
         )
-    order = ">" if message.is_bigendian else "<"
+    order: Literal["<", ">"] = ">" if message.is_bigendian else "<"
     formats = [np.dtype(kind).newbyteorder(order) for kind in FIELD_TYPES.values()]
     dtype = np.dtype({"names": list(FIELD_TYPES), "formats": formats, "offsets": offsets, "itemsize": step})
     records: NDArray[np.void] = np.zeros((0, 0), dtype)

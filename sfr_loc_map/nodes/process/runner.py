@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -17,9 +16,6 @@ from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
-
-_M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8
-_LARGE_BYTES = 131_072
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
@@ -61,18 +57,6 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         try_shutdown()
         _ignore_signals()  # the shutdown puts the former handlers back
     return 0
-
-
-def configure_malloc() -> None:
-    """Make glibc return large blocks at once and use one arena for all small ones; does nothing elsewhere.
-
-    For long-running processes without deadlines: blocks that one thread allocates and another one frees otherwise
-    fragment the heap more and more. Call it before other threads are started.
-    """
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform.startswith("linux") else None
-    if mallopt is not None:
-        mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
-        mallopt(_M_ARENA_MAX, 1)
 
 
 def _start(arguments: list[str]) -> None:

@@ -176,7 +176,7 @@ class _Recorder:
             self._bag.write(topic, time.time_ns(), raw)
             tally.count += 1
             if numbered:
-                tally.gaps.came(info)
+                tally.gaps.add(info)
 
         callback: Any = received  # rclpy's types do not know of raw messages with their information
         self._node.create_subscription(kind, name, callback, _asked(infos), raw=True)

@@ -1,4 +1,4 @@
-"""How old a result is when it leaves the node, and what of that the way to the node took."""
+"""The latency of a result, and the part of it that is transport to the node."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 COMPARABLE_NS = 60 * 1_000_000_000
-"""Moments further apart than this, or in the wrong order, are of clocks that cannot be compared (a recording that is
-played back, a host whose clock is not set)."""
+"""Clocks that are further apart, or in the wrong order, cannot be compared (a recording that is played back, a host
+whose clock is not set)."""
 CLOCK_NOISE_NS = 1_000_000
-"""So far in the wrong order two moments may be because clocks are read and rounded differently."""
+"""Tolerance for the wrong order: clocks are read and rounded differently."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +26,12 @@ class MessageTimes:
         return cls(info.get("source_timestamp") or None, info.get("received_timestamp") or None)
 
 
-def latencies(
-    receipts: Sequence[MessageTimes], stamp_ns: int, published_ns: int, node_time_ns: int
-) -> dict[str, float]:
+def latencies(times: Sequence[MessageTimes], stamp_ns: int, published_ns: int, node_time_ns: int) -> dict[str, float]:
     """Return the latencies of one result, seconds, as far as their clocks can be compared.
 
     Args:
-        receipts: Of the messages that the result is made of.
-        stamp_ns: Stamp of the result: when the pictures were taken.
+        times: Of the messages that the result is made of.
+        stamp_ns: Stamp of the result: when the images were taken.
         published_ns: System time at which the result was published.
         node_time_ns: The same moment on the node's clock (simulated time where the node uses it).
 
@@ -42,16 +40,30 @@ def latencies(
         `latency_receive_to_publish_s`: from the receipt of the last message to the publication of the result, with the
         wait in queues; `latency_stamp_to_publish_s`: from the stamp to the publication.
     """
-    sent = [receipt.sent_ns for receipt in receipts]
-    received = [receipt.received_ns for receipt in receipts]
-    found: dict[str, float | None] = {}
-    if None not in received:
-        ways = [_seconds(a, b) for a, b in zip(sent, received, strict=True) if a is not None and b is not None]
-        if ways and None not in ways:
-            found["latency_transport_s"] = max(way for way in ways if way is not None)
-        found["latency_receive_to_publish_s"] = _seconds(max(r for r in received if r is not None), published_ns)
-    found["latency_stamp_to_publish_s"] = _seconds(stamp_ns, node_time_ns)
-    return {name: value for name, value in found.items() if value is not None}
+    found = {
+        "latency_transport_s": _transport(times),
+        "latency_receive_to_publish_s": _since_last_receipt(times, published_ns),
+        "latency_stamp_to_publish_s": _seconds(stamp_ns, node_time_ns),
+    }
+    return {name: seconds for name, seconds in found.items() if seconds is not None}
+
+
+def _transport(times: Sequence[MessageTimes]) -> float | None:
+    """Return the longest transport of the messages whose times are known; None if one cannot be compared."""
+    if any(message.received_ns is None for message in times):
+        return None
+    known = [
+        _seconds(message.sent_ns, message.received_ns)
+        for message in times
+        if message.sent_ns is not None and message.received_ns is not None
+    ]
+    comparable = [seconds for seconds in known if seconds is not None]
+    return max(comparable) if known and len(comparable) == len(known) else None
+
+
+def _since_last_receipt(times: Sequence[MessageTimes], published_ns: int) -> float | None:
+    received = [message.received_ns for message in times if message.received_ns is not None]
+    return _seconds(max(received), published_ns) if received and len(received) == len(times) else None
 
 
 def _seconds(begin_ns: int, end_ns: int) -> float | None:

@@ -1,4 +1,4 @@
-"""What the transport lost, from the numbers that publishers give their messages."""
+"""Messages lost in transport, from the sequence numbers of their publishers."""
 
 from __future__ import annotations
 
@@ -6,24 +6,23 @@ from typing import Any
 
 
 class TransportGaps:
-    """Counts what was published on a topic and did not come, for topics with one publisher at a time.
+    """Counts messages that were published but not received, for topics with one publisher at a time.
 
-    A publisher numbers its messages from 1, so that one that begins anew has a lower number; who it is does not come
-    with them.
+    A publisher numbers its messages from 1, so a lower number is a new publisher; its identity is not transmitted.
 
     Attributes:
         lost: Messages missing so far.
     """
 
     def __init__(self) -> None:
-        """Start with a topic of which nothing has come."""
+        """Start with a topic of which nothing was received."""
         self.lost = self._last = 0
 
-    def came(self, info: dict[str, Any]) -> None:
-        """Note a message.
+    def add(self, info: dict[str, Any]) -> None:
+        """Count the gap before a message.
 
         Args:
-            info: What rclpy knows of it; a middleware that does not number messages loses none that we know of.
+            info: Its message info of rclpy; without a sequence number no loss is counted.
         """
         number = int(info.get("publication_sequence_number") or 0)
         if self._last and number > self._last:

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.resources import CallUsage
-from sfr_loc_map.nodes.diagnostics.call_reporter import CallReporter, task_record
+from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter, task_record
 from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, status_msg, values_of
 
 
@@ -22,7 +22,7 @@ def published(usage: CallUsage) -> DiagnosticStatus:
     taken: list[DiagnosticArray] = []
     reporter = CallReporter(node, "localisation", type("P", (), {"publish": staticmethod(taken.append)}))
     statistics = {"inliers": np.float64(1 / 3), "features": 12}
-    reporter.publish(5, usage, "lost", statistics, {"dropped_stale": 4}, Level.ERROR)
+    reporter.publish(Call(5, usage, "lost", Level.ERROR, statistics), {"dropped_stale": 4})
     node.destroy_node()
     return deserialize_message(serialize_message(taken[0]), DiagnosticArray).status[0]
 

@@ -4,7 +4,7 @@ import pytest
 pytest.importorskip("rclpy")  # levels are those of a message
 pytestmark = pytest.mark.ros
 
-from sfr_loc_map.nodes.diagnostics.health import Health, HealthConfig, Verdict
+from sfr_loc_map.nodes.diagnostics.health import Health, HealthConfig, HealthStatus, NodeActivity
 from sfr_loc_map.nodes.diagnostics.key_values import Level
 
 
@@ -14,12 +14,12 @@ class Node:
         self.health = Health(HealthConfig(**settings), lambda: self.now)
         self.counts = {"dropped_stale": 0}
 
-    def judge(self, *, expecting: bool = True, lifecycle: str = "active") -> Verdict:
-        return self.health.judge(lifecycle, self.counts, 0, expecting=expecting)
+    def judge(self, *, expecting: bool = True, lifecycle: str = "active") -> HealthStatus:
+        return self.health.judge(NodeActivity(lifecycle, self.counts, 0, expecting))
 
     def call(self, level: Level = Level.OK, state: str = "tracking", **statistics: float) -> None:
-        self.health.arrived()
-        self.health.called(level, state, {"processing_time_s": 0.1, "latency_transport_s": 0.002}, statistics)
+        self.health.note_arrival()
+        self.health.note_call(level, state, {"processing_time_s": 0.1, "latency_transport_s": 0.002}, statistics)
 
 
 def test_a_node_that_works_is_well_and_gives_its_figures() -> None:
@@ -42,7 +42,7 @@ def test_silence_is_stale_only_where_something_is_due() -> None:
     assert node.judge().level is Level.STALE
     assert node.judge(expecting=False).level is Level.OK
     assert node.judge(lifecycle="inactive").level is Level.OK
-    node.health.arrived()
+    node.health.note_arrival()
     assert node.judge().level is Level.OK
 
 
@@ -51,7 +51,7 @@ def test_drops_and_problems_show_for_the_window() -> None:
     node.call()
     node.counts["dropped_stale"] = 1
     assert (node.judge().level, node.judge().message) == (Level.WARN, "dropped_stale")
-    node.health.problem(Level.ERROR, "no camera_info")
+    node.health.note_problem(Level.ERROR, "no camera_info")
     assert node.judge().message == "no camera_info; dropped_stale"
     assert node.judge().level is Level.ERROR
     node.now += 3.1
@@ -76,7 +76,7 @@ def test_lost_is_an_error_and_much_memory_a_warning() -> None:
 
 def test_an_error_says_more_than_silence() -> None:
     node = Node(stale_after_s=1.0, window_s=60.0)
-    node.health.problem(Level.ERROR, "camera_info is not rectified")
+    node.health.note_problem(Level.ERROR, "camera_info is not rectified")
     node.now += 2.0
     verdict = node.judge()
     assert verdict.level is Level.ERROR
@@ -86,7 +86,7 @@ def test_an_error_says_more_than_silence() -> None:
 def test_what_was_before_is_forgotten_when_the_node_begins_anew() -> None:
     node = Node()
     node.call(Level.ERROR, "lost")
-    node.health.begin()
+    node.health.reset()
     assert node.judge().level is Level.OK
 
 
@@ -94,11 +94,11 @@ def test_many_problems_are_counted_not_listed_and_are_one_change() -> None:
     node = Node()
     node.call()
     well = node.judge()
-    node.health.problem(Level.ERROR, "pair 0 is broken")
+    node.health.note_problem(Level.ERROR, "pair 0 is broken")
     ill = node.judge()
     assert ill.kind != well.kind
     for number in range(1, 10):
-        node.health.problem(Level.ERROR, f"pair {number} is broken")
+        node.health.note_problem(Level.ERROR, f"pair {number} is broken")
     verdict = node.judge()
     assert verdict.kind == ill.kind
     listed = "; ".join(f"pair {number} is broken" for number in (9, 8, 7, 6))

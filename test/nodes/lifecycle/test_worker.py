@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfr_loc_map.nodes.lifecycle.worker import Worker
+from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 
 
 class Held:
     """A worker whose thread is kept busy until it is let go."""
 
-    def __init__(self, overload: str, room: int) -> None:
+    def __init__(self, overload: Overload, room: int) -> None:
         self.faults: list[Exception] = []
         self.done: list[int] = []
         self.worker = Worker("tried", overload, room, self.faults.append)
@@ -22,7 +22,7 @@ class Held:
             begun.set()
             self.gate.wait(10)
 
-        self.worker.put(hold)
+        self.worker.enqueue(hold)
         assert begun.wait(10)
 
     def finish(self) -> list[int]:
@@ -36,9 +36,9 @@ class Held:
 @settings(max_examples=60, deadline=None)
 @given(kinds=st.lists(st.booleans(), max_size=20), room=st.integers(1, 5), newest=st.booleans())
 def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[bool], room: int, newest: bool) -> None:
-    held = Held("newest_first" if newest else "every_pair", room)
+    held = Held(Overload.NEWEST_FIRST if newest else Overload.EVERY_PAIR, room)
     for number, droppable in enumerate(kinds):
-        add = held.worker.offer if droppable else held.worker.put
+        add = held.worker.enqueue_droppable if droppable else held.worker.enqueue
         add(lambda number=number: held.done.append(number))
     kept = [number for number, droppable in enumerate(kinds) if droppable][-(1 if newest else room) :]
     expected = [number for number, droppable in enumerate(kinds) if not droppable or number in kept]
@@ -48,36 +48,36 @@ def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[boo
 
 
 def test_a_fault_is_told_and_the_next_job_is_done() -> None:
-    held = Held("every_pair", 3)
-    held.worker.offer(lambda: 1 / 0)
-    held.worker.offer(lambda: held.done.append(1))
+    held = Held(Overload.EVERY_PAIR, 3)
+    held.worker.enqueue_droppable(lambda: 1 / 0)
+    held.worker.enqueue_droppable(lambda: held.done.append(1))
     assert held.finish() == [1]
     assert [type(fault) for fault in held.faults] == [ZeroDivisionError]
 
 
 def test_clear_drops_what_may_be_dropped_without_counting() -> None:
-    held = Held("every_pair", 5)
+    held = Held(Overload.EVERY_PAIR, 5)
     for number in range(3):
-        held.worker.offer(lambda number=number: held.done.append(number))
-    held.worker.put(lambda: held.done.append(9))
+        held.worker.enqueue_droppable(lambda number=number: held.done.append(number))
+    held.worker.enqueue(lambda: held.done.append(9))
     assert held.worker.clear() == 3
     assert held.worker.dropped == 0
     assert held.finish() == [9]
 
 
 def test_stop_waits_for_the_job_under_way_and_forgets_the_rest() -> None:
-    held = Held("every_pair", 5)
-    held.worker.offer(lambda: held.done.append(1))
+    held = Held(Overload.EVERY_PAIR, 5)
+    held.worker.enqueue_droppable(lambda: held.done.append(1))
     threading.Timer(0.2, held.gate.set).start()
     begin = time.monotonic()
     held.worker.stop()
     assert time.monotonic() - begin == pytest.approx(0.2, abs=0.15)
-    held.worker.put(lambda: held.done.append(2))
+    held.worker.enqueue(lambda: held.done.append(2))
     assert held.done == []
 
 
 def test_a_thread_that_hangs_does_not_keep_the_caller() -> None:
-    held = Held("every_pair", 5)
+    held = Held(Overload.EVERY_PAIR, 5)
     begin = time.monotonic()
     held.worker.stop(0.1)
     assert time.monotonic() - begin < 1.0

@@ -5,7 +5,8 @@ import pytest
 
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.online.monitor_score import MOST_STAGES, MOST_STATES, CallRing, MonitorScore
+from sfr_loc_map.pipeline.online.call_ring import MAX_STAGES, MAX_STATES, CallRing
+from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
 
 
 def record(number: int, state: str = "tracking", peak: int | None = None) -> CallRecord:
@@ -39,7 +40,7 @@ def test_stages_come_back_with_their_calls_and_have_an_end() -> None:
     assert np.array_equal(stages["align"], [np.nan, 1.5, np.nan, 2.5], equal_nan=True)
     for number in range(50):
         ring.add(CallRecord(number, 1.0, "tracking", None, None, {f"stage_{number}_s": 1.0}))
-    assert len(ring.calls().stage_s) == MOST_STAGES
+    assert len(ring.calls().stage_s) == MAX_STAGES
 
 
 def test_invented_states_have_an_end() -> None:
@@ -48,7 +49,7 @@ def test_invented_states_have_an_end() -> None:
         ring.add(record(number, f"word {number}"))
     words = ring.calls().states
     assert words[:3] == ["word 0", "word 1", "word 2"]
-    assert len(set(words)) == MOST_STATES
+    assert len(set(words)) == MAX_STATES
 
 
 def test_without_details_the_score_is_the_same_but_for_them() -> None:

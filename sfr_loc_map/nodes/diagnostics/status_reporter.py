@@ -1,0 +1,82 @@
+"""What a node reports of itself: health and unusable input on /diagnostics, errors and warnings in the log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from sfr_loc_map.nodes.diagnostics.call_reporter import Call
+from sfr_loc_map.nodes.diagnostics.health import Health, HealthConfig, NodeActivity
+from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, status_msg
+from sfr_loc_map.nodes.messages.fields import header_msg
+
+QUEUE_DEPTH = 1000
+"""Statuses that are kept for a slow subscriber."""
+WARN_PERIOD_S = 5.0
+MAX_LETTERS = 500
+
+
+class StatusReporter:
+    """Reports the health and the problems of one node. All methods may be called in any thread.
+
+    Attributes:
+        health: The health.
+        publisher: Of /diagnostics; it is there in every state.
+    """
+
+    def __init__(self, node: Node, task: str, config: HealthConfig, activity: Callable[[], NodeActivity]) -> None:
+        """Publish the health periodically.
+
+        Args:
+            node: The node.
+            task: `localisation`, `mapping` or `monitor`.
+            config: What is a warning, and how often the health is published.
+            activity: Returns what the node does at the moment.
+        """
+        self._node, self._task, self._activity = node, task, activity
+        self._last_kind: tuple[str, ...] = ()
+        self.health = Health(config)
+        self.publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
+        node.create_timer(config.period_s, self.publish_health, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def error(self, text: str) -> None:
+        """Report something that keeps the node from working: log, /diagnostics, health."""
+        text = _short(text)
+        self._node.get_logger().error(text, throttle_duration_sec=WARN_PERIOD_S)
+        self.health.note_problem(Level.ERROR, text)
+        self._publish("input", Level.ERROR, text, {"task": self._task, **self._activity().counts})
+        self.publish_health(only_changes=True)
+
+    def warn(self, text: str) -> None:
+        """Report something that is not as it should be, though the node works: log, health."""
+        text = _short(text)
+        self._node.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
+        self.health.note_problem(Level.WARN, text)
+        self.publish_health(only_changes=True)
+
+    def note_call(self, call: Call, took: Mapping[str, Value]) -> None:
+        """Note a call in the health, with its times and memory by name."""
+        self.health.note_call(call.level, call.state, took, call.statistics)
+        self.publish_health(only_changes=True)
+
+    def publish_health(self, *, only_changes: bool = False) -> None:
+        """Publish the health, if wanted only when more than figures has changed."""
+        status = self.health.judge(self._activity())
+        if only_changes and status.kind == self._last_kind:
+            return
+        self._last_kind = status.kind
+        self._publish("health", status.level, status.message, status.values)
+
+    def _publish(self, name: str, level: Level, message: str, values: Mapping[str, Value]) -> None:
+        status = status_msg(f"{self._node.get_fully_qualified_name().lstrip('/')}: {name}", level, message, values)
+        self.publisher.publish(array_msg(header_msg(self._node.get_clock().now().nanoseconds, ""), status))
+
+
+def _short(text: str) -> str:
+    """Return a text cut to a length that a log bears: it may quote a message of any length."""
+    return text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} ... ({len(text)} letters)"

@@ -1,0 +1,103 @@
+"""Publishers, subscriptions, timers and services of a managed node, created and destroyed with its states."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.nodes.lifecycle.qos import profile, publisher_events, subscription_events
+
+Answer = tuple[bool, str]
+"""Success and message of a std_srvs/Trigger."""
+
+
+class Endpoints:
+    """Creates what a node receives and sends by; each endpoint lives as long as the state that it belongs to.
+
+    Publishers belong to the configured node, subscriptions and timers to the active one. A service, once created,
+    stays: an answer may be under way.
+    """
+
+    def __init__(self, node: LifecycleNode, reliability: str, warn: Callable[[str], None]) -> None:
+        """Create none yet.
+
+        Args:
+            node: The node.
+            reliability: Offered by all publishers; one of `qos.RELIABILITIES`.
+            warn: Called when a peer has an incompatible quality of service.
+        """
+        self._node, self._reliability, self._warn = node, reliability, warn
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._service_group = MutuallyExclusiveCallbackGroup()
+        self._at_deactivate: list[Callable[[], object]] = []
+        self._at_cleanup: list[Callable[[], object]] = []
+        self._subscribed: list[str] = []
+        self._published: list[str] = []
+        self._served: list[str] = []
+
+    def add_publisher(self, kind: type[Any], topic: str, depth: int, *, latched: bool = False) -> Any:  # noqa: ANN401
+        """Return a publisher that sends only while the node is active."""
+        qos = profile(self._reliability, depth)
+        if latched:
+            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        events = publisher_events(self._node.resolve_topic_name(topic), self._warn)
+        publisher = self._node.create_lifecycle_publisher(kind, topic, qos, event_callbacks=events)
+        self._at_cleanup.append(lambda: self._node.destroy_lifecycle_publisher(publisher))
+        self._published.append(publisher.topic_name)
+        return publisher
+
+    def add_subscription(self, kind: type[Any], topic: str, callback: Callable[..., None], qos: QoSProfile) -> None:
+        """Subscribe until the node is deactivated."""
+        events = subscription_events(self._node.resolve_topic_name(topic), self._warn)
+        subscription = self._node.create_subscription(kind, topic, callback, qos, event_callbacks=events)
+        self._at_deactivate.append(lambda: self._node.destroy_subscription(subscription))
+        self._subscribed.append(subscription.topic_name)
+
+    def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Call back periodically, by a clock that does not jump, until the node is deactivated."""
+        timer = self._node.create_timer(period_s, callback, clock=self._clock)
+        self._at_deactivate.append(lambda: self._node.destroy_timer(timer))
+
+    def add_service(self, name: str, answer: Callable[[], Awaitable[Answer]]) -> None:
+        """Offer a std_srvs/Trigger; other callbacks run while its answer is awaited."""
+        name = self._node.resolve_service_name(name)
+        self._served.append(name)
+        if any(service.srv_name == name for service in self._node.services):
+            return
+
+        async def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            response.success, response.message = await answer()
+            return response
+
+        self._node.create_service(Trigger, name, serve, callback_group=self._service_group)
+
+    def at_deactivate(self, action: Callable[[], object]) -> None:
+        """Do something when the node is deactivated."""
+        self._at_deactivate.append(action)
+
+    def destroy_active(self) -> None:
+        """Destroy what only an active node has."""
+        for action in self._at_deactivate:
+            action()
+        self._at_deactivate.clear()
+        self._subscribed.clear()
+        self._served.clear()
+
+    def destroy_configured(self) -> None:
+        """Destroy what a configured node has."""
+        for action in self._at_cleanup:
+            action()
+        self._at_cleanup.clear()
+        self._published.clear()
+
+    def summary(self, *always_published: str) -> str:
+        """Return all names in one line."""
+        published = ", ".join([*always_published, *self._published])
+        return f"listens to {', '.join(self._subscribed)}; publishes {published}; offers {', '.join(self._served)}"

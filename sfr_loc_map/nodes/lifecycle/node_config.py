@@ -1,0 +1,47 @@
+"""Parameters that all nodes have, and those of nodes that process stereo pairs."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, field
+
+from sfr_loc_map.config import param
+from sfr_loc_map.nodes.diagnostics.health import HealthConfig
+from sfr_loc_map.nodes.lifecycle.qos import RELIABILITIES
+from sfr_loc_map.nodes.lifecycle.worker import Overload
+
+
+@dataclass(frozen=True, slots=True)
+class NodeConfig:
+    """Parameters that each node has."""
+
+    autostart: bool = param(
+        True, doc="Become active at start; false: wait for a lifecycle manager or `ros2 lifecycle set`."
+    )
+    output_reliability: str = param(
+        "reliable", doc="Reliability offered to the subscribers of results.", choices=RELIABILITIES
+    )
+    health: HealthConfig = field(default_factory=HealthConfig)
+
+    @abstractmethod
+    def queue(self) -> tuple[Overload, int]:
+        """Return what is dropped when the worker cannot keep up, and how many jobs may wait."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairNodeConfig(NodeConfig):
+    """Parameters that each node has that processes stereo pairs."""
+
+    overload: str = param(
+        Overload.EVERY_PAIR.value,
+        doc="What is processed under overload: every_pair in order, as far as queue_size allows, or newest_first, "
+        "which drops all waiting pairs when a newer one comes.",
+        choices=tuple(mode.value for mode in Overload),
+    )
+    queue_size: int = param(
+        30, doc="Most pairs that wait to be processed (every_pair); the oldest are dropped.", low=1, high=1000
+    )
+
+    def queue(self) -> tuple[Overload, int]:
+        """Return the limits that the parameters set."""
+        return Overload(self.overload), self.queue_size

@@ -1,0 +1,1 @@
+"""What the monitor publishes of a score."""

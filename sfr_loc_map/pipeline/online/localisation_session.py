@@ -1,0 +1,186 @@
+"""At which pose a localiser starts, and how well that is known, over resets, faults and restarts of the process.
+
+    phase     pair arrives               pose is set           restart             continue
+    NEW       RUNNING, at the kept pose  READY at it           READY at the first  NEW
+    READY     RUNNING                    READY at it           READY at the first  READY
+    RUNNING   RUNNING                    RUNNING, pose moved   READY at the first  READY at the last pose
+
+A reset is a restart whose first pose is the identity. Continue follows another rig, another configuration or a fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.pipeline.online.resume import KnownPose, PoseFile
+
+LocaliserFactory = Callable[[StereoRig, LocalisationConfig, Transform], Localiser]
+
+
+class Phase(StrEnum):
+    """What the next pair leads to."""
+
+    NEW = "new"
+    """A localiser starts at the pose that a process before kept, or else at the first pose."""
+    READY = "ready"
+    """A localiser starts at a pose that is known already."""
+    RUNNING = "running"
+    """The localiser goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """Where a localiser starts.
+
+    Attributes:
+        T_ds_rb: The pose.
+        known: The same pose with its covariance, which adds to that of the estimates; None for an exact start.
+    """
+
+    T_ds_rb: Transform
+    known: KnownPose | None = None
+
+
+class LocalisationSession:
+    """Owns the localiser of a node; to be used by one thread.
+
+    Attributes:
+        phase: What the next pair leads to.
+        tracked_ns: Stamp of the last pair that the present localiser tracked, None before.
+    """
+
+    def __init__(
+        self,
+        config: LocalisationConfig,
+        pose_file: PoseFile | None = None,
+        warn: Callable[[str], None] = lambda text: None,
+        make_localiser: LocaliserFactory = Localiser,
+    ) -> None:
+        """Start at the identity, or at a kept pose.
+
+        Args:
+            config: Of the localiser.
+            pose_file: Keeps the last pose for a restart of the process; None: none is kept.
+            warn: Called with what is worth a warning.
+            make_localiser: Makes the localiser.
+        """
+        self.phase = Phase.NEW if pose_file is not None else Phase.READY
+        self.tracked_ns: int | None = None
+        self._config, self._pose_file, self._warn, self._make_localiser = config, pose_file, warn, make_localiser
+        self._rig: StereoRig | None = None
+        self._localiser: Localiser | None = None
+        self._first_pose = Transform.identity()
+        self._start = _Start(self._first_pose)
+        self._recent: tuple[KnownPose, ...] = ()  # the last two poses that were published and not lost
+
+    # ---- transitions
+
+    def set_rig(self, rig: StereoRig) -> bool:
+        """Use a rig, whose extrinsics are not needed; return whether another one was replaced."""
+        if self._rig is not None and self._rig.same_cameras(rig):
+            return False
+        replaced, self._rig = self._rig is not None, rig
+        self.continue_at_last_pose()
+        return replaced
+
+    def set_config(self, config: LocalisationConfig) -> None:
+        """Use another configuration."""
+        self._config = config
+        self.continue_at_last_pose()
+
+    def set_pose(self, T_ds_rb: Transform) -> None:
+        """Go on, or start, at a given pose, which is the first pose of later runs too."""
+        self._first_pose = T_ds_rb
+        self._forget(_Start(T_ds_rb))
+        if self._localiser is not None:
+            self._localiser.set_pose(T_ds_rb)
+        else:
+            self.phase = Phase.READY
+
+    def restart(self) -> None:
+        """Start a new run at the first pose."""
+        self._forget(_Start(self._first_pose))
+        self._localiser, self.phase = None, Phase.READY
+
+    def reset(self) -> None:
+        """Start a new run at the identity."""
+        self._first_pose = Transform.identity()
+        self.restart()
+
+    def continue_at_last_pose(self) -> None:
+        """Let the next pair start a localiser at the last pose, its covariance grown by one more step unseen."""
+        if self._localiser is None:
+            return
+        if self._recent:
+            known = self._recent[-1].after_step(self._recent[0])
+            self._start = replace(self._start, known=known)
+        self._localiser, self.phase = None, Phase.READY
+
+    # ---- a pair
+
+    def localiser_at(self, stamp_ns: int, T_rb_sb: Transform | None) -> Localiser:
+        """Return the localiser for a pair, started if there is none.
+
+        Args:
+            stamp_ns: Stamp of the pair.
+            T_rb_sb: Extrinsics of the rig, None where not known.
+
+        Raises:
+            SfrError: If rig or extrinsics are not known or no localiser can be made of them.
+        """
+        if self._localiser is not None:
+            return self._localiser
+        if self._rig is None or T_rb_sb is None:
+            raise InputError(
+                "the extrinsics of the stereo rig are not known: give the parameters T_rb_locsb.translation_m and "
+                "T_rb_locsb.quat_xyzw, or publish them on /tf_static"
+            )
+        if self.phase is Phase.NEW:
+            self.phase = Phase.READY
+            self._resume(stamp_ns)
+        self._localiser = self._make_localiser(replace(self._rig, T_rb_sb=T_rb_sb), self._config, self._start.T_ds_rb)
+        self.phase, self.tracked_ns = Phase.RUNNING, None
+        return self._localiser
+
+    def accept(self, estimate: PoseEstimate) -> PoseEstimate:
+        """Take an estimate of the localiser; return it as uncertain as the start of its run makes it."""
+        self._start = replace(self._start, T_ds_rb=estimate.T_ds_rb)
+        if estimate.state is TrackingState.LOST:
+            return estimate
+        self.tracked_ns = estimate.stamp_ns
+        if self._start.known is not None:
+            added = self._start.known.added_covariance(estimate.T_ds_rb)
+            estimate = replace(estimate, covariance=estimate.covariance + added)
+        known = KnownPose(estimate.stamp_ns, estimate.T_ds_rb, estimate.covariance)
+        self._recent = (*self._recent[-1:], known)
+        if self._pose_file is not None:
+            try:
+                self._pose_file.save(known)
+            except OutputError as error:
+                self._warn(str(error))
+        return estimate
+
+    def _forget(self, start: _Start) -> None:
+        self._start, self._recent = start, ()
+
+    def _resume(self, stamp_ns: int) -> None:
+        """Start at the kept pose, if there is one that belongs to this run."""
+        if self._pose_file is None:
+            return
+        try:
+            known = self._pose_file.load(stamp_ns)
+        except InputError as error:
+            self._warn(str(error))
+            return
+        if known is not None:
+            self._start = _Start(known.T_ds_rb, known.after_gap())
+            gap_s = (stamp_ns - known.stamp_ns) * 1e-9
+            self._warn(f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since is not known")

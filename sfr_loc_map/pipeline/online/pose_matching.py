@@ -1,0 +1,92 @@
+"""Stereo pairs matched with the poses of their stamps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.config import MAX_PAIRS
+
+T = TypeVar("T")
+MAX_POSES = 1000
+"""Poses that are kept for pairs still to come."""
+MAX_WAITING = 2 * MAX_PAIRS
+"""Pairs that are kept for poses still to come."""
+
+
+class PoseMatching(Generic[T]):
+    """Holds pairs until the pose of their stamp was received.
+
+    Attributes:
+        dropped: Pairs dropped so far because no pose came.
+    """
+
+    def __init__(
+        self,
+        tolerance_ns: float,
+        timeout_s: float,
+        on_drop: Callable[[int], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start empty.
+
+        Args:
+            tolerance_ns: Largest difference of the stamps of pair and pose.
+            timeout_s: How long a pair waits.
+            on_drop: Called with the stamp of a pair that is dropped.
+            clock: Seconds, monotonic.
+        """
+        self.dropped = 0
+        self._tolerance_ns, self._timeout_s, self._on_drop, self._clock = tolerance_ns, timeout_s, on_drop, clock
+        self._poses: dict[int, Transform] = {}
+        self._waiting: dict[int, tuple[float, T]] = {}
+
+    def add_pose(self, stamp_ns: int, pose: Transform) -> list[tuple[T, Transform]]:
+        """Take a pose; return the pairs that now have one, in the order of their arrival."""
+        self._poses[stamp_ns] = pose
+        if len(self._poses) > MAX_POSES:
+            self._poses.pop(next(iter(self._poses)))
+        return self._matched()
+
+    def add_pair(self, stamp_ns: int, pair: T) -> list[tuple[T, Transform]]:
+        """Take a pair; return the pairs that now have a pose, in the order of their arrival."""
+        self._waiting[stamp_ns] = (self._clock(), pair)
+        if len(self._waiting) > MAX_WAITING:
+            self._drop(next(iter(self._waiting)))
+        return self._matched()
+
+    def drop_overdue(self) -> None:
+        """Drop the pairs that have waited too long."""
+        limit = self._clock() - self._timeout_s
+        for stamp_ns in [stamp for stamp, (since, _) in self._waiting.items() if since < limit]:
+            self._drop(stamp_ns)
+
+    def clear_pairs(self) -> None:
+        """Forget the pairs, without counting; poses stay, since those of the next pairs may be among them."""
+        self._waiting.clear()
+
+    def clear(self) -> None:
+        """Forget pairs and poses, without counting."""
+        self._waiting.clear()
+        self._poses.clear()
+
+    def _matched(self) -> list[tuple[T, Transform]]:
+        found = []
+        for stamp_ns in list(self._waiting):
+            pose = self._pose_of(stamp_ns)
+            if pose is not None:
+                found.append((self._waiting.pop(stamp_ns)[1], pose))
+        return found
+
+    def _pose_of(self, stamp_ns: int) -> Transform | None:
+        nearest = min(self._poses, key=lambda stamp: abs(stamp - stamp_ns), default=None)
+        if nearest is None or abs(nearest - stamp_ns) > self._tolerance_ns:
+            return None
+        return self._poses[nearest]
+
+    def _drop(self, stamp_ns: int) -> None:
+        self._waiting.pop(stamp_ns)
+        self.dropped += 1
+        self._on_drop(stamp_ns)
