@@ -1,4 +1,4 @@
-"""Puts faults over any source and writes the result as a bag or a folder."""
+"""Injects faults into any source and writes the result as a bag or a folder."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def perturb(
     seed: int = 0,
     progress: Callable[[int], None] = lambda _: None,
 ) -> int:
-    """Write a source with faults; the truth stays that of the source.
+    """Write a source with injected faults; the ground truth stays that of the source.
 
     Args:
-        source: What to spoil.
+        source: The source without faults.
         destination: Bag or folder to write.
         faults: Applied in this order to the drive and to the mapping pairs.
-        seed: Seed of which pairs are struck.
+        seed: Seed of which pairs are affected.
         progress: Called with the number of pairs written so far.
 
     Returns:
@@ -49,20 +49,20 @@ def perturb(
 
 
 class FaultyLoc:
-    """A drive with faults over it; a `LocSequence` whose truth is that of the drive without."""
+    """A drive with injected faults; a `LocSequence` with the ground truth of the drive without."""
 
     def __init__(self, inner: LocSequence, faults: Sequence[Fault], seed: int) -> None:
-        """Choose the pairs to strike; the same seed strikes the same ones."""
+        """Choose the affected pairs; the same seed affects the same ones."""
         self._inner, self._perturber = inner, Perturber(faults, seed, len(inner), inner.rig)
 
     @property
     def rig(self) -> StereoRig:
-        """The rig as the faulty calibration gives it."""
+        """The rig of the faulty calibration."""
         return self._perturber.rig
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """The truth of the drive."""
+        """Ground truth of the drive."""
         return self._inner.ground_truth
 
     def __len__(self) -> int:
@@ -89,12 +89,12 @@ class _FaultyNav:
     def pairs(self) -> Iterator[PosedStereoPair]:
         read: deque[tuple[int, PosedStereoPair]] = deque()
 
-        def pictures() -> Iterator[StereoPair]:
+        def images() -> Iterator[StereoPair]:
             for item in enumerate(self._inner.pairs()):
                 read.append(item)
                 yield item[1].pair
 
-        for index, pair in self._perturber.pairs(pictures()):
+        for index, pair in self._perturber.pairs(images()):
             while read[0][0] < index:
                 read.popleft()
             yield replace(read[0][1], pair=pair)

@@ -1,8 +1,8 @@
 """Runs a simulation over several processes into a data set folder or a bag; a killed run continues.
 
-Each picture and each truth is one job whose output is a file that is either whole or absent. The lists (`pairs.csv`,
-`groundtruth.csv`) are written last, so a folder without them is unfinished; the same command then makes only what is
-absent. Every job depends on the configuration alone, so the bytes do not depend on the number of workers.
+Each image and each ground truth is one job whose output is a file that is either whole or absent. The lists
+(`pairs.csv`, `groundtruth.csv`) are written last, so a folder without them is unfinished; the same command then renders
+only what is missing. Every job depends on the configuration alone, so the bytes do not depend on the number of workers.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 import yaml
 
 from sfr_loc_map.config import build, flatten, load_yaml
-from sfr_loc_map.constants import SIDES
+from sfr_loc_map.constants import SIDES, Task
 from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.io.atomic import atomic_path
@@ -36,8 +36,9 @@ from sfr_loc_map.io.rig_file import rig_json
 from sfr_loc_map.io.trajectory_file import trajectory_text
 from sfr_loc_map.pipeline.convert import ConvertOptions, convert
 from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.renderer import require_tracer
-from sfr_loc_map.simulation.world import LOC, NAV, Plan, World
+from sfr_loc_map.simulation.world import World
 
 SETTINGS = "simulation.yaml"
 PARTS_SUFFIX = ".parts"
@@ -46,15 +47,15 @@ ORPHAN_CHECK_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One thing to render.
+    """One file, or one ground truth with its mask, to render.
 
     Attributes:
-        task: `LOC` or `NAV`.
+        task: Whose rig it is.
         frame: Number of the pair.
         what: `left`, `right` or `truth`.
     """
 
-    task: int
+    task: Task
     frame: int
     what: str
 
@@ -72,12 +73,12 @@ def simulate(
     workers: int = 2,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Make a simulated data set with exact truth.
+    """Make a simulated data set with exact ground truth.
 
     Args:
         config: Settings.
         out: Data set folder, or a bag (*.mcap, *.db3, *.bag). A folder of an unfinished run with the same settings is
-            continued; a bag's parts lie beside it in `OUT.parts` until it is whole.
+            continued; the parts of a bag are in `OUT.parts` beside it until it is whole.
         workers: Processes.
         progress: Called with the number of jobs done and in all.
 
@@ -103,12 +104,10 @@ def simulate(
     return count
 
 
-def task_folders(plan: Plan, out: Path) -> dict[int, Path]:
+def task_folders(plan: Plan, out: Path) -> dict[Task, Path]:
     """Return the folder of each task that a plan has."""
-    tasks = [task for task in (LOC, NAV) if plan.count(task)]
-    if len(tasks) == 1:
-        return {tasks[0]: out}
-    return {LOC: out / "loc", NAV: out / "nav"}
+    tasks = [task for task in Task if plan.count(task)]
+    return {tasks[0]: out} if len(tasks) == 1 else {task: out / task.rig for task in tasks}
 
 
 def settings_text(config: SimulationConfig) -> str:
@@ -136,8 +135,8 @@ def _simulate_folder(plan: Plan, out: Path, workers: int, progress: Callable[[in
 
 
 def _jobs(plan: Plan) -> list[Job]:
-    jobs = [Job(LOC, frame, side) for frame in range(plan.count(LOC)) for side in SIDES]
-    return jobs + [Job(NAV, frame, what) for frame in range(plan.count(NAV)) for what in (*SIDES, "truth")]
+    whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
+    return [Job(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
 
 
 def _claim(config: SimulationConfig, out: Path) -> None:
@@ -182,7 +181,7 @@ def _render(plan: Plan, out: Path, jobs: list[Job], workers: int, progress: Call
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-_worker: tuple[World, dict[int, Path]] | None = None
+_worker: tuple[World, dict[Task, Path]] | None = None
 
 
 def _prepare(text: str, out: Path, parent: int | None) -> None:
@@ -190,12 +189,12 @@ def _prepare(text: str, out: Path, parent: int | None) -> None:
     global _worker
     if parent is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+        threading.Thread(target=_exit_with, args=(parent,), daemon=True).start()
     plan = Plan.make(build(SimulationConfig, yaml.safe_load(text)))
     _worker = World(plan), task_folders(plan, out)
 
 
-def _end_with(parent: int) -> None:
+def _exit_with(parent: int) -> None:
     """End this process when its parent was killed, so that no worker outlives a killed run."""
     while os.getppid() == parent:
         time.sleep(ORPHAN_CHECK_S)
@@ -207,7 +206,7 @@ def _run(job: Job) -> None:
     world, folders = _worker
     files = job.files(folders[job.task])
     if job.what != "truth":
-        _write(files[0], encode_png(world.picture(job.task, job.frame, SIDES.index(job.what))))
+        _write(files[0], encode_png(world.image(job.task, job.frame, SIDES.index(job.what))))
         return
     points, mask = world.truth(job.frame)
     stream = io.BytesIO()
@@ -221,18 +220,18 @@ def _write(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
-def _write_lists(plan: Plan, task: int, folder: Path) -> None:
+def _write_lists(plan: Plan, task: Task, folder: Path) -> None:
     _write(folder / "rig.json", rig_json(plan.rig(task)).encode())
     rows = []
     for frame in range(plan.count(task)):
         row = [str(plan.stamp_ns(task, frame)), *(f"{side}/{frame:06d}.png" for side in SIDES)]
-        if task == NAV:
+        if task is Task.MAPPING:
             pose = plan.lm_pose(frame)
             att_q_lm_to_navsb = quat_conjugate(pose.quat_xyzw)
             row += [repr(v) for v in (*pose.translation.tolist(), *att_q_lm_to_navsb.tolist())]
             row.append(f"truth/{frame:06d}.npy")
         rows.append(",".join(row))
-    header = LOC_COLUMNS if task == LOC else (*NAV_COLUMNS, TRUTH_COLUMN)
-    if task == LOC:
+    header = LOC_COLUMNS if task is Task.LOCALISATION else (*NAV_COLUMNS, TRUTH_COLUMN)
+    if task is Task.LOCALISATION:
         _write(folder / "groundtruth.csv", trajectory_text(plan.trajectory(), tum=False).encode())
     _write(folder / "pairs.csv", ("\n".join([",".join(header), *rows]) + "\n").encode())

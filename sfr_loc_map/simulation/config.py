@@ -13,52 +13,52 @@ class TerrainConfig:
     """Shape of the ground."""
 
     relief_m: float = param(0.10, unit="m", doc="Standard deviation of the rolling relief.", low=0.0)
-    relief_length_m: float = param(7.0, unit="m", doc="Longest wave length of the rolling relief.", low=0.5)
+    relief_length_m: float = param(7.0, unit="m", doc="Longest wavelength of the rolling relief.", low=0.5)
     hurst: float = param(
         0.85, doc="Roughness exponent of the relief: lower is rougher at small scale.", low=0.3, high=1.2
     )
     hills_m: float = param(1.2, unit="m", doc="Standard deviation of the hills that make the horizon.", low=0.0)
-    hills_length_m: float = param(90.0, unit="m", doc="Wave length of the hills.", low=10.0)
+    hills_length_m: float = param(90.0, unit="m", doc="Wavelength of the hills.", low=10.0)
     slope_deg: float = param(
         0.0, unit="deg", doc="Slope of the whole terrain, rising to the east.", low=-35.0, high=35.0
     )
     ripple_height_m: float = param(0.012, unit="m", doc="Crest height of wind ripples where there is sand.", low=0.0)
-    ripple_length_m: float = param(0.55, unit="m", doc="Wave length of wind ripples.", low=0.05)
+    ripple_length_m: float = param(0.55, unit="m", doc="Wavelength of wind ripples.", low=0.05)
     ripple_azimuth_deg: float = param(35.0, unit="deg", doc="Direction across the ripples, from east to north.")
     crater_density: float = param(
         0.004, unit="1/m^2", doc="Craters of more than 1 m across per area.", low=0.0, high=0.1
     )
     rim_radius_m: float = param(0.0, unit="m", doc="Radius of one large crater; 0 for none.", low=0.0)
-    rim_x_m: float = param(0.0, unit="m", doc="East place of the large crater's centre in DS.")
-    rim_y_m: float = param(0.0, unit="m", doc="North place of the large crater's centre in DS.")
+    rim_x_m: float = param(0.0, unit="m", doc="East coordinate of the large crater's centre in DS.")
+    rim_y_m: float = param(0.0, unit="m", doc="North coordinate of the large crater's centre in DS.")
 
 
 @dataclass(frozen=True, slots=True)
 class GroundConfig:
-    """What the ground is made of and how it looks."""
+    """Materials and appearance of the ground."""
 
     albedo: float = param(0.22, doc="Mean reflectance of the ground.", low=0.01, high=1.0)
     contrast: float = param(1.0, doc="Strength of the changes of reflectance.", low=0.0, high=3.0)
-    bump: float = param(1.0, doc="Strength of the fine relief that only shading shows.", low=0.0, high=3.0)
+    bump: float = param(1.0, doc="Strength of the fine relief that shows in shading only.", low=0.0, high=3.0)
     gravel: float = param(0.5, doc="Share of the ground with dense pebbles.", low=0.0, high=1.0)
     bedrock: float = param(0.08, doc="Share of the ground that is bare rock.", low=0.0, high=1.0)
-    pebbles: float = param(0.6, doc="How full of pebbles gravel is.", low=0.0, high=1.0)
+    pebbles: float = param(0.6, doc="Fill of gravel with pebbles.", low=0.0, high=1.0)
     lunar: float = param(0.35, doc="Share of Lommel-Seeliger (dusty) against Lambert reflection.", low=0.0, high=1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class RockConfig:
-    """Rocks: how many, how large, how deep."""
+    """Rocks: number, size, depth."""
 
     cover: float = param(
         0.05, doc="Share of the ground covered by rocks (k of Golombek and Rapp 1997).", low=0.0, high=0.4
     )
-    smallest_m: float = param(0.03, unit="m", doc="Smallest diameter made as a solid, near the rover.", low=0.01)
+    smallest_m: float = param(0.03, unit="m", doc="Smallest diameter of a solid rock, near the rover.", low=0.01)
     largest_m: float = param(1.5, unit="m", doc="Largest diameter.", low=0.05)
     buried: float = param(0.35, doc="Mean share of the height that is under ground.", low=0.0, high=0.9)
     angular: float = param(0.5, doc="0 for rounded, 1 for angular rocks.", low=0.0, high=1.0)
     albedo: float = param(0.19, doc="Mean reflectance of rocks.", low=0.01, high=1.0)
-    clear_m: float = param(0.12, unit="m", doc="Rocks larger than this are kept off the rover's way.", low=0.0)
+    clear_m: float = param(0.12, unit="m", doc="Rocks larger than this are kept off the rover's path.", low=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,15 +84,15 @@ class CamerasConfig:
     height: int = param(512, unit="px", doc="Rows.", low=16, high=8192)
     focal_px: float = param(402.0, unit="px", doc="Focal length.", low=5.0)
     baseline_m: float = param(0.12, unit="m", doc="Distance between the optical centres.", low=0.001)
-    x_m: float = param(0.52, unit="m", doc="Place of the stereo bench: forward in RB, or from the mast head.")
-    y_m: float = param(0.015, unit="m", doc="Place of the stereo bench: to the left in RB, or from the mast head.")
-    z_m: float = param(0.63, unit="m", doc="Place of the stereo bench: up in RB, or from the mast head.")
-    roll_deg: float = param(0.4, unit="deg", doc="Turn of the bench about x, first to act.")
-    pitch_deg: float = param(19.0, unit="deg", doc="Turn of the bench about y; positive looks down.")
-    yaw_deg: float = param(1.0, unit="deg", doc="Turn of the bench about z, last to act.")
+    x_m: float = param(0.52, unit="m", doc="Position of the stereo rig: forward in RB, or from the mast head.")
+    y_m: float = param(0.015, unit="m", doc="Position of the stereo rig: to the left in RB, or from the mast head.")
+    z_m: float = param(0.63, unit="m", doc="Position of the stereo rig: up in RB, or from the mast head.")
+    roll_deg: float = param(0.4, unit="deg", doc="Rotation of the stereo rig about x, applied first.")
+    pitch_deg: float = param(19.0, unit="deg", doc="Rotation of the stereo rig about y; positive looks down.")
+    yaw_deg: float = param(1.0, unit="deg", doc="Rotation of the stereo rig about z, applied last.")
 
 
-def _again(name: str, default: float) -> Any:  # noqa: ANN401 - fields have any type
+def _redefault(name: str, default: float) -> Any:  # noqa: ANN401 - fields have any type
     """Return a parameter of `CamerasConfig` with another default."""
     return field(default=default, metadata=CamerasConfig.__dataclass_fields__[name].metadata)
 
@@ -101,54 +101,52 @@ def _again(name: str, default: float) -> Any:  # noqa: ANN401 - fields have any 
 class NavCamerasConfig(CamerasConfig):
     """The mapping cameras on the mast head."""
 
-    width: int = _again("width", 1024)
-    height: int = _again("height", 1024)
-    focal_px: float = _again("focal_px", 804.0)
-    baseline_m: float = _again("baseline_m", 0.15)
-    x_m: float = _again("x_m", 0.06)
-    y_m: float = _again("y_m", 0.0)
-    z_m: float = _again("z_m", 0.08)
-    roll_deg: float = _again("roll_deg", 0.0)
-    pitch_deg: float = _again("pitch_deg", 0.0)
-    yaw_deg: float = _again("yaw_deg", 0.0)
+    width: int = _redefault("width", 1024)
+    height: int = _redefault("height", 1024)
+    focal_px: float = _redefault("focal_px", 804.0)
+    baseline_m: float = _redefault("baseline_m", 0.15)
+    x_m: float = _redefault("x_m", 0.06)
+    y_m: float = _redefault("y_m", 0.0)
+    z_m: float = _redefault("z_m", 0.08)
+    roll_deg: float = _redefault("roll_deg", 0.0)
+    pitch_deg: float = _redefault("pitch_deg", 0.0)
+    yaw_deg: float = _redefault("yaw_deg", 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class DriveConfig:
-    """Way of the rover and what the localisation cameras see of it."""
+    """Drive of the rover with the localisation cameras."""
 
     enabled: bool = param(True, doc="Whether to make the drive (localisation pairs).")
     segments: tuple[str, ...] = param(
         ("straight 4", "arc 6 40", "arc -8 30", "straight 4"),
-        doc="The way: straight M (< 0: back), arc RADIUS_M (> 0: left) ANGLE_DEG, turn DEG, stop S, goto X Y.",
+        doc="Path: straight M (< 0: back), arc RADIUS_M (> 0: left) ANGLE_DEG, turn DEG, stop S, goto X Y.",
     )
-    start_x_m: float = param(0.0, unit="m", doc="East place of the start in DS.")
-    start_y_m: float = param(0.0, unit="m", doc="North place of the start in DS.")
+    start_x_m: float = param(0.0, unit="m", doc="East coordinate of the start in DS.")
+    start_y_m: float = param(0.0, unit="m", doc="North coordinate of the start in DS.")
     start_heading_deg: float = param(30.0, unit="deg", doc="Heading of the start, from east to north.")
     speed_m_s: float = param(0.15, unit="m/s", doc="Speed over ground along straight lines and arcs.", low=0.001)
     turn_rate_deg_s: float = param(4.0, unit="deg/s", doc="Rate of point turns.", low=0.01)
     period_s: float = param(0.5, unit="s", doc="Time between two pairs.", low=0.001)
-    pairs: int = param(0, doc="Number of pairs at most; 0 for the whole way.", low=0)
-    slip: float = param(
-        0.08, doc="Mean share of the wheels' way that is lost, varying along the way.", low=0.0, high=0.9
-    )
+    pairs: int = param(0, doc="Largest number of pairs; 0 for the whole path.", low=0)
+    slip: float = param(0.08, doc="Mean wheel slip, varying along the path.", low=0.0, high=0.9)
     sway_m: float = param(0.01, unit="m", doc="Standard deviation of sideways drift.", low=0.0)
     sway_deg: float = param(0.8, unit="deg", doc="Standard deviation of heading errors.", low=0.0)
     vibration_deg: float = param(
-        0.08, unit="deg", doc="Standard deviation of the shaking in roll, pitch and yaw.", low=0.0
+        0.08, unit="deg", doc="Standard deviation of the vibration in roll, pitch and yaw.", low=0.0
     )
-    vibration_m: float = param(0.0006, unit="m", doc="Standard deviation of the shaking in height.", low=0.0)
+    vibration_m: float = param(0.0006, unit="m", doc="Standard deviation of the vibration in height.", low=0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class PanoramaConfig:
-    """What the mapping cameras see from the mast, the rover standing at the start of its way."""
+    """Panorama of the mapping cameras on the mast, with the rover at the start of its path."""
 
     enabled: bool = param(False, doc="Whether to make the mapping pairs.")
     pan_deg: tuple[float, ...] = param((42.0, 0.0, -42.0), doc="Pan of each pair; positive to the left.")
     tilt_deg: tuple[float, ...] = param((20.0, 20.0, 20.0), doc="Tilt of each pair; positive down.")
     period_s: float = param(1.0, unit="s", doc="Time between two pairs.", low=0.001)
-    masks: bool = param(True, doc="Whether to write masks of sky, shadow and of what the right camera does not see.")
+    masks: bool = param(True, doc="Whether to write masks of sky, shadow and occlusion in the right image.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,9 +171,9 @@ class SensorConfig:
     )
     gain_mismatch: float = param(0.0, doc="Standard deviation of right against left exposure (log).", low=0.0, high=1.0)
     hot_pixels: float = param(0.0, doc="Share of pixels that are stuck bright.", low=0.0, high=0.1)
-    adc_bits: int = param(8, doc="Bits of the converter; pictures are stored with 8.", low=4, high=16)
+    adc_bits: int = param(8, doc="Bits of the converter; images are stored with 8.", low=4, high=16)
     distortion: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0, 0.0), doc="Lens distortion k1 k2 p1 p2; raw pictures are rectified."
+        (0.0, 0.0, 0.0, 0.0), doc="Lens distortion k1 k2 p1 p2; raw images are rectified."
     )
 
 

@@ -1,4 +1,4 @@
-"""The way of the rover over time: straight lines, arcs, point turns, stops, with slip and shaking."""
+"""Trajectory of the rover: straight lines, arcs, point turns, stops, with slip and vibration."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.config import DriveConfig
-from sfr_loc_map.simulation.rover import stand
+from sfr_loc_map.simulation.rover import settle_on_terrain
 from sfr_loc_map.simulation.terrain import Terrain
 
 STEP_S = 0.05
-"""Time between the states of the way; poses between are interpolated."""
-SHAKE_HZ = 6.0
+"""Time between the states of the trajectory; poses between are interpolated."""
+VIBRATION_HZ = 6.0
 ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}
 NEAR_M = 1e-6
 FARTHEST_M = 400.0
-"""Farthest that a way may lead along x or y: the ground is 1024 m wide, its middle that of the way."""
+"""Largest extent of a path along x or y: the ground is 1024 m wide and centred on the path."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Leg:
-    """A stretch of constant curvature: a length, or a turn on the spot, or a wait."""
+    """A segment of constant curvature: a length, or a turn on the spot, or a wait."""
 
     length_m: float
     turn_rad: float
@@ -35,15 +35,15 @@ class _Leg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """Where the rover is at each time.
+    """Trajectory of the rover.
 
     Attributes:
         times_s: `(N,)` float64, seconds from the start.
         origins: `(N, 3)` float64, metres, DS.
         headings: `(N,)` float64, radians, not wrapped.
         rotations: `(N, 3, 3)` float64, RB to DS.
-        moving: `(N,)` float64, 1 where wheels turn.
-        shake: `(M, 4)` float64, standard normal values at `SHAKE_HZ`.
+        moving: `(N,)` float64, 1 where the wheels turn.
+        vibration: `(M, 4)` float64, standard normal values at `VIBRATION_HZ`.
         config: Settings.
     """
 
@@ -52,7 +52,7 @@ class Drive:
     headings: FloatArray
     rotations: FloatArray
     moving: FloatArray
-    shake: FloatArray
+    vibration: FloatArray
     config: DriveConfig
 
     @property
@@ -62,7 +62,7 @@ class Drive:
 
     @property
     def count(self) -> int:
-        """Number of pairs taken on the way."""
+        """Number of pairs taken along the path."""
         whole = math.floor(self.duration_s / self.config.period_s + 1e-9) + 1
         return min(whole, self.config.pairs) if self.config.pairs else whole
 
@@ -72,7 +72,7 @@ class Drive:
         pose = self._pose_inside(inside)
         if time_s == inside:
             return pose
-        # a first exposure that began before the rover moved would show another place than that of its stamp
+        # a first exposure that began before the rover moved would show another position than that of its stamp
         return pose @ self._pose_inside(self._clamped(2.0 * inside - time_s)).inverse() @ pose
 
     def _clamped(self, time_s: float) -> float:
@@ -84,24 +84,24 @@ class Drive:
         origin = (1 - share) * self.origins[i] + share * self.origins[i + 1]
         rotation = _orthonormal((1 - share) * self.rotations[i] + share * self.rotations[i + 1])
         moving = (1 - share) * self.moving[i] + share * self.moving[i + 1]
-        shake = moving * self._shake(time_s)
-        angles = np.radians(self.config.vibration_deg) * shake[:3]
-        lift = rotation[:, 2] * (self.config.vibration_m * shake[3])
+        vibration = moving * self._vibration(time_s)
+        angles = np.radians(self.config.vibration_deg) * vibration[:3]
+        lift = rotation[:, 2] * (self.config.vibration_m * vibration[3])
         return Transform(rotation @ matrix_from_rotvec(angles), origin + lift)
 
-    def _shake(self, time_s: float) -> FloatArray:
-        place = time_s * SHAKE_HZ
-        i = int(place)
-        t = place - i
+    def _vibration(self, time_s: float) -> FloatArray:
+        index = time_s * VIBRATION_HZ
+        i = int(index)
+        t = index - i
         s = t * t * (3 - 2 * t)
-        return np.asarray((1 - s) * self.shake[i] + s * self.shake[i + 1])
+        return np.asarray((1 - s) * self.vibration[i] + s * self.vibration[i + 1])
 
 
 def make_drive(seed: int, config: DriveConfig, terrain: Terrain) -> Drive:
-    """Return the way of a configuration over a ground.
+    """Return the drive of a configuration over a ground.
 
     Raises:
-        ConfigError: If there is no segment, one is not understood, or one leads beyond the ground.
+        ConfigError: If there is no segment, one is not understood, or the path leaves the ground.
     """
     if not config.segments:
         raise ConfigError("drive.segments is empty: give at least one, as 'stop 1', or set drive.enabled=false")
@@ -110,9 +110,9 @@ def make_drive(seed: int, config: DriveConfig, terrain: Terrain) -> Drive:
     states = _states(config, legs, rng)
     times = np.arange(len(states), dtype=np.float64) * STEP_S
     x, y, heading, moving = states.T
-    origins, rotations = stand(terrain, x, y, heading)
-    shake = rng.normal(size=(int(times[-1] * SHAKE_HZ) + 3, 4))
-    return Drive(times, origins, heading, rotations, moving, shake, config)
+    origins, rotations = settle_on_terrain(terrain, x, y, heading)
+    vibration = rng.normal(size=(int(times[-1] * VIBRATION_HZ) + 3, 4))
+    return Drive(times, origins, heading, rotations, moving, vibration, config)
 
 
 def _legs(config: DriveConfig) -> list[_Leg]:
@@ -162,7 +162,7 @@ def _parse(segment: str) -> tuple[str, list[float]]:
 
 
 def _advance(x: float, y: float, heading: float, length: float, turn: float) -> tuple[float, float, float]:
-    """Go along a circle: chord of length `l sinc(turn / 2)` at the mean heading."""
+    """Move along a circle: chord of length `l sinc(turn / 2)` at the mean heading."""
     chord = length * float(np.sinc(0.5 * turn / np.pi))
     middle = heading + 0.5 * turn
     return x + chord * math.cos(middle), y + chord * math.sin(middle), heading + turn
@@ -172,24 +172,24 @@ def _states(config: DriveConfig, legs: list[_Leg], rng: np.random.Generator) -> 
     """Return x, y, heading, moving `(N, 4)` every `STEP_S`."""
     start = (config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg))
     rows = [(*start, 0.0)]
-    slip = _Wander(rng, 2.5)
+    slip = _MarkovProcess(rng, 2.5)
     for leg in legs:
         base = rows[-1][:3]
         done = 0.0
         while done < 1.0 - 1e-12:
             done = min(done + STEP_S * _rate(config, leg, slip()), 1.0)
-            place = _advance(*base, leg.length_m * done, leg.turn_rad * done)
-            rows.append((*place, 0.0 if leg.wait_s else 1.0))
+            state = _advance(*base, leg.length_m * done, leg.turn_rad * done)
+            rows.append((*state, 0.0 if leg.wait_s else 1.0))
     if len(rows) == 1:
         rows *= 2
     return _swayed(config, np.array(rows), rng)
 
 
-def _rate(config: DriveConfig, leg: _Leg, wander: float) -> float:
+def _rate(config: DriveConfig, leg: _Leg, slip: float) -> float:
     """Return the share of a leg done per second."""
     if leg.wait_s:
         return 1.0 / leg.wait_s
-    kept = 1.0 - min(max(config.slip * (1.0 + 0.6 * wander), 0.0), 0.95)
+    kept = 1.0 - min(max(config.slip * (1.0 + 0.6 * slip), 0.0), 0.95)
     if abs(leg.length_m) > NEAR_M:  # backwards if it is negative
         return config.speed_m_s * kept / abs(leg.length_m)
     return math.radians(config.turn_rate_deg_s) * kept / max(abs(leg.turn_rad), 1e-9)
@@ -201,9 +201,9 @@ def _swayed(config: DriveConfig, rows: FloatArray, rng: np.random.Generator) -> 
     knots = int(travelled[-1] / 2.0) + 3
     side, turn = rng.normal(size=(2, knots))
     side[0] = turn[0] = 0.0
-    place = travelled / 2.0
-    i = place.astype(int)
-    t = place - i
+    knot = travelled / 2.0
+    i = knot.astype(int)
+    t = knot - i
     share = t * t * (3 - 2 * t)
     drift = config.sway_m * ((1 - share) * side[i] + share * side[i + 1])
     out = rows.copy()
@@ -213,8 +213,8 @@ def _swayed(config: DriveConfig, rows: FloatArray, rng: np.random.Generator) -> 
     return out
 
 
-class _Wander:
-    """A slowly changing standard normal number (first-order Markov)."""
+class _MarkovProcess:
+    """A slowly changing standard normal number (first-order Gauss-Markov process)."""
 
     def __init__(self, rng: np.random.Generator, time_s: float) -> None:
         self._rng, self._keep, self._value = rng, math.exp(-STEP_S / time_s), float(rng.normal())

@@ -1,21 +1,22 @@
-"""Texture of the ground: what it is made of and its fine structure, for many places at once.
+"""Texture of the ground: its materials and fine structure, for many positions at once.
 
-The loops over places have no branches and no calls that stay calls, so that they become vector code.
+The loops over positions have no branches and no calls that are not inlined, so that they become vector code.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.noise import hash2, mix, unit, value2
-from sfr_loc_map.simulation.terrain import materials, smooth_step
+from sfr_loc_map.simulation.terrain import MaterialShares, materials, smooth_step
 
-UNMADE_M = 0.12
-UNMADE_PER_RANGE = 0.03
+UNMESHED_M = 0.12
+UNMESHED_PER_RANGE = 0.03
 """Waves shorter than this, or than this share of the range, are too fine for the triangles of the ground."""
 GRAIN_M = 0.045
 OCTAVES = 9
@@ -23,12 +24,52 @@ LONGEST_M = 3.1
 _FINE, _PLATE = np.uint32(102), np.uint32(104)
 
 
+class GroundHits(NamedTuple):
+    """Ray hits of the ground that are shaded together; each array is `(N,)` float64 if not said otherwise.
+
+    Attributes:
+        ray: int64, index of the ray.
+        x: Metres, DS.
+        y: Metres, DS.
+        range: Metres.
+        footprint: Size of a pixel on the ground, metres.
+    """
+
+    ray: IntArray
+    x: FloatArray
+    y: FloatArray
+    range: FloatArray
+    footprint: FloatArray
+
+
+class GroundTexture(NamedTuple):
+    """Materials and fine structure of positions; each array is `(N,)` float64.
+
+    Attributes:
+        sand: Share of sand.
+        gravel: Share of gravel.
+        rock: Share of bare rock.
+        tone: Logarithm of the reflectance over the mean.
+        slope_x: Slope of the fine structure to the east.
+        slope_y: Slope of the fine structure to the north.
+        grain: Coarseness.
+    """
+
+    sand: FloatArray
+    gravel: FloatArray
+    rock: FloatArray
+    tone: FloatArray
+    slope_x: FloatArray
+    slope_y: FloatArray
+    grain: FloatArray
+
+
 @jit_inline
 def fade_of(length: float, footprint: float) -> float:
     """Return how much of a wave a pixel shows: none under 1.4 footprints, all over 3.4.
 
     Args:
-        length: Of the wave, metres.
+        length: Wavelength, metres.
         footprint: Size of a pixel on the ground, metres.
     """
     return min(max((length / footprint - 1.4) * 0.5, 0.0), 1.0)
@@ -36,31 +77,31 @@ def fade_of(length: float, footprint: float) -> float:
 
 @jit
 def ground_texture(
-    count: int, places: FloatArray, bump: float, shares: FloatArray, seed: np.uint32, out: FloatArray
+    count: int, hits: GroundHits, bump: float, shares: MaterialShares, seed: np.uint32, out: GroundTexture
 ) -> None:
-    """Write materials, tone and slopes of the fine structure: octaves of 3 m down to the footprint.
+    """Write materials, tone and slopes of the fine structure: octaves from 3 m down to the footprint.
 
     Waves too short for the triangles of the ground show as slopes; those shorter than `GRAIN_M` are grains. The slopes
-    are the gradient of the tone turned by a right angle: if they went with the tone, each bright spot would have a side
-    that faces the left camera, and as dusty ground looks brighter where it is seen aslant, the two cameras would see
-    the texture shifted against each other by some 0.02 px.
+    are the gradient of the tone rotated by a right angle: if they followed the tone, each bright spot would have a side
+    that faces the left camera, and as dusty ground looks brighter at grazing views, the two cameras would see the
+    texture shifted against each other by some 0.02 px.
 
     Args:
-        count: How many of the places, N, are used.
-        places: `(4, N or more)` x and y in DS, range, size of a pixel on the ground, metres; contiguous.
+        count: Number of hits in use.
+        hits: Where the ground was hit.
         bump: Strength of the fine relief.
-        shares: Shares of gravel and bedrock.
-        seed: Of the ground.
-        out: `(7, N or more)` shares of sand, gravel and rock, tone, slopes by x and y, coarseness; contiguous.
+        shares: Shares of materials.
+        seed: Seed of the ground.
+        out: Texture of the hits.
     """
-    x, y, ranges, footprints = places[0], places[1], places[2], places[3]
-    tone, sx, sy, grain = out[3], out[4], out[5], out[6]
+    x, y, ranges, footprints = hits.x, hits.y, hits.range, hits.footprint
+    tone, sx, sy, grain = out.tone, out.slope_x, out.slope_y, out.grain
     for n in range(count):
-        out[0, n], out[1, n], out[2, n] = materials(x[n], y[n], shares, seed)
+        out.sand[n], out.gravel[n], out.rock[n] = materials(x[n], y[n], shares, seed)
     finest = np.inf
     for n in range(count):
         tone[n], sx[n], sy[n] = 0.0, 0.0, 0.0
-        grain[n] = 0.5 * out[0, n] + out[1, n] + 0.65 * out[2, n]
+        grain[n] = 0.5 * out.sand[n] + out.gravel[n] + 0.65 * out.rock[n]
         finest = min(finest, footprints[n])
     length, c, s = LONGEST_M, 1.0, 0.0
     for k in range(OCTAVES):
@@ -68,14 +109,14 @@ def ground_texture(
             break
         key = seed ^ _FINE ^ np.uint32(k)
         cc, ss, shift = c / length, s / length, 0.37 * k
-        low, high = (0.03, 0.11) if length < UNMADE_M else (0.07, 0.0)
+        low, high = (0.03, 0.11) if length < UNMESHED_M else (0.07, 0.0)
         smooth, rough = (0.11, 0.0) if length > GRAIN_M else (0.17, 0.26)
         for n in range(count):
             fade = fade_of(length, footprints[n])
             v, gx, gy = value2(cc * x[n] + ss * y[n] + shift, cc * y[n] - ss * x[n], key)
             tone[n] += fade * v * (smooth + rough * grain[n])
-            unmade = length < max(UNMADE_M, UNMADE_PER_RANGE * ranges[n])
-            slope = fade * bump * (low + high * grain[n]) if unmade else 0.0
+            unmeshed = length < max(UNMESHED_M, UNMESHED_PER_RANGE * ranges[n])
+            slope = fade * bump * (low + high * grain[n]) if unmeshed else 0.0
             sx[n] -= slope * (s * gx + c * gy)
             sy[n] += slope * (c * gx - s * gy)
         c, s = 0.8 * c - 0.6 * s, 0.6 * c + 0.8 * s
@@ -84,13 +125,13 @@ def ground_texture(
 
 @jit
 def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return darkness of the cracks between plates of bare rock and the tilt of the plate: a warped Voronoi pattern.
+    """Return the darkness of cracks between plates of bare rock and the tilt of the plate: a warped Voronoi pattern.
 
     Args:
         x: Metres, DS.
         y: Metres, DS.
         footprint: Size of a pixel on the ground, metres.
-        seed: Of the ground.
+        seed: Seed of the ground.
 
     Returns:
         Darkness 0 to 1, slopes by x and y.
@@ -98,8 +139,8 @@ def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float
     cell = 0.42
     wx = x / cell + 0.35 * value2(x * 2.1, y * 2.1, seed ^ _PLATE)[0]
     wy = y / cell + 0.35 * value2(x * 2.1 + 7.0, y * 2.1, seed ^ _PLATE)[0]
-    jag, shove, _ = value2(x * 17.0 + 3.0 * y, y * 17.0 - 3.0 * x, seed ^ _PLATE)
-    wx, wy = wx + 0.045 * jag, wy + 0.02 * shove
+    jag, shift, _ = value2(x * 17.0 + 3.0 * y, y * 17.0 - 3.0 * x, seed ^ _PLATE)
+    wx, wy = wx + 0.045 * jag, wy + 0.02 * shift
     i0, j0 = math.floor(wx), math.floor(wy)
     first, second, best = 9.0, 9.0, np.uint32(0)
     for i in range(i0 - 1, i0 + 2):

@@ -1,11 +1,11 @@
-"""The ground as triangles, fine near the rover's way and coarse far away, without cracks.
+"""The ground as triangles, fine near the rover's path and coarse far away, without cracks.
 
-Square tiles of a quadtree: the edge of a tile beside a coarser one takes the coarser one's straight edges.
+Square tiles of a quadtree; the edge of a tile beside a coarser one follows the coarser one's straight edges.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +21,12 @@ ROOT_M = 1024.0
 FINEST_M = ROOT_M / CELLS / 2**11
 """Smallest cell: 15.6 mm."""
 CELL_PER_DISTANCE = 0.014
-"""Edge of a cell over its distance from the way, about five pixels of the localisation cameras."""
+"""Edge of a cell over its distance from the path, about five pixels of the localisation cameras."""
+FULL_DETAIL_POINTS = 40
+"""Points of a path (some 0.3 m apart) up to which the cells are as small as above."""
 
-FULL_DETAIL_PLACES = 40
-"""Places of a way (some 0.3 m apart) up to which the cells are as small as above."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
+class Mesh(NamedTuple):
     """Triangles with smooth normals.
 
     Attributes:
@@ -55,51 +53,51 @@ class Mesh:
         )
 
 
-def ground_mesh(terrain: Terrain, way: FloatArray) -> Mesh:
-    """Return the ground around a way.
+def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
+    """Return the ground around a path.
 
     Args:
         terrain: The ground.
-        way: `(P, 2)` metres, DS, places of the rover.
+        path: `(P, 2)` metres, DS, positions of the rover.
     """
-    corner = np.floor(0.5 * (way.min(axis=0) + way.max(axis=0))) - 0.5 * ROOT_M
-    leaves = _leaves(corner, way)
-    return _tiles(terrain, corner, leaves, way)
+    corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
+    leaves = _leaves(corner, path)
+    return _tiles(terrain, corner, leaves, path)
 
 
 @jit
-def way_distance(x: FloatArray, y: FloatArray, way: FloatArray) -> FloatArray:
-    """Return the distance of places `(N,)` from the nearest point of a way `(P, 2)`, metres."""
+def path_distance(x: FloatArray, y: FloatArray, path: FloatArray) -> FloatArray:
+    """Return the distance of positions `(N,)` from the nearest point of a path `(P, 2)`, metres."""
     out = np.empty(len(x))
     for i in range(len(x)):
         best = 1e30
-        for k in range(len(way)):
-            dx, dy = x[i] - way[k, 0], y[i] - way[k, 1]
+        for k in range(len(path)):
+            dx, dy = x[i] - path[k, 0], y[i] - path[k, 1]
             best = min(best, dx * dx + dy * dy)
         out[i] = np.sqrt(best)
     return out
 
 
-def cell_size(distance_m: FloatArray, way: FloatArray) -> FloatArray:
-    """Return the largest cell allowed at distances from a way, metres."""
-    return np.asarray(coarseness(way) * np.maximum(FINEST_M, CELL_PER_DISTANCE * distance_m))
+def cell_size(distance_m: FloatArray, path: FloatArray) -> FloatArray:
+    """Return the largest cell allowed at distances from a path, metres."""
+    return np.asarray(coarseness(path) * np.maximum(FINEST_M, CELL_PER_DISTANCE * distance_m))
 
 
-def coarseness(way: FloatArray) -> float:
-    """Return how much coarser everything is along a long way, to bound memory; 1 for a short one."""
-    return float(max(1.0, (len(way) / FULL_DETAIL_PLACES) ** 0.5))
+def coarseness(path: FloatArray) -> float:
+    """Return how much coarser everything is along a long path, to bound memory; 1 for a short one."""
+    return float(max(1.0, (len(path) / FULL_DETAIL_POINTS) ** 0.5))
 
 
-def _leaves(corner: FloatArray, way: FloatArray) -> list[tuple[int, int, int]]:
-    """Return the tiles `(level, i, j)` whose cells are small enough for their distance from the way."""
+def _leaves(corner: FloatArray, path: FloatArray) -> list[tuple[int, int, int]]:
+    """Return the tiles `(level, i, j)` whose cells are small enough for their distance from the path."""
     done: list[tuple[int, int, int]] = []
     level, todo = 0, np.zeros((1, 2), np.int64)
     while len(todo):
         size = ROOT_M / 2**level
         low = corner + todo * size
-        gap = np.maximum(np.maximum(low[:, None] - way[None], way[None] - low[:, None] - size), 0.0)
+        gap = np.maximum(np.maximum(low[:, None] - path[None], path[None] - low[:, None] - size), 0.0)
         distance = np.sqrt(np.square(gap).sum(axis=2).min(axis=1))
-        split = size / CELLS > cell_size(distance, way)
+        split = size / CELLS > cell_size(distance, path)
         done += [(level, int(i), int(j)) for i, j in todo[~split]]
         steps = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
         todo = (2 * todo[split][:, None] + steps[None]).reshape(-1, 2)
@@ -107,7 +105,7 @@ def _leaves(corner: FloatArray, way: FloatArray) -> list[tuple[int, int, int]]:
     return done
 
 
-def _tiles(terrain: Terrain, corner: FloatArray, leaves: list[tuple[int, int, int]], way: FloatArray) -> Mesh:
+def _tiles(terrain: Terrain, corner: FloatArray, leaves: list[tuple[int, int, int]], path: FloatArray) -> Mesh:
     known = set(leaves)
     side = np.arange(-1, CELLS + 2)
     ii, jj = np.meshgrid(side, side, indexing="ij")
@@ -119,7 +117,7 @@ def _tiles(terrain: Terrain, corner: FloatArray, leaves: list[tuple[int, int, in
         cell = ROOT_M / 2**level / CELLS
         x = corner[0] + (i * CELLS + ii.ravel()) * cell
         y = corner[1] + (j * CELLS + jj.ravel()) * cell
-        spacing = cell_size(way_distance(x, y, way), way)
+        spacing = cell_size(path_distance(x, y, path), path)
         z = terrain.height(x, y, spacing).reshape(ii.shape)
         normal = np.stack(
             (
@@ -153,8 +151,8 @@ def _stitch(z: FloatArray, known: set[tuple[int, int, int]], level: int, i: int,
         up = _levels_up(known, level, i + di, j + dj)
         if up > 0:
             step = min(2**up, CELLS)
-            places = np.arange(CELLS + 1)
-            edge[:] = np.interp(places, places[::step], edge[::step])
+            index = np.arange(CELLS + 1)
+            edge[:] = np.interp(index, index[::step], edge[::step])
 
 
 def _levels_up(known: set[tuple[int, int, int]], level: int, i: int, j: int) -> int:

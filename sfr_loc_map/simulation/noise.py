@@ -1,4 +1,4 @@
-"""Seeded noise as pure functions of place: no tables, no tiling, the same on every machine."""
+"""Seeded noise as pure functions of position: no tables, no tiling, the same on every machine."""
 
 from __future__ import annotations
 
@@ -48,11 +48,22 @@ def unit(value: np.uint32) -> float:
 
 
 @jit_inline
+def _quintic(t: float) -> float:
+    """Return the blend `t^3 (6 t^2 - 15 t + 10)`; its first two derivatives are zero at 0 and 1 (Perlin 2002)."""
+    return t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
+
+
+@jit_inline
+def _quintic_slope(t: float) -> float:
+    """Return the derivative of `_quintic`."""
+    return 30.0 * t * t * (t - 1.0) * (t - 1.0)
+
+
+@jit_inline
 def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
     """Return smooth noise in [-1, 1] with its gradient.
 
-    Cubic-gradient value noise: corner values blended by the quintic `t^3 (6 t^2 - 15 t + 10)` (Perlin 2002), so that
-    the gradient is smooth too.
+    Value noise: the corner values of a cell are blended by a quintic, so that the gradient is smooth too.
 
     Args:
         x: In cells.
@@ -63,19 +74,19 @@ def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
         Value and its derivatives by x and y.
     """
     xf, yf = np.floor(x), np.floor(y)
-    i, j = np.int32(xf), np.int32(yf)  # 32 bits and no branch, so that loops over places become vector code
+    i, j = np.int32(xf), np.int32(yf)  # 32 bits and no branch, so that loops become vector code
     a, b = x - xf, y - yf
     h00, h10 = _signed(hash2(i, j, seed)), _signed(hash2(i + 1, j, seed))
     h01, h11 = _signed(hash2(i, j + 1, seed)), _signed(hash2(i + 1, j + 1, seed))
-    u, v = a * a * a * (a * (a * 6.0 - 15.0) + 10.0), b * b * b * (b * (b * 6.0 - 15.0) + 10.0)
-    du, dv = 30.0 * a * a * (a - 1.0) * (a - 1.0), 30.0 * b * b * (b - 1.0) * (b - 1.0)
+    u, v = _quintic(a), _quintic(b)
+    du, dv = _quintic_slope(a), _quintic_slope(b)
     k1, k2, k3 = h10 - h00, h01 - h00, h00 - h10 - h01 + h11
     return h00 + k1 * u + k2 * v + k3 * u * v, du * (k1 + k3 * v), dv * (k2 + k3 * u)
 
 
 @jit
 def gradient2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return gradient noise (Perlin 2002), about [-1, 1] with standard deviation near 0.35, and its derivatives."""
+    """Return gradient noise (Perlin 2002), about [-1, 1] with standard deviation near 0.3, and its derivatives."""
     xf, yf = math.floor(x), math.floor(y)
     i, j = int(xf), int(yf)
     a, b = x - xf, y - yf
@@ -89,8 +100,8 @@ def gradient2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]
         cx * a + cy * (b - 1.0),
         dx * (a - 1.0) + dy * (b - 1.0),
     )
-    u, v = a * a * a * (a * (a * 6.0 - 15.0) + 10.0), b * b * b * (b * (b * 6.0 - 15.0) + 10.0)
-    du, dv = 30.0 * a * a * (a - 1.0) * (a - 1.0), 30.0 * b * b * (b - 1.0) * (b - 1.0)
+    u, v = _quintic(a), _quintic(b)
+    du, dv = _quintic_slope(a), _quintic_slope(b)
     k1, k2, k3 = nb_ - na, nc - na, na - nb_ - nc + nd
     gx = ax + u * (bx - ax) + v * (cx - ax) + u * v * (ax - bx - cx + dx) + du * (k1 + k3 * v)
     gy = ay + u * (by - ay) + v * (cy - ay) + u * v * (ay - by - cy + dy) + dv * (k2 + k3 * u)
@@ -103,12 +114,8 @@ def value3(x: float, y: float, z: float, seed: np.uint32) -> tuple[float, float,
     xf, yf, zf = math.floor(x), math.floor(y), math.floor(z)
     i, j, k = int(xf), int(yf), int(zf)
     a, b, c = x - xf, y - yf, z - zf
-    u = a * a * a * (a * (a * 6.0 - 15.0) + 10.0)
-    v = b * b * b * (b * (b * 6.0 - 15.0) + 10.0)
-    w = c * c * c * (c * (c * 6.0 - 15.0) + 10.0)
-    du = 30.0 * a * a * (a - 1.0) * (a - 1.0)
-    dv = 30.0 * b * b * (b - 1.0) * (b - 1.0)
-    dw = 30.0 * c * c * (c - 1.0) * (c - 1.0)
+    u, v, w = _quintic(a), _quintic(b), _quintic(c)
+    du, dv, dw = _quintic_slope(a), _quintic_slope(b), _quintic_slope(c)
     h000, h100 = _signed(hash3(i, j, k, seed)), _signed(hash3(i + 1, j, k, seed))
     h010, h110 = _signed(hash3(i, j + 1, k, seed)), _signed(hash3(i + 1, j + 1, k, seed))
     h001, h101 = _signed(hash3(i, j, k + 1, seed)), _signed(hash3(i + 1, j, k + 1, seed))

@@ -1,12 +1,14 @@
-"""Pebbles that are too small to be solids: one to a cell of a grid, five sizes of grid over each other."""
+"""Pebbles that are too small to be solids: one per cell of a grid, five grids of different size over each other."""
 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.noise import hash2, mix, unit
 from sfr_loc_map.simulation.terrain import smooth_step
@@ -16,135 +18,204 @@ LARGEST_CELL_M = 0.075
 RATIO = 0.56
 _PEBBLE = np.uint32(101)
 _COSINES, _SINES = (f(np.arange(256) * (2.0 * np.pi / 255.0)) for f in (np.cos, np.sin))
-_NUMBERS = 15
-"""Numbers kept of a pebble, in cells: centre 2, reach, inverse of the smaller half axis, the map from offset to outline
-4, shift of the shadow under that map 2, skew, tone, tilt 2, share of the ground from which on it is there."""
+PEBBLE = np.dtype([(name, np.float64) for name in (
+    "x", "y", "reach", "inverse_b", "px", "py", "qx", "qy", "shadow_p", "shadow_q", "skew", "tone", "tilt_x", "tilt_y",
+    "threshold",
+)])  # fmt: skip
+"""A pebble, lengths in cells: centre; reach; inverse of the smaller half axis; map `(px py; qx qy)` from an offset to
+outline coordinates; shift of the shadow in these; skew; tone; tilt; share of filled cells from which on it exists."""
 
 
-def throw_values(sun: FloatArray) -> FloatArray:
-    """Return `(3,)` what `pebbles` needs of the sun: direction in plan, and shadow length over height."""
-    level = math.hypot(sun[0], sun[1])
-    return np.array([sun[0] / max(level, 1e-6), sun[1] / max(level, 1e-6), max(level, 1e-3) / sun[2]])
+class ShadowDirection(NamedTuple):
+    """Where shadows fall.
+
+    Attributes:
+        x: East component of the unit vector in plan towards the sun.
+        y: North component.
+        length_per_height: Length of a shadow over the height of what casts it.
+    """
+
+    x: float
+    y: float
+    length_per_height: float
+
+    @classmethod
+    def of(cls, sun: FloatArray) -> ShadowDirection:
+        """Return the direction for a unit vector `(3,)` towards the sun, DS."""
+        level = math.hypot(sun[0], sun[1])
+        return cls(float(sun[0] / max(level, 1e-6)), float(sun[1] / max(level, 1e-6)), float(max(level, 1e-3) / sun[2]))
+
+
+class PebbleField(NamedTuple):
+    """What all pebbles of a world have in common.
+
+    Attributes:
+        fill: Largest share of filled cells on any ground, 0 to 1.
+        bump: Strength of their relief.
+        shadow: Where their shadows fall.
+        seed: Seed of the ground.
+    """
+
+    fill: float
+    bump: float
+    shadow: ShadowDirection
+    seed: np.uint32
+
+
+class PebbleCache(NamedTuple):
+    """Pebbles near the last position, of each size: neighbouring rays mostly hit the same ones.
+
+    Attributes:
+        cells: `(SIZES, 2)` first of the four cells; infinite in an empty cache.
+        counts: `(SIZES,)` number of pebbles in the four cells.
+        pebbles: `(SIZES, 4)` of `PEBBLE`.
+    """
+
+    cells: FloatArray
+    counts: IntArray
+    pebbles: NDArray[np.void]
+
+
+class PebbleCover(NamedTuple):
+    """Effect of the pebbles at a position.
+
+    Attributes:
+        cover: Share covered by pebbles.
+        tone: Logarithm of their reflectance over the mean.
+        slope_x: Slope of their surface to the east.
+        slope_y: Slope of their surface to the north.
+        shadow: Share of the sun that they block beside them.
+    """
+
+    cover: float
+    tone: float
+    slope_x: float
+    slope_y: float
+    shadow: float
 
 
 @jit
-def pebble_memory() -> FloatArray:
-    """Return room for the pebbles near the last place, of each size; neighbouring rays mostly meet the same ones."""
-    return np.full((SIZES, 1 + 4, _NUMBERS), np.inf)
+def pebble_cache() -> PebbleCache:
+    """Return an empty cache."""
+    return PebbleCache(np.full((SIZES, 2), np.inf), np.zeros(SIZES, np.int64), np.empty((SIZES, 4), PEBBLE))
 
 
 @jit
-def pebbles(
-    x: float,
-    y: float,
-    footprint: float,
-    full: float,
-    fullest: float,
-    bump: float,
-    throws: FloatArray,
-    seed: np.uint32,
-    memory: FloatArray,
-) -> tuple[float, float, float, float, float]:
-    """Return what pebbles do at a place; the larger lie on top of the smaller.
+def pebbles(x: float, y: float, footprint: float, fill: float, field: PebbleField, cache: PebbleCache) -> PebbleCover:
+    """Return the effect of pebbles at a position; larger pebbles lie on top of smaller ones.
 
     Args:
         x: Metres, DS.
         y: Metres, DS.
         footprint: Size of a pixel on the ground, metres.
-        full: How full the ground is of them, 0 to 1.
-        fullest: How full any ground of this world is.
-        bump: Strength of their relief.
-        throws: From `throw_values`.
-        seed: Of the ground.
-        memory: From `pebble_memory`; for one seed and sun. It saves time only.
-
-    Returns:
-        Share covered, tone, slopes by x and y, and the share of the sun that they block beside them.
+        fill: Share of filled cells there, 0 to 1.
+        field: Common to all pebbles.
+        cache: For one field; it saves time only.
     """
-    cover, tone, sx, sy, shadow = 0.0, 0.0, 0.0, 0.0, 0.0
-    if full < 0.01:
-        return cover, tone, sx, sy, shadow
+    seen = PebbleCover(0.0, 0.0, 0.0, 0.0, 0.0)
+    if fill < 0.01:
+        return seen
     cells = 1.0 / LARGEST_CELL_M
     for k in range(SIZES):
         pixel = footprint * cells
-        if 0.9 * pixel >= 0.5 or cover > 0.97:
+        if 0.9 * pixel >= 0.5 or seen.cover > 0.97:
             break
         weight = min(0.5 / pixel - 0.9, 1.0)
-        share = _share(full, k)
+        share = _filled(fill, k)
         qx, qy = x * cells, y * cells
         i0, j0 = np.floor(qx - 0.5), np.floor(qy - 0.5)
-        if memory[k, 0, 0] != i0 or memory[k, 0, 1] != j0:
-            _remember(
-                np.int32(i0), np.int32(j0), throws, _share(fullest, k), seed ^ _PEBBLE ^ np.uint32(977 * k), k, memory
-            )
-        for m in range(1, 1 + int(memory[k, 0, 2])):
-            if memory[k, m, 14] >= share:
-                continue
-            dx, dy = qx - memory[k, m, 0], qy - memory[k, m, 1]
-            reach = memory[k, m, 2] + pixel
-            if dx * dx + dy * dy > reach * reach:
-                continue
-            p, q = memory[k, m, 4] * dx + memory[k, m, 5] * dy, memory[k, m, 6] * dx + memory[k, m, 7] * dy
-            d = _outline(p, q, memory[k, m, 10])
-            soft = pixel * memory[k, m, 3]
-            inside = weight * (1.0 - smooth_step(1.0 - 0.6 * soft, 1.0 + 0.6 * soft + 1e-3, d))
-            if inside > 0.0:
-                part = (1.0 - cover) * inside
-                cover += part
-                keep = part / cover
-                rim = 0.9 * bump * smooth_step(0.5, 1.0, d) / max(math.sqrt(dx * dx + dy * dy), 1e-6)
-                tone += keep * (memory[k, m, 11] - tone)
-                sx += keep * (0.8 * bump * memory[k, m, 12] - rim * dx - sx)
-                sy += keep * (0.8 * bump * memory[k, m, 13] - rim * dy - sy)
-            else:
-                e = _outline(p + memory[k, m, 8], q + memory[k, m, 9], memory[k, m, 10])
-                dark = weight * (1.0 - smooth_step(0.85 - 0.5 * soft, 1.1 + 0.5 * soft, e))
-                shadow = max(shadow, 0.85 * dark)
+        if cache.cells[k, 0] != i0 or cache.cells[k, 1] != j0:
+            cache.cells[k, 0], cache.cells[k, 1] = i0, j0
+            cache.counts[k] = _scatter(np.int32(i0), np.int32(j0), k, field, cache.pebbles[k])
+        for m in range(cache.counts[k]):
+            pebble = cache.pebbles[k, m]
+            if pebble.threshold < share:
+                seen = _with_pebble(seen, pebble, qx - pebble.x, qy - pebble.y, pixel, weight, field.bump)
         cells /= RATIO
-    return cover, tone, sx, sy, shadow
-
-
-@jit
-def _remember(
-    i0: np.int32, j0: np.int32, throws: FloatArray, fullest: float, key: np.uint32, k: int, memory: FloatArray
-) -> None:
-    """Write the pebbles of four cells; each is there only where the ground is fuller than the share kept last."""
-    memory[k, 0, 0], memory[k, 0, 1] = i0, j0
-    count = 0
-    for m in range(4):
-        i, j = i0 + m // 2, j0 + m % 2
-        h = hash2(i, j, key)
-        if unit(h) >= fullest:
-            continue
-        count += 1
-        memory[k, count, 14] = unit(h)
-        h1, h2, h3 = mix(h ^ np.uint32(0x51ED27)), mix(h ^ np.uint32(0x2F6E2B)), mix(h ^ np.uint32(0x6C8E94))
-        a = 0.16 + 0.26 * _byte(h1, 2) * _byte(h2, 3)
-        b = a * (0.5 + 0.5 * _byte(h1, 3))
-        throw = 0.5 * min(0.5 * max(throws[2], 0.1) * b, 0.45)
-        ca, sa = _COSINES[h2 & np.uint32(255)], _SINES[h2 & np.uint32(255)]
-        skew = 1.3 * (_byte(h2, 1) - 0.5)
-        memory[k, count, 0] = i + 0.25 + 0.5 * _byte(h1, 0)
-        memory[k, count, 1] = j + 0.25 + 0.5 * _byte(h1, 1)
-        by_a, by_b = 1.0 / a, 1.0 / b
-        qx, qy = -sa * by_b, ca * by_b
-        px, py = ca * by_a + 0.5 * skew * qx, sa * by_a + 0.5 * skew * qy
-        memory[k, count, 2], memory[k, count, 3] = 1.6 * a + throw, by_b
-        memory[k, count, 4], memory[k, count, 5], memory[k, count, 6], memory[k, count, 7] = px, py, qx, qy
-        memory[k, count, 8], memory[k, count, 9] = (
-            throw * (px * throws[0] + py * throws[1]),
-            throw * (qx * throws[0] + qy * throws[1]),
-        )
-        memory[k, count, 10] = skew
-        memory[k, count, 11] = 0.55 * (_byte(h3, 0) - 0.45) + 0.3 * (_byte(h3, 3) - 0.5)
-        memory[k, count, 12], memory[k, count, 13] = _byte(h3, 1) - 0.5, _byte(h3, 2) - 0.5
-    memory[k, 0, 2] = count
+    return seen
 
 
 @jit_inline
-def _share(full: float, k: int) -> float:
-    """Return how many cells of a size have a pebble."""
-    return min(full * (0.25 + 0.26 * k), 0.95)
+def _with_pebble(
+    seen: PebbleCover,
+    pebble: Any,  # noqa: ANN401 - a record of `PEBBLE`
+    dx: float,
+    dy: float,
+    pixel: float,
+    weight: float,
+    bump: float,
+) -> PebbleCover:
+    """Return the effect with one more pebble under the others.
+
+    Args:
+        seen: Effect so far.
+        pebble: Of `PEBBLE`.
+        dx: Offset from its centre, cells.
+        dy: Offset from its centre, cells.
+        pixel: Size of a pixel on the ground, cells.
+        weight: Share by which a pixel resolves pebbles of this size.
+        bump: Strength of the relief.
+    """
+    cover, tone, sx, sy, shadow = seen
+    reach = pebble.reach + pixel
+    if dx * dx + dy * dy > reach * reach:
+        return seen
+    p, q = pebble.px * dx + pebble.py * dy, pebble.qx * dx + pebble.qy * dy
+    d = _outline(p, q, pebble.skew)
+    soft = pixel * pebble.inverse_b
+    inside = weight * (1.0 - smooth_step(1.0 - 0.6 * soft, 1.0 + 0.6 * soft + 1e-3, d))
+    if inside > 0.0:
+        part = (1.0 - cover) * inside
+        cover += part
+        keep = part / cover
+        rim = 0.9 * bump * smooth_step(0.5, 1.0, d) / max(math.sqrt(dx * dx + dy * dy), 1e-6)
+        tone += keep * (pebble.tone - tone)
+        sx += keep * (0.8 * bump * pebble.tilt_x - rim * dx - sx)
+        sy += keep * (0.8 * bump * pebble.tilt_y - rim * dy - sy)
+    else:
+        e = _outline(p + pebble.shadow_p, q + pebble.shadow_q, pebble.skew)
+        dark = weight * (1.0 - smooth_step(0.85 - 0.5 * soft, 1.1 + 0.5 * soft, e))
+        shadow = max(shadow, 0.85 * dark)
+    return PebbleCover(cover, tone, sx, sy, shadow)
+
+
+@jit
+def _scatter(i0: np.int32, j0: np.int32, k: int, field: PebbleField, out: NDArray[np.void]) -> int:
+    """Write the pebbles of four cells of a size; return their number."""
+    count = 0
+    key, fill = field.seed ^ _PEBBLE ^ np.uint32(977 * k), _filled(field.fill, k)
+    for m in range(4):
+        i, j = i0 + m // 2, j0 + m % 2
+        h = hash2(i, j, key)
+        if unit(h) >= fill:
+            continue
+        pebble = out[count]
+        count += 1
+        pebble.threshold = unit(h)
+        h1, h2, h3 = mix(h ^ np.uint32(0x51ED27)), mix(h ^ np.uint32(0x2F6E2B)), mix(h ^ np.uint32(0x6C8E94))
+        a = 0.16 + 0.26 * _byte(h1, 2) * _byte(h2, 3)
+        b = a * (0.5 + 0.5 * _byte(h1, 3))
+        throw = 0.5 * min(0.5 * max(field.shadow.length_per_height, 0.1) * b, 0.45)
+        ca, sa = _COSINES[h2 & np.uint32(255)], _SINES[h2 & np.uint32(255)]
+        skew = 1.3 * (_byte(h2, 1) - 0.5)
+        pebble.x, pebble.y = i + 0.25 + 0.5 * _byte(h1, 0), j + 0.25 + 0.5 * _byte(h1, 1)
+        by_a, by_b = 1.0 / a, 1.0 / b
+        qx, qy = -sa * by_b, ca * by_b
+        px, py = ca * by_a + 0.5 * skew * qx, sa * by_a + 0.5 * skew * qy
+        pebble.reach, pebble.inverse_b = 1.6 * a + throw, by_b
+        pebble.px, pebble.py, pebble.qx, pebble.qy = px, py, qx, qy
+        pebble.shadow_p = throw * (px * field.shadow.x + py * field.shadow.y)
+        pebble.shadow_q = throw * (qx * field.shadow.x + qy * field.shadow.y)
+        pebble.skew = skew
+        pebble.tone = 0.55 * (_byte(h3, 0) - 0.45) + 0.3 * (_byte(h3, 3) - 0.5)
+        pebble.tilt_x, pebble.tilt_y = _byte(h3, 1) - 0.5, _byte(h3, 2) - 0.5
+    return count
+
+
+@jit_inline
+def _filled(fill: float, k: int) -> float:
+    """Return the share of the cells of a size that have a pebble."""
+    return min(fill * (0.25 + 0.26 * k), 0.95)
 
 
 @jit_inline
@@ -154,5 +225,5 @@ def _byte(value: np.uint32, which: int) -> float:
 
 @jit_inline
 def _outline(p: float, q: float, skew: float) -> float:
-    """Return 1 on the outline of a stone with seven unlike sides, less inside."""
+    """Return 1 on the outline of a stone with seven unequal sides, less inside."""
     return max(abs(p), abs(q), 0.74 * (p + q), 0.66 * (p - q), -0.7 * (p + q) * (1.0 + 0.3 * skew))

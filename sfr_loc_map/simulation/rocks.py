@@ -1,4 +1,4 @@
-"""Rocks: how many of which size, their shapes and places."""
+"""Rocks: size distribution, shapes and positions."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.config import RockConfig
-from sfr_loc_map.simulation.mesh import Mesh, cell_size, coarseness, way_distance
+from sfr_loc_map.simulation.mesh import Mesh, cell_size, coarseness, path_distance
 from sfr_loc_map.simulation.terrain import Terrain
 
 CLASS_RATIO = 1.35
 """Ratio of the diameters that bound one size class."""
 RANGE_PER_DIAMETER = 180.0
-"""A rock is made as far from the way as this many of its diameters; farther it would be under a few pixels."""
+"""Rocks are placed as far from the path as this many of their diameters; farther ones would be under a few pixels."""
 FARTHEST_M = 350.0
 SHAPES = 24
 LEVEL_PIXELS = (14.0, 48.0, 200.0)
@@ -30,8 +30,8 @@ class Rocks:
     Attributes:
         centres: `(N, 3)` float64, metres, DS; the height is that of the ground.
         diameters: `(N,)` float64, metres.
-        distances: `(N,)` float64, metres from the way.
-        pixels: `(N,)` float64, apparent size from the nearest place of the way; chooses how fine the shape is.
+        distances: `(N,)` float64, metres from the path.
+        pixels: `(N,)` float64, apparent size from the nearest point of the path; decides how fine the shape is.
     """
 
     centres: FloatArray
@@ -54,14 +54,14 @@ def rocks_per_area(diameter_m: FloatArray, cover: float) -> FloatArray:
     return np.asarray(np.interp(diameter_m, grid, above))
 
 
-def place_rocks(seed: int, config: RockConfig, terrain: Terrain, way: FloatArray, half_width_m: float) -> Rocks:
-    """Scatter rocks around a way, large ones as far as they can be seen.
+def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArray, half_width_m: float) -> Rocks:
+    """Scatter rocks around a path, large ones as far as they can be seen.
 
     Args:
         seed: Seed of the data set.
-        config: How many and how large.
+        config: Numbers and sizes.
         terrain: The ground.
-        way: `(P, 2)` metres, DS.
+        path: `(P, 2)` metres, DS.
         half_width_m: Half of the width that the rover needs free of large rocks.
     """
     rng = np.random.default_rng([seed, 2])
@@ -69,15 +69,15 @@ def place_rocks(seed: int, config: RockConfig, terrain: Terrain, way: FloatArray
     low = config.smallest_m
     while low < config.largest_m and config.cover > 0:
         high = min(low * CLASS_RATIO, config.largest_m)
-        parts.append(_scatter(rng, config, way, low, high))
+        parts.append(_scatter(rng, config, path, low, high))
         low *= CLASS_RATIO
     found = np.concatenate(parts)
     x, y, diameters = np.ascontiguousarray(found[:, 0]), np.ascontiguousarray(found[:, 1]), found[:, 2]
-    distances = way_distance(x, y, way)
+    distances = path_distance(x, y, path)
     free = (diameters < config.clear_m) | (distances > half_width_m + 0.6 * diameters)
     x, y, diameters, distances = x[free], y[free], diameters[free], distances[free]
-    z = terrain.height(x, y, cell_size(distances, way))
-    pixels = LENS_PX / coarseness(way) * diameters / np.maximum(distances, 0.8)
+    z = terrain.height(x, y, cell_size(distances, path))
+    pixels = LENS_PX / coarseness(path) * diameters / np.maximum(distances, 0.8)
     return Rocks(np.column_stack((x, y, z)), diameters, distances, pixels)
 
 
@@ -85,7 +85,7 @@ def rock_mesh(seed: int, config: RockConfig, rocks: Rocks) -> Mesh:
     """Return the triangles of placed rocks."""
     rng = np.random.default_rng([seed, 3])
     count = len(rocks.diameters)
-    turns = _random_turns(rng, count)
+    rotations = _random_rotations(rng, count)
     shapes = rng.integers(0, SHAPES, count)
     axes = np.column_stack((np.ones(count), rng.uniform(0.6, 1.0, count), rng.uniform(0.4, 0.85, count)))
     sunk = np.clip(rng.normal(config.buried, 0.15, count), 0.05, 0.85)
@@ -96,44 +96,44 @@ def rock_mesh(seed: int, config: RockConfig, rocks: Rocks) -> Mesh:
         for shape in range(SHAPES):
             which = np.flatnonzero((levels == level) & (shapes == shape))
             if len(which):
-                parts.append(_instances(library[shape], rocks, which, turns, axes, sunk))
+                parts.append(_instances(library[shape], rocks, which, rotations, axes, sunk))
     empty = Mesh(
         np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros(0, np.int32)
     )
     return Mesh.join(parts) if parts else empty
 
 
-def _scatter(rng: np.random.Generator, config: RockConfig, way: FloatArray, low: float, high: float) -> FloatArray:
-    """Return the rocks `(N, 3)`: x, y, diameter of one size class; they thin out towards their last distance."""
+def _scatter(rng: np.random.Generator, config: RockConfig, path: FloatArray, low: float, high: float) -> FloatArray:
+    """Return the rocks `(N, 3)`: x, y, diameter of one size class; they thin out towards their largest distance."""
     reach = min(RANGE_PER_DIAMETER * low, FARTHEST_M)
-    corner, size = way.min(axis=0) - reach, np.ptp(way, axis=0) + 2 * reach
+    corner, size = path.min(axis=0) - reach, np.ptp(path, axis=0) + 2 * reach
     numbers = rocks_per_area(np.array([low, high]), config.cover)
     count = rng.poisson((numbers[0] - numbers[1]) * size[0] * size[1])
-    place = corner + rng.random((count, 2)) * size
+    position = corner + rng.random((count, 2)) * size
     diameter = 1.0 / (1.0 / low - rng.random(count) * (1.0 / low - 1.0 / high))
-    distance = way_distance(np.ascontiguousarray(place[:, 0]), np.ascontiguousarray(place[:, 1]), way)
+    distance = path_distance(np.ascontiguousarray(position[:, 0]), np.ascontiguousarray(position[:, 1]), path)
     kept = distance < reach * (0.6 + 0.4 * rng.random(count))
-    return np.asarray(np.column_stack((place, diameter))[kept])
+    return np.asarray(np.column_stack((position, diameter))[kept])
 
 
 def _instances(
     shape: tuple[FloatArray, FloatArray, NDArray[np.int32]],
     rocks: Rocks,
     which: NDArray[np.intp],
-    turns: FloatArray,
+    rotations: FloatArray,
     axes: FloatArray,
     sunk: FloatArray,
 ) -> Mesh:
     points, normals, triangles = shape
     half = 0.5 * rocks.diameters[which]
     scaled = points[None] * axes[which][:, None]
-    turned = np.einsum("nij,nvj->nvi", turns[which], scaled)
+    rotated = np.einsum("nij,nvj->nvi", rotations[which], scaled)
     tilted = normals[None] / axes[which][:, None]
-    tilted = np.einsum("nij,nvj->nvi", turns[which], tilted)
+    tilted = np.einsum("nij,nvj->nvi", rotations[which], tilted)
     tilted /= np.linalg.norm(tilted, axis=2, keepdims=True)
-    top, bottom = turned[..., 2].max(axis=1), turned[..., 2].min(axis=1)
+    top, bottom = rotated[..., 2].max(axis=1), rotated[..., 2].min(axis=1)
     lift = half * -(bottom * (1 - sunk[which]) + top * sunk[which])
-    vertices = turned * half[:, None, None] + rocks.centres[which][:, None]
+    vertices = rotated * half[:, None, None] + rocks.centres[which][:, None]
     vertices[..., 2] += lift[:, None]
     starts = (np.arange(len(which), dtype=np.int32) * len(points))[:, None, None]
     return Mesh(
@@ -144,13 +144,13 @@ def _instances(
     )
 
 
-def _random_turns(rng: np.random.Generator, count: int) -> FloatArray:
-    """Return rotations `(N, 3, 3)`: any heading, tilted by some 15 degrees, as flat sides lie down."""
+def _random_rotations(rng: np.random.Generator, count: int) -> FloatArray:
+    """Return rotations `(N, 3, 3)`: any heading, tilted by some 15 degrees, as rocks rest on flat sides."""
     heading = rng.uniform(0, 2 * np.pi, count)
     tilt = rng.normal(0, 0.26, (count, 2))
     c, s = np.cos(heading), np.sin(heading)
     zero, one = np.zeros(count), np.ones(count)
-    turn = np.stack((np.stack((c, -s, zero), -1), np.stack((s, c, zero), -1), np.stack((zero, zero, one), -1)), -2)
+    about_z = np.stack((np.stack((c, -s, zero), -1), np.stack((s, c, zero), -1), np.stack((zero, zero, one), -1)), -2)
     cx, sx, cy, sy = np.cos(tilt[:, 0]), np.sin(tilt[:, 0]), np.cos(tilt[:, 1]), np.sin(tilt[:, 1])
     about_x = np.stack(
         (np.stack((one, zero, zero), -1), np.stack((zero, cx, -sx), -1), np.stack((zero, sx, cx), -1)), -2
@@ -158,7 +158,7 @@ def _random_turns(rng: np.random.Generator, count: int) -> FloatArray:
     about_y = np.stack(
         (np.stack((cy, zero, sy), -1), np.stack((zero, one, zero), -1), np.stack((-sy, zero, cy), -1)), -2
     )
-    return np.asarray(about_x @ about_y @ turn)
+    return np.asarray(about_x @ about_y @ about_z)
 
 
 def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, FloatArray, NDArray[np.int32]]]:
@@ -179,7 +179,7 @@ def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, Fl
 
 
 def _radius(rng: np.random.Generator, directions: FloatArray, angular: float) -> FloatArray:
-    """Return how far a rock reaches in each direction: a ball cut by planes, with lumps."""
+    """Return the radius of a rock in each direction: a ball cut by planes, with lumps."""
     planes = int(rng.integers(7, 14))
     sides = rng.normal(size=(planes, 3))
     sides /= np.linalg.norm(sides, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""How the rover stands: six wheels on the ground hold the body [3.2.1]."""
+"""Pose of the rover on the ground: six wheels carry the body [3.2.1]."""
 
 from __future__ import annotations
 
@@ -10,22 +10,24 @@ from sfr_loc_map.simulation.mesh import Mesh
 from sfr_loc_map.simulation.terrain import Terrain
 
 WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
-"""Places of the six wheels in RB, metres (a rover of the size of a fetch rover; the document gives none)."""
+"""Positions of the six wheels in RB, metres (size of a fetch rover; the document gives none)."""
 WHEEL_RADIUS_M = 0.18
 HALF_WIDTH_M = 0.70
 _ROLLING = np.linspace(-0.75, 0.75, 7) * WHEEL_RADIUS_M
 _SPACING_M = 0.02
 
 
-def stand(terrain: Terrain, x: FloatArray, y: FloatArray, heading: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return height and attitude of RB where the rover stands.
+def settle_on_terrain(
+    terrain: Terrain, x: FloatArray, y: FloatArray, heading: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return position and attitude of RB with all wheels on the ground.
 
     Each wheel touches where its rim first meets the ground; a rocker-bogie suspension averages the wheels, so the
     body is parallel to the least-squares plane through the six wheel centres.
 
     Args:
         terrain: The ground.
-        x: `(N,)` metres, DS, place of the RB origin.
+        x: `(N,)` metres, DS, of the RB origin.
         y: `(N,)` metres, DS.
         heading: `(N,)` radians, from east to north.
 
@@ -54,7 +56,7 @@ def stand(terrain: Terrain, x: FloatArray, y: FloatArray, heading: FloatArray) -
 
 
 def rover_mesh() -> Mesh:
-    """Return a rover of boxes in RB that casts the shadow: deck, wheels, mast and its head."""
+    """Return a rover of boxes in RB that casts the shadow: deck, wheels, mast and mast head."""
     mast_x, mast_y = MAST_XY_RB_M
     boxes = [((-0.65, -0.45, -0.20), (0.55, 0.45, 0.10)), ((-0.75, -0.60, 0.10), (0.45, 0.60, 0.14))]
     boxes.append(((mast_x - 0.04, mast_y - 0.04, 0.10), (mast_x + 0.04, mast_y + 0.04, TILT_AXIS_Z_RB_M)))

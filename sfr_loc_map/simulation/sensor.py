@@ -4,31 +4,34 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.constants import Task
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.simulation.config import SensorConfig
 
 _LENS, _HOT, _EXPOSURE, _NOISE = 6, 7, 8, 9
+TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}
+"""Number of a task in the seeds of what is random."""
 
 
 class Sensor:
-    """One camera's chain from brightness to picture; the same (seed, frame, camera) gives the same bytes."""
+    """Imaging chain of a stereo rig: the same (seed, frame, camera) gives the same bytes."""
 
-    def __init__(self, seed: int, task: int, config: SensorConfig, rig: StereoRig) -> None:
-        """Prepare what does not change from frame to frame.
+    def __init__(self, seed: int, task: Task, config: SensorConfig, rig: StereoRig) -> None:
+        """Prepare everything that does not change between frames.
 
         Args:
             seed: Seed of the data set.
-            task: 0 for localisation, 1 for mapping cameras.
+            task: Whose cameras they are.
             config: Settings.
             rig: The rectified cameras.
         """
-        self._seed, self._task, self._config, self._rig = seed, task, config, rig
+        self._seed, self._task, self._config, self._rig = seed, TASK_SEEDS[task], config, rig
         size = (rig.height, rig.width)
         self._fall_off = _fall_off(rig, config.vignetting)
-        self._hot = [np.random.default_rng([seed, _HOT, task, c]).random(size) < config.hot_pixels for c in (0, 1)]
+        hot = (np.random.default_rng([seed, _HOT, self._task, camera]).random(size) for camera in (0, 1))
+        self._hot = [draws < config.hot_pixels for draws in hot]
         self._maps = None
         if any(config.distortion):
             coefficients = np.array(config.distortion)
@@ -37,7 +40,7 @@ class Sensor:
             )
 
     def raw_to_rectified(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return where raw pixel places `(N,)` lie in the rectified picture (the same without distortion)."""
+        """Return the rectified coordinates of raw pixels `(N,)` (the same without distortion)."""
         if self._maps is None:
             return u, v
         points = np.column_stack((u, v))[:, None]
@@ -52,8 +55,8 @@ class Sensor:
         )[:, 0]
         return flat[:, 0].astype(np.float64), flat[:, 1].astype(np.float64)
 
-    def picture(self, bright: FloatImage, frame: int, camera: int) -> NDArray[np.uint8]:
-        """Return the picture of a raw image of brightness `(H, W)`, as a share of the full range."""
+    def image(self, bright: FloatImage, frame: int, camera: int) -> GreyImage:
+        """Return the rectified image `(H, W)` of a raw brightness `(H, W)`, a share of the full range."""
         config = self._config
         image = bright.astype(np.float32)
         if config.blur_px > 0:
@@ -70,7 +73,7 @@ class Sensor:
         image = np.where(self._hot[camera], np.float32(1.0), image)
         return self._convert(image)
 
-    def _convert(self, image: FloatImage) -> NDArray[np.uint8]:
+    def _convert(self, image: FloatImage) -> GreyImage:
         top = 2**self._config.adc_bits - 1
         counts = np.clip(np.rint(image * top), 0, top).astype(np.float32)
         if self._maps is not None:

@@ -1,12 +1,13 @@
-"""How a place of the world looks: reflectance, fine relief and light, evaluated where a ray hits.
+"""Appearance of the world: reflectance, fine relief and light, evaluated where a ray hits.
 
-Everything is a function of place in DS, and every octave fades out before it is finer than a pixel's footprint, so
+Everything is a function of position in DS, and every octave fades out before it is finer than a pixel's footprint, so
 near ground is sharp and far ground does not flicker.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,133 +15,202 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig
-from sfr_loc_map.simulation.ground import fade_of, ground_texture, plates
+from sfr_loc_map.simulation.ground import GroundHits, GroundTexture, fade_of, ground_texture, plates
 from sfr_loc_map.simulation.noise import mix, unit, value3
-from sfr_loc_map.simulation.pebbles import pebble_memory, pebbles, throw_values
-from sfr_loc_map.simulation.terrain import smooth_step
+from sfr_loc_map.simulation.pebbles import PebbleCache, PebbleField, ShadowDirection, pebble_cache, pebbles
+from sfr_loc_map.simulation.rays import GROUND, SKY, Hits
+from sfr_loc_map.simulation.terrain import MaterialShares, Terrain, smooth_step
 
-SKY, GROUND = -2, -1
-"""What a ray hit, if not the rock of that number."""
 RUN = 1024
 """Rays shaded at once: their numbers stay in the processor's first cache."""
 _STONE = np.uint32(103)
 
 
-def look_values(ground: GroundConfig, rocks: RockConfig, light: LightConfig, sun: FloatArray) -> FloatArray:
-    """Return the numbers that the compiled shading takes.
+class Surface(NamedTuple):
+    """Appearance of ground and rocks.
+
+    Attributes:
+        albedo: Mean reflectance of the ground.
+        contrast: Strength of the changes of reflectance.
+        bump: Strength of the fine relief.
+        pebbles: Fill of gravel with pebbles.
+        lunar: Share of Lommel-Seeliger against Lambert reflection.
+        rock_albedo: Mean reflectance of rocks.
+    """
+
+    albedo: float
+    contrast: float
+    bump: float
+    pebbles: float
+    lunar: float
+    rock_albedo: float
+
+
+class Light(NamedTuple):
+    """Sun, sky and air.
+
+    Attributes:
+        sun_x: Unit vector towards the sun, DS.
+        sun_y: Unit vector towards the sun, DS.
+        sun_z: Unit vector towards the sun, DS.
+        shadow: Where shadows fall.
+        sky: Light of the sky on level ground, the overhead sun being 1.
+        sky_grey: Brightness of the sky above the horizon.
+        haze_m: Distance at which haze has taken 63 % of the contrast.
+        gain: Factor that gives level mean ground in the sun a brightness of 1.
+        target: Brightness of level mean ground in the image, as a share of the full range.
+    """
+
+    sun_x: float
+    sun_y: float
+    sun_z: float
+    shadow: ShadowDirection
+    sky: float
+    sky_grey: float
+    haze_m: float
+    gain: float
+    target: float
+
+
+class ShadingParameters(NamedTuple):
+    """All parameters of the shading.
+
+    Attributes:
+        surface: Appearance of ground and rocks.
+        light: Sun, sky and air.
+        shares: Shares of materials.
+        seed: Seed of the ground.
+    """
+
+    surface: Surface
+    light: Light
+    shares: MaterialShares
+    seed: np.uint32
+
+
+class Vector(NamedTuple):
+    """A vector in DS."""
+
+    x: float
+    y: float
+    z: float
+
+
+def surface_parameters(ground: GroundConfig, rocks: RockConfig) -> Surface:
+    """Return the appearance of a configuration."""
+    return Surface(
+        float(ground.albedo),
+        float(ground.contrast),
+        float(ground.bump),
+        float(ground.pebbles),
+        float(ground.lunar),
+        float(rocks.albedo),
+    )
+
+
+def shading_parameters(
+    surface: Surface, config: LightConfig, sun: FloatArray, target: float, terrain: Terrain
+) -> ShadingParameters:
+    """Return the parameters of the shading.
 
     Args:
-        ground: Settings.
-        rocks: Settings.
-        light: Settings.
+        surface: Appearance of ground and rocks.
+        config: Settings of the light.
         sun: `(3,)` unit vector towards the sun, DS.
+        target: Brightness of level mean ground in the image, as a share of the full range.
+        terrain: The ground.
     """
-    level = _reflect(sun[2], 0.5, ground.lunar) * sun[2] + light.sky
-    return np.array(
-        [
-            ground.albedo,
-            ground.contrast,
-            ground.bump,
-            ground.pebbles,
-            ground.lunar,
-            rocks.albedo,
-            light.sky,
-            light.haze_m,
-            light.sky_grey,
-            1.0 / (ground.albedo * level),
-            *sun,
-            *throw_values(sun),
-        ]
+    level = _reflect(sun[2], 0.5, surface.lunar) * sun[2] + config.sky
+    x, y, z = (float(value) for value in sun)
+    light = Light(
+        x,
+        y,
+        z,
+        ShadowDirection.of(sun),
+        float(config.sky),
+        float(config.sky_grey),
+        float(config.haze_m),
+        float(1.0 / (surface.albedo * level)),
+        float(target),
     )
+    return ShadingParameters(surface, light, terrain.parameters.shares, terrain.parameters.seed)
 
 
 @jit
 def shade(
-    points: FloatArray,
-    normals: FloatArray,
-    objects: NDArray[np.int32],
-    lit: NDArray[np.float32],
+    hits: Hits,
     rays: FloatArray,
-    ranges: FloatArray,
+    lit: NDArray[np.float32],
     pixel_rad: float,
-    look: FloatArray,
-    shares: FloatArray,
-    seed: np.uint32,
-    target: float,
+    parameters: ShadingParameters,
     out: NDArray[np.float32],
 ) -> None:
     """Write the brightness of ray hits, as a share of the full range.
 
     Args:
-        points: `(N, 3)` metres, DS.
-        normals: `(N, 3)` unit, DS.
-        objects: `(N,)` -2 for the sky, -1 for the ground, else the number of a rock.
-        lit: `(N,)` share of the sun's disc that is seen.
+        hits: What the rays hit.
         rays: `(N, 3)` unit, DS.
-        ranges: `(N,)` metres.
+        lit: `(N,)` visible share of the sun's disc.
         pixel_rad: Angle of one pixel.
-        look: From `look_values`.
-        shares: Shares of gravel and bedrock.
-        seed: Of the ground.
-        target: Brightness of level mean ground.
+        parameters: Appearance and light.
         out: `(N,)`.
     """
-    which, place, made = np.empty(RUN, np.int64), np.empty((4, RUN)), np.empty((7, RUN))
-    throws, memory = look[13:16], pebble_memory()
-    for start in range(0, len(objects), RUN):
-        end = min(start + RUN, len(objects))
-        count = _gather_ground(points, normals, objects, rays, ranges, pixel_rad, start, end, which, place)
-        ground_texture(count, place, look[2], shares, seed, made)
+    ground = GroundHits(np.empty(RUN, np.int64), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN))
+    texture = GroundTexture(
+        np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN)
+    )
+    surface, light, seed = parameters.surface, parameters.light, parameters.seed
+    field, cache = PebbleField(surface.pebbles, surface.bump, light.shadow, seed), pebble_cache()
+    for start in range(0, len(hits.objects), RUN):
+        end = min(start + RUN, len(hits.objects))
+        count = _gather_ground(hits, rays, pixel_rad, start, end, ground)
+        ground_texture(count, ground, surface.bump, parameters.shares, seed, texture)
         for m in range(count):
-            n = which[m]
-            albedo, sx, sy, seen = _ground(place[:, m], made[:, m], pixel_rad, look, throws, seed, memory)
-            nx, ny, nz = normals[n, 0], normals[n, 1], normals[n, 2]
-            nx, ny = nx - sx * nz, ny - sy * nz
-            mu = _facing(normals[n], rays[n])
-            out[n] = _lit_surface(nx, ny, nz, mu, ranges[n], target * albedo, seen, lit[n], look)
+            n = ground.ray[m]
+            albedo, sx, sy, sunlit = _ground(ground, texture, m, pixel_rad, surface, field, cache)
+            normal = hits.normals[n]
+            slanted = Vector(normal[0] - sx * normal[2], normal[1] - sy * normal[2], normal[2])
+            mu = _emission_cosine(normal, rays[n])
+            out[n] = _brightness(slanted, mu, hits.ranges[n], light.target * albedo, sunlit, lit[n], parameters)
         for n in range(start, end):
-            if objects[n] == SKY:
-                out[n] = _sky(rays[n, 2], look)
-            elif objects[n] != GROUND:
-                nx, ny, nz = normals[n, 0], normals[n, 1], normals[n, 2]
-                footprint = _footprint(normals[n], rays[n], ranges[n] * pixel_rad)
-                albedo, gx, gy, gz = _stone(points[n], footprint, objects[n], look, seed)
-                along = gx * nx + gy * ny + gz * nz
-                nx, ny, nz = nx - (gx - along * nx), ny - (gy - along * ny), nz - (gz - along * nz)
-                mu = _facing(normals[n], rays[n])
-                out[n] = _lit_surface(nx, ny, nz, mu, ranges[n], target * albedo, 1.0, lit[n], look)
+            if hits.objects[n] == SKY:
+                out[n] = _sky(rays[n, 2], light)
+            elif hits.objects[n] != GROUND:
+                normal = hits.normals[n]
+                footprint = _footprint(normal, rays[n], hits.ranges[n] * pixel_rad)
+                albedo, bump = _stone(hits.points[n], footprint, hits.objects[n], surface, seed)
+                slanted = _bumped(normal, bump)
+                mu = _emission_cosine(normal, rays[n])
+                out[n] = _brightness(slanted, mu, hits.ranges[n], light.target * albedo, 1.0, lit[n], parameters)
 
 
 @jit
-def _gather_ground(
-    points: FloatArray,
-    normals: FloatArray,
-    objects: NDArray[np.int32],
-    rays: FloatArray,
-    ranges: FloatArray,
-    pixel_rad: float,
-    start: int,
-    end: int,
-    which: NDArray[np.int64],
-    place: FloatArray,
-) -> int:
-    """Collect the hits of the ground: number; x, y, range, size of a pixel there."""
+def _gather_ground(hits: Hits, rays: FloatArray, pixel_rad: float, start: int, end: int, out: GroundHits) -> int:
+    """Collect the hits of the ground; return their number."""
     count = 0
     for n in range(start, end):
-        if objects[n] == GROUND:
-            which[count] = n
-            place[0, count], place[1, count], place[2, count] = points[n, 0], points[n, 1], ranges[n]
-            place[3, count] = _footprint(normals[n], rays[n], ranges[n] * pixel_rad)
+        if hits.objects[n] == GROUND:
+            out.ray[count] = n
+            out.x[count], out.y[count], out.range[count] = hits.points[n, 0], hits.points[n, 1], hits.ranges[n]
+            out.footprint[count] = _footprint(hits.normals[n], rays[n], hits.ranges[n] * pixel_rad)
             count += 1
     return count
 
 
 @jit_inline
-def _facing(normal: FloatArray, ray: FloatArray) -> float:
+def _bumped(normal: FloatArray, gradient: Vector) -> Vector:
+    """Return the normal tilted by the part of a bump gradient that lies in the surface."""
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    along = gradient.x * nx + gradient.y * ny + gradient.z * nz
+    return Vector(nx - (gradient.x - along * nx), ny - (gradient.y - along * ny), nz - (gradient.z - along * nz))
+
+
+@jit_inline
+def _emission_cosine(normal: FloatArray, ray: FloatArray) -> float:
     """Return the cosine of emission of the solid's surface.
 
-    That of the fine relief would change how the relief looks from place to place, without the parallax and the hiding
-    that go with it: every texture would seem to move, by 0.01 px between the left and the right picture.
+    That of the fine relief would change how the relief looks from different positions, without the parallax and the
+    occlusion that belong to it: every texture would seem to move, by 0.01 px between the left and the right image.
     """
     return float(max(-(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2]), 0.05))
 
@@ -154,29 +224,34 @@ def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
 
 
 @jit_inline
-def _lit_surface(
-    nx: float,
-    ny: float,
-    nz: float,
+def _brightness(
+    normal: Vector,
     mu: float,
     distance: float,
     albedo: float,
-    seen: float,
+    sunlit: float,
     lit: float,
-    look: FloatArray,
+    parameters: ShadingParameters,
 ) -> float:
     """Return the brightness of a surface in the light of sun and sky, through the haze.
 
-    The normal need not have unit length; `mu` is the cosine of emission, `seen` the share of the sun that pebbles
-    leave, `lit` that of solids.
+    Args:
+        normal: Of any length.
+        mu: Cosine of emission.
+        distance: Metres.
+        albedo: Reflectance, times the brightness wanted of level mean ground.
+        sunlit: Share of the sun that pebbles leave.
+        lit: Share of the sun that solids leave.
+        parameters: Reflection and light.
     """
-    length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-    nx, ny, nz = nx * length, ny * length, nz * length
-    mu0 = max(nx * look[10] + ny * look[11] + nz * look[12], 0.0)
-    direct = _reflect(mu0, mu, look[4]) * mu0 * seen * lit
-    open_sky = look[6] * (0.55 + 0.45 * nz) * (0.6 + 0.4 * seen)
-    clear = math.exp(-distance / look[7])
-    return float(look[9] * albedo * (direct + open_sky) * clear + (1.0 - clear) * 0.9 * look[8])
+    light = parameters.light
+    length = 1.0 / math.sqrt(normal.x * normal.x + normal.y * normal.y + normal.z * normal.z)
+    nx, ny, nz = normal.x * length, normal.y * length, normal.z * length
+    mu0 = max(nx * light.sun_x + ny * light.sun_y + nz * light.sun_z, 0.0)
+    direct = _reflect(mu0, mu, parameters.surface.lunar) * mu0 * sunlit * lit
+    open_sky = light.sky * (0.55 + 0.45 * nz) * (0.6 + 0.4 * sunlit)
+    clear = math.exp(-distance / light.haze_m)
+    return float(light.gain * albedo * (direct + open_sky) * clear + (1.0 - clear) * 0.9 * light.sky_grey)
 
 
 @jit_inline
@@ -186,43 +261,42 @@ def _reflect(mu0: float, mu: float, lunar: float) -> float:
 
 
 @jit
-def _sky(rise: float, look: FloatArray) -> float:
+def _sky(rise: float, light: Light) -> float:
     up = max(rise, 0.0)
-    return float(look[8] * (1.0 - 0.25 * up + 0.06 * math.exp(-12.0 * up)))
+    return float(light.sky_grey * (1.0 - 0.25 * up + 0.06 * math.exp(-12.0 * up)))
 
 
 @jit_inline
 def _ground(
-    place: FloatArray,
-    made: FloatArray,
+    hits: GroundHits,
+    texture: GroundTexture,
+    m: int,
     pixel_rad: float,
-    look: FloatArray,
-    throws: FloatArray,
-    seed: np.uint32,
-    memory: FloatArray,
+    surface: Surface,
+    field: PebbleField,
+    cache: PebbleCache,
 ) -> tuple[float, float, float, float]:
-    """Return reflectance, slopes of the fine relief, and the share of the sun that pebbles leave."""
-    x, y, small, footprint = place[0], place[1], place[2] * pixel_rad, place[3]
-    sand, gravel, rock, tone, sx, sy = made[0], made[1], made[2], made[3], made[4], made[5]
+    """Return reflectance, slopes of the fine relief, and the share of the sun that pebbles leave, of one hit."""
+    x, y, small, footprint = hits.x[m], hits.y[m], hits.range[m] * pixel_rad, hits.footprint[m]
+    sand, gravel, rock = texture.sand[m], texture.gravel[m], texture.rock[m]
+    tone, sx, sy = texture.tone[m], texture.slope_x[m], texture.slope_y[m]
     tone = 0.85 * tone + 0.10 * sand + 0.14 * rock - 0.10 * gravel
-    seen = 1.0
+    sunlit = 1.0
     if rock > 0.02:
-        crack, cx, cy = plates(x, y, footprint, seed)
+        crack, cx, cy = plates(x, y, footprint, field.seed)
         tone -= 0.9 * rock * rock * rock * crack
-        sx, sy = sx + rock * cx * look[2], sy + rock * cy * look[2]
-    full = look[3] * (gravel + 0.05 * sand + 0.12 * rock)
-    cover, grey, px, py, shadow = pebbles(x, y, small, full, look[3], look[2], throws, seed, memory)
+        sx, sy = sx + rock * cx * surface.bump, sy + rock * cy * surface.bump
+    fill = surface.pebbles * (gravel + 0.05 * sand + 0.12 * rock)
+    cover, grey, px, py, shadow = pebbles(x, y, small, fill, field, cache)
     if cover > 0.0 or shadow > 0.0:
         tone = (1.0 - cover) * tone + cover * grey
         sx, sy = (1.0 - cover) * sx + cover * px, (1.0 - cover) * sy + cover * py
-        seen = 1.0 - (1.0 - cover) * shadow
-    return look[0] * math.exp(min(max(look[1] * tone, -1.6), 1.2)), sx, sy, seen
+        sunlit = 1.0 - (1.0 - cover) * shadow
+    return surface.albedo * math.exp(min(max(surface.contrast * tone, -1.6), 1.2)), sx, sy, sunlit
 
 
 @jit
-def _stone(
-    point: FloatArray, footprint: float, number: int, look: FloatArray, seed: np.uint32
-) -> tuple[float, float, float, float]:
+def _stone(point: FloatArray, footprint: float, number: int, surface: Surface, seed: np.uint32) -> tuple[float, Vector]:
     """Return reflectance and bump gradient of a rock's surface."""
     x, y, z = point[0], point[1], point[2]
     h = mix(np.uint32(number) ^ seed ^ _STONE)
@@ -235,8 +309,9 @@ def _stone(
             break
         v, a, b, c = value3(x / length + 0.41 * k, y / length + 0.17 * k, z / length, seed ^ _STONE ^ np.uint32(k))
         tone += 0.16 * fade * v
-        slope = 0.13 * fade * look[2]
+        slope = 0.13 * fade * surface.bump
         gx, gy, gz = gx + slope * b, gy + slope * c, gz + slope * a  # not the tone's own gradient, as for the ground
         length *= 0.5
     dust = smooth_step(0.75, 1.0, 0.5 + 0.5 * unit(mix(h)))
-    return look[5] * math.exp(min(max(look[1] * (tone + 0.2 * dust), -1.5), 1.2)), gx, gy, gz
+    reflectance = surface.rock_albedo * math.exp(min(max(surface.contrast * (tone + 0.2 * dust), -1.5), 1.2))
+    return reflectance, Vector(gx, gy, gz)

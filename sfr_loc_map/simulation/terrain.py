@@ -1,9 +1,10 @@
-"""The ground as a function of place: height and material anywhere, from the seed alone."""
+"""The ground as a function of position: height and material anywhere, from the seed alone."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,59 +14,116 @@ from sfr_loc_map.simulation.config import GroundConfig, TerrainConfig
 from sfr_loc_map.simulation.noise import gradient2, hash2, mix, sub_seed, unit, value2
 
 SHORTEST_M = 0.02
-"""Shortest wave of the relief that is made as geometry; what is finer shows in shading only."""
+"""Shortest wave of the relief that is geometry; finer waves show in shading only."""
 CRATER_CLASSES = 4
 """Doublings of crater size, from 1 m across."""
-OCTAVE_TURN = 0.6435
+OCTAVE_ANGLE = 0.6435
 """Angle between the grids of two octaves, radians (of a 3-4-5 triangle), so that no grid direction stands out."""
 _HILL, _RELIEF, _RIPPLE, _CRATER, _SAND, _ROCK = (np.uint32(k) for k in (11, 22, 33, 44, 55, 66))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+class MaterialShares(NamedTuple):
+    """Shares of the ground by material; the rest is sand.
+
+    Attributes:
+        gravel: Share with dense pebbles.
+        bedrock: Share of bare rock.
+    """
+
+    gravel: float
+    bedrock: float
+
+    @classmethod
+    def of(cls, ground: GroundConfig) -> MaterialShares:
+        """Return the shares of a configuration."""
+        return cls(float(ground.gravel), float(ground.bedrock))
+
+
+class TerrainParameters(NamedTuple):
+    """The shape of the ground as kernels take it; lengths in metres.
+
+    Attributes:
+        relief: Standard deviation of the rolling relief.
+        relief_length: Longest wavelength of the relief.
+        hurst: Roughness exponent of the relief.
+        hills: Standard deviation of the hills.
+        hills_length: Wavelength of the hills.
+        gradient: Rise per metre to the east.
+        ripple_height: Crest height of wind ripples.
+        ripple_wave_x: Wave number of the ripples to the east, radians per metre.
+        ripple_wave_y: Wave number to the north.
+        crater_density: Craters of more than 1 m across, per square metre.
+        rim_radius: Radius of one large crater; 0 for none.
+        rim_x: East coordinate of its centre in DS.
+        rim_y: North coordinate of its centre in DS.
+        shares: Shares of materials.
+        seed: 32 bits.
+    """
+
+    relief: float
+    relief_length: float
+    hurst: float
+    hills: float
+    hills_length: float
+    gradient: float
+    ripple_height: float
+    ripple_wave_x: float
+    ripple_wave_y: float
+    crater_density: float
+    rim_radius: float
+    rim_x: float
+    rim_y: float
+    shares: MaterialShares
+    seed: np.uint32
+
+    @classmethod
+    def of(cls, seed: int, terrain: TerrainConfig, ground: GroundConfig) -> TerrainParameters:
+        """Return the parameters of a configuration."""
+        azimuth = math.radians(terrain.ripple_azimuth_deg)
+        return cls(
+            relief=float(terrain.relief_m),
+            relief_length=float(terrain.relief_length_m),
+            hurst=float(terrain.hurst),
+            hills=float(terrain.hills_m),
+            hills_length=float(terrain.hills_length_m),
+            gradient=math.tan(math.radians(terrain.slope_deg)),
+            ripple_height=float(terrain.ripple_height_m),
+            ripple_wave_x=2.0 * math.pi * math.cos(azimuth) / terrain.ripple_length_m,
+            ripple_wave_y=2.0 * math.pi * math.sin(azimuth) / terrain.ripple_length_m,
+            crater_density=float(terrain.crater_density),
+            rim_radius=float(terrain.rim_radius_m),
+            rim_x=float(terrain.rim_x_m),
+            rim_y=float(terrain.rim_y_m),
+            shares=MaterialShares.of(ground),
+            seed=sub_seed(seed, 1),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Terrain:
     """A seeded ground.
 
     Attributes:
-        seed: 32 bits.
-        values: `(12,)` float64, the numbers of `TerrainConfig` as the compiled code takes them.
-        shares: `(2,)` float64, shares of gravel and of bedrock.
+        parameters: Its shape.
     """
 
-    seed: np.uint32
-    values: FloatArray
-    shares: FloatArray
+    parameters: TerrainParameters
 
     @classmethod
     def make(cls, seed: int, terrain: TerrainConfig, ground: GroundConfig) -> Terrain:
         """Return the ground of a configuration."""
-        azimuth = math.radians(terrain.ripple_azimuth_deg)
-        values = (
-            terrain.relief_m,
-            terrain.relief_length_m,
-            terrain.hurst,
-            terrain.hills_m,
-            terrain.hills_length_m,
-            math.tan(math.radians(terrain.slope_deg)),
-            terrain.ripple_height_m,
-            2.0 * math.pi * math.cos(azimuth) / terrain.ripple_length_m,
-            2.0 * math.pi * math.sin(azimuth) / terrain.ripple_length_m,
-            terrain.crater_density,
-            terrain.rim_radius_m,
-            terrain.rim_x_m,
-            terrain.rim_y_m,
-        )
-        return cls(sub_seed(seed, 1), np.array(values), np.array([ground.gravel, ground.bedrock]))
+        return cls(TerrainParameters.of(seed, terrain, ground))
 
     def height(self, x: FloatArray, y: FloatArray, spacing: FloatArray) -> FloatArray:
-        """Return heights in DS, metres.
+        """Return heights `(N,)` in DS, metres.
 
         Args:
             x: `(N,)` metres, DS.
             y: `(N,)` metres, DS.
-            spacing: `(N,)` metres between the samples there; shorter waves than it can carry are left out.
+            spacing: `(N,)` metres between the samples there; waves too short for it are left out.
         """
         out = np.empty(len(x))
-        _heights(x, y, spacing, self.values, self.shares, self.seed, out)
+        _heights(x, y, spacing, self.parameters, out)
         return out
 
 
@@ -77,8 +135,8 @@ def smooth_step(low: float, high: float, value: float) -> float:
 
 
 @jit_inline
-def materials(x: float, y: float, shares: FloatArray, seed: np.uint32) -> tuple[float, float, float]:
-    """Return the shares of sand, gravel and bedrock at a place; they add up to 1."""
+def materials(x: float, y: float, shares: MaterialShares, seed: np.uint32) -> tuple[float, float, float]:
+    """Return the shares of sand, gravel and bedrock at a position; they add up to 1."""
     a = value2(x * 0.23 + 0.11 * y, y * 0.23 - 0.11 * x, seed ^ _SAND)[0]
     b = value2(x * 0.9 - 0.3 * y, y * 0.9 + 0.3 * x, seed ^ _SAND ^ np.uint32(1))[0]
     c = value2(x * 3.7 + 1.3 * y, y * 3.7 - 1.3 * x, seed ^ _SAND ^ np.uint32(2))[0]
@@ -86,55 +144,51 @@ def materials(x: float, y: float, shares: FloatArray, seed: np.uint32) -> tuple[
     d = value2(x * 0.31 - 0.2 * y, y * 0.31 + 0.2 * x, seed ^ _ROCK)[0]
     e = value2(x * 1.9 + 0.5 * y, y * 1.9 - 0.5 * x, seed ^ _ROCK ^ np.uint32(1))[0]
     bare = 0.5 + 0.5 * d + 0.18 * e + 0.06 * c
-    rock = smooth_step(1.0 - shares[1] - 0.06, 1.0 - shares[1] + 0.06, bare) if shares[1] > 0.0 else 0.0
-    gravel = smooth_step(1.0 - shares[0] - 0.15, 1.0 - shares[0] + 0.15, cover)
+    bedrock = shares.bedrock
+    rock = smooth_step(1.0 - bedrock - 0.06, 1.0 - bedrock + 0.06, bare) if bedrock > 0.0 else 0.0
+    gravel = smooth_step(1.0 - shares.gravel - 0.15, 1.0 - shares.gravel + 0.15, cover)
     return (1.0 - rock) * (1.0 - gravel), (1.0 - rock) * gravel, rock
 
 
 @jit
-def _heights(
-    x: FloatArray,
-    y: FloatArray,
-    spacing: FloatArray,
-    values: FloatArray,
-    shares: FloatArray,
-    seed: np.uint32,
-    out: FloatArray,
-) -> None:
+def _heights(x: FloatArray, y: FloatArray, spacing: FloatArray, parameters: TerrainParameters, out: FloatArray) -> None:
     for i in range(len(x)):
-        z = values[5] * x[i] + _hills(x[i], y[i], values, seed)
-        z += _relief(x[i], y[i], spacing[i], values, seed)
-        z += _craters(x[i], y[i], values[9], seed)
-        if values[10] > 0.0:
-            r = math.hypot(x[i] - values[11], y[i] - values[12]) / values[10]
-            z += _crater_profile(r, 0.24 * values[10], 0.07 * values[10])
-        if spacing[i] < 0.2 and values[6] > 0.0:
-            z += _ripples(x[i], y[i], values, shares, seed)
+        z = parameters.gradient * x[i] + _hills(x[i], y[i], parameters)
+        z += _relief(x[i], y[i], spacing[i], parameters)
+        z += _craters(x[i], y[i], parameters.crater_density, parameters.seed)
+        rim = parameters.rim_radius
+        if rim > 0.0:
+            r = math.hypot(x[i] - parameters.rim_x, y[i] - parameters.rim_y) / rim
+            z += _crater_profile(r, 0.24 * rim, 0.07 * rim)
+        if spacing[i] < 0.2 and parameters.ripple_height > 0.0:
+            z += _ripples(x[i], y[i], parameters)
         out[i] = z
 
 
 @jit
-def _hills(x: float, y: float, values: FloatArray, seed: np.uint32) -> float:
-    total, scale, amplitude = 0.0, 1.0 / values[4], 2.6 * values[3]
+def _hills(x: float, y: float, parameters: TerrainParameters) -> float:
+    total, scale, amplitude = 0.0, 1.0 / parameters.hills_length, 2.6 * parameters.hills
     for k in range(3):
-        total += amplitude * gradient2(x * scale + 0.37, y * scale + 0.71, seed ^ _HILL ^ np.uint32(k))[0]
+        total += amplitude * gradient2(x * scale + 0.37, y * scale + 0.71, parameters.seed ^ _HILL ^ np.uint32(k))[0]
         scale *= 2.1
         amplitude *= 0.42
     return total
 
 
 @jit
-def _relief(x: float, y: float, spacing: float, values: FloatArray, seed: np.uint32) -> float:
-    """Fractional Brownian relief: amplitudes go as the wave length to the power of the Hurst exponent."""
-    total, length = 0.0, values[1]
+def _relief(x: float, y: float, spacing: float, parameters: TerrainParameters) -> float:
+    """Fractional Brownian relief: amplitudes go as the wavelength to the power of the Hurst exponent."""
+    total, longest = 0.0, parameters.relief_length
+    length = longest
     shortest = max(SHORTEST_M, 2.0 * spacing)
     k, c, s = 0, 1.0, 0.0
-    ct, st = math.cos(OCTAVE_TURN), math.sin(OCTAVE_TURN)
+    ct, st = math.cos(OCTAVE_ANGLE), math.sin(OCTAVE_ANGLE)
     while length > shortest:
         fade = min(length / shortest - 1.0, 1.0)
         px, py = (c * x + s * y) / length, (c * y - s * x) / length
-        amplitude = 2.2 * values[0] * (length / values[1]) ** values[2]
-        total += fade * amplitude * gradient2(px + 0.5 * k, py + 0.3 * k, seed ^ _RELIEF ^ np.uint32(k))[0]
+        amplitude = 2.2 * parameters.relief * (length / longest) ** parameters.hurst
+        key = parameters.seed ^ _RELIEF ^ np.uint32(k)
+        total += fade * amplitude * gradient2(px + 0.5 * k, py + 0.3 * k, key)[0]
         c, s = c * ct - s * st, s * ct + c * st
         length *= 0.5
         k += 1
@@ -142,15 +196,15 @@ def _relief(x: float, y: float, spacing: float, values: FloatArray, seed: np.uin
 
 
 @jit
-def _ripples(x: float, y: float, values: FloatArray, shares: FloatArray, seed: np.uint32) -> float:
-    sand = materials(x, y, shares, seed)[0]
+def _ripples(x: float, y: float, parameters: TerrainParameters) -> float:
+    sand, seed = materials(x, y, parameters.shares, parameters.seed)[0], parameters.seed
     if sand <= 0.0:
         return 0.0
     warp = 2.5 * value2(x * 0.5, y * 0.5, seed ^ _RIPPLE)[0] + 0.9 * value2(x * 1.7, y * 1.7, seed ^ _RIPPLE)[0]
-    phase = values[7] * x + values[8] * y + 2.0 * warp
+    phase = parameters.ripple_wave_x * x + parameters.ripple_wave_y * y + 2.0 * warp
     profile = math.sin(phase + 0.45 * math.sin(phase))
     patch = 0.5 + 0.5 * value2(x * 0.7 + 3.0, y * 0.7, seed ^ _RIPPLE ^ np.uint32(7))[0]
-    return float(0.5 * values[6] * sand * patch * profile)
+    return float(0.5 * parameters.ripple_height * sand * patch * profile)
 
 
 @jit

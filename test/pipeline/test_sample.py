@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.config import build, load_yaml
+from sfr_loc_map.constants import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.world import LOC, NAV, Plan
+from sfr_loc_map.simulation.plan import Plan
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample" / "sample.mcap"
@@ -23,7 +24,7 @@ def test_sample_has_the_truth_of_its_scenario() -> None:
     source = open_source(SAMPLE, {})
     assert source.loc is not None
     assert source.nav is not None
-    assert (len(source.loc), len(source.nav)) == (plan.count(LOC), plan.count(NAV))
+    assert (len(source.loc), len(source.nav)) == (plan.count(Task.LOCALISATION), plan.count(Task.MAPPING))
     truth = source.loc.ground_truth
     assert truth is not None
     expected = plan.trajectory()

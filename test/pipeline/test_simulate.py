@@ -17,7 +17,7 @@ from sfr_loc_map.pipeline.perturb import perturb
 from sfr_loc_map.pipeline.simulate import SETTINGS, settings_text, simulate
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.simulation.world import Plan
+from sfr_loc_map.simulation.plan import Plan
 
 pytest.importorskip("embreex")
 
@@ -74,7 +74,7 @@ def start(config: Path, out: Path) -> subprocess.Popen[bytes]:
 
 
 def test_run_killed_twice_continues_to_the_same_bytes(tmp_path: Path) -> None:
-    """Each time it is killed amid rendering, with pictures done and others not; what is done is not made again."""
+    """Each time it is killed amid rendering, with images done and others not; what is done is not made again."""
     slow = build(SimulationConfig, {**TINY, "drive.pairs": 4, "sensor.samples": 36})
     whole, out, config = tmp_path / "whole", tmp_path / "killed", tmp_path / "config.yaml"
     config.write_text(settings_text(slow))
@@ -111,7 +111,7 @@ def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:
     assert build(SimulationConfig, load_yaml(made / SETTINGS)) == CONFIG
 
 
-def test_bag_holds_the_same_pictures(made: Path, tmp_path: Path) -> None:
+def test_bag_holds_the_same_images(made: Path, tmp_path: Path) -> None:
     simulate(CONFIG, tmp_path / "run.mcap", workers=1)
     assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
     bag, folder = open_source(tmp_path / "run.mcap", {}), open_source(made, {})

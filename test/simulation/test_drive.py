@@ -6,10 +6,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.world import LOC, NAV, Plan
+from sfr_loc_map.simulation.plan import Plan
 
 Maker = Callable[..., SimulationConfig]
 
@@ -89,7 +90,7 @@ def test_exposures_at_the_start_and_the_end_are_centred_on_their_stamps(config: 
 def test_poses_are_rotations_and_change_little_between_pairs(config: Maker) -> None:
     plan = Plan.make(config(drive__segments=["straight 1", "arc 2 30"]))
     truth = plan.trajectory()
-    assert len(truth) == plan.count(LOC)
+    assert len(truth) == plan.count(Task.LOCALISATION)
     steps = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)
     assert steps.max() < 0.15 * 0.5 * 1.3
     for k in range(1, len(truth)):
@@ -104,7 +105,7 @@ def test_pan_to_the_left_turns_the_view_to_the_left(config: Maker) -> None:
     ahead, left = (plan.lm_pose(k).rotation[:, 0] for k in (0, 1))
     assert ahead == pytest.approx([math.cos(math.radians(20)), 0, -math.sin(math.radians(20))], abs=1e-9)
     assert math.degrees(math.atan2(left[1], left[0])) == pytest.approx(30.0, abs=1e-9)
-    assert plan.count(NAV) == 2
+    assert plan.count(Task.MAPPING) == 2
 
 
 @pytest.mark.parametrize("segment", ["fly 3", "straight", "arc 2", "straight x", "", "turn nan"])

@@ -6,13 +6,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.mesh import Mesh
+from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rays import sun_rays
-from sfr_loc_map.simulation.renderer import Occluder, Tracer, see, sun_seen
+from sfr_loc_map.simulation.renderer import Occluder, Tracer, trace_primary_rays, trace_shadow_rays
 from sfr_loc_map.simulation.rover import rover_mesh
-from sfr_loc_map.simulation.world import NAV, SHADOW, Plan, World
+from sfr_loc_map.simulation.world import MaskBit, World
 
 pytest.importorskip("embreex")
 
@@ -32,10 +34,10 @@ def lit_along_x(elevation_deg: float, occluder: Occluder | None = None) -> tuple
     x = np.linspace(-8.0, -0.02, 1597)
     rays = np.column_stack((x, np.full(len(x), 0.3), np.full(len(x), -5.0)))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    hits = see(tracer, np.array([0.0, 0.0, 5.0]), rays)
+    hits = trace_primary_rays(tracer, np.array([0.0, 0.0, 5.0]), rays)
     angle = math.radians(elevation_deg)
     suns = sun_rays(np.array([math.cos(angle), 0.0, math.sin(angle)]), 0.0, len(x), np.uint32(1))
-    return hits.points[:, 0], sun_seen(tracer, hits, suns, occluder)
+    return hits.points[:, 0], trace_shadow_rays(tracer, hits, suns, occluder)
 
 
 @pytest.mark.parametrize("elevation", [20.0, 45.0, 70.0])
@@ -70,6 +72,6 @@ def test_low_sun_makes_more_shadow(config: Callable[..., SimulationConfig]) -> N
     for elevation in (60.0, 8.0):
         changes = {"panorama__enabled": True, "drive__enabled": False, "light__sun_elevation_deg": elevation}
         world = World(Plan.make(config(**changes, terrain__relief_m=0.2)))
-        shares.append(float(((world.truth(0)[1] & SHADOW) > 0).mean()))
-        assert world.plan.count(NAV) == 2
+        shares.append(float(((world.truth(0)[1] & MaskBit.SHADOW) > 0).mean()))
+        assert world.plan.count(Task.MAPPING) == 2
     assert shares[1] > 3 * shares[0] + 0.01

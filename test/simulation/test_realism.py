@@ -1,4 +1,4 @@
-"""Statistics of rendered ground against those of pictures of real ground."""
+"""Statistics of rendered ground against those of images of real ground."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.config import build, load_yaml
+from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.world import LOC, Plan, World
+from sfr_loc_map.simulation.plan import Plan
+from sfr_loc_map.simulation.world import World
 
 pytest.importorskip("embreex")
 
@@ -18,12 +20,12 @@ ROCKY = Path(__file__).parents[2] / "config" / "simulation" / "rocky.yaml"
 LAGS = (1, 2, 4, 8)
 
 
-def statistics(pictures: Sequence[np.ndarray]) -> FloatArray:
-    """Means over pictures, of the lower half: standard deviation, absolute differences along rows and columns, and the
+def statistics(images: Sequence[np.ndarray]) -> FloatArray:
+    """Means over images, of the lower half: standard deviation, absolute differences along rows and columns, and the
     autocorrelation along rows at `LAGS` without waves longer than some 50 pixels."""
     rows = []
-    for picture in pictures:
-        ground = picture[picture.shape[0] // 2 :].astype(float)
+    for image in images:
+        ground = image[image.shape[0] // 2 :].astype(float)
         fine = ground - cv2.GaussianBlur(ground, (0, 0), 16)
         similar = [(fine[:, lag:] * fine[:, :-lag]).mean() / fine.var() for lag in LAGS]
         rows.append([ground.std(), *(np.abs(np.diff(ground, axis=axis)).mean() for axis in (1, 0)), *similar])
@@ -36,6 +38,6 @@ def test_stony_ground_is_like_desert_pavement(shared_data: Path) -> None:
     values = load_yaml(ROCKY)
     values["drive"]["pairs"] = 2
     world = World(Plan.make(build(SimulationConfig, values)))
-    made = statistics([world.picture(LOC, frame, 0) for frame in range(2)])
+    made = statistics([world.image(Task.LOCALISATION, frame, 0) for frame in range(2)])
     assert np.all(np.abs(np.log(made[:3] / real[:3])) < np.log(1.5))
     assert np.abs(made[3:] - real[3:]).max() < 0.2

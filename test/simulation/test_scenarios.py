@@ -7,9 +7,10 @@ import pytest
 
 from sfr_loc_map.cli.simulate import parse_settings
 from sfr_loc_map.config import build, load_yaml
+from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.world import LOC, NAV, Plan
+from sfr_loc_map.simulation.plan import Plan
 
 FOLDER = Path(__file__).resolve().parents[2] / "config" / "simulation"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
@@ -27,8 +28,8 @@ def test_all_scenarios_are_there() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_scenario_makes_pairs(name: str) -> None:
     made = plan(name)
-    assert made.count(NAV) == (3 if name in ("mapping_panorama", "sample") else 0)
-    assert made.count(LOC) >= (0 if name == "mapping_panorama" else 75)
+    assert made.count(Task.MAPPING) == (3 if name in ("mapping_panorama", "sample") else 0)
+    assert made.count(Task.LOCALISATION) >= (0 if name == "mapping_panorama" else 75)
 
 
 def test_long_drive_is_longer_than_100_m() -> None:

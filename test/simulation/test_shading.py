@@ -1,67 +1,133 @@
-"""What a place looks like depends on the place, not on what is shaded along with it."""
+"""Appearance depends on position alone, and light obeys the laws of reflection and haze."""
 
 import numpy as np
 import pytest
 
-from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig
-from sfr_loc_map.simulation.shading import GROUND, RUN, SKY, look_values, shade
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig, TerrainConfig
+from sfr_loc_map.simulation.rays import GROUND, SKY, Hits
+from sfr_loc_map.simulation.shading import (
+    RUN,
+    ShadingParameters,
+    Vector,
+    _brightness,
+    _bumped,
+    _reflect,
+    _sky,
+    shade,
+    shading_parameters,
+    surface_parameters,
+)
+from sfr_loc_map.simulation.terrain import Terrain
 
 SUN = np.array([0.6, 0.0, 0.8])
-SHARES = np.array([0.5, 0.2])
 
 
-def brightness(places: np.ndarray, objects: np.ndarray, camera: np.ndarray, **ground: float) -> np.ndarray:
-    """Shade places `(N, 3)` with upward normals, seen from a camera."""
-    away = places - camera
+def parameters(light: LightConfig | None = None, **ground: float) -> ShadingParameters:
+    config = GroundConfig(gravel=0.5, bedrock=0.2, **ground)
+    terrain = Terrain.make(7, TerrainConfig(), config)
+    return shading_parameters(surface_parameters(config, RockConfig()), light or LightConfig(), SUN, 0.48, terrain)
+
+
+def brightness(points: np.ndarray, objects: np.ndarray, camera: np.ndarray, **ground: float) -> np.ndarray:
+    """Shade points `(N, 3)` with upward normals, viewed from a camera."""
+    away = points - camera
     ranges = np.linalg.norm(away, axis=1)
     rays = away / ranges[:, None]
-    normals = np.tile([0.0, 0.0, 1.0], (len(places), 1))
-    look = look_values(GroundConfig(**ground), RockConfig(), LightConfig(), SUN)
-    out = np.full(len(places), np.nan, np.float32)
-    lit = np.ones(len(places), np.float32)
-    shade(places, normals, objects, lit, rays, ranges, 0.0025, look, SHARES, np.uint32(7), 0.48, out)
+    normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    out = np.full(len(points), np.nan, np.float32)
+    lit = np.ones(len(points), np.float32)
+    shade(Hits(points, normals, objects, ranges), rays, lit, 0.0025, parameters(**ground), out)
     return out
 
 
 @pytest.fixture(scope="module")
 def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of places in front of a camera, some of them on rocks or in the sky."""
+    """Rows of points in front of a camera, some of them on rocks or in the sky."""
     count = 2 * RUN + 300
     rng = np.random.default_rng(3)
     y = np.linspace(-1.5, 1.5, count)
-    places = np.column_stack((1.5 + 0.4 * (np.arange(count) // 500), y, np.zeros(count)))
+    points = np.column_stack((1.5 + 0.4 * (np.arange(count) // 500), y, np.zeros(count)))
     objects = rng.choice(np.array([GROUND, GROUND, GROUND, GROUND, SKY, 5], np.int32), count)
-    return places, objects, np.array([0.0, 0.0, 1.2])
+    return points, objects, np.array([0.0, 0.0, 1.2])
 
 
-def test_brightness_does_not_depend_on_the_company(scene: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
-    places, objects, camera = scene
-    together = brightness(places, objects, camera)
+def test_brightness_does_not_depend_on_the_rest_of_the_batch(
+    scene: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    points, objects, camera = scene
+    together = brightness(points, objects, camera)
     assert np.isfinite(together).all()
     assert together[objects == GROUND].std() > 0.02
-    order = np.random.default_rng(1).permutation(len(places))
-    assert np.array_equal(brightness(places[order], objects[order], camera), together[order])
+    order = np.random.default_rng(1).permutation(len(points))
+    assert np.array_equal(brightness(points[order], objects[order], camera), together[order])
     some = slice(RUN - 3, RUN + 40)
     for n in range(some.start, some.stop):
-        assert brightness(places[n : n + 1], objects[n : n + 1], camera)[0] == together[n]
+        assert brightness(points[n : n + 1], objects[n : n + 1], camera)[0] == together[n]
 
 
 def test_far_ground_is_smooth_and_near_ground_is_not(scene: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
-    """Waves and pebbles finer than a pixel fade out, so that a small step changes little when seen from afar."""
-    places, objects, _ = scene
+    """Waves and pebbles finer than a pixel fade out, so that a small step changes little from afar."""
+    points, objects, _ = scene
     ground = np.full(len(objects), GROUND, np.int32)
     step = np.array([0.004, 0.0, 0.0])
     change = []
     for height in (1.2, 60.0):
         camera = np.array([0.0, 0.0, height])
-        change.append(np.abs(brightness(places + step, ground, camera) - brightness(places, ground, camera)).mean())
+        change.append(np.abs(brightness(points + step, ground, camera) - brightness(points, ground, camera)).mean())
     assert change[0] > 20 * change[1]
 
 
 def test_level_mean_ground_has_the_wanted_grey(scene: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     """Without contrast, pebbles or fine relief only the law of reflection is left."""
-    places, _, camera = scene
-    ground = np.full(len(places), GROUND, np.int32)
-    flat = brightness(places, ground, camera, contrast=0.0, bump=0.0, pebbles=0.0)
+    points, _, camera = scene
+    ground = np.full(len(points), GROUND, np.int32)
+    flat = brightness(points, ground, camera, contrast=0.0, bump=0.0, pebbles=0.0)
     assert flat.mean() == pytest.approx(0.48, rel=0.05)
     assert flat.std() < 0.05
+
+
+def grey(normal: FloatArray, mu: float = 0.5, distance: float = 1e-3, sun: float = 1.0, sky: float = 0.0) -> float:
+    light = parameters(LightConfig(sky=sky), lunar=0.0)
+    return _brightness(Vector(*normal), mu, distance, 1.0, 1.0, sun, light)
+
+
+def test_lambert_surface_follows_the_cosine_of_incidence() -> None:
+    """With no lunar share and no sky the brightness is proportional to the cosine, whatever the view and the length."""
+    facing = grey(SUN)
+    for angle in (0.2, 0.9, 1.4):
+        normal = np.array([0.8, 0.0, -0.6]) * np.sin(angle) + SUN * np.cos(angle)
+        assert grey(3.0 * normal) == pytest.approx(facing * np.cos(angle), rel=1e-6)
+        assert grey(normal, mu=0.9) == pytest.approx(grey(normal, mu=0.2), rel=1e-12)
+    assert grey(-SUN) == pytest.approx(0.0, abs=1e-6)
+    assert grey(SUN, sun=0.25) == pytest.approx(0.25 * facing, rel=1e-5)
+
+
+def test_dust_reflects_by_lommel_and_seeliger() -> None:
+    """2 mu0 / (mu0 + mu) is 1 where both cosines are equal, and brighter at grazing views."""
+    assert _reflect(0.7, 0.7, 1.0) * 0.7 == pytest.approx(1.0, rel=1e-5)
+    assert _reflect(0.7, 0.2, 1.0) == pytest.approx(2.0 / 0.9, rel=1e-5)
+    assert _reflect(0.7, 0.2, 0.0) == 1.0
+    assert _reflect(0.7, 0.2, 0.25) == pytest.approx(0.25 * _reflect(0.7, 0.2, 1.0) + 0.75, rel=1e-12)
+
+
+def test_haze_takes_the_contrast_exponentially() -> None:
+    near, far, one = grey(SUN), grey(SUN, distance=1e7), grey(SUN, distance=LightConfig().haze_m)
+    assert far == pytest.approx(0.9 * LightConfig().sky_grey, rel=1e-9)
+    assert one == pytest.approx(far + (near - far) * np.exp(-1.0), rel=1e-5)
+
+
+def test_sky_is_brightest_at_the_horizon_and_lights_shadows() -> None:
+    light = parameters().light
+    greys = [_sky(rise, light) for rise in (0.0, 0.1, 0.5, 1.0)]
+    assert greys == sorted(greys, reverse=True)
+    assert _sky(-0.3, light) == greys[0]
+    shadows = [grey(np.array([x, 0.0, np.sqrt(1 - x * x)]), sun=0.0, sky=0.35) for x in (0.0, 0.7)]
+    assert shadows[0] > shadows[1] > 0
+
+
+def test_bump_along_the_normal_changes_nothing() -> None:
+    normal = np.array([0.0, 0.6, 0.8])
+    assert _bumped(normal, Vector(*(2.0 * normal))) == pytest.approx(normal, abs=1e-12)
+    tangent = np.array([0.1, 0.08, -0.06])
+    assert _bumped(normal, Vector(*tangent)) == pytest.approx(normal - tangent, abs=1e-12)

@@ -1,13 +1,12 @@
-"""The ground and its rocks: lawful numbers, no cracks, no tiling."""
+"""The ground and its rocks: numbers by the laws, no cracks, no tiling."""
 
 import numpy as np
 import pytest
 
 from sfr_loc_map.simulation.config import GroundConfig, RockConfig, TerrainConfig
 from sfr_loc_map.simulation.mesh import CELLS, ground_mesh
-from sfr_loc_map.simulation.noise import value2, value3
 from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh, rocks_per_area
-from sfr_loc_map.simulation.terrain import Terrain, materials
+from sfr_loc_map.simulation.terrain import MaterialShares, Terrain, materials
 
 
 @pytest.fixture(scope="module")
@@ -24,16 +23,16 @@ def test_rock_cover_is_that_of_the_law() -> None:
 
 
 def test_placed_rocks_follow_the_law(terrain: Terrain) -> None:
-    way = np.array([[0.0, 0.0]])
-    rocks = place_rocks(1, RockConfig(smallest_m=0.1, clear_m=10.0), terrain, way, 0.7)
+    path = np.array([[0.0, 0.0]])
+    rocks = place_rocks(1, RockConfig(smallest_m=0.1, clear_m=10.0), terrain, path, 0.7)
     near = (rocks.distances < 8.0) & (rocks.diameters < 0.2)
     expected = np.pi * 8.0**2 * -np.diff(rocks_per_area(np.array([0.1, 0.2]), 0.05))[0]
     assert near.sum() == pytest.approx(expected, abs=4 * np.sqrt(expected))
 
 
-def test_large_rocks_are_kept_off_the_way(terrain: Terrain) -> None:
-    way = np.column_stack((np.linspace(0, 10, 40), np.zeros(40)))
-    rocks = place_rocks(1, RockConfig(cover=0.2), terrain, way, 0.7)
+def test_large_rocks_are_kept_off_the_path(terrain: Terrain) -> None:
+    path = np.column_stack((np.linspace(0, 10, 40), np.zeros(40)))
+    rocks = place_rocks(1, RockConfig(cover=0.2), terrain, path, 0.7)
     large = rocks.diameters > 0.12
     assert large.sum() > 100
     assert (rocks.distances[large] - 0.5 * rocks.diameters[large]).min() > 0.7
@@ -57,12 +56,12 @@ def test_ground_has_no_cracks(terrain: Terrain) -> None:
     keys = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
     edges = np.sort(keys[mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)], axis=1)
     _unique, first, counts = np.unique(edges, axis=0, return_index=True, return_counts=True)
-    places = mesh.vertices[mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1)].reshape(-1, 2, 3)[first[counts == 1]]
-    rim = np.abs(places[..., :2] - places[..., :2].mean(axis=(0, 1))).max(axis=(1, 2)) > 500
-    middle, length = places.mean(axis=1)[~rim], np.abs(places[:, 0] - places[:, 1])[~rim, :2].max(axis=1)
+    ends = mesh.vertices[mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1)].reshape(-1, 2, 3)[first[counts == 1]]
+    rim = np.abs(ends[..., :2] - ends[..., :2].mean(axis=(0, 1))).max(axis=(1, 2)) > 500
+    middle, length = ends.mean(axis=1)[~rim], np.abs(ends[:, 0] - ends[:, 1])[~rim, :2].max(axis=1)
     assert len(middle) > CELLS  # tiles of different size meet
     lines: dict[tuple[int, float], list[tuple[float, float, float, float]]] = {}
-    for a, b in places[~rim]:
+    for a, b in ends[~rim]:
         axis = 0 if a[0] == b[0] else 1
         low, high = sorted((tuple(a), tuple(b)), key=lambda p: p[1 - axis])
         lines.setdefault((axis, low[axis]), []).append((low[1 - axis], high[1 - axis], low[2], high[2]))
@@ -79,18 +78,6 @@ def test_ground_has_no_cracks(terrain: Terrain) -> None:
                 assert np.allclose(on, (z0, z1), atol=2e-5)
 
 
-def test_noise_is_smooth_and_its_gradient_right() -> None:
-    rng = np.random.default_rng(0)
-    seed, step = np.uint32(9), 1e-6
-    for x, y, z in rng.uniform(-50, 50, (200, 3)):
-        v, gx, gy = value2(x, y, seed)
-        assert -1 <= v <= 1
-        assert (value2(x + step, y, seed)[0] - v) / step == pytest.approx(gx, abs=1e-3)
-        assert (value2(x, y + step, seed)[0] - v) / step == pytest.approx(gy, abs=1e-3)
-        w, _, _, gz = value3(x, y, z, seed)
-        assert (value3(x, y, z + step, seed)[0] - w) / step == pytest.approx(gz, abs=1e-3)
-
-
 def test_ground_does_not_repeat(terrain: Terrain) -> None:
     """No shift of up to 30 m brings the relief back."""
     grid = np.arange(0, 64, 0.25)
@@ -103,10 +90,60 @@ def test_ground_does_not_repeat(terrain: Terrain) -> None:
 
 
 def test_materials_share_the_ground() -> None:
-    shares = np.array([0.5, 0.2])
+    shares = MaterialShares(0.5, 0.2)
     rng = np.random.default_rng(1)
     found = np.array([materials(x, y, shares, np.uint32(4)) for x, y in rng.uniform(-200, 200, (4000, 2))])
     assert np.allclose(found.sum(axis=1), 1.0)
     assert (found >= 0).all()
     assert 0.1 < found[:, 2].mean() < 0.35
     assert 0.25 < found[:, 1].mean() < 0.6
+
+
+def flat(**changes: float) -> Terrain:
+    level = {"relief_m": 0.0, "hills_m": 0.0, "ripple_height_m": 0.0, "crater_density": 0.0}
+    return Terrain.make(3, TerrainConfig(**(level | changes)), GroundConfig(gravel=0.0, bedrock=0.0))
+
+
+def heights(terrain: Terrain, x: np.ndarray, y: np.ndarray, spacing: float = 0.02) -> np.ndarray:
+    return terrain.height(x.astype(float).copy(), y.astype(float).copy(), np.full(len(x), spacing))
+
+
+def test_slope_is_a_plane_that_rises_to_the_east() -> None:
+    x, y = np.random.default_rng(0).uniform(-50, 50, (2, 200))
+    assert np.allclose(heights(flat(slope_deg=10.0), x, y), np.tan(np.radians(10.0)) * x, atol=1e-12)
+
+
+def test_large_crater_is_a_bowl_with_a_rim_around_its_centre() -> None:
+    """Floor 0.24 radii deep at the centre, rim 0.07 radii high at the radius, level beyond 2.2 radii."""
+    radius, x0, y0 = 10.0, 4.0, -3.0
+    crater = flat(rim_radius_m=radius, rim_x_m=x0, rim_y_m=y0)
+    angle = np.linspace(0, 2 * np.pi, 9)
+    for r, height in ((0.0, -0.24), (1.02, 0.07), (2.3, 0.0)):
+        z = heights(crater, x0 + r * radius * np.cos(angle), y0 + r * radius * np.sin(angle))
+        assert np.allclose(z, height * radius, atol=0.012 * radius)
+        assert np.ptp(z) < 1e-9
+
+
+def test_amplitude_of_relief_scales_with_its_setting_and_has_its_spread() -> None:
+    x, y = np.random.default_rng(1).uniform(-2000, 2000, (2, 20000))
+    low, high = (heights(flat(relief_m=relief), x, y) for relief in (0.1, 0.3))
+    assert np.allclose(high, 3.0 * low, atol=1e-12)
+    assert low.std() == pytest.approx(0.1, rel=0.25)
+
+
+def test_waves_too_short_for_the_spacing_are_left_out() -> None:
+    x, y = np.random.default_rng(2).uniform(-200, 200, (2, 5000))
+    rough, smooth = flat(relief_m=0.1, relief_length_m=7.0), heights(flat(relief_m=0.1), x, y, spacing=3.6)
+    assert np.all(smooth == 0.0)
+    fine, coarse = heights(rough, x, y), heights(rough, x, y, spacing=1.0)
+    assert 0.0 < np.std(fine - coarse) < np.std(coarse)
+
+
+def test_ripples_run_across_their_direction() -> None:
+    """Along the crests the phase changes by the slow warp alone, across them by a whole turn per wavelength."""
+    ripples = flat(ripple_height_m=0.02, ripple_length_m=0.5, ripple_azimuth_deg=90.0)
+    near = np.linspace(0.0, 0.25, 26)
+    across = np.abs(np.diff(heights(ripples, np.zeros(26), near))).sum()
+    along = np.abs(np.diff(heights(ripples, near, np.zeros(26)))).sum()
+    assert across > 1.5 * along
+    assert np.abs(heights(ripples, near, near)).max() < 0.02

@@ -1,4 +1,4 @@
-"""The truth is exact: it lies on the ray of its own pixel, on the surface, and where the right picture shows it."""
+"""The truth is exact: it lies on the ray of its own pixel, on the surface, and where the right image shows it."""
 
 from collections.abc import Callable
 
@@ -6,11 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
+from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rays import sample_offsets
-from sfr_loc_map.simulation.world import NAV, SHADOW, SKY, UNSEEN, Plan, World
+from sfr_loc_map.simulation.world import MaskBit, World
 
 pytest.importorskip("embreex")
 
@@ -23,13 +25,13 @@ def world(config: Callable[..., SimulationConfig]) -> World:
 
 
 def left_points(world: World, truth: FloatImage) -> FloatArray:
-    rig = world.plan.rig(NAV)
+    rig = world.plan.rig(Task.MAPPING)
     return (world.plan.lm_pose(0) @ rig.T_sb_left).inverse().apply(truth.reshape(-1, 3)).reshape(truth.shape)
 
 
 def test_truth_reprojects_on_its_own_pixel_centre(world: World) -> None:
     truth, _ = world.truth(0)
-    rig = world.plan.rig(NAV)
+    rig = world.plan.rig(Task.MAPPING)
     points = left_points(world, truth)
     v, u = np.mgrid[: rig.height, : rig.width]
     seen = np.isfinite(points[..., 2])
@@ -52,18 +54,20 @@ def test_truth_lies_on_the_ground_it_was_made_from(world: World) -> None:
 
 def test_sky_is_not_a_number_and_marked(world: World) -> None:
     truth, mask = world.truth(0)
-    assert np.array_equal(np.isnan(truth[..., 0]), (mask & SKY) > 0)
+    assert np.array_equal(np.isnan(truth[..., 0]), (mask & MaskBit.SKY) > 0)
 
 
 def shift_between(world: World) -> FloatArray:
-    """Gradient-weighted (Lucas-Kanade) shift along rows and columns, pixels, between the left picture and the right one
+    """Gradient-weighted (Lucas-Kanade) shift along rows and columns, pixels, between the left image and the right one
     warped by the truth."""
     truth, mask = world.truth(0)
-    rig = world.plan.rig(NAV)
-    left, right = (world.brightness(NAV, 0, side) * 255 for side in (0, 1))
+    rig = world.plan.rig(Task.MAPPING)
+    left, right = (world.brightness(Task.MAPPING, 0, side) * 255 for side in (0, 1))
     disparity = (rig.fx * rig.baseline_m / left_points(world, truth)[..., 2]).astype(np.float32)
     v, u = np.mgrid[: rig.height, : rig.width].astype(np.float32)
-    good = cv2.erode(((mask & (SKY | UNSEEN | SHADOW)) == 0).astype(np.uint8), np.ones((7, 7))).astype(bool)
+    good = cv2.erode(
+        ((mask & (MaskBit.SKY | MaskBit.OCCLUDED | MaskBit.SHADOW)) == 0).astype(np.uint8), np.ones((7, 7))
+    ).astype(bool)
     good &= np.nan_to_num(disparity) > 3
     assert good.sum() > 5000
 
@@ -76,7 +80,7 @@ def shift_between(world: World) -> FloatArray:
     return np.asarray(np.linalg.lstsq(slopes, (left - warped(0, 0))[good], rcond=None)[0])
 
 
-def test_right_picture_shows_the_truth_where_it_says(world: World) -> None:
+def test_right_image_shows_the_truth_where_it_says(world: World) -> None:
     assert np.abs(shift_between(world)).max() < 0.02
 
 
@@ -95,6 +99,6 @@ def test_samples_are_centred_on_pixel_and_exposure() -> None:
 
 def test_pose_in_lm_agrees_with_ds(world: World) -> None:
     chain = world.plan.T_ds_lm @ world.plan.lm_pose(1)
-    direct = world.plan.bench_pose(NAV, 1)
+    direct = world.plan.rig_pose(Task.MAPPING, 1)
     assert isinstance(chain, Transform)
     assert np.allclose(chain.matrix, direct.matrix, atol=1e-12)

@@ -1,0 +1,76 @@
+"""Noise: a pure function of position and seed, within its range, continuous across cells, with the right gradient."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.simulation.noise import gradient2, hash2, mix, sub_seed, unit, value2, value3
+
+SEED = np.uint32(9)
+Field = Callable[..., tuple[float, ...]]
+FIELDS: list[tuple[Field, int]] = [(value2, 2), (gradient2, 2), (value3, 3)]
+fields = pytest.mark.parametrize(("field", "dimensions"), FIELDS, ids=["value2", "gradient2", "value3"])
+
+
+def positions(dimensions: int, count: int = 300) -> FloatArray:
+    return np.random.default_rng(0).uniform(-50, 50, (count, dimensions))
+
+
+@fields
+def test_noise_is_deterministic_and_depends_on_the_seed(field: Field, dimensions: int) -> None:
+    for at in positions(dimensions, 30):
+        assert field(*at, SEED) == field(*at, SEED)
+        assert field(*at, SEED) != field(*at, np.uint32(10))
+
+
+@fields
+def test_gradient_is_that_of_the_value(field: Field, dimensions: int) -> None:
+    step = 1e-6
+    for at in positions(dimensions):
+        _, *gradient = field(*at, SEED)
+        central = [
+            (field(*(at + offset), SEED)[0] - field(*(at - offset), SEED)[0]) / (2 * step)
+            for offset in step * np.eye(dimensions)
+        ]
+        assert gradient == pytest.approx(central, abs=1e-7)
+
+
+@fields
+def test_value_and_gradient_are_continuous_across_cells(field: Field, dimensions: int) -> None:
+    for at in np.rint(positions(dimensions, 50)):
+        assert field(*(at - 1e-9), SEED) == pytest.approx(field(*(at + 1e-9), SEED), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("field", "dimensions", "spread"), [(value2, 2, 0.45), (gradient2, 2, 0.30), (value3, 3, 0.40)]
+)
+def test_values_are_in_range_with_mean_zero(field: Field, dimensions: int, spread: float) -> None:
+    values = np.array([field(*at, SEED)[0] for at in positions(dimensions, 4000)])
+    assert np.abs(values).max() <= 1.0
+    assert abs(values.mean()) < 0.03
+    assert values.std() == pytest.approx(spread, abs=0.04)
+
+
+def test_gradient_noise_is_zero_at_the_corners_of_cells_and_value_noise_is_the_hash() -> None:
+    for i, j in ((0, 0), (-3, 7), (12, -5)):
+        assert gradient2(float(i), float(j), SEED)[0] == 0.0
+        assert value2(float(i), float(j), SEED)[0] == pytest.approx(2.0 * unit(hash2(i, j, SEED)) - 1.0, abs=1e-9)
+
+
+def test_hash_is_a_bijection_that_mixes_every_bit() -> None:
+    values = np.arange(20000, dtype=np.uint32)
+    hashes = np.array([mix(value) for value in values], np.uint32)
+    assert len(np.unique(hashes)) == len(values)
+    bits = np.unpackbits(hashes.view(np.uint8)).reshape(len(values), 32)
+    assert np.abs(bits.mean(axis=0) - 0.5).max() < 0.02
+    flipped = np.array([mix(value ^ np.uint32(1)) for value in values[:4000]], np.uint32) ^ hashes[:4000]
+    assert np.unpackbits(flipped.view(np.uint8)).mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_sub_seeds_differ_by_use() -> None:
+    assert sub_seed(1, 2, 3) == sub_seed(1, 2, 3)
+    assert len({int(sub_seed(*words)) for words in ((1, 2), (1, 3), (2, 2), (1, 2, 1))}) == 4

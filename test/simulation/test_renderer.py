@@ -1,0 +1,143 @@
+"""Rays against analytic planes: hits, normals, shadow rays and occlusion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.simulation.mesh import Mesh
+from sfr_loc_map.simulation.rays import GROUND, SKY, Camera, Hits, camera_pose, pixel_rays
+from sfr_loc_map.simulation.renderer import (
+    FirstHits,
+    Tracer,
+    _intersect_planes,
+    occlusion_mask,
+    trace_primary_rays,
+    trace_shadow_rays,
+)
+
+RIG = StereoRig(64, 48, 50.0, 55.0, 31.5, 23.5, 0.2)
+
+
+def square(centre: FloatArray, side_x: FloatArray, side_y: FloatArray, number: int) -> Mesh:
+    """A flat square of two triangles with the normal `side_x x side_y`."""
+    corners = np.array([centre + a * side_x + b * side_y for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    normal = np.cross(side_x, side_y)
+    normals = np.tile(normal / np.linalg.norm(normal), (4, 1))
+    triangles = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
+    return Mesh(corners.astype(np.float32), normals.astype(np.float32), triangles, np.full(2, number, np.int32))
+
+
+def slope(angle: float) -> tuple[Mesh, FloatArray]:
+    """A large ground that rises along x, and its normal."""
+    up = np.array([-np.sin(angle), 0.0, np.cos(angle)])
+    east = np.array([np.cos(angle), 0.0, np.sin(angle)])
+    return square(np.zeros(3), 64.0 * east, np.array([0.0, 64.0, 0.0]), GROUND), up
+
+
+def downward(count: int = 200) -> FloatArray:
+    rays = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 3)) * [1.0, 1.0, 0.2] - [0.0, 0.0, 1.0]
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
+def test_intersection_is_exact_on_the_plane_of_the_triangle() -> None:
+    """Whatever the tracer's rounding: `t = n (a - o) / n d` in double precision, without the tracer itself."""
+    mesh, normal = slope(0.0)
+    rays, origin = downward(), np.array([0.3, -0.2, 2.0])
+    first = FirstHits(np.zeros(200, np.int32), np.full(200, 0.25, np.float32), np.full(200, 0.5, np.float32))
+    hits = Hits(np.empty((200, 3)), np.empty((200, 3)), np.empty(200, np.int32), np.empty(200))
+    _intersect_planes(origin, rays, first, mesh, hits)
+    assert np.allclose(hits.ranges, -2.0 / rays[:, 2], rtol=1e-13)
+    assert np.allclose(hits.points, origin + hits.ranges[:, None] * rays, atol=1e-12)
+    assert np.abs(hits.points[:, 2]).max() < 1e-12
+    assert np.allclose(hits.normals, normal, atol=1e-7)
+    assert (hits.objects == GROUND).all()
+
+
+def test_smooth_normals_are_blended_by_barycentric_coordinates() -> None:
+    mesh = slope(0.0)[0]
+    corners = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1)], np.float32)
+    first = FirstHits(np.zeros(1, np.int32), np.full(1, 0.25, np.float32), np.full(1, 0.5, np.float32))
+    hits = Hits(np.empty((1, 3)), np.empty((1, 3)), np.empty(1, np.int32), np.empty(1))
+    _intersect_planes(
+        np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -1.0]]), first, mesh._replace(normals=corners), hits
+    )
+    blend = np.array([0.25, 0.25, 0.5])  # corners weigh 1 - u - v, u, v
+    assert hits.normals[0] == pytest.approx(blend / np.linalg.norm(blend), abs=1e-7)
+
+
+def test_pixel_rays_are_unit_and_project_back_to_their_pixels() -> None:
+    rotation = matrix_from_rotvec([0.3, -0.8, 0.5])
+    camera = Camera.of(RIG, Transform(rotation, np.zeros(3)))
+    u, v = np.random.default_rng(1).uniform(0, 48, (2, 100))
+    rays = pixel_rays(camera, u, v)
+    assert np.allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-15)
+    local = rays @ rotation
+    assert np.allclose(RIG.fx * local[:, 0] / local[:, 2] + RIG.cx, u, atol=1e-10)
+    assert np.allclose(RIG.fy * local[:, 1] / local[:, 2] + RIG.cy, v, atol=1e-10)
+
+
+def test_right_camera_is_one_baseline_along_x_of_the_left_one() -> None:
+    T_ds_sb = Transform(matrix_from_rotvec([0.1, 0.2, 0.9]), np.array([1.0, 2.0, 3.0]))
+    left, right = (camera_pose(T_ds_sb, RIG, side) for side in (False, True))
+    assert np.allclose(right.translation - left.translation, RIG.baseline_m * left.rotation[:, 0], atol=1e-12)
+    assert np.allclose(right.rotation, left.rotation)
+    assert np.allclose(0.5 * (left.translation + right.translation), T_ds_sb.translation, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def sloped() -> tuple[Tracer, FloatArray]:
+    pytest.importorskip("embreex")
+    mesh, normal = slope(0.35)
+    return Tracer(mesh), normal
+
+
+def test_first_hits_lie_on_an_analytic_slope(sloped: tuple[Tracer, FloatArray]) -> None:
+    tracer, normal = sloped
+    origin, rays = np.array([0.4, 0.1, 3.0]), downward()
+    hits = trace_primary_rays(tracer, origin, rays)
+    expected = -(normal @ origin) / (rays @ normal)
+    assert (hits.objects == GROUND).all()
+    assert np.allclose(hits.ranges, expected, rtol=1e-5)
+    assert np.allclose(hits.normals, normal, atol=1e-6)
+    up = trace_primary_rays(tracer, origin, -rays)
+    assert (up.objects[-rays @ normal > 0.1] == SKY).all()
+
+
+def test_light_reaches_the_side_of_a_plane_that_faces_it(sloped: tuple[Tracer, FloatArray]) -> None:
+    tracer, normal = sloped
+    rays = downward()
+    hits = trace_primary_rays(tracer, np.array([0.4, 0.1, 3.0]), rays)
+    side = np.cross(normal, [0.0, 1.0, 0.0])
+    for angle, lit in ((0.05, 1.0), (-0.05, 0.0)):
+        sun = np.tile((side * np.cos(angle) + normal * np.sin(angle)).astype(np.float32), (len(rays), 1))
+        assert (trace_shadow_rays(tracer, hits, sun) == lit).all()
+
+
+def test_occlusion_is_that_of_a_plate_before_a_wall() -> None:
+    """A plate at 1 m hides of a wall at 2 m what lies on the lines from the right camera through it."""
+    pytest.importorskip("embreex")
+    right, down = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, -1.0])
+    wall = square(np.array([2.0, 0.0, 0.0]), 8.0 * right, -8.0 * down, GROUND)
+    plate = square(np.array([1.0, 0.0, 0.0]), 0.1 * right, -4.0 * down, 3)
+    tracer = Tracer(Mesh.join([wall, plate]))
+    T_ds_sb = Transform(np.eye(3), np.zeros(3))
+    left = Camera.of(RIG, camera_pose(T_ds_sb, RIG, False))
+    u = np.arange(64.0)
+    hits = trace_primary_rays(tracer, left.centre, pixel_rays(left, u, np.full(64, RIG.cy)))
+    mask = occlusion_mask(tracer, hits, camera_pose(T_ds_sb, RIG, True), RIG)
+    across = hits.points @ right
+    on_wall = hits.objects == GROUND
+    seen_from_right = RIG.fx * (across - 0.1) / hits.points[:, 0]  # pixels from the image centre
+    outside = np.abs(seen_from_right) >= 0.5 * RIG.width
+    # the plate spans -0.1 .. 0.1 m at 1 m; from the camera at +0.1 m its shadow on the wall is -0.3 .. 0.1 m
+    behind = on_wall & (across > -0.3 + 0.01) & (across < 0.1 - 0.01)
+    clear = ~outside & (~on_wall | (across < -0.3 - 0.01) | (across > 0.1 + 0.01))
+    assert behind.any()
+    assert clear.sum() > 20
+    assert mask[behind | outside].all()
+    assert not mask[clear].any()
