@@ -103,6 +103,12 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 
 
 @jit_rows_inline
+def _is_inside(u: float, v: float, rows: int, cols: int) -> bool:
+    """Tell whether there are four pixels around a place of the image."""
+    return u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1
+
+
+@jit_rows_inline
 def _is_smooth(disparity: FloatImage, i: int, j: int) -> bool:
     """Tell whether the four pixels from (i, j) on belong to one surface."""
     a, b, c, d = disparity[i, j], disparity[i, j + 1], disparity[i + 1, j], disparity[i + 1, j + 1]
@@ -132,11 +138,11 @@ def _sample_view(
         if zl < MIN_DEPTH_M:
             continue
         u, v = camera.fx * xl / zl + camera.cx, camera.fy * yl / zl + camera.cy
-        if not (u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1):
+        if not _is_inside(u, v, rows, cols):
             continue
         j, i = int(u), int(v)
         s, t = u - j, v - i
-        y, x = i + (1 if t > 0.5 else 0), j + (1 if s > 0.5 else 0)
+        y, x = i + int(t > 0.5), j + int(s > 0.5)
         found, weight = _bilinear(images.disparity, i, j, t, s), images.weight[y, x]
         if not (_is_smooth(images.disparity, i, j) and found > 0.0 and weight > 0.0):
             continue
