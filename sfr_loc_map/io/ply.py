@@ -46,16 +46,26 @@ def read_ply(data: bytes) -> Columns:
 
 def _ply_header(lines: list[str]) -> tuple[str, int, list[tuple[str, str]]]:
     """Return format, number of points and fields of the vertex element, which must come first."""
-    words = [line.split() for line in lines]
-    order = dict(line[:2] for line in words if len(line) > 1).get("format", "")
-    starts = [i for i, line in enumerate(words) if line[:1] == ["element"]]
-    element, count = words[starts[0]][1:3] if starts else ("vertex", "-1")
-    if element != "vertex":
-        raise ValueError(f"its first element is '{element}' where 'vertex' is needed")
-    if order not in PLY_ORDERS or int(count) < 0:
+    header = [line.split() for line in lines]
+    order = next((words[1] for words in header if words[:1] == ["format"]), "")
+    elements = _elements(header)
+    if order not in PLY_ORDERS or not elements:
         raise ValueError("its PLY header has no known format or no vertices")
-    vertex = words[starts[0] : (starts[1:] or [None])[0]]
-    return order, int(count), [_ply_field(line) for line in vertex if line[:1] == ["property"]]
+    (_, element, count, *_), *body = elements[0]
+    if element != "vertex" or int(count) < 0:
+        raise ValueError(f"its first element is '{element}' of {count} where 'vertex' is needed")
+    return order, int(count), [_ply_field(words) for words in body if words[0] == "property"]
+
+
+def _elements(header: list[list[str]]) -> list[list[list[str]]]:
+    """Return the lines of each element, that of its name first."""
+    elements: list[list[list[str]]] = []
+    for words in header:
+        if words[:1] == ["element"]:
+            elements.append([words])
+        elif words and elements:
+            elements[-1].append(words)
+    return elements
 
 
 def _ply_field(words: list[str]) -> tuple[str, str]:
