@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -24,28 +24,36 @@ from sfr_loc_map.cli.common import (
     require_ros,
 )
 from sfr_loc_map.cli.output import check_output
-from sfr_loc_map.cli.score import LimitsOption, present
+from sfr_loc_map.cli.score import LimitsOption, present, score_config
 from sfr_loc_map.errors import NodeError, OutputError
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.io.sequence import Source
+    from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
+
+
+OutOption = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
+]
+RateOption = Annotated[
+    float, typer.Option(min=0.0, help="0: wait for the result of each pair; else multiple of the recorded speed.")
+]
+LoopOption = Annotated[bool, typer.Option("--loop/--no-loop", help="Restart at the end, until q or Ctrl-C.")]
+OffsetOption = Annotated[float, typer.Option(min=0.0, help="Seconds of the source that are left out.")]
+PausedOption = Annotated[bool, typer.Option("--start-paused", help="Wait for space, s or ~/resume.")]
 
 
 @app.command()
 def replay(
     source: SourceArgument,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
-    ] = None,
-    rate: Annotated[
-        float, typer.Option(min=0.0, help="0: wait for the result of each pair; else multiple of the recorded speed.")
-    ] = 0.0,
-    loop: Annotated[bool, typer.Option("--loop/--no-loop", help="Begin again at the end, until q or Ctrl-C.")] = False,
-    start_offset: Annotated[float, typer.Option(min=0.0, help="Seconds of the source that are left out.")] = 0.0,
-    start_paused: Annotated[bool, typer.Option("--start-paused", help="Wait for space, s or ~/resume.")] = False,
+    out: OutOption = None,
+    rate: RateOption = 0.0,
+    loop: LoopOption = False,
+    start_offset: OffsetOption = 0.0,
+    start_paused: PausedOption = False,
     limits: LimitsOption = None,
     condition: ConditionOption = None,
     start: StartOption = "identity",
@@ -54,13 +62,11 @@ def replay(
 ) -> None:
     """Play a source to the three nodes over topics, record what they answer, score it.
 
-    Keys, where standard input is a terminal: space pauses and goes on, s or the right arrow plays one pair, the left
+    Keys, where standard input is a terminal: space pauses and resumes, s or the right arrow plays one pair, the left
     arrow goes 5 s back and f 5 s on, up and down change the rate, l the loop, q ends and scores. The same as services
     of /sfr_player: ~/pause, ~/resume, ~/toggle_paused, ~/play_next, ~/stop, ~/set_loop; parameters rate and seek_s.
-    What is scored is the last run: each jump begins a new one.
+    The last run is scored: each jump begins a new one.
     """
-    import tempfile
-
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.metrics.limits import load_limits
 
@@ -69,25 +75,17 @@ def replay(
     opened = open_source(source, remaps)
     parsed_limits = load_limits(limits) if limits is not None else None
     require_ros("replay")
-    from sfr_loc_map.config import build
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
-    from sfr_loc_map.metrics.config import ScoreConfig
     from sfr_loc_map.nodes.replay.options import ReplayOptions, is_ros_parameter_file
-    from sfr_loc_map.pipeline.offline import start_pose
 
-    values = {"trajectory.conditions": tuple(condition)} if condition else {}
-    score_config: ScoreConfig = build(ScoreConfig, values, origin="options")
-
-    def first_pose(offset_s: float) -> Transform | None:
-        return start_pose(opened.loc, start, offset_s) if opened.loc is not None and start != "identity" else None
-
+    first_pose = _first_pose(opened, start)
     with naming(source):
         first_pose(start_offset)
     options = ReplayOptions(
         localisation=read_config(LocalisationConfig, config, "localisation"),
         mapping=read_config(MappingConfig, config, "mapping"),
-        score=score_config,
+        score=score_config(condition, {}),
         limits=limits,
         start=first_pose,
         rate=rate,
@@ -97,14 +95,32 @@ def replay(
         remap=remaps,
         parameter_file=config if config is not None and is_ros_parameter_file(config) else None,
     )
+    _replay_and_score(source, opened, options, parsed_limits, out)
+
+
+def _first_pose(source: Source, start: str) -> Callable[[float], Transform | None]:
+    """Return what gives the pose at the first pair after so many seconds, None for the identity."""
+    from sfr_loc_map.pipeline.offline import start_pose
+
+    loc = source.loc
+    return lambda offset_s: None if loc is None or start == "identity" else start_pose(loc, start, offset_s)
+
+
+def _replay_and_score(
+    path: Path, source: Source, options: ReplayOptions, limits: Limits | None, out: Path | None
+) -> None:
+    """Replay, write the outputs to a folder if one is given, print the score."""
+    import tempfile
+
+    from sfr_loc_map.metrics.score_json import from_dict
     from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
 
     with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch, _folder(out or Path(scratch)) as folder:
         files = ReplayFiles(folder)
-        with naming(source):
-            result = _run(opened, options)
+        with naming(path):
+            result = _run(source, options)
         save_replay(result, files)
-        score = score_replay(opened, result, files, score_config, parsed_limits)
+        score = from_dict(score_replay(source, result, files, options.score, limits))
         try:
             present(score, None if out is None else str(files.report), None if out is None else files.page)
         finally:
@@ -147,9 +163,9 @@ def _run(source: Source, options: ReplayOptions) -> ReplayResult:
                     bar.reset(task, total=totals[name])
 
         results = run(source, options, lambda task: bar.advance(tasks[task]), say)
-    missing = len(results.published_stamps("loc")) - len(results.rows)
+    played = len(results.published_stamps("loc"))
+    missing = played - len(results.rows)
     if missing > 0:
-        played = len(results.published_stamps("loc"))
         typer.echo(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
     mapped = frozenset(results.published_stamps("nav"))
     if mapped and not results.clouds:

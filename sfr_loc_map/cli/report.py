@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 import sys
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.output import write_text
 from sfr_loc_map.errors import ConfigError
 
-SUFFIXES = {".html": "html", ".htm": "html", ".md": "md", ".csv": "csv"}
-FORMATS = ("html", "md", "csv", "pdf-ready")
+if TYPE_CHECKING:
+    from sfr_loc_map.metrics.score import Score
+
+
+class Format(StrEnum):
+    """What the report is written as."""
+
+    HTML = "html"
+    MARKDOWN = "md"
+    CSV = "csv"
+    PDF_READY = "pdf-ready"
+
+
+SUFFIXES = {".html": Format.HTML, ".htm": Format.HTML, ".md": Format.MARKDOWN, ".csv": Format.CSV}
 
 
 @app.command()
@@ -24,51 +38,43 @@ def report(
         Path | None, typer.Option("-o", "--output", help="File; report.html beside the score, or standard output.")
     ] = None,
     form: Annotated[
-        str | None,
+        Format | None,
         typer.Option(
             "--format",
-            metavar="html|md|csv|pdf-ready",
             help="Page with figures, tables as Markdown or CSV, or a page of tables to print; by the ending.",
         ),
     ] = None,
 ) -> None:
     """Make the report page, or tables, of a score."""
-    from sfr_loc_map.report.page import load_score, render_page
-    from sfr_loc_map.report.tables import to_csv, to_markdown
+    from sfr_loc_map.report.page import load_score
 
-    chosen = _form(form, output)
-    content = load_score(score)
-    makers = {
-        "html": render_page,
-        "pdf-ready": lambda value: render_page(value, figures=False),
-        "md": to_markdown,
-        "csv": to_csv,
-    }
-    text = makers[chosen](content)
-    if output is None and chosen == "html":
+    chosen = form or _format_of(output)
+    text = _text(load_score(score), chosen)
+    if output is None and chosen is Format.HTML:
         output = score.with_name("report.html")
     if output is None:
         sys.stdout.write(text)
-    else:
-        _write(text, output)
+        return
+    write_text(text, output)
+    typer.echo(f"report: {output}")
 
 
-def _form(form: str | None, output: Path | None) -> str:
-    """Return the format that was asked for, by name or by the ending of the file."""
-    if form is not None:
-        if form not in FORMATS:
-            raise ConfigError(f"'--format {form}': must be one of {', '.join(FORMATS)}")
-        return form
+def _text(score: Score, form: Format) -> str:
+    from sfr_loc_map.report.page import render_page
+    from sfr_loc_map.report.score_tables import score_markdown, score_tables
+    from sfr_loc_map.tables.csv_rows import to_csv
+
+    if form is Format.MARKDOWN:
+        return score_markdown(score)
+    if form is Format.CSV:
+        return to_csv(score_tables(score))
+    return render_page(score, figures=form is Format.HTML)
+
+
+def _format_of(output: Path | None) -> Format:
+    """Return the format by the ending of the file."""
     if output is None:
-        return "html"
+        return Format.HTML
     if output.suffix not in SUFFIXES:
         raise ConfigError(f"'-o {output}': the ending must be one of {', '.join(SUFFIXES)}, or give --format")
     return SUFFIXES[output.suffix]
-
-
-def _write(text: str, output: Path) -> None:
-    from sfr_loc_map.io.atomic import atomic_path
-
-    with atomic_path(output) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    typer.echo(f"report: {output}")

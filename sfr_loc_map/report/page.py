@@ -5,59 +5,53 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.results import SCHEMA, without_nan
-from sfr_loc_map.report.cells import UNKNOWN, VERDICT_ICONS, dig
+from sfr_loc_map.metrics.json_records import to_plain
+from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.report.cost_figures import cost_figures
 from sfr_loc_map.report.error_figures import error_figures
 from sfr_loc_map.report.map_figures import map_figures
 from sfr_loc_map.report.plots import Plot
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.trajectory_figures import trajectory_figures
+from sfr_loc_map.tables.html import OPEN_CLASS, VERDICT_CLASSES, to_html
+from sfr_loc_map.tables.numbers import UNKNOWN
+from sfr_loc_map.tables.table import OPEN_ICON, VERDICT_ICONS, Table
 
-VERDICT_CLASSES = {"pass": "pass", "fail": "fail"}
+FIRST_TABLES = ("verdicts", "headline")
+NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
 _BREAKS_OUT = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
 
-def load_score(path: Path) -> dict[str, Any]:
-    """Read a score; numbers that are not finite become None.
+def load_score(path: Path) -> Score:
+    """Read a score; numbers that are not finite are undefined.
 
     Raises:
         InputError: If the file cannot be read or holds no score.
     """
     try:
-        score = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"cannot read score '{path}': {error.strerror}; give the JSON of sfr score --json") from error
     except ValueError as error:
-        raise InputError(f"score '{path}' is no JSON ({error}): give the JSON of sfr score --json") from error
-    found = score.get("schema") if isinstance(score, dict) else type(score).__name__
-    if found != SCHEMA:
-        raise InputError(
-            f"'{path}' is no score: sought schema {SCHEMA}, found {found}; give the JSON of sfr score --json"
-        )
-    plain: dict[str, Any] = without_nan(score)
-    return plain
+        raise InputError(f"score '{path}' is no text ({error}): give the JSON of sfr score --json") from error
+    return from_json(text, f"'{path}'")
 
 
-def write_page(score: Mapping[str, Any], path: Path) -> None:
-    """Write the report page.
-
-    Args:
-        score: Score as in the JSON.
-        path: Where; an existing file is replaced.
+def write_page(score: Score, path: Path) -> None:
+    """Write the report page; an existing file is replaced.
 
     Raises:
-        InputError: If the score is not as its schema says.
         OutputError: If the file cannot be written.
     """
     text = render_page(score)
@@ -65,46 +59,51 @@ def write_page(score: Mapping[str, Any], path: Path) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def render_page(score: Mapping[str, Any], *, figures: bool = True) -> str:
+def render_page(score: Score, *, figures: bool = True) -> str:
     """Return the page as HTML.
 
     Args:
-        score: Score as in the JSON.
+        score: The score.
         figures: Whether to draw figures; without them the page holds tables only and no script, ready for print.
-
-    Raises:
-        InputError: If the score is not as its schema says.
     """
-    try:
-        return _render(without_nan(score), figures)
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        problem = f"{type(error).__name__}: {error}"
-        raise InputError(f"the score is not as {SCHEMA} says ({problem}): give the JSON of sfr score --json") from error
-
-
-def _render(score: Mapping[str, Any], figures: bool) -> str:
-    environment = Environment(
-        loader=PackageLoader("sfr_loc_map", "report/templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
     sections = _sections(score) if figures else []
     plots = [plot for _, group in sections for plot in group]
-    tables = {table.name: table for table in score_tables(score)}
-    return environment.get_template("page.html.j2").render(
-        score=score,
-        overall=_overall(score),
-        first=[tables.pop(name) for name in ("verdicts", "headline") if name in tables],
-        tables=list(tables.values()),
+    tables = score_tables(score)
+    state, sentence = _overall(score)
+    details = score.details.trajectory if score.details is not None else None
+    return _template("page.html.j2").render(
+        version=score.provenance.version if score.provenance is not None else UNKNOWN,
+        time=(score.provenance.time if score.provenance is not None else None) or "time unknown",
+        overall=sentence,
+        overall_state=state,
+        overall_class=VERDICT_CLASSES.get(state, OPEN_CLASS),
+        overall_icon=VERDICT_ICONS.get(state, NO_VERDICT_ICON if state == NO_VERDICT else OPEN_ICON),
+        first=_html(table for table in tables if table.name in FIRST_TABLES),
+        tables=_html(table for table in tables if table.name not in FIRST_TABLES),
         sections=sections,
-        provenance=_provenance_table(score),
-        icons=VERDICT_ICONS,
-        classes=VERDICT_CLASSES,
+        provenance=list(_flat(to_plain(score.provenance) or {}, "")),
         plotly=_plotly() if plots else "",
         specs=_inline_json([asdict(plot) for plot in plots]),
-        every=dig(score, "details.trajectory.path.every") or 1,
+        every=details.path.every if details is not None else 1,
     )
 
 
-def _sections(score: Mapping[str, Any]) -> list[tuple[str, list[Plot]]]:
+def render_tables(title: str, tables: Sequence[Table]) -> str:
+    """Return a page of tables, without figures, script or network, as HTML."""
+    return _template("tables.html.j2").render(title=title, tables=_html(tables))
+
+
+def _template(name: str) -> Template:
+    loader = PackageLoader("sfr_loc_map", "report/templates")
+    return Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True).get_template(name)
+
+
+def _html(tables: Iterable[Table]) -> Markup:
+    """Return tables as HTML; their renderer escapes every text."""
+    return Markup("".join(map(to_html, tables)))
+
+
+def _sections(score: Score) -> list[tuple[str, list[Plot]]]:
     groups = (
         ("Localisation", trajectory_figures(score) + error_figures(score)),
         ("Time and memory", cost_figures(score)),
@@ -113,24 +112,20 @@ def _sections(score: Mapping[str, Any]) -> list[tuple[str, list[Plot]]]:
     return [(title, plots) for title, plots in groups if plots]
 
 
-def _overall(score: Mapping[str, Any]) -> tuple[str, str]:
+def _overall(score: Score) -> tuple[str, str]:
     """Return the verdict over all limits, and the same in a sentence."""
-    words = [item.get("verdict") for item in score.get("verdicts") or []]
-    if not words:
-        return "none", "No limits were given: there is no verdict."
-    counts = {word: words.count(word) for word in ("pass", "fail")}
-    rest = len(words) - sum(counts.values())
-    text = f"{counts['pass']} of {len(words)} limits met, {counts['fail']} missed, {rest} without enough data."
-    if counts["fail"]:
-        return "fail", text
-    return ("not enough data", text) if rest else ("pass", text)
+    states = [item.state for item in score.verdicts]
+    if not states:
+        return NO_VERDICT, "No limits were given: there is no verdict."
+    passed, failed = states.count(VerdictState.PASS), states.count(VerdictState.FAIL)
+    rest = len(states) - passed - failed
+    text = f"{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
+    state = VerdictState.FAIL if failed else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
+    return state.value, text
 
 
-def _provenance_table(score: Mapping[str, Any]) -> list[tuple[str, str]]:
-    return [(key, text) for key, text in _flat(score.get("provenance") or {}, "")]
-
-
-def _flat(value: Any, prefix: str) -> Iterator[tuple[str, str]]:  # noqa: ANN401 - any value of JSON
+def _flat(value: object, prefix: str) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each entry of nested JSON values."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))

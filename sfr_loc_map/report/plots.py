@@ -7,7 +7,7 @@ since plotly reads some tags in texts.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,8 +98,3 @@ def largest(*columns: Sequence[float | None]) -> float:
 def seconds_since(stamps_ns: Sequence[int]) -> list[float]:
     """Return seconds since the first stamp."""
     return [round((stamp - stamps_ns[0]) * 1e-9, 6) for stamp in stamps_ns]
-
-
-def column(table: Mapping[str, Any], name: str) -> list[float | None]:
-    """Return a column of the details, empty if it is not there."""
-    return list(table.get(name) or [])

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, TypeAlias
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.report.cells import condition_text, conditions_of, dig
+from sfr_loc_map.metrics.score import ConditionScore, Score
+from sfr_loc_map.metrics.score_details import PathRows, SubTrajectoryRows
 
-Part: TypeAlias = tuple[Mapping[str, Any], Mapping[str, Any]]
-"""Figures of a condition, and columns of its sub-trajectories."""
 TRACE_BACK = (
     "sub-trajectory over %{customdata[0]}<br>frames %{customdata[1]} to %{customdata[2]}<br>"
     "stamps %{customdata[3]} to %{customdata[4]} ns"
@@ -19,35 +18,50 @@ TRACE_BACK = (
 """What a mark says when pointed at; `customdata` is a row of `traces_to`."""
 
 
-def parts_of(score: Mapping[str, Any]) -> list[Part]:
-    """Return figures and sub-trajectories of each condition that has any; `way_m` is the way to each end."""
-    details = dig(score, "details.trajectory.sub_trajectories") or []
-    scores = [part for _, part in conditions_of(score)]
-    path = dig(score, "details.trajectory.path") or {}
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What figures show of one condition.
+
+    Attributes:
+        score: Its figures.
+        rows: Its sub-trajectories.
+        travelled_m: Distance travelled at the end of each, m.
+    """
+
+    score: ConditionScore
+    rows: SubTrajectoryRows
+    travelled_m: list[float]
+
+
+def parts_of(score: Score) -> list[Part]:
+    """Return figures and sub-trajectories of each condition that has any."""
+    details = None if score.details is None else score.details.trajectory
+    if details is None or score.trajectory is None:
+        return []
     return [
-        (part, {**rows, "way_m": _way_at(path, rows["end_frame"])})
-        for part, rows in zip(scores, details, strict=False)
-        if rows.get("start_frame")
+        Part(part, rows, _travelled_at(details.path, rows.end_frame))
+        for part, rows in zip(score.trajectory.conditions, details.sub_trajectories, strict=False)
+        if rows.start_frame
     ]
 
 
-def _way_at(path: Mapping[str, Any], frames: list[int]) -> list[float]:
+def _travelled_at(path: PathRows, frames: tuple[int, ...]) -> list[float]:
     """Return the distance travelled at frames, in a straight line between the rows of a thinned path."""
-    way = path["travelled_m"]
-    rows = np.arange(len(way)) * path["every"]
-    return [round(value, 4) for value in np.interp(frames, rows, way).tolist()]
+    known = np.array(path.travelled_m, np.float64)
+    return [round(value, 4) for value in np.interp(frames, np.arange(len(known)) * path.every, known).tolist()]
 
 
-def traces_to(rows: Mapping[str, Any]) -> list[list[Any]]:
+def traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
     """Return what leads back to the frames of each sub-trajectory; stamps as text, since they need all 64 bits."""
-    over = condition_text(rows["condition"])
-    names = ("start_frame", "end_frame", "start_stamp_ns", "end_stamp_ns")
-    return [
-        [over, first, last, str(start), str(end)]
-        for first, last, start, end in zip(*(rows[name] for name in names), strict=True)
-    ]
+    frames = zip(rows.start_frame, rows.end_frame, rows.start_stamp_ns, rows.end_stamp_ns, strict=True)
+    return [[str(rows.condition), first, last, str(start), str(end)] for first, last, start, end in frames]
 
 
-def error_sizes(rows: Mapping[str, Any]) -> list[float]:
+def error_sizes(rows: SubTrajectoryRows) -> list[float]:
     """Return the size of each position error, m."""
-    return [math.hypot(*vector) for vector in zip(rows["x_m"], rows["y_m"], rows["z_m"], strict=True)]
+    return sizes(rows.x_m, rows.y_m, rows.z_m)
+
+
+def sizes(*columns: Sequence[float | None]) -> list[float]:
+    """Return the norm of each row; what is undefined counts as zero."""
+    return [math.hypot(*(value or 0.0 for value in row)) for row in zip(*columns, strict=True)]

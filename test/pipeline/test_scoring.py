@@ -54,7 +54,7 @@ def test_score_of_trajectory_files(
     assert trajectory["position_m"]["mean"] == pytest.approx(0.05)
     assert trajectory["position_m"]["sigma"] == pytest.approx(0.0, abs=1e-12)
     assert set(score["provenance"]["inputs"]) == {"estimate", "truth"}
-    assert "position, m, over 5 m" in capsys.readouterr().out
+    assert "position error over 5 m" in capsys.readouterr().out
 
 
 def test_json_to_standard_output_is_json_alone(
@@ -104,7 +104,7 @@ def test_times_of_a_target_stand_under_its_name(
     assert score["target"]["name"] == "GR740"
     assert score["target"]["timing"]["localisation_s"]["clock"] == "GR740"
     assert [item["verdict"] for item in score["verdicts"]] == ["fail", "pass"]
-    assert "clock: GR740" in capsys.readouterr().out
+    assert "Clock: GR740." in capsys.readouterr().out
     assert run(monkeypatch, "score", *files, "--target-timing", target) == 2
 
 

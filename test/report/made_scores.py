@@ -16,6 +16,8 @@ from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.resource_score import Calls, merge_parts, score_calls
 from sfr_loc_map.metrics.results import build_score
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import from_dict, to_dict
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 START_NS = 1_700_000_000_123_456_789
@@ -87,11 +89,8 @@ def cloud(side: int, pairs: int) -> tuple[PointCloud, list[PairTruth]]:
 
 
 @cache
-def whole_score(frames: int = 300, side: int = 96, pairs: int = 2, conditions: int = 2) -> dict[str, Any]:
-    """A score with every part: trajectory, map, calls, verdicts of all three kinds, provenance with a hostile path.
-
-    It is shared by tests: copy before changing.
-    """
+def whole_score(frames: int = 300, side: int = 96, pairs: int = 2, conditions: int = 2) -> Score:
+    """A score with every part: trajectory, map, calls, verdicts of all three kinds, provenance with a hostile path."""
     named = (*(f"distance={value}" for value in (5, 2, 10, 20, 1)[: conditions - 1]), "distance=500")
     estimates, truth = drive(frames)
     points, truths = cloud(side, pairs)
@@ -102,4 +101,16 @@ def whole_score(frames: int = 300, side: int = 96, pairs: int = 2, conditions: i
     )
     provenance = {"version": "0.1.0", "time": "2024-02-29T12:00:00+00:00"}
     provenance |= {"inputs": {"estimate": {"path": HOSTILE, "sha256": "0" * 64}}, "configuration": {"unknown": None}}
-    return build_score(parts, limits=parse_limits(LIMITS, "test"), provenance=provenance)
+    return from_dict(build_score(parts, limits=parse_limits(LIMITS, "test"), provenance=provenance))
+
+
+def json_of(score: Score) -> dict[str, Any]:
+    """The score as JSON values."""
+    return to_dict(score)
+
+
+def dig(value: Any, key: str) -> Any:
+    """What a key such as `map.by_range.0.mean` leads to in JSON values."""
+    for part in key.split("."):
+        value = value[int(part) if isinstance(value, list) else part]
+    return value

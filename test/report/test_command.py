@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import pytest
@@ -7,6 +6,7 @@ from typer.testing import CliRunner
 
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.metrics.score_json import to_json
 
 RUNNER = CliRunner()
 
@@ -14,7 +14,7 @@ RUNNER = CliRunner()
 @pytest.fixture
 def score(tmp_path: Path) -> Path:
     path = tmp_path / "report.json"
-    path.write_text(json.dumps(whole_score()))
+    path.write_text(to_json(whole_score()))
     return path
 
 
@@ -38,9 +38,9 @@ def test_the_ending_says_the_format(score: Path) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "error"),
-    [(["--format", "pdf"], ConfigError), (["-o", "report.pdf"], ConfigError), (["-o", "absent/report"], ConfigError)],
+    [(["--format", "pdf"], SystemExit), (["-o", "report.pdf"], ConfigError), (["-o", "absent/report"], ConfigError)],
 )
-def test_bad_options(score: Path, arguments: list[str], error: type[Exception]) -> None:
+def test_bad_options(score: Path, arguments: list[str], error: type[BaseException]) -> None:
     assert isinstance(RUNNER.invoke(app, ["report", str(score), *arguments]).exception, error)
 
 

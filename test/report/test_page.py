@@ -1,19 +1,20 @@
-import copy
 import html
 import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
-from made_scores import HOSTILE, whole_score
+from made_scores import HOSTILE, dig, json_of, whole_score
 
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.report.cells import dig, number
+from sfr_loc_map.metrics.score import Score, StageTime
 from sfr_loc_map.report.page import load_score, render_page, write_page
+from sfr_loc_map.tables.numbers import number
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = [
@@ -63,6 +64,28 @@ class Elements(HTMLParser):
             self.cells[self._cell] = (self.cells[self._cell][0], data)
 
 
+def hostile_score() -> Score:
+    """A score with markup in every text that may come from outside."""
+    score = whole_score()
+    assert score.timing is not None
+    assert score.timing.localisation is not None
+    assert score.memory is not None
+    assert score.details is not None
+    assert score.details.calls is not None
+    assert score.details.calls.localisation is not None
+    stage = StageTime(count=1, mean=1.0, sigma=1.0, mean_plus_3sigma=4.0, p50=1.0, p95=1.0, max=1.0)
+    times = replace(score.timing.localisation, clock=HOSTILE, stages={HOSTILE: stage})
+    calls = score.details.calls.localisation
+    drawn = replace(calls, series=replace(calls.series, state=(HOSTILE, *calls.series.state[1:])))
+    return replace(
+        score,
+        timing=replace(score.timing, localisation=times),
+        memory=replace(score.memory, method=HOSTILE),
+        verdicts=(replace(score.verdicts[0], metric=HOSTILE), *score.verdicts[1:]),
+        details=replace(score.details, calls=replace(score.details.calls, localisation=drawn)),
+    )
+
+
 @pytest.fixture(scope="module")
 def page() -> str:
     return render_page(whole_score())
@@ -76,7 +99,7 @@ def specs_of(page: str) -> list[dict[str, Any]]:
 
 
 def test_headline_numbers_are_those_of_the_json(page: str) -> None:
-    score, cells = whole_score(), Elements(page).cells
+    score, cells = json_of(whole_score()), Elements(page).cells
     places = [
         f"trajectory.conditions.{k}.{name}" for k in (0, 1) for name in ("position_m", "attitude_deg", "heading_deg")
     ]
@@ -89,7 +112,7 @@ def test_headline_numbers_are_those_of_the_json(page: str) -> None:
 
 
 def test_every_number_with_a_key_is_the_one_of_the_json(page: str) -> None:
-    score, cells = whole_score(), Elements(page).cells
+    score, cells = json_of(whole_score()), Elements(page).cells
     exact = {key: value for key, (value, _) in cells.items() if value}
     assert len(exact) > 100
     assert {key: float(value) for key, value in exact.items()} == {key: dig(score, key) for key in exact}
@@ -109,7 +132,7 @@ def test_verdicts_have_word_and_sign(page: str) -> None:
 
 
 def test_without_limits_there_is_no_verdict() -> None:
-    score = {**whole_score(), "verdicts": []}
+    score = replace(whole_score(), verdicts=())
     assert "No limits were given: there is no verdict." in render_page(score, figures=False)
 
 
@@ -131,7 +154,7 @@ def test_nothing_is_loaded_from_elsewhere(page: str) -> None:
 def test_all_figures_are_there_with_units_on_their_axes(page: str) -> None:
     plots = {plot["name"]: plot for plot in specs_of(page)}
     assert list(plots) == [
-        "top-view", "height", "accumulated", "position", "growth", "axes", "way", "vectors-top", "vectors-side",
+        "top-view", "height", "accumulated", "position", "growth", "axes", "directions", "vectors-top", "vectors-side",
         "angles", "localisation-histogram", "localisation-timeline", "mapping-timeline", "image-0", "image-1",
         "over-range", "cloud",
     ]  # fmt: skip
@@ -145,7 +168,7 @@ def test_all_figures_are_there_with_units_on_their_axes(page: str) -> None:
 
 
 def test_marks_lead_back_to_the_frames_and_exact_stamps(page: str) -> None:
-    rows = whole_score()["details"]["trajectory"]["sub_trajectories"][0]
+    rows = json_of(whole_score())["details"]["trajectory"]["sub_trajectories"][0]
     plot = next(plot for plot in specs_of(page) if plot["name"] == "position")
     marked = plot["data"][0]
     names = ("start_frame", "end_frame", "start_stamp_ns", "end_stamp_ns")
@@ -164,14 +187,7 @@ def test_law_of_triangulation_goes_through_its_values(page: str) -> None:
 
 
 def test_hostile_texts_stay_texts(page: str) -> None:
-    score = copy.deepcopy(whole_score())
-    for item in score["timing"].values():
-        item["clock"] = HOSTILE
-    score["memory"]["method"] = HOSTILE
-    score["verdicts"][0]["metric"] = score["verdicts"][0]["verdict"] = HOSTILE
-    score["details"]["calls"]["localisation"]["series"]["state"][3] = HOSTILE
-    score["details"]["calls"][HOSTILE] = score["details"]["calls"]["mapping"]
-    hostile = render_page(score)
+    hostile = render_page(hostile_score())
     elements = Elements(hostile)
     assert not any("onerror" in attributes for _, attributes in elements.found)
     assert len(elements.scripts) == len(Elements(page).scripts)
@@ -180,14 +196,17 @@ def test_hostile_texts_stay_texts(page: str) -> None:
     assert HOSTILE not in hostile
 
 
-def test_undefined_numbers_are_never_shown_as_nan() -> None:
-    score = copy.deepcopy(whole_score())
+def test_undefined_numbers_are_never_shown_as_nan(tmp_path: Path) -> None:
+    content = json_of(whole_score())
     for figure in ("mean", "sigma", "mean_plus_3sigma"):
-        score["trajectory"]["conditions"][0]["position_m"][figure] = float("nan")
-    text = render_page(score, figures=False)
-    assert not re.search(r"\bnan\b", text, re.I)
-    assert ">not enough data</td>" in text
-    specs_of(render_page(score))
+        content["trajectory"]["conditions"][0]["position_m"][figure] = float("nan")
+    path = tmp_path / "score.json"
+    path.write_text(json.dumps(content))
+    text = render_page(load_score(path))
+    tables = text[: text.index("<script")]
+    assert not re.search(r"\bnan\b", tables, re.I)
+    assert ">not enough data</td>" in tables
+    specs_of(text)
 
 
 def test_page_of_tables_needs_no_script() -> None:
@@ -198,11 +217,11 @@ def test_page_of_tables_needs_no_script() -> None:
 
 @pytest.mark.parametrize("part", ["trajectory", "map", "timing", "memory", "details", "provenance"])
 def test_each_part_may_be_absent(part: str) -> None:
-    assert "<h1>" in render_page({key: value for key, value in whole_score().items() if key != part})
+    assert "<h1>" in render_page(replace(whole_score(), **{part: None}), figures=part != "details")
 
 
 def test_empty_score_says_that_there_is_not_enough_data() -> None:
-    text = render_page({"schema": "sfr-score/1", "verdicts": []})
+    text = render_page(Score(verdicts=()))
     assert "not enough data" in text
     assert "<script" not in text
 
@@ -210,9 +229,11 @@ def test_empty_score_says_that_there_is_not_enough_data() -> None:
 @pytest.mark.parametrize(
     "change", [{"trajectory": "good"}, {"verdicts": [3]}, {"map": {"by_range": [{}]}}, {"timing": [1]}]
 )
-def test_a_score_that_is_not_as_the_schema_says_is_one_error(change: dict[str, Any]) -> None:
+def test_a_score_that_is_not_as_the_schema_says_is_one_error(change: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "score.json"
+    path.write_text(json.dumps({**json_of(whole_score()), **change}))
     with pytest.raises(InputError, match="not as sfr-score/1 says") as caught:
-        render_page({**whole_score(), **change})
+        load_score(path)
     assert "\n" not in str(caught.value)
 
 
@@ -277,9 +298,9 @@ def test_page_opens_in_a_browser(theme: str, page: str, tmp_path: Path) -> None:
 
 def test_a_request_of_a_page_would_be_seen(tmp_path: Path) -> None:
     path = tmp_path / "asking.html"
-    path.write_text("<!DOCTYPE html><img src='http://elsewhere.invalid/picture.png'>")
+    path.write_text("<!DOCTYPE html><img src='http://elsewhere.invalid/image.png'>")
     opened(path, tmp_path)
-    assert "http://elsewhere.invalid/picture.png" in requested(tmp_path / "net.json")
+    assert "http://elsewhere.invalid/image.png" in requested(tmp_path / "net.json")
 
 
 def test_a_click_shows_the_frames_and_the_button_the_other_theme(page: str, tmp_path: Path) -> None:
@@ -302,7 +323,7 @@ def test_a_click_shows_the_frames_and_the_button_the_other_theme(page: str, tmp_
     root = re.search(r"<html[^>]*>", content)
     assert root is not None
     assert 'data-theme="dark"' in root[0], log
-    details = whole_score()["details"]["trajectory"]
+    details = json_of(whole_score())["details"]["trajectory"]
     rows = details["sub_trajectories"][0]
     first, last = rows["start_frame"][4], rows["end_frame"][4]
     assert f'data-shown="{last - first + 1} {last - first + 1} {details["path"]["truth_x_m"][first]}"' in root[0]

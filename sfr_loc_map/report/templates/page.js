@@ -73,14 +73,14 @@
     });
   }
 
-  // The stretch of a sub-trajectory is shown in the view from above: its frames are rows of the path, one in `every`.
-  function mark(stretch) {
+  // The segment of a sub-trajectory is shown in the view from above: its frames are rows of the path, one in `every`.
+  function mark(segment) {
     const view = document.getElementById("top-view");
     if (!view) return;
-    chosen = stretch;
+    chosen = segment;
     const at = view.data.findIndex((trace) => trace.name === "chosen sub-trajectory");
     const truth = view.data.find((trace) => trace.name === "truth");
-    const from = Math.ceil(stretch[1] / every), to = Math.floor(stretch[2] / every) + 1;
+    const from = Math.ceil(segment[1] / every), to = Math.floor(segment[2] / every) + 1;
     Plotly.restyle(view, { x: [truth.x.slice(from, to)], y: [truth.y.slice(from, to)] }, [at]);
   }
 

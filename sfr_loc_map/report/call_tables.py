@@ -1,0 +1,108 @@
+"""The tables of calls: times, stages, memory; of this host and of a target."""
+
+from __future__ import annotations
+
+from sfr_loc_map.metrics.modes import CallKind
+from sfr_loc_map.metrics.score import MemoryScore, Score, TimingScore
+from sfr_loc_map.report.score_cells import figure
+from sfr_loc_map.tables.numbers import MIB, SECOND, UNKNOWN
+from sfr_loc_map.tables.table import Cell, Column, Row, Table
+
+HOST = "host"
+"""First word of the name of a clock of this machine."""
+
+
+def clock_text(timing: TimingScore | None) -> str:
+    """Return which clock the times were measured with, and that a host time is no other time."""
+    clocks = sorted({calls.clock for _, calls in timing.kinds()}) if timing is not None else []
+    if not clocks:
+        return "Not measured."
+    text = f"Clock: {', '.join(clocks)}."
+    if any(clock.startswith(HOST) for clock in clocks):
+        text += " Host times are of the machine the run was made on, not of the target (GR740)."
+    return text
+
+
+def time_table(score: Score) -> Table | None:
+    """Return the times of the calls."""
+    return None if score.timing is None else _time_table(score.timing, "time", "Time per call", "timing")
+
+
+def target_tables(score: Score) -> list[Table | None]:
+    """Return times and memory of the calls that were measured on a target."""
+    target = score.target
+    if target is None:
+        return []
+    return [
+        _time_table(target.timing, "target-time", f"Time per call on {target.name}", "target.timing"),
+        _memory_table(target.memory, "target-memory", f"Peak memory on {target.name}", "target.memory"),
+    ]
+
+
+def _time_table(timing: TimingScore, name: str, title: str, place: str) -> Table | None:
+    rows: list[Row] = []
+    for kind, calls in timing.kinds():
+        key = f"{place}.{kind}_s"
+        cells = (
+            figure(calls.p50, f"{key}.p50"),
+            figure(calls.p95, f"{key}.p95"),
+            figure(calls.p99, f"{key}.p99"),
+            figure(calls.max, f"{key}.max"),
+            figure(calls.mean_plus_3sigma, f"{key}.mean_plus_3sigma"),
+            figure(calls.first, f"{key}.first"),
+            figure(calls.max_after_first, f"{key}.max_after_first"),
+        )
+        rows.append((Cell.head(kind.value), *cells, Cell.number(calls.count, f"{key}.count"), Cell(calls.clock)))
+    if not rows:
+        return None
+    titles = ("p50", "p95", "p99", "max", "mean + 3 sigma", "first call", "max without it")
+    columns = (Column("call", words=True), *(Column(title, SECOND) for title in titles), Column("n"), Column("clock"))
+    return Table(name, title, columns, tuple(rows), clock_text(timing))
+
+
+def stage_table(score: Score) -> Table | None:
+    """Return the times of the stages of the calls, None where no call had any."""
+    rows: list[Row] = []
+    for kind, calls in score.timing.kinds() if score.timing is not None else ():
+        for stage, times in calls.stages.items():
+            key = f"timing.{kind}_s.stages.{stage}"
+            cells = (
+                figure(times.mean, f"{key}.mean"),
+                figure(times.p50, f"{key}.p50"),
+                figure(times.p95, f"{key}.p95"),
+                figure(times.max, f"{key}.max"),
+            )
+            rows.append((Cell.head(f"{kind}: {stage}"), *cells, Cell.number(times.count, f"{key}.count")))
+    if not rows:
+        return None
+    note = (
+        "Over the calls that had the stage. Keyframe: work of a thread of its own after its call; the next call waits "
+        "for what is left of it (wait)."
+    )
+    titles = (Column(title, SECOND) for title in ("mean", "p50", "p95", "max"))
+    return Table("stages", "Time of stages", (Column("stage", words=True), *titles, Column("n")), tuple(rows), note)
+
+
+def memory_table(score: Score) -> Table | None:
+    """Return the peak memory of the calls."""
+    if score.memory is None:
+        return None
+    return _memory_table(score.memory, "memory", "Peak resident memory during a call", "memory")
+
+
+def _memory_table(memory: MemoryScore, name: str, title: str, place: str) -> Table | None:
+    rows: list[Row] = []
+    for kind in CallKind:
+        peak = memory.of(kind)
+        if peak is None or (peak.peak_bytes is None and peak.above_idle_bytes is None):
+            continue
+        key = f"{place}.{kind}"
+        cells = (
+            Cell.number(peak.peak_bytes, f"{key}_peak_bytes", MIB),
+            Cell.number(peak.above_idle_bytes, f"{key}_above_idle_bytes", MIB),
+        )
+        rows.append((Cell.head(kind.value), *cells))
+    if not rows:
+        return None
+    columns = (Column("call", words=True), Column("peak", MIB), Column("above the idle process", MIB))
+    return Table(name, title, columns, tuple(rows), f"Method: {memory.method or UNKNOWN}.")

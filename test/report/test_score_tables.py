@@ -1,0 +1,177 @@
+import csv
+import io
+from dataclasses import replace
+
+import pytest
+from made_scores import HOSTILE, dig, json_of, whole_score
+
+from sfr_loc_map.metrics.condition import Condition
+from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.score import (
+    Interval,
+    IntervalStatistic,
+    MapScore,
+    SampleStatistic,
+    Score,
+    TargetScore,
+    TrajectoryScore,
+    Verdict,
+)
+from sfr_loc_map.report.score_tables import limit_name, limit_unit, score_markdown, score_tables, summary_tables
+from sfr_loc_map.tables.csv_rows import to_csv
+from sfr_loc_map.tables.table import Row, Table
+
+FIVE_METRES = Condition.parse("distance=5")
+
+
+def table(score: Score, name: str) -> Table:
+    return next(item for item in score_tables(score) if item.name == name)
+
+
+def texts(row: Row) -> list[str]:
+    return [cell.text for cell in row]
+
+
+def error(
+    mean: float | None, sigma: float | None, total: float | None, ci95: Interval | None = None
+) -> IntervalStatistic:
+    return IntervalStatistic(mean=mean, sigma=sigma, mean_plus_3sigma=total, mean_plus_3sigma_ci95=ci95)
+
+
+def verdict(metric: str, limit: float, value: float | None, state: VerdictState) -> Verdict:
+    return Verdict(metric=metric, limit=limit, value=value, state=state, ci95=None, count=None, certain=None)
+
+
+def small() -> Score:
+    """One condition with known figures, and three verdicts."""
+    trajectory = whole_score().trajectory
+    assert isinstance(trajectory, TrajectoryScore)
+    first = replace(
+        trajectory.first,
+        count=31,
+        condition=FIVE_METRES,
+        position_m=error(0.0123456, 0.002, 0.0183456, (0.015, 0.025)),
+        attitude_deg=error(None, None, None),
+        heading_deg=error(-0.5, 0.1, 0.8),
+    )
+    position = verdict("position_mean_plus_3sigma_m", 0.02, 0.0183456, VerdictState.PASS)
+    verdicts = (
+        replace(position, condition=FIVE_METRES, count=31, ci95=(0.015, 0.025), certain=False),
+        verdict("localisation_peak_bytes", 1048576, 524288000, VerdictState.FAIL),
+        verdict("coverage_min", 0.8, None, VerdictState.NOT_ENOUGH_DATA),
+    )
+    return Score(trajectory=replace(trajectory, first=first, several=()), verdicts=verdicts)
+
+
+def test_headline_row_by_hand() -> None:
+    rows = table(small(), "headline").rows
+    assert texts(rows[0]) == ["position error over 5 m", "m", "0.01235", "0.002", "0.01835", "0.015 to 0.025", "31"]
+    assert rows[0][4].value == 0.0183456
+    assert rows[0][4].key == "trajectory.position_m.mean_plus_3sigma"
+
+
+def test_undefined_figures_are_words() -> None:
+    assert texts(table(small(), "headline").rows[1])[2:5] == ["not enough data"] * 3
+
+
+def test_verdict_rows_by_hand() -> None:
+    rows = [texts(row) for row in table(small(), "verdicts").rows]
+    assert rows[0] == [
+        "pass", "position mean + 3 sigma, over 5 m", "m", "≤ 0.02", "0.01835", "0.015 to 0.025", "31", "no",
+    ]  # fmt: skip
+    assert rows[1][1:5] == ["localisation peak", "MiB", "≤ 1", "500"]
+    assert rows[2][1:5] == ["map coverage", "share", "≥ 0.8", "not enough data"]
+
+
+def test_names_and_units_of_limits() -> None:
+    assert limit_name("mapping_p95_s") == "mapping time p95"
+    assert limit_name("point_error_p95_m") == "point error p95"
+    assert limit_name("localisation_above_idle_bytes") == "localisation above idle"
+    assert [limit_unit(name).symbol for name in ("position_mean_m", "mapping_p95_s", "mapping_peak_bytes")] == [
+        "m",
+        "s",
+        "MiB",
+    ]
+
+
+def test_every_cell_leads_back_to_its_figure() -> None:
+    score = whole_score()
+    cells = [cell for item in score_tables(score) for row in item.rows for cell in row if cell.key]
+    assert len(cells) > 150
+    for cell in cells:
+        found = dig(json_of(score), cell.key)
+        assert cell.value == (tuple(found) if isinstance(found, list) else found), cell
+
+
+def test_all_rows_are_as_long_as_the_head() -> None:
+    for item in score_tables(whole_score()):
+        assert {len(row) for row in item.rows} == {len(item.columns)}, item.name
+
+
+def test_the_terminal_ends_with_the_verdicts() -> None:
+    names = [item.name for item in summary_tables(whole_score())]
+    assert names == ["headline", "map", "time", "memory", "verdicts"]
+    assert "300 frames of 300 estimates, 3 lost; re-based by pose." in table(whole_score(), "headline").note
+
+
+def test_csv_holds_the_exact_figures() -> None:
+    score = json_of(whole_score())
+    rows = list(csv.DictReader(io.StringIO(to_csv(score_tables(whole_score())))))
+    keys = {row["key"]: row["value"] for row in rows if row["key"]}
+    for key, text in keys.items():
+        value = dig(score, key)
+        assert (float(text) if text else None) == value, key
+    place = "trajectory.conditions.0.position_m.mean_plus_3sigma_ci95"
+    assert float(keys[f"{place}.1"]) == dig(score, place)[1]
+    assert [row["value"] for row in rows if row["column"] == "verdict"] == ["fail", "pass", "not enough data", "pass"]
+
+
+def test_markdown_tables_keep_their_shape() -> None:
+    memory = whole_score().memory
+    assert memory is not None
+    score = replace(whole_score(), memory=replace(memory, method=f"a | b {HOSTILE}"))
+    text = score_markdown(score)
+    assert "<script" not in text.replace("\\<", "")
+    assert "✖ fail" in text
+    blocks = [block for block in text.split("\n\n") if block.startswith("|")]
+    assert len(blocks) == len(score_tables(score))
+    for block in blocks:
+        lines = [line.replace("\\|", "") for line in block.splitlines()]
+        assert len({line.count("|") for line in lines}) == 1, block
+    assert "nan" not in text.lower().replace("covariance", "").split()
+
+
+def test_calls_of_a_target_stand_apart_under_its_name() -> None:
+    score = whole_score()
+    assert score.timing is not None
+    assert score.memory is not None
+    target = TargetScore(name="GR740", timing=score.timing, memory=score.memory)
+    shown = table(replace(score, target=target), "target-time")
+    assert shown.title == "Time per call on GR740"
+    assert shown.rows[0][1].key == "target.timing.localisation_s.p50"
+    assert table(replace(score, target=target), "target-memory").rows[0][1].key == (
+        "target.memory.localisation_peak_bytes"
+    )
+
+
+def test_a_map_without_pixels_is_named_so() -> None:
+    distance = SampleStatistic(count=3, mean=0.1, sigma=0.1, mean_plus_3sigma=0.4, p50=0.1, p95=0.2)
+    part = MapScore(
+        pairs=1, points=3, coverage=None, coverage_range_m=(0.0, 10.0), nearest_only=True, nearest_distance_m=distance
+    )
+    score = Score(map=part, verdicts=())
+    assert texts(table(score, "headline").rows[0])[0] == "map: distance to the nearest true point"
+    assert texts(table(score, "map").rows[0])[-1] == "no true points"
+
+
+@pytest.mark.parametrize(
+    ("mean", "words"), [(0.5, "too large a sigma"), (1.0, "consistent"), (2.0, "too small a sigma")]
+)
+def test_consistency_in_words(mean: float, words: str) -> None:
+    score = whole_score()
+    assert score.map is not None
+    assert score.map.errors is not None
+    assert score.map.errors.sigma_nees is not None
+    nees = replace(score.map.errors.sigma_nees, mean=mean, interval95=(0.9, 1.1))
+    changed = replace(score, map=replace(score.map, errors=replace(score.map.errors, sigma_nees=nees)))
+    assert table(changed, "consistency").rows[-1][-1].text == words
