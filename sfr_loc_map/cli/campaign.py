@@ -14,7 +14,7 @@ from sfr_loc_map.cli.output import check_output, write_text
 from sfr_loc_map.errors import FailedVerdictError
 
 if TYPE_CHECKING:
-    from sfr_loc_map.fault_injection.outcome import Row
+    from sfr_loc_map.fault_injection.report import Row
 
 app = typer.Typer(help="The node processes over real DDS: injected faults, rates, long runs.")
 app.callback(invoke_without_command=True)(help_without_command)
@@ -40,8 +40,9 @@ def faults(
     ] = None,
 ) -> None:
     """Inject one fault after the other into the nodes; exit 1 if one of them has another outcome than expected."""
-    from sfr_loc_map.fault_injection.outcome import CampaignSettings, Verdict, outcome_table, report
+    from sfr_loc_map.fault_injection.report import Verdict, outcome_table, report
     from sfr_loc_map.fault_injection.run import run_campaign, select, timed
+    from sfr_loc_map.fault_injection.settings import CampaignSettings
     from sfr_loc_map.tables.markdown import to_markdown
 
     settings = CampaignSettings(stop_s=stop_s, restart_limit_s=restart_limit_s, soak_minutes=soak_minutes)

@@ -48,31 +48,31 @@ def doctor(
         _diagnose(subject, truth, json_path)
         return
     remaps = parse_remaps(remap)
-    place = _gives_extrinsics(config)
+    extrinsics_given = _gives_extrinsics(config)
     if graph:
         require_ros("doctor --graph")
         from sfr_loc_map.nodes.tools.graph_observation import observe_graph
 
-        _examine(observe_graph(seconds, namespace, remaps, place_given=place), json_path)
+        _examine(observe_graph(seconds, namespace, remaps, extrinsics_given=extrinsics_given), json_path)
     elif subject is not None:
-        from sfr_loc_map.pipeline.doctor.bag import observe_bag
+        from sfr_loc_map.pipeline.doctor.bag_observation import observe_bag
 
         if not subject.exists():
             raise InputError(f"there is no '{subject}': give a bag, or --graph")
-        _examine(observe_bag(subject, remaps, place_given=place), json_path)
+        _examine(observe_bag(subject, remaps, extrinsics_given=extrinsics_given), json_path)
 
 
 def _examine(seen: Observation, json_path: str | None) -> None:
     from sfr_loc_map.pipeline.doctor.checks import examine
 
     findings = examine(seen)
-    stops = sum(finding.stops for finding in findings)
+    stops = sum(finding.is_blocking for finding in findings)
     content = {"subject": seen.subject, "stops": stops, "findings": [finding.as_dict() for finding in findings]}
     show(_json(content), json_path, ())
     if json_path != STANDARD_OUTPUT:
         for finding in findings:
-            typer.echo(f"{'STOPS' if finding.stops else 'warns'}  {finding.where}: {finding.text}")
-            typer.echo(f"       fix: {finding.cure}")
+            typer.echo(f"{'STOPS' if finding.is_blocking else 'warns'}  {finding.where}: {finding.text}")
+            typer.echo(f"       fix: {finding.fix}")
         if not findings:
             typer.echo(f"{seen.subject}: no blocking issue")
     if stops:

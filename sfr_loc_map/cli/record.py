@@ -30,9 +30,9 @@ def record(
     from sfr_loc_map.nodes.tools.record import record as run
 
     options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
-    tallies = run(out, options, lambda text: typer.echo(text, err=True))
-    count, lost = (sum(getattr(tally, name) for tally in tallies.values()) for name in ("count", "lost"))
-    typer.echo(f"{out}: {count} messages of {sum(tally.count > 0 for tally in tallies.values())} topics, {lost} lost")
-    for name, tally in tallies.items():
-        if tally.lost:
-            typer.echo(f"  {tally.lost} of {name} lost in transport", err=True)
+    counts = run(out, options, lambda text: typer.echo(text, err=True))
+    count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))
+    typer.echo(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")
+    for name, topic in counts.items():
+        if topic.lost:
+            typer.echo(f"  {topic.lost} of {name} lost in transport", err=True)

@@ -10,9 +10,9 @@ from sensor_msgs.msg import Image
 
 from sfr_loc_map.fault_injection import malformed_messages as malformed
 from sfr_loc_map.fault_injection.fake_rover import IMAGE_DEPTH, MATCH_S
+from sfr_loc_map.fault_injection.fault import Fault, Outcome
 from sfr_loc_map.fault_injection.harness import LOCALISATION, MAPPING, MONITOR, Harness
 from sfr_loc_map.fault_injection.malformed_messages import MalformedMessage
-from sfr_loc_map.fault_injection.outcome import Fault, Outcome
 
 GROWTH_MB = 100.0
 """A message may not make a node grow by more than this."""

@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 
 from sfr_loc_map.errors import NodeError
+from sfr_loc_map.fault_injection.fault import Fault, Outcome
 from sfr_loc_map.fault_injection.harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
-from sfr_loc_map.fault_injection.outcome import Fault, Outcome
 from sfr_loc_map.nodes.diagnostics.key_values import Level
 from sfr_loc_map.nodes.process.node_process import NodeProcess
 

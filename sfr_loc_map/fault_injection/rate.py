@@ -13,8 +13,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 
 from sfr_loc_map.fault_injection.harness import LOCALISATION, MONITOR, Harness
-from sfr_loc_map.fault_injection.outcome import CampaignSettings
 from sfr_loc_map.fault_injection.scene import TURN, Scene
+from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.fault_injection.soak import MemoryTrend
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState

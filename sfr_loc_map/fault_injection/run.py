@@ -16,8 +16,10 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.fault_injection import disk_faults, message_faults, process_faults, soak, time_faults
+from sfr_loc_map.fault_injection.fault import Fault, Outcome
 from sfr_loc_map.fault_injection.harness import Harness
-from sfr_loc_map.fault_injection.outcome import CampaignSettings, Fault, Outcome, Row, Verdict, row_not_run, row_of
+from sfr_loc_map.fault_injection.report import Row, Verdict, row_not_run, row_of
+from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.nodes.process import environment
 
 FAULTS: tuple[Fault, ...] = (

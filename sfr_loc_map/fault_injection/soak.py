@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sfr_loc_map.fault_injection.fault import Fault, Outcome
 from sfr_loc_map.fault_injection.harness import Harness
-from sfr_loc_map.fault_injection.outcome import Fault, Outcome
 
 WARM_UP_SHARE = 1.0 / 3.0
 """Share of the soak before memory is judged: buffers fill, the allocator reaches its size."""

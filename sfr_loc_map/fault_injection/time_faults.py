@@ -6,8 +6,8 @@ import time
 
 from rosgraph_msgs.msg import Clock
 
+from sfr_loc_map.fault_injection.fault import Fault, Outcome
 from sfr_loc_map.fault_injection.harness import LOCALISATION, MAPPING, MONITOR, Harness
-from sfr_loc_map.fault_injection.outcome import Fault, Outcome
 from sfr_loc_map.nodes.messages.fields import time_msg
 
 BURST_HZ, BURST_S = 100.0, 2.0

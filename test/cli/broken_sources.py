@@ -83,7 +83,7 @@ def flipped_bytes(path: Path) -> Path:
     return file.parent
 
 
-def flipped_picture(path: Path) -> Path:
+def flipped_image(path: Path) -> Path:
     for task in ("loc", "nav"):
         file = good_folder(path) / task / "left/000001.png" if task == "loc" else path / task / "left/000001.png"
         data = bytearray(file.read_bytes())

@@ -1,4 +1,4 @@
-"""Rovers that publish small stereo pictures at 10 Hz, each with one thing wrong: `rover_process.py WHAT[@DOMAIN]`."""
+"""Rovers that publish small stereo images at 10 Hz, each with one thing wrong: `rover_process.py WHAT[@DOMAIN]`."""
 
 # ruff: noqa: E402 - the helpers beside the tests must be importable first
 from __future__ import annotations
@@ -52,16 +52,16 @@ class Rover:
     def publish(self, pair: StereoPair) -> None:
         stamp_ns = time.time_ns() - 3_600_000_000_000 * (self.what == "clocks apart")
         messages: dict[str, Any] = {}
-        for side, picture in (("left", pair.left), ("right", pair.right)):
+        for side, pixels in (("left", pair.left), ("right", pair.right)):
             at_ns = stamp_ns + 3_000_000 * (self.what == "unsynchronised" and side == "right")
-            messages[f"loc/{side}/image_rect"] = bag_messages.image(at_ns, picture, "loc", side)
+            messages[f"loc/{side}/image_rect"] = bag_messages.image(at_ns, pixels, "loc", side)
             messages[f"loc/{side}/camera_info"] = bag_messages.camera_info(at_ns, LOC_RIG, "loc", side)
         messages["ground_truth/odometry"] = bag_messages.odometry(stamp_ns, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
         for name, publisher in self.publishers.items():
             if self.what == "silent" and name == "loc/right/image_rect":
                 continue
             if publisher.msg_type is String:
-                publisher.publish(String(data="picture"))
+                publisher.publish(String(data="no image"))
                 continue
             message = messages[name]
             publisher.publish(bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__)))

@@ -30,7 +30,7 @@ SOURCES: dict[str, tuple[Made, str, tuple[str, ...]]] = {
     "truncated bag": (broken.truncated_bag, "broken or cut off: record or copy it again", tuple(COMMANDS)),
     "bag of an empty file": (broken.empty_file_in_bag, "broken or cut off: record or copy it again", tuple(COMMANDS)),
     "flipped bytes": (broken.flipped_bytes, "broken or cut off: record or copy it again", tuple(COMMANDS)),
-    "flipped picture": (broken.flipped_picture, r"000001.png.*; \w+", tuple(COMMANDS)),
+    "flipped image": (broken.flipped_image, r"000001.png.*; \w+", tuple(COMMANDS)),
     "no camera_info": (broken.no_camera_info, "no topic 'loc/right/camera_info'.*; record it", tuple(COMMANDS)),
     "silent camera_info": (broken.silent_camera_info, "no message on '/loc/left/camera_info'", tuple(COMMANDS)),
     "unequal sizes": (broken.unequal_sizes, "000001.png.* is 150 x 120: .*160 x 120; both .* need", tuple(COMMANDS)),

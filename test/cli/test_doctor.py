@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 from processes import Process, wait_until
 
 from sfr_loc_map.pipeline.doctor.checks import examine
-from sfr_loc_map.pipeline.doctor.observation import Observation, SeenNode, SeenTopic
+from sfr_loc_map.pipeline.doctor.observation import HostMemory, Observation, ObservedNode, ObservedTopic
 
 Edit = broken.Edit
 
@@ -57,7 +57,7 @@ def unsynchronised(topic: str, number: int, message: Any) -> Any:
 
 
 def mirrored_order(topic: str, number: int, message: Any) -> Any:
-    """Mirror both pictures of the drive: what was further left is then further right, as in exchanged pictures."""
+    """Mirror both images of the drive: what was further left is then further right, as in swapped images."""
     if "/loc/" not in topic or not topic.endswith("image_rect"):
         return message
     data = message.data.reshape(message.height, message.width)[:, ::-1]
@@ -165,21 +165,27 @@ def test_usage(tmp_path: Path, sfr: Sfr) -> None:
 
 def test_what_only_a_host_or_a_graph_can_have_wrong() -> None:
     good = {
-        f"loc/{side}/{kind}": SeenTopic("x", ()) for side in ("left", "right") for kind in ("image_rect", "camera_info")
+        f"loc/{side}/{kind}": ObservedTopic("x", ())
+        for side in ("left", "right")
+        for kind in ("image_rect", "camera_info")
     }
-    nodes = (SeenNode("/localisation_node", "loc", place_given=True), SeenNode("/monitor_node", ""))
-    seen = Observation("graph", live=True, topics=good, nodes=nodes, segment_bytes=64 << 20)
+    nodes = (ObservedNode("/localisation_node", "loc", extrinsics_given=True), ObservedNode("/monitor_node", ""))
+    seen = Observation("graph", live=True, topics=good, nodes=nodes)
     for size, causes in (
         (64 << 20, {"shared_memory"}),
         (192 << 20, {"shared_memory"}),
         (256 << 20, set()),
         (None, set()),
     ):
-        found = {f.cause for f in examine(replace(seen, shared_memory_bytes=size))} - {"silent", "truth", "wrong_type"}
+        found = {f.cause for f in examine(replace(seen, memory=HostMemory(size, 64 << 20)))} - {
+            "silent",
+            "truth",
+            "wrong_type",
+        }
         assert found == causes
     asleep = replace(seen, nodes=(replace(nodes[0], state="inactive"),))
     (finding,) = [f for f in examine(asleep) if f.cause == "inactive"]
-    assert finding.cure == "ros2 lifecycle set /localisation_node activate"
+    assert finding.fix == "ros2 lifecycle set /localisation_node activate"
     two = replace(
         seen,
         topics={},

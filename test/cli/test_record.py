@@ -26,7 +26,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.process import environment
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
-PICTURES = ["loc/left/image_rect", "loc/right/image_rect"]
+IMAGES = ["loc/left/image_rect", "loc/right/image_rect"]
 
 
 @pytest.fixture(autouse=True)
@@ -48,11 +48,11 @@ def rover(own_domain: None, tmp_path: Path) -> Iterator[Process]:
 
 
 def readable(path: Path) -> int:
-    """Return how many pictures can be read while the recording goes on."""
+    """Return how many images can be read while the recording goes on."""
     if not list(path.glob("*.mcap")):
         return 0
     try:
-        return sum(1 for _ in Bag(path).raw_messages(PICTURES))
+        return sum(1 for _ in Bag(path).raw_messages(IMAGES))
     except Exception:
         return 0
 
@@ -61,7 +61,7 @@ def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_pat
     out = tmp_path / "drive.mcap"
     with Process(tmp_path / "log", *COMMAND, "record", str(out)) as process:
         process.wait_for("records /ground_truth/odometry")
-        wait_until(lambda: readable(out) > 20, "pictures")
+        wait_until(lambda: readable(out) > 20, "images")
         assert process.end(SIGINT, SIGTERM, pause_s=0.0) == 0, process.text
         assert "messages of 5 topics, 0 lost" in process.text.splitlines()[-1]
     assert (out / "metadata.yaml").exists()
@@ -71,7 +71,7 @@ def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_pat
     stamps = [pair.stamp_ns for pair in source.loc.pairs()]
     assert max(b - a for a, b in pairwise(stamps)) < 5e9
     with AnyReader([out]) as reader:
-        assert {c.topic for c in reader.connections} == {f"/{n}" for n in (*PICTURES, "ground_truth/odometry")} | {
+        assert {c.topic for c in reader.connections} == {f"/{n}" for n in (*IMAGES, "ground_truth/odometry")} | {
             f"/loc/{side}/camera_info" for side in ("left", "right")
         }
         assert all(c.msgdef.data for c in reader.connections)
@@ -80,7 +80,7 @@ def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_pat
 def test_kill_9_costs_a_second_at_most(rover: Process, tmp_path: Path) -> None:
     out = tmp_path / "drive.mcap"
     with Process(tmp_path / "log", *COMMAND, "record", str(out), "--all") as process:
-        wait_until(lambda: readable(out) > 20, "pictures")
+        wait_until(lambda: readable(out) > 20, "images")
         killed_ns = time.time_ns()
         process.end(SIGKILL)
     variables = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
@@ -89,7 +89,7 @@ def test_kill_9_costs_a_second_at_most(rover: Process, tmp_path: Path) -> None:
     with AnyReader([file]) as reader:  # another reader, without any repair
         theirs = [stamp for connection, stamp, _ in reader.messages() if connection.topic == "/loc/left/image_rect"]
         assert "/rosout" in reader.topics
-    ours = [stamp for name, _, stamp, _ in Bag(out).raw_messages(PICTURES[:1])]
+    ours = [stamp for name, _, stamp, _ in Bag(out).raw_messages(IMAGES[:1])]
     assert len(ours) == len(theirs)
     assert killed_ns - ours[-1] < 1.5e9  # of which the load of this host may be a part
     assert len(open_source(out, {}).loc or ()) >= 10
@@ -99,7 +99,10 @@ def test_what_cannot_be_recorded_is_one_line(tmp_path: Path) -> None:
     there = tmp_path / "there"
     there.mkdir()
     nothing = tmp_path / "nothing"
-    cases = [([str(there)], "it exists"), ([str(nothing), "/no_such_topic", "--duration", "1"], "nothing came")]
+    cases = [
+        ([str(there)], "it exists"),
+        ([str(nothing), "/no_such_topic", "--duration", "1"], "no message was received"),
+    ]
     for words, expected in cases:
         with Process(tmp_path / "log", *COMMAND, "record", *words) as process:
             assert process.popen.wait(60) == 2

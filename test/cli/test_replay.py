@@ -148,7 +148,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert not out.exists() or not list(out.iterdir())
 
 
-def test_a_picture_that_a_node_refuses_ends_the_replay_at_once(tmp_path: Path) -> None:
+def test_an_image_that_a_node_refuses_ends_the_replay_at_once(tmp_path: Path) -> None:
     path = tmp_path / "broken.mcap"
     with BagWriter(path, jpeg_quality=90) as writer:
         fill(writer, 2, 0)

@@ -13,18 +13,11 @@ pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(400)]
 
 from sfr_loc_map.errors import InputError, NodeError
-from sfr_loc_map.fault_injection.outcome import (
-    CampaignSettings,
-    Fault,
-    Outcome,
-    Verdict,
-    outcome_table,
-    report,
-    row_not_run,
-    row_of,
-)
+from sfr_loc_map.fault_injection.fault import Fault, Outcome
+from sfr_loc_map.fault_injection.report import Verdict, outcome_table, report, row_not_run, row_of
 from sfr_loc_map.fault_injection.run import FAULTS, run_campaign, select
 from sfr_loc_map.fault_injection.scene import Scene
+from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.fault_injection.soak import MemoryTrend
 from sfr_loc_map.tables.markdown import to_markdown
 
@@ -127,7 +120,7 @@ def test_a_slow_growth_is_judged_in_long_runs_only(minutes: float, mb_h: float, 
 
 
 def test_the_scene_is_what_its_rig_and_poses_say() -> None:
-    """A point of the wall lies at the same grey in left and right picture, shifted by f b / Z."""
+    """A point of the wall lies at the same grey in left and right image, shifted by f b / Z."""
     scene = Scene(320, 240)
     pair = scene.nav_pair(1, 5)
     depth = 3.0 - (scene.nav_pose(1) @ scene.nav.T_sb_left).translation[0]

@@ -1,4 +1,4 @@
-"""Records topics as they come, serialised as they are, until told to end."""
+"""Records topics into a bag, serialised messages unchanged, until a signal ends it."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ INPUTS = (
     *(f"{task}/{side}/image_rect/compressed" for task in ("loc", "nav") for side in SIDES),
     *("nav/pose", "initialpose", "motion_prior", "ground_truth/odometry", "ground_truth/points"),
 )
-OURS = (
+OUTPUTS = (
     *("localisation/odometry", "mapping/points", "mapping/disparity", "metrics", "metrics/report"),
     *(f"{task}/configuration" for task in ("localisation", "mapping", "monitor")),
 )
 GLOBAL = ("/diagnostics", "/tf", "/tf_static", "/clock")
 DEPTH = 200
-LOOK_S = 0.25
+DISCOVERY_S = 0.25
 FLUSH_S = 0.5
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """What is recorded.
+    """What to record.
 
     Attributes:
-        topics: Their names, relative to the namespace; empty: inputs and outputs of our nodes.
-        everything: All topics instead, but hidden ones.
+        topics: Their names, relative to the namespace; empty: inputs and outputs of the suite's nodes.
+        everything: All topics instead, except hidden ones.
         namespace: Of the rover.
         duration_s: How long; None: until SIGINT, SIGTERM or SIGHUP.
         zstd: Whether chunks are compressed.
@@ -63,12 +63,12 @@ class RecordOptions:
 
 
 @dataclass(slots=True)
-class Tally:
-    """What came of a topic.
+class TopicCount:
+    """What was recorded of a topic.
 
     Attributes:
         count: Messages recorded.
-        gaps: What did not arrive of a topic with one publisher.
+        gaps: Messages of a topic with one publisher that did not arrive.
     """
 
     count: int = 0
@@ -80,20 +80,20 @@ class Tally:
         return self.gaps.lost
 
 
-def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, Tally]:
+def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, TopicCount]:
     """Record topics into a bag.
 
     Args:
         path: Folder of the bag; must not exist.
-        options: What.
-        say: Called with what happens.
+        options: What to record.
+        say: Called with a line for each topic.
 
     Returns:
-        What came, by topic.
+        What was recorded, by topic.
 
     Raises:
-        OutputError: If the bag cannot be written (any more); what was recorded stays.
-        NodeError: If nothing came at all; nothing is left then.
+        OutputError: If the bag cannot be written (any more); what was recorded before stays.
+        NodeError: If no message was received; no bag is left then.
     """
     environment.prepare()
     stop = Event()
@@ -101,7 +101,7 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
     def end(number: int, frame: FrameType | None) -> None:
         stop.set()
 
-    before = {number: signal.signal(number, end) for number in ENDING}
+    before = {number: signal.signal(number, end) for number in END_SIGNALS}
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
         with BagRecorder(path, zstd=options.zstd) as bag:
@@ -114,31 +114,31 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
     if not bag.count:
         _remove(path)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
-        raise NodeError(f"nothing came on the topics to be recorded in ROS domain {domain}: look by sfr doctor --graph")
-    return recorder.tallies
+        raise NodeError(f"no message was received in ROS domain {domain}: check by sfr doctor --graph")
+    return recorder.counts
 
 
 class _Recorder:
     def __init__(self, bag: BagRecorder, options: RecordOptions, say: Callable[[str], None]) -> None:
-        self.tallies: dict[str, Tally] = {}
+        self.counts: dict[str, TopicCount] = {}
         self._bag, self._options, self._say = bag, options, say
         self._node: Node = rclpy.create_node(f"sfr_record_{os.getpid()}", start_parameter_services=False)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        names = options.topics or (*INPUTS, *OURS, *GLOBAL)
+        names = options.topics or (*INPUTS, *OUTPUTS, *GLOBAL)
         self._wanted = {self._resolved(name) for name in names}
         self._known: set[str] = set()
 
     def run(self, stop: Event) -> None:
-        """Record until told to stop."""
-        begin = looked = flushed = time.monotonic()
-        self._look()
+        """Record until the event is set or the duration is over."""
+        begin = discovered = flushed = time.monotonic()
+        self._discover()
         while not stop.is_set():
-            self._executor.spin_once(timeout_sec=LOOK_S)
+            self._executor.spin_once(timeout_sec=DISCOVERY_S)
             now = time.monotonic()
-            if now - looked > LOOK_S:
-                self._look()
-                looked = now
+            if now - discovered > DISCOVERY_S:
+                self._discover()
+                discovered = now
             if now - flushed > FLUSH_S:
                 self._bag.flush()
                 flushed = now
@@ -149,8 +149,8 @@ class _Recorder:
         space = self._options.namespace.strip("/")
         return name if name.startswith("/") or not space else f"/{space}/{name}"
 
-    def _look(self) -> None:
-        """Subscribe to what is new."""
+    def _discover(self) -> None:
+        """Subscribe to new topics."""
         wanted = {name if name.startswith("/") else f"/{name}" for name in self._wanted}
         for name, types in self._node.get_topic_names_and_types():
             hidden = "/_" in name
@@ -168,23 +168,23 @@ class _Recorder:
             self._say(f"{name} is not recorded: {error}")
             return
         text, type_hash = definition_of(msgtype)
-        topic = self._bag.add_topic(name, msgtype, text, type_hash, [_offer(info) for info in infos])
-        tally = self.tallies[name] = Tally()
+        topic = self._bag.add_topic(name, msgtype, text, type_hash, [_offered_qos(info) for info in infos])
+        recorded = self.counts[name] = TopicCount()
         numbered = len(infos) == 1
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             self._bag.write(topic, time.time_ns(), raw)
-            tally.count += 1
+            recorded.count += 1
             if numbered:
-                tally.gaps.add(info)
+                recorded.gaps.add(info)
 
         callback: Any = received  # rclpy's types do not know of raw messages with their information
-        self._node.create_subscription(kind, name, callback, _asked(infos), raw=True)
+        self._node.create_subscription(kind, name, callback, _requested_qos(infos), raw=True)
         self._say(f"records {name} ({msgtype})")
 
 
-def _asked(infos: list[Any]) -> QoSProfile:
-    """Return what all publishers can give, so that nothing of them is missed."""
+def _requested_qos(infos: list[Any]) -> QoSProfile:
+    """Return the strictest quality of service that all publishers offer, so that no message is missed."""
     reliable = all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
     latched = all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
     return QoSProfile(
@@ -194,7 +194,7 @@ def _asked(infos: list[Any]) -> QoSProfile:
     )
 
 
-def _offer(info: Any) -> Qos:  # noqa: ANN401 - rclpy's TopicEndpointInfo
+def _offered_qos(info: Any) -> Qos:  # noqa: ANN401 - rclpy's TopicEndpointInfo
     profile, never = info.qos_profile, QosTime(0, 0)
     reliable = profile.reliability == ReliabilityPolicy.RELIABLE
     latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL

@@ -1,1 +1,1 @@
-"""What would stop the suite on a bag or on a running graph, each with its cure."""
+"""Blocking issues of a bag or of a running graph: what is observed, checks by cause, findings with a fix."""

@@ -1,15 +1,16 @@
-"""What was seen of a bag or of a running graph, as plain values; judged by `checks`."""
+"""What was observed of a bag or of a running graph, as plain values; judged by `checks`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.constants import SIDES
+from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
 
 TASKS = ("loc", "nav")
@@ -22,53 +23,76 @@ EXPECTED: Mapping[str, tuple[str, ...]] = {
     "ground_truth/odometry": (ODOMETRY,),
     "ground_truth/points": (POINTS,),
 }
-"""Types of the topics that are looked at, by their names in the suite; a compressed picture may also come under the
-plain name."""
-PICTURES_KEPT = 4
-"""Pictures of each topic that are looked at."""
-Reliability = Literal["reliable", "best_effort"]
+"""Types of the topics that are observed, by their names in the suite."""
+MESSAGES_KEPT = 4
+"""Messages of each topic that are kept."""
+
+
+def allowed_types(name: str) -> tuple[str, ...]:
+    """Return the types that a topic may have; compressed images may also come under the plain name."""
+    return (*EXPECTED[name], COMPRESSED) if name.endswith("image_rect") else EXPECTED[name]
+
+
+class Reliability(StrEnum):
+    """Reliability of a publisher or subscriber."""
+
+    RELIABLE = "reliable"
+    BEST_EFFORT = "best_effort"
 
 
 @dataclass(frozen=True, slots=True)
-class SeenTopic:
+class ObservedTopic:
     """One topic.
 
     Attributes:
-        found: Its name there.
+        found: Its name in the bag or graph.
         types: Types under that name.
         offers: Reliability that each publisher offers; of a bag, one publisher.
-        stamps_ns: Stamps of the headers of its messages, as they came.
+        stamps_ns: Stamps of the headers of its messages `(N,)`, in the order of reception.
         messages: The first of them; for readers by attributes.
     """
 
     found: str
     types: tuple[str, ...]
-    offers: tuple[Reliability, ...] = ("reliable",)
-    stamps_ns: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    offers: tuple[Reliability, ...] = (Reliability.RELIABLE,)
+    stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     messages: tuple[Any, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class SeenNode:
-    """One of our nodes that runs.
+class ObservedNode:
+    """One node of the suite that runs.
 
     Attributes:
         name: With its namespace.
-        task: `loc`, `nav`, or empty for another.
+        task: `loc`, `nav`, or empty for the monitor.
         state: Of the managed node; empty where it did not answer.
-        reliability: What it asks of the publishers of pictures.
+        reliability: Reliability that it requests of image publishers.
         use_sim_time: Whether it follows /clock.
-        place_given: Whether its parameters say where the stereo bench is.
+        extrinsics_given: Whether its parameters have the extrinsics of the stereo rig.
         stamp_tolerance_ns: Largest difference of stamps of a pair.
     """
 
     name: str
     task: str
     state: str = "active"
-    reliability: Reliability = "reliable"
+    reliability: Reliability = Reliability.RELIABLE
     use_sim_time: bool = False
-    place_given: bool = False
+    extrinsics_given: bool = False
     stamp_tolerance_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class HostMemory:
+    """Shared memory of the host.
+
+    Attributes:
+        size_bytes: Size of /dev/shm; None where there is none.
+        segment_bytes: What each process reserves of it.
+    """
+
+    size_bytes: int | None = None
+    segment_bytes: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,19 +100,18 @@ class Observation:
     """A bag, or a graph over some time.
 
     Attributes:
-        subject: What was looked at, for messages.
+        subject: What was observed, for messages.
         live: Whether it is a graph.
-        prefix: What comes before the suite's names there.
-        topics: What is looked at, by the suite's names; a topic that is not there is left out.
+        prefix: What comes before the suite's names in the graph.
+        topics: Expected topics by the suite's names; absent ones are left out.
         ambiguous: Several names found, by the suite's name that each of them could have.
-        others: Types of all topics by name, ours and others.
-        place_given: Whether a parameter file says where the stereo bench is.
-        place_in_frames: Whether /tf_static does; None where it cannot be read.
-        nodes: Ours that run.
-        has_clock: Whether somebody publishes /clock.
+        others: Types of all topics by name.
+        extrinsics_given: Whether a parameter file has the extrinsics of the stereo rig.
+        extrinsics_in_tf: Whether /tf_static has them; None where it cannot be read.
+        nodes: Nodes of the suite that run.
+        has_clock: Whether /clock is published.
         now_ns: Time of the host at the end; None of a bag.
-        shared_memory_bytes: Size of /dev/shm; None where there is none.
-        segment_bytes: What each process reserves of it.
+        memory: Shared memory of the host.
         broken: Why reading ended early, empty if it did not.
         unfinished: Whether the bag was not closed, so that its last second may be missing.
     """
@@ -96,48 +119,39 @@ class Observation:
     subject: str
     live: bool
     prefix: str = ""
-    topics: Mapping[str, SeenTopic] = field(default_factory=dict)
+    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)
     ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    place_given: bool = False
-    place_in_frames: bool | None = False
-    nodes: tuple[SeenNode, ...] = ()
+    extrinsics_given: bool = False
+    extrinsics_in_tf: bool | None = False
+    nodes: tuple[ObservedNode, ...] = ()
     has_clock: bool = False
     now_ns: int | None = None
-    shared_memory_bytes: int | None = None
-    segment_bytes: int = 0
+    memory: HostMemory = field(default_factory=HostMemory)
     broken: str = ""
     unfinished: bool = False
 
-    def node(self, task: str) -> SeenNode | None:
+    @property
+    def tasks(self) -> list[str]:
+        """The tasks that are meant: of nodes that run, else those with a topic."""
+        running = [task for task in TASKS if self.node(task) is not None]
+        return running or [task for task in TASKS if any(name.startswith(f"{task}/") for name in self.topics)]
+
+    def node(self, task: str) -> ObservedNode | None:
         """Return the node of a task, None where it does not run."""
         return next((node for node in self.nodes if node.task == task), None)
 
-    def picture(self, task: str, side: str) -> SeenTopic | None:
-        """Return the topic of the pictures of a side, raw or compressed: the one that has a publisher."""
+    def images(self, task: str, side: str) -> ObservedTopic | None:
+        """Return the topic of the images of a side, raw or compressed: the one that has a publisher."""
         plain = f"{task}/{side}/image_rect"
         found = [self.topics[name] for name in (plain, f"{plain}/compressed") if name in self.topics]
         return max(found, key=lambda topic: bool(topic.offers), default=None)
 
+    def image_stamps(self, task: str, side: str = "left") -> IntArray:
+        """Return the stamps of the images of a side, `(N,)`."""
+        topic = self.images(task, side)
+        return topic.stamps_ns if topic is not None else np.zeros(0, np.int64)
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that is not as it should be.
-
-    Attributes:
-        cause: Its kind in one word, for programs.
-        stops: Whether something that was asked for does not work; else it is a warning.
-        where: Topic, node or file.
-        text: What was found.
-        cure: What to do.
-    """
-
-    cause: str
-    stops: bool
-    where: str
-    text: str
-    cure: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        return asdict(self)
+    def has_images(self, task: str) -> bool:
+        """Tell whether there are images of both sides."""
+        return all((topic := self.images(task, side)) is not None and topic.messages for side in SIDES)
