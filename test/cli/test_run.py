@@ -71,7 +71,7 @@ def test_all_three_run_and_none_is_left(tmp_path: Path, end: signal.Signals) -> 
         wait_until(lambda: all(map(handles_signals, pids)), "the start of the nodes")
         code = run.end(end)
         assert code == (0 if end is signal.SIGTERM else -signal.SIGKILL)
-    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes", 15)
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
 
 
 def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def test_a_supervised_node_does_not_outlive_its_supervisor(tmp_path: Path) -> No
         log = tmp_path / "monitor_node.log"
         wait_until(lambda: "listens to" in log.read_text(), "start of the node")
         supervisor.end(SIGKILL)
-    wait_until(lambda: not alive(pid), "end of the node", 10)
+    wait_until(lambda: not alive(pid), "end of the node")
 
 
 def alive(pid: int) -> bool:
