@@ -107,6 +107,30 @@ def test_reset_waits_for_the_keyframe_and_forgets_it() -> None:
     assert (by.started, by.keyframe_count, len(by.landmarks)) == (False, 0, 0)
 
 
+def test_vertical_disparity_is_learnt_and_taken_off_the_observations() -> None:
+    """Right images half a pixel too low."""
+    by, _ = backend()
+    pair, down = pair_of_drive(0), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5]])
+    lower = cv2.warpAffine(pair.right, down, (WIDTH, HEIGHT))
+    by.begin(StereoFrame.of(replace(pair, right=lower)), Transform.identity())
+    assert by.calibration.offset.v == pytest.approx(0.5, abs=0.05)
+    vertical_disparity = by.landmarks.last_seen[:, 3] - by.landmarks.last_seen[:, 1]
+    assert np.median(vertical_disparity) == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_correction_of_yaw_moves_all_right_observations(monkeypatch: pytest.MonkeyPatch) -> None:
+    by, tracker = backend()
+    by.begin(frame(0), Transform.identity())
+    result = tracked(by, tracker, 12)
+    monkeypatch.setattr(by.calibration, "learn_yaw", lambda *_: 0.05)
+    by.add_keyframe(frame(12), result)
+    by.wait()
+    kept, rows, _ = np.intersect1d(result.landmarks.index, by.landmarks.index, return_indices=True)[0:3]
+    now = by.landmarks.last_seen[np.searchsorted(by.landmarks.index, kept), 2]
+    x = (result.observations[rows, 2] - LOC_RIG.cx) / LOC_RIG.fx
+    np.testing.assert_allclose(now, result.observations[rows, 2] - 0.05 * (1.0 + x * x), atol=1e-9)
+
+
 @pytest.mark.parametrize("side", ["left_mask", "right_mask"])
 def test_masked_parts_have_no_landmarks(side: str, tmp_path: object) -> None:
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)

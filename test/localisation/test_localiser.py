@@ -20,6 +20,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.localiser import Localiser
 
 DRIVE = drive()
@@ -107,6 +108,15 @@ def test_an_estimate_keeps_its_stage_times_whatever_follows() -> None:
         estimate.stage_s["wait"] = 0.0  # type: ignore[index]
 
 
+def test_statistics_state_what_the_right_camera_is_off_by() -> None:
+    by = localiser()
+    run(DRIVE[:2], by)
+    by._backend.calibration.offset = RightOffset(u=0.2, v=-0.1, roll=0.3)
+    found = by.process(DRIVE[2]).statistics
+    # right positions too far right: disparities too small
+    assert (found.disparity_offset_px, found.vertical_offset_px, found.roll_offset_px) == (-0.2, -0.1, 0.3)
+
+
 def test_the_start_moves_the_whole_trajectory(estimates: list[PoseEstimate]) -> None:
     T_other = Transform.from_quat([100.0, -20.0, 3.0], [0.1, -0.2, 0.7, 0.6])
     moved = run(DRIVE[:10], localiser(T_other))
@@ -166,6 +176,7 @@ from made_scene import LOC_RIG, loc_pair, true_pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.localiser import Localiser
 
 names = [info.name for info in pkgutil.walk_packages(package.__path__, package.__name__ + ".")]

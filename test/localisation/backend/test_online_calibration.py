@@ -6,6 +6,7 @@ import pytest
 
 from sfr_loc_map.localisation.backend.bundle_adjustment import Adjusted, Prior, adjust
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 
 CAMERA = np.array([400.0, 400.0, 256.0, 256.0])
 BASELINE = 0.15
@@ -119,3 +120,11 @@ def test_matches_in_a_corner_do_not_say_much_of_the_rest() -> None:
         calibration.learn_vertical(strip, 0.2 + np.linspace(-0.9, 0.9, 40))
     assert calibration.offset.at(np.array([[256.0, 256.0]]), CAMERA)[0, 1] == pytest.approx(0.2, abs=0.1)
     assert calibration.offset.at(np.array([[30.0, 256.0]]), CAMERA)[0, 1] == pytest.approx(0.2, abs=0.2)
+
+
+def test_vertical_disparity_of_a_known_yaw_is_no_pitch_and_no_roll() -> None:
+    calibration, uv = OnlineCalibration(CAMERA, 7), np.random.default_rng(4).uniform(20, 490, (200, 2))
+    calibration.offset = RightOffset(u=3.0)
+    calibration.learn_vertical(uv, calibration.offset.at(uv, CAMERA)[:, 1])
+    assert calibration.offset.v == pytest.approx(0.0, abs=1e-9)
+    assert calibration.offset.roll == pytest.approx(0.0, abs=1e-9)
