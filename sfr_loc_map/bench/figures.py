@@ -81,12 +81,15 @@ def _median(values: Sequence[object]) -> object:
         return None
     first = known[0]
     if is_dataclass(first) and not isinstance(first, type):
-        return replace(first, **{f.name: _median([getattr(value, f.name) for value in known]) for f in fields(first)})
+        return replace(first, **_medians([{f.name: getattr(value, f.name) for f in fields(first)} for value in known]))
     if isinstance(first, Mapping):
-        mappings = cast(list[Mapping[str, object]], known)
-        names = dict.fromkeys(name for mapping in mappings for name in mapping)
-        return {name: _median([mapping.get(name) for mapping in mappings]) for name in names}
+        return _medians(cast(list[Mapping[str, object]], known))
     return float(np.median(cast(list[float], known))) if isinstance(first, (int, float)) else first
+
+
+def _medians(runs: Sequence[Mapping[str, object]]) -> dict[str, object]:
+    names = dict.fromkeys(name for run in runs for name in run)
+    return {name: _median([run.get(name) for run in runs]) for name in names}
 
 
 def ratios(ours: Mapping[str, Any], other: Mapping[str, Any]) -> JsonObject:

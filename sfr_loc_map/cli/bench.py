@@ -154,7 +154,7 @@ def faults(
 
 
 def _present(result: dict[str, Any], json_path: str | None) -> None:
-    """Print tables, peers left out and failures, and write the JSON; with `--json -` the JSON alone."""
+    """Print tables, reference methods left out and failures, and write the JSON; with `--json -` the JSON alone."""
     from sfr_loc_map.bench.tables import benchmark_tables
     from sfr_loc_map.metrics.results import to_json, without_nan
 

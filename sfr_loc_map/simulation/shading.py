@@ -1,4 +1,4 @@
-"""Appearance of the world: reflectance, fine relief and light, evaluated where a ray hits.
+"""Shading: reflectance, fine relief and light, evaluated where a ray hits.
 
 Everything is a function of position in DS, and every octave fades out before it is finer than a pixel's footprint, so
 near ground is sharp and far ground does not flicker.
@@ -14,78 +14,16 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig
+from sfr_loc_map.simulation.appearance import Light, ShadingParameters, Surface, reflect
 from sfr_loc_map.simulation.ground import GroundHits, GroundTexture, fade_of, ground_texture, plates
 from sfr_loc_map.simulation.noise import mix, unit, value3
-from sfr_loc_map.simulation.pebbles import PebbleCache, PebbleField, ShadowDirection, pebble_cache, pebbles
+from sfr_loc_map.simulation.pebbles import PebbleCache, PebbleField, pebble_cache, pebbles
 from sfr_loc_map.simulation.rays import GROUND, SKY, Hits
-from sfr_loc_map.simulation.terrain import MaterialShares, Terrain, smooth_step
+from sfr_loc_map.simulation.terrain import smooth_step
 
 RUN = 1024
 """Rays shaded at once: their numbers stay in the processor's first cache."""
 _STONE = np.uint32(103)
-
-
-class Surface(NamedTuple):
-    """Appearance of ground and rocks.
-
-    Attributes:
-        albedo: Mean reflectance of the ground.
-        contrast: Strength of the changes of reflectance.
-        bump: Strength of the fine relief.
-        pebbles: Fill of gravel with pebbles.
-        lunar: Share of Lommel-Seeliger against Lambert reflection.
-        rock_albedo: Mean reflectance of rocks.
-    """
-
-    albedo: float
-    contrast: float
-    bump: float
-    pebbles: float
-    lunar: float
-    rock_albedo: float
-
-
-class Light(NamedTuple):
-    """Sun, sky and air.
-
-    Attributes:
-        sun_x: Unit vector towards the sun, DS.
-        sun_y: Unit vector towards the sun, DS.
-        sun_z: Unit vector towards the sun, DS.
-        shadow: Where shadows fall.
-        sky: Light of the sky on level ground, the overhead sun being 1.
-        sky_grey: Brightness of the sky above the horizon.
-        haze_m: Distance at which haze has taken 63 % of the contrast.
-        gain: Factor that gives level mean ground in the sun a brightness of 1.
-        target: Brightness of level mean ground in the image, as a share of the full range.
-    """
-
-    sun_x: float
-    sun_y: float
-    sun_z: float
-    shadow: ShadowDirection
-    sky: float
-    sky_grey: float
-    haze_m: float
-    gain: float
-    target: float
-
-
-class ShadingParameters(NamedTuple):
-    """All parameters of the shading.
-
-    Attributes:
-        surface: Appearance of ground and rocks.
-        light: Sun, sky and air.
-        shares: Shares of materials.
-        seed: Seed of the ground.
-    """
-
-    surface: Surface
-    light: Light
-    shares: MaterialShares
-    seed: np.uint32
 
 
 class Vector(NamedTuple):
@@ -94,46 +32,6 @@ class Vector(NamedTuple):
     x: float
     y: float
     z: float
-
-
-def surface_parameters(ground: GroundConfig, rocks: RockConfig) -> Surface:
-    """Return the appearance of a configuration."""
-    return Surface(
-        float(ground.albedo),
-        float(ground.contrast),
-        float(ground.bump),
-        float(ground.pebbles),
-        float(ground.lunar),
-        float(rocks.albedo),
-    )
-
-
-def shading_parameters(
-    surface: Surface, config: LightConfig, sun: FloatArray, target: float, terrain: Terrain
-) -> ShadingParameters:
-    """Return the parameters of the shading.
-
-    Args:
-        surface: Appearance of ground and rocks.
-        config: Settings of the light.
-        sun: `(3,)` unit vector towards the sun, DS.
-        target: Brightness of level mean ground in the image, as a share of the full range.
-        terrain: The ground.
-    """
-    level = _reflect(sun[2], 0.5, surface.lunar) * sun[2] + config.sky
-    x, y, z = (float(value) for value in sun)
-    light = Light(
-        x,
-        y,
-        z,
-        ShadowDirection.of(sun),
-        float(config.sky),
-        float(config.sky_grey),
-        float(config.haze_m),
-        float(1.0 / (surface.albedo * level)),
-        float(target),
-    )
-    return ShadingParameters(surface, light, terrain.parameters.shares, terrain.parameters.seed)
 
 
 @jit
@@ -248,16 +146,10 @@ def _brightness(
     length = 1.0 / math.sqrt(normal.x * normal.x + normal.y * normal.y + normal.z * normal.z)
     nx, ny, nz = normal.x * length, normal.y * length, normal.z * length
     mu0 = max(nx * light.sun_x + ny * light.sun_y + nz * light.sun_z, 0.0)
-    direct = _reflect(mu0, mu, parameters.surface.lunar) * mu0 * sunlit * lit
+    direct = reflect(mu0, mu, parameters.surface.lunar) * mu0 * sunlit * lit
     open_sky = light.sky * (0.55 + 0.45 * nz) * (0.6 + 0.4 * sunlit)
     clear = math.exp(-distance / light.haze_m)
     return float(light.gain * albedo * (direct + open_sky) * clear + (1.0 - clear) * 0.9 * light.sky_grey)
-
-
-@jit_inline
-def _reflect(mu0: float, mu: float, lunar: float) -> float:
-    """Lunar-Lambert reflection over the cosine of incidence: `2 L / (mu0 + mu) + 1 - L` (McEwen 1991)."""
-    return 2.0 * lunar / (mu0 + mu + 1e-6) + 1.0 - lunar
 
 
 @jit

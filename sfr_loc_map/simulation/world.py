@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, PointImage
+from sfr_loc_map.simulation.appearance import shading_parameters, surface_parameters
 from sfr_loc_map.simulation.mesh import Mesh, ground_mesh
 from sfr_loc_map.simulation.noise import sub_seed
 from sfr_loc_map.simulation.plan import Plan
@@ -25,7 +26,7 @@ from sfr_loc_map.simulation.renderer import (
 from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh
 from sfr_loc_map.simulation.rover import HALF_WIDTH_M, rover_mesh
 from sfr_loc_map.simulation.sensor import TASK_SEEDS, Sensor
-from sfr_loc_map.simulation.shading import shade, shading_parameters, surface_parameters
+from sfr_loc_map.simulation.shading import shade
 
 
 class MaskBit(IntFlag):

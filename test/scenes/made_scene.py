@@ -1,4 +1,4 @@
-"""A rover that drives in front of a textured wall: small pictures with exact truth."""
+"""A rover that drives in front of a textured wall: small images with exact ground truth."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ TEXELS_PER_M = 150.0
 
 
 def wall_points(T_world_left: Transform, rig: StereoRig) -> np.ndarray:
-    """Return the point of the wall x = WALL_X_M seen by each pixel, `(H, W, 3)` float64."""
+    """Return the point of the wall x = WALL_X_M at each pixel, `(H, W, 3)` float64."""
     u, v = np.meshgrid(np.arange(rig.width), np.arange(rig.height))
     rays = np.stack(((u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy, np.ones(u.shape)), axis=-1) @ T_world_left.rotation.T
     origin = T_world_left.translation
     return origin + rays * ((WALL_X_M - origin[0]) / rays[..., 0])[..., None]
 
 
-def picture(T_world_left: Transform, rig: StereoRig) -> np.ndarray:
+def image(T_world_left: Transform, rig: StereoRig) -> np.ndarray:
     points = wall_points(T_world_left, rig)
     at = (points[..., 1:] * TEXELS_PER_M + 450).astype(np.float32)
-    image = cv2.remap(TEXTURE, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-    return np.rint(image).astype(np.uint8)
+    pixels = cv2.remap(TEXTURE, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    return np.rint(pixels).astype(np.uint8)
 
 
 def stereo_pair(stamp_ns: int, T_world_sb: Transform, rig: StereoRig) -> StereoPair:
     left = T_world_sb @ rig.T_sb_left
     right = left @ Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
-    return StereoPair(stamp_ns, picture(left, rig), picture(right, rig))
+    return StereoPair(stamp_ns, image(left, rig), image(right, rig))
 
 
 def true_pose(index: int) -> Transform:

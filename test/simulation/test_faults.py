@@ -1,4 +1,4 @@
-"""Faults: each strikes the pairs it says, in the way it says, and leaves the others as they are."""
+"""Faults: each affects its own pairs as described, and leaves the others unchanged."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ import pytest
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.simulation.faults import Fault, Perturber, parse_fault
+from sfr_loc_map.simulation.faults import KINDS, Fault, FaultKind, Perturber, parse_fault
 
 RIG = StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
 COUNT = 40
@@ -20,12 +20,12 @@ def pairs() -> Iterator[StereoPair]:
         yield StereoPair(k * 500_000_000, left, right)
 
 
-def spoiled(*texts: str, seed: int = 1) -> dict[int, StereoPair]:
+def perturbed(*texts: str, seed: int = 1) -> dict[int, StereoPair]:
     return dict(Perturber([parse_fault(t) for t in texts], seed, COUNT, RIG).pairs(pairs()))
 
 
 def test_text_of_a_fault() -> None:
-    assert parse_fault("blurred:share=0.2,amount=3,camera=left") == Fault("blurred", 3.0, 0.2, 1, 1, "left")
+    assert parse_fault("blurred:share=0.2,amount=3,camera=left") == Fault(FaultKind.BLURRED, 3.0, 0.2, 1, 1, "left")
     assert parse_fault("late").amount == 0.2
 
 
@@ -38,54 +38,54 @@ def test_wrong_text_is_refused(text: str) -> None:
 
 
 def test_dropped_pairs_are_missing_in_bursts_and_never_the_first() -> None:
-    left = spoiled("dropped:share=0.3,burst=4,start=5")
+    left = perturbed("dropped:share=0.3,burst=4,start=5")
     assert len(left) == COUNT - round(0.3 * 35)
     assert set(range(5)) <= set(left)
 
 
-def test_same_seed_same_strikes() -> None:
-    assert list(spoiled("dropped:share=0.5")) == list(spoiled("dropped:share=0.5"))
-    assert list(spoiled("dropped:share=0.5")) != list(spoiled("dropped:share=0.5", seed=2))
+def test_same_seed_affects_the_same_pairs() -> None:
+    assert list(perturbed("dropped:share=0.5")) == list(perturbed("dropped:share=0.5"))
+    assert list(perturbed("dropped:share=0.5")) != list(perturbed("dropped:share=0.5", seed=2))
 
 
 def test_repeated_swapped_black() -> None:
     source = list(pairs())
-    for k, pair in spoiled("repeated:share=1").items():
+    for k, pair in perturbed("repeated:share=1").items():
         assert pair.stamp_ns == source[k].stamp_ns
         assert np.array_equal(pair.left, source[0].left)
-    swapped = spoiled("swapped:share=1,start=0")
+    swapped = perturbed("swapped:share=1,start=0")
     assert all(np.array_equal(swapped[k].left, source[k].right) for k in range(COUNT))
-    black = spoiled("black:share=1,camera=right,start=0")
+    black = perturbed("black:share=1,camera=right,start=0")
     assert not any(pair.right.any() for pair in black.values())
     assert all(np.array_equal(black[k].left, source[k].left) for k in range(COUNT))
 
 
 def test_late_stamps_stay_in_order_and_clock_moves_all() -> None:
-    stamps = [pair.stamp_ns for pair in spoiled("late:share=1,amount=0.9").values()]
+    stamps = [pair.stamp_ns for pair in perturbed("late:share=1,amount=0.9").values()]
     assert (np.diff(stamps) > 0).all()
     assert stamps[1] == 999_999_999
-    assert [pair.stamp_ns for pair in spoiled("clock:amount=-0.1").values()][3] == 1_400_000_000
+    assert [pair.stamp_ns for pair in perturbed("clock:amount=-0.1").values()][3] == 1_400_000_000
 
 
-def test_pictures_change_by_the_amount() -> None:
+def test_images_change_by_the_amount() -> None:
     source = list(pairs())
-    dark = spoiled("exposure:share=1,amount=0.5,start=0")
+    dark = perturbed("exposure:share=1,amount=0.5,start=0")
     assert abs(dark[0].left.mean() - 0.5 * source[0].left.mean()) < 0.5
-    noisy = spoiled("noisy:share=1,amount=8,start=0")[0].left.astype(float) - source[0].left
+    noisy = perturbed("noisy:share=1,amount=8,start=0")[0].left.astype(float) - source[0].left
     assert noisy.std() == pytest.approx(8.0, rel=0.05)
-    assert spoiled("blurred:share=1,start=0")[0].left.std() < 0.4 * source[0].left.std()
-    assert (spoiled("blinded:share=1,start=0")[0].left == 255).mean() > 0.2
+    assert perturbed("blurred:share=1,start=0")[0].left.std() < 0.4 * source[0].left.std()
+    assert (perturbed("blinded:share=1,start=0")[0].left == 255).mean() > 0.2
 
 
-def test_calibration_faults_change_the_rig_or_the_right_picture() -> None:
+def test_calibration_faults_change_the_rig_or_the_right_image() -> None:
     perturber = Perturber([parse_fault("focal:amount=1.02"), parse_fault("baseline:amount=0.9")], 0, 3, RIG)
     assert perturber.rig.fx == pytest.approx(51.0)
     assert perturber.rig.baseline_m == pytest.approx(0.09)
 
 
 @pytest.mark.parametrize(("kind", "du", "dv"), [("yaw", 1, 0), ("pitch", 0, -1)])
-def test_turned_right_camera_moves_the_picture(kind: str, du: int, dv: int) -> None:
-    """A view turned to the left or down shows the middle of the scene farther right or higher, by f tan(angle)."""
+def test_rotated_right_camera_moves_the_image(kind: str, du: int, dv: int) -> None:
+    """A view rotated to the left or down shows the centre of the scene farther right or higher, by f tan(angle)."""
     spot = np.zeros((48, 64), np.uint8)
     spot[22:26, 30:34] = 250
     fault = parse_fault(f"{kind}:amount={np.degrees(np.arctan(5 / 50))}")
@@ -93,3 +93,19 @@ def test_turned_right_camera_moves_the_picture(kind: str, du: int, dv: int) -> N
     v, u = np.nonzero(pair.right > 100)
     assert u.mean() - 31.5 == pytest.approx(5 * du, abs=0.3)
     assert v.mean() - 23.5 == pytest.approx(5 * dv, abs=0.3)
+
+
+@pytest.mark.parametrize("kind", FaultKind)
+def test_every_kind_has_an_amount_and_changes_something(kind: FaultKind) -> None:
+    """A pair without the share of a fault is the source's own; with the fault, pair, count or rig differ."""
+    perturber = Perturber([parse_fault(f"{kind}:share=1")], 1, COUNT, RIG)
+    source, found = list(pairs()), dict(perturber.pairs(pairs()))
+    assert KINDS[kind].effect
+    same = perturber.rig == RIG and len(found) == COUNT
+    for k, pair in found.items():
+        same = same and pair.stamp_ns == source[k].stamp_ns
+        same = same and np.array_equal(pair.left, source[k].left) and np.array_equal(pair.right, source[k].right)
+    assert not same
+    if kind.value not in ("focal", "baseline", "roll", "pitch", "yaw", "clock"):
+        untouched = dict(Perturber([parse_fault(f"{kind}:share=0")], 1, COUNT, RIG).pairs(pairs()))
+        assert all(np.array_equal(untouched[k].left, source[k].left) for k in range(COUNT))

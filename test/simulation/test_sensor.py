@@ -1,4 +1,4 @@
-"""The sensor: each part does what it says and nothing else."""
+"""The sensor: each part has its own effect and its own statistics."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_plain_sensor_only_converts() -> None:
     assert (sensor().image(3 * HALF, 0, 0) == 255).all()
 
 
-def test_noise_has_the_strength_asked_for() -> None:
+def test_noise_has_the_configured_strength() -> None:
     image = sensor(read_noise_grey=3.0).image(HALF, 0, 0).astype(float)
     assert image.std() == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.03)
     photons = sensor(full_well=5000.0).image(HALF, 0, 0).astype(float)
@@ -77,3 +77,33 @@ def test_rectification_undoes_the_distortion() -> None:
     got = bent.image(pattern(ru, rv), 0, 0).astype(float)
     error = np.abs(got - 255 * pattern(u, v))[8:-8, 8:-8]
     assert error.max() < 2.0
+
+
+def test_variance_of_photon_noise_is_proportional_to_the_signal() -> None:
+    """The photon transfer line: variance in electrons equals the mean in electrons."""
+    well = 4000.0
+    camera = sensor(full_well=well, adc_bits=16)
+    for level in (0.1, 0.4, 0.8):
+        electrons = camera.image(np.full((120, 160), level, np.float32), 0, 0).astype(float) / 255.0 * well
+        quantisation = (well / 255.0) ** 2 / 12.0
+        assert electrons.var() - quantisation == pytest.approx(level * well, rel=0.06)
+        assert electrons.mean() == pytest.approx(level * well, rel=0.005)
+
+
+def test_noise_is_white_and_independent_between_cameras_and_frames() -> None:
+    camera = sensor(read_noise_grey=8.0)
+    first, other, later = (camera.image(HALF, f, c).astype(float) - 127.5 for f, c in ((0, 0), (0, 1), (1, 0)))
+    variance = first.var()
+    for product in (first * other, first * later, first[:, 1:] * first[:, :-1], first[1:] * first[:-1]):
+        assert abs(product.mean()) < 0.03 * variance
+    assert (np.abs(first) > 3 * first.std()).mean() == pytest.approx(0.0027, abs=0.002)
+
+
+def test_point_spread_conserves_light_and_has_its_width() -> None:
+    point = np.zeros((120, 160), np.float32)
+    point[60, 80] = 0.9
+    image = sensor(blur_px=1.5, adc_bits=16).image(point, 0, 0).astype(float)
+    v, u = np.mgrid[:120, :160]
+    assert image.sum() == pytest.approx(0.9 * 255.0, rel=0.05)
+    assert np.sqrt((image * (u - 80) ** 2).sum() / image.sum()) == pytest.approx(1.5, rel=0.08)
+    assert np.sqrt((image * (v - 60) ** 2).sum() / image.sum()) == pytest.approx(1.5, rel=0.08)

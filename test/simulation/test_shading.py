@@ -4,20 +4,10 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.simulation.appearance import ShadingParameters, reflect, shading_parameters, surface_parameters
 from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig, TerrainConfig
 from sfr_loc_map.simulation.rays import GROUND, SKY, Hits
-from sfr_loc_map.simulation.shading import (
-    RUN,
-    ShadingParameters,
-    Vector,
-    _brightness,
-    _bumped,
-    _reflect,
-    _sky,
-    shade,
-    shading_parameters,
-    surface_parameters,
-)
+from sfr_loc_map.simulation.shading import RUN, Vector, _brightness, _bumped, _sky, shade
 from sfr_loc_map.simulation.terrain import Terrain
 
 SUN = np.array([0.6, 0.0, 0.8])
@@ -105,10 +95,10 @@ def test_lambert_surface_follows_the_cosine_of_incidence() -> None:
 
 def test_dust_reflects_by_lommel_and_seeliger() -> None:
     """2 mu0 / (mu0 + mu) is 1 where both cosines are equal, and brighter at grazing views."""
-    assert _reflect(0.7, 0.7, 1.0) * 0.7 == pytest.approx(1.0, rel=1e-5)
-    assert _reflect(0.7, 0.2, 1.0) == pytest.approx(2.0 / 0.9, rel=1e-5)
-    assert _reflect(0.7, 0.2, 0.0) == 1.0
-    assert _reflect(0.7, 0.2, 0.25) == pytest.approx(0.25 * _reflect(0.7, 0.2, 1.0) + 0.75, rel=1e-12)
+    assert reflect(0.7, 0.7, 1.0) * 0.7 == pytest.approx(1.0, rel=1e-5)
+    assert reflect(0.7, 0.2, 1.0) == pytest.approx(2.0 / 0.9, rel=1e-5)
+    assert reflect(0.7, 0.2, 0.0) == 1.0
+    assert reflect(0.7, 0.2, 0.25) == pytest.approx(0.25 * reflect(0.7, 0.2, 1.0) + 0.75, rel=1e-12)
 
 
 def test_haze_takes_the_contrast_exponentially() -> None:

@@ -1,0 +1,75 @@
+"""Pebbles: cover grows with their number, shadows lie away from the sun, the cache changes nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.simulation.pebbles import PebbleCover, PebbleField, ShadowDirection, pebble_cache, pebbles
+
+SUN = np.array([0.8, 0.0, 0.6])
+FIELD = PebbleField(1.0, 1.0, ShadowDirection.of(SUN), np.uint32(7))
+FINE_M = 0.0005
+
+
+def positions(count: int = 1500) -> FloatArray:
+    return np.random.default_rng(4).uniform(-3.0, 3.0, (count, 2))
+
+
+def covers(fill: float, at: FloatArray, footprint: float = FINE_M) -> list[PebbleCover]:
+    cache = pebble_cache()
+    return [pebbles(x, y, footprint, fill, FIELD, cache) for x, y in at]
+
+
+def test_shares_lie_between_0_and_1_and_cover_grows_with_the_fill() -> None:
+    means = []
+    for fill in (0.0, 0.2, 0.6, 1.0):
+        found = np.array(covers(fill, positions()))
+        assert found[:, 0].min() >= 0.0
+        assert found[:, 0].max() <= 1.0
+        assert (found[:, 4] >= 0.0).all()
+        assert (found[:, 4] <= 0.85).all()
+        means.append(found[:, 0].mean())
+    assert means[0] == 0.0
+    assert means == sorted(means)
+    assert means[-1] > 0.2
+
+
+def test_result_does_not_depend_on_what_the_cache_holds() -> None:
+    at = positions(200)
+    together = covers(0.8, at)
+    for (x, y), expected in zip(at, together, strict=True):
+        assert pebbles(x, y, FINE_M, 0.8, FIELD, pebble_cache()) == expected
+    assert covers(0.8, at[::-1])[::-1] == together
+
+
+def test_a_pebble_of_thin_ground_is_there_on_full_ground_too() -> None:
+    """Filling the ground adds pebbles and moves none: what is fully covered stays covered."""
+    at = positions()
+    thin, full = np.array(covers(0.3, at)), np.array(covers(1.0, at))
+    assert (full[:, 0] >= thin[:, 0] - 1e-12).all()
+
+
+def test_pebbles_finer_than_a_pixel_fade_out() -> None:
+    assert all(cover == PebbleCover(0.0, 0.0, 0.0, 0.0, 0.0) for cover in covers(1.0, positions(100), footprint=0.5))
+
+
+def test_shadows_lie_on_the_side_away_from_the_sun() -> None:
+    """Step from shadow towards the sun and a pebble is met sooner than stepping away from it."""
+    at = positions(4000)
+    shadow = np.array([cover.shadow > 0.5 and cover.cover == 0.0 for cover in covers(1.0, at)])
+    assert shadow.sum() > 30
+    step = np.array([0.004, 0.0])
+    sunward, leeward = (
+        np.mean([cover.cover for cover in covers(1.0, at[shadow] + sign * step)]) for sign in (1.0, -1.0)
+    )
+    assert sunward > 1.3 * leeward
+
+
+@pytest.mark.parametrize("elevation_deg", [10.0, 45.0, 80.0])
+def test_length_of_shadows_is_the_cotangent_of_the_elevation(elevation_deg: float) -> None:
+    angle = np.radians(elevation_deg)
+    shadow = ShadowDirection.of(np.array([0.0, np.cos(angle), np.sin(angle)]))
+    assert (shadow.x, shadow.y) == pytest.approx((0.0, 1.0))
+    assert shadow.length_per_height == pytest.approx(1.0 / np.tan(angle))
