@@ -6,7 +6,7 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, Template
@@ -29,8 +29,26 @@ from sfr_loc_map.tables.numbers import UNKNOWN
 from sfr_loc_map.tables.table import OPEN_ICON, VERDICT_ICONS, Table
 
 FIRST_TABLES = ("verdicts", "headline")
+"""Tables before the figures; they are the first of a score."""
 NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
 _BREAKS_OUT = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+
+
+@dataclass(frozen=True, slots=True)
+class Overall:
+    """The banner of the page.
+
+    Attributes:
+        state: Verdict over all limits.
+        text: The same in a sentence.
+        style: Its class of the style sheet.
+        icon: Its sign.
+    """
+
+    state: str
+    text: str
+    style: str
+    icon: str
 
 
 def load_score(path: Path) -> Score:
@@ -69,19 +87,17 @@ def render_page(score: Score, *, figures: bool = True) -> str:
     sections = _sections(score) if figures else []
     plots = [plot for _, group in sections for plot in group]
     tables = score_tables(score)
-    state, sentence = _overall(score)
+    first = [table for table in tables if table.name in FIRST_TABLES]
+    provenance = dict(_flat(to_plain(score.provenance) or {}, ""))
     details = score.details.trajectory if score.details is not None else None
     return _template("page.html.j2").render(
-        version=score.provenance.version if score.provenance is not None else UNKNOWN,
-        time=(score.provenance.time if score.provenance is not None else None) or "time unknown",
-        overall=sentence,
-        overall_state=state,
-        overall_class=VERDICT_CLASSES.get(state, OPEN_CLASS),
-        overall_icon=VERDICT_ICONS.get(state, NO_VERDICT_ICON if state == NO_VERDICT else OPEN_ICON),
-        first=_html(table for table in tables if table.name in FIRST_TABLES),
-        tables=_html(table for table in tables if table.name not in FIRST_TABLES),
+        version=provenance.get("version", UNKNOWN),
+        time=provenance.get("time", "time unknown"),
+        overall=_overall(score),
+        first=_html(first),
+        tables=_html(tables[len(first) :]),
         sections=sections,
-        provenance=list(_flat(to_plain(score.provenance) or {}, "")),
+        provenance=list(provenance.items()),
         plotly=_plotly() if plots else "",
         specs=_inline_json([asdict(plot) for plot in plots]),
         every=details.path.every if details is not None else 1,
@@ -112,16 +128,16 @@ def _sections(score: Score) -> list[tuple[str, list[Plot]]]:
     return [(title, plots) for title, plots in groups if plots]
 
 
-def _overall(score: Score) -> tuple[str, str]:
-    """Return the verdict over all limits, and the same in a sentence."""
+def _overall(score: Score) -> Overall:
+    """Return the verdict over all limits."""
     states = [item.state for item in score.verdicts]
     if not states:
-        return NO_VERDICT, "No limits were given: there is no verdict."
+        return Overall(NO_VERDICT, "No limits were given: there is no verdict.", OPEN_CLASS, NO_VERDICT_ICON)
     passed, failed = states.count(VerdictState.PASS), states.count(VerdictState.FAIL)
     rest = len(states) - passed - failed
     text = f"{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
     state = VerdictState.FAIL if failed else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
-    return state.value, text
+    return Overall(state.value, text, VERDICT_CLASSES.get(state, OPEN_CLASS), VERDICT_ICONS.get(state, OPEN_ICON))
 
 
 def _flat(value: object, prefix: str) -> Iterator[tuple[str, str]]:

@@ -315,7 +315,7 @@ def test_the_program_itself(tmp_path: Path, out: Path, make: Made, arguments: tu
 
 
 def test_what_is_good_passes(sfr: Sfr, tmp_path: Path, out: Path) -> None:
-    """The sources that the cases above spoil are good without it."""
+    """The sources that the cases above corrupt are good without it."""
     for source in (broken.good_folder(tmp_path / "f"), broken.rewritten_bag(tmp_path / "b", lambda t, n, m: m)):
         for command in COMMANDS.values():
             name, *rest = (word.format(out=out / source.name) for word in command)
