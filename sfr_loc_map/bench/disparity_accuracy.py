@@ -11,7 +11,7 @@ from sfr_loc_map.bench.figures import JsonObject
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.metrics.config import MapScoreConfig
-from sfr_loc_map.metrics.statistics import summary
+from sfr_loc_map.metrics.statistics import sample_statistic
 
 OCCLUSION_PX = 1.0
 """A pixel is occluded in the right image where a surface nearer by more than this disparity covers its partner."""
@@ -158,6 +158,6 @@ def _points(
     scored = (true >= config.scored_from_m) & (true < config.scored_to_m)
     by_range = {}
     for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
-        points = summary(error[(true >= low) & (true < high) & has])
-        by_range[f"{low:g}-{high:g} m"] = RangeErrors(points["count"] or 0, points["mean"], points["mean_plus_3sigma"])
+        points = sample_statistic(error[(true >= low) & (true < high) & has])
+        by_range[f"{low:g}-{high:g} m"] = RangeErrors(points.count, points.mean, points.mean_plus_3sigma)
     return (float(np.mean(has[scored])) if scored.any() else None), by_range

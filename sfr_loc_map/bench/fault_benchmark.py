@@ -134,14 +134,13 @@ def fault_figures(
     assert truth is not None
     lost = [estimate.state is TrackingState.LOST for estimate in estimates]
     known = [estimate for estimate, gone in zip(estimates, lost, strict=True) if not gone]
-    scored = score_trajectory(Estimates.of(trajectory_of(known)), truth, scoring)["trajectory"]
-    part = scored.get("conditions", [scored])[0]
+    scored = score_trajectory(Estimates.of(trajectory_of(known)), truth, scoring).score.first
     jumps = jump_sigmas(known, truth)
     last = estimates[-1].statistics
     return FaultFigures(
         pairs=len(estimates),
-        position_m=part["position_m"]["mean_plus_3sigma"],
-        heading_deg=part["heading_deg"]["mean_plus_3sigma"],
+        position_m=scored.position_m.mean_plus_3sigma,
+        heading_deg=scored.heading_deg.mean_plus_3sigma,
         lost=sum(lost),
         longest_lost=max((len(list(run)) for gone, run in groupby(lost) if gone), default=0),
         silent_jumps=int(np.count_nonzero(jumps > JUMP_SIGMA)),

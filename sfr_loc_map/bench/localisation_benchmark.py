@@ -184,12 +184,15 @@ def accuracy(
             last = T_ds_first @ Transform(matrix[:3, :3], matrix[:3, 3]) @ T_left_rb
         stamped.append((stamp_ns, last))
     lost = np.array([pose is None for pose in poses], np.bool_)
-    score = score_trajectory(Estimates.of(Trajectory.from_poses(stamped), lost), truth, config)["trajectory"]
-    parts = score.get("conditions", [score])
-    names = ("position_m", "attitude_deg", "heading_deg")
+    score = score_trajectory(Estimates.of(Trajectory.from_poses(stamped), lost), truth, config).score
     return {
-        text: ConditionErrors(part["count"], *(part[name]["mean_plus_3sigma"] for name in names))
-        for text, part in zip(config.conditions, parts, strict=True)
+        text: ConditionErrors(
+            part.count,
+            part.position_m.mean_plus_3sigma,
+            part.attitude_deg.mean_plus_3sigma,
+            part.heading_deg.mean_plus_3sigma,
+        )
+        for text, part in zip(config.conditions, score.conditions, strict=True)
     }
 
 

@@ -25,17 +25,16 @@ def compare(
 ) -> None:
     """Compare scores of the same data, paired by sub-trajectory."""
     from sfr_loc_map.metrics.comparison import compare_scores
-    from sfr_loc_map.metrics.score_json import to_dict
     from sfr_loc_map.report.comparison_tables import comparison_tables
     from sfr_loc_map.report.page import load_score, render_tables
 
     check_json(json_path)
     check_output(html, (".html", ".htm"))
-    result = compare_scores([to_dict(load_score(path)) for path in scores], _names(scores))
+    result = compare_scores([load_score(path) for path in scores], _names(scores))
     tables = comparison_tables(result)
     if html is not None:
         write_text(render_tables(TITLE, tables), html)
-    show(json.dumps(result, allow_nan=False) + "\n", json_path, tables)
+    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, tables)
 
 
 def _names(paths: list[Path]) -> list[str]:

@@ -96,13 +96,12 @@ def _gives_extrinsics(config: Path | None) -> bool:
 
 
 def _diagnose(estimate: Path, truth: Path, json_path: str | None) -> None:
-    from dataclasses import asdict
-
     from sfr_loc_map.metrics.config import ScoreConfig
+    from sfr_loc_map.metrics.json_records import to_plain
     from sfr_loc_map.pipeline.scoring import diagnose_files
 
     diagnosis = diagnose_files(estimate, truth, ScoreConfig())
-    show(_json(asdict(diagnosis)), json_path, [_hypothesis_table(diagnosis)])
+    show(_json(to_plain(diagnosis)), json_path, [_hypothesis_table(diagnosis)])
     if json_path == STANDARD_OUTPUT:
         return
     if diagnosis.found is not None:
@@ -116,8 +115,8 @@ def _hypothesis_table(diagnosis: Diagnosis) -> Table:
 
     rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"))]
     rows += [
-        (Cell.head(f"without: {item.mistake}"), Cell.number(item.disagreement))
-        for item in diagnosis.suspicions[:SHOWN_HYPOTHESES]
+        (Cell.head(f"without: {item.mismatch}"), Cell.number(item.disagreement))
+        for item in diagnosis.hypotheses[:SHOWN_HYPOTHESES]
     ]
     columns = (Column("convention", words=True), Column("disagreement"))
     return Table("conventions", "Estimate against truth", columns, tuple(rows))

@@ -112,7 +112,6 @@ def _replay_and_score(
     """Replay, write the outputs to a folder if one is given, print the score."""
     import tempfile
 
-    from sfr_loc_map.metrics.score_json import from_dict
     from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
 
     with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch, _folder(out or Path(scratch)) as folder:
@@ -120,7 +119,7 @@ def _replay_and_score(
         with naming(path):
             result = _run(source, options)
         save_replay(result, files)
-        score = from_dict(score_replay(source, result, files, options.score, limits))
+        score = score_replay(source, result, files, options.score, limits)
         try:
             present(score, None if out is None else str(files.report), None if out is None else files.page)
         finally:

@@ -56,8 +56,8 @@ def score(
 ) -> None:
     """Score an estimate against the truth."""
     from sfr_loc_map.metrics.limits import load_limits
-    from sfr_loc_map.metrics.score_json import from_dict
-    from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
+    from sfr_loc_map.pipeline.score_inputs import ScoreInputs
+    from sfr_loc_map.pipeline.scoring import score_files
 
     parsed_limits = load_limits(limits) if limits is not None else None
     settings: dict[str, object] = {
@@ -74,7 +74,7 @@ def score(
     inputs = replace(ScoreInputs.of(estimate, truth, stats or ()), target=target_timing, target_name=target or "")
     check_json(json_path)
     check_output(html, (".html", ".htm"))
-    present(from_dict(score_files(inputs, config, parsed_limits, fused=fused)), json_path, html)
+    present(score_files(inputs, config, parsed_limits, fused=fused), json_path, html)
 
 
 def score_config(conditions: list[str] | None, settings: dict[str, object]) -> ScoreConfig:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +14,29 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.cloud_coverage import footprint_coverage, looks_fused, pixel_coverage
 from sfr_loc_map.metrics.cloud_truth import PairTruth
 from sfr_loc_map.metrics.config import MapScoreConfig
+from sfr_loc_map.metrics.modes import CloudKind
 from sfr_loc_map.metrics.quantiles import chi2_quantile
-from sfr_loc_map.metrics.statistics import summary
+from sfr_loc_map.metrics.score import DisparityStatistic, MapScore, PairScore, PointErrorScore, RangeScore, SigmaNees
+from sfr_loc_map.metrics.score_details import ErrorImage, MapDetails, PointRows, Triangulation
+from sfr_loc_map.metrics.statistics import column, sample_statistic
 
 NEES_BLOCK_PX = 32
 """One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""
 IMAGE_WIDTH = 128
 CLOUD_ROWS = 8000
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredMap:
+    """What a cloud adds to the score.
+
+    Attributes:
+        score: The part `map`.
+        details: What figures are drawn from, None if the points' pixels are not known.
+    """
+
+    score: MapScore
+    details: MapDetails | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,8 +88,8 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
 
 def score_map(
     cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig, *, fused: bool | None = None
-) -> dict[str, Any]:
-    """Return `{"map": ..., "details": {"map": ...}}`, plain values ready for JSON.
+) -> ScoredMap:
+    """Return the score of a cloud whose points' pixels are known.
 
     Args:
         cloud: Points in LM with pixel and pair.
@@ -92,25 +107,27 @@ def score_map(
     if fused:
         farthest = max(config.scored_to_m, *config.range_edges_m)
         covered = footprint_coverage(cloud, truths, ranges, farthest)
-    scored = _coverage(covered, ranges, config.scored_from_m, config.scored_to_m)
-    score = {
-        "pairs": len(truths),
-        "points": len(cloud),
-        "cloud": "fused" if fused else "single pairs",
-        "coverage": scored,
-        "coverage_range_m": [config.scored_from_m, config.scored_to_m],
-        "nearest_only": False,
-        "points_without_truth": len(cloud) - len(errors.index),
-        "point_error_m": summary(errors.error_m),
-        "disparity_error_px": _disparity(errors.disparity_px),
-        "sigma_nees": _consistency(cloud, errors),
-        "by_range": _by_range(errors, covered, ranges, config),
-        "by_pair": _by_pair(cloud, errors, covered, ranges, config),
-    }
-    return {"map": score, "details": {"map": _details(cloud, errors, truths)}}
+    by_pixels = PointErrorScore(
+        points_without_truth=len(cloud) - len(errors.index),
+        point_error_m=sample_statistic(errors.error_m),
+        disparity_error_px=_disparity(errors.disparity_px),
+        sigma_nees=_consistency(cloud, errors),
+        by_range=_by_range(errors, covered, ranges, config),
+        by_pair=_by_pair(cloud, errors, covered, ranges, config),
+    )
+    score = MapScore(
+        pairs=len(truths),
+        points=len(cloud),
+        cloud=CloudKind.FUSED if fused else CloudKind.SINGLE_PAIRS,
+        coverage=_coverage(covered, ranges, config.scored_from_m, config.scored_to_m),
+        coverage_range_m=(config.scored_from_m, config.scored_to_m),
+        nearest_only=False,
+        errors=by_pixels,
+    )
+    return ScoredMap(score, _details(cloud, errors, truths))
 
 
-def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config: MapScoreConfig) -> dict[str, Any]:
+def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
     """Return the score of points whose pixels are not known: distance to the nearest true point, under its own name.
 
     It reads low, because the nearest true point is seldom the one that was seen.
@@ -123,15 +140,15 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
     cloud = _without_pixels(xyz)
     ranges = [truth.ranges_m() for truth in truths]
     covered = footprint_coverage(cloud, truths, ranges, config.scored_to_m)
-    score = {
-        "pairs": len(truths),
-        "points": len(xyz),
-        "coverage": _coverage(covered, ranges, config.scored_from_m, config.scored_to_m),
-        "coverage_range_m": [config.scored_from_m, config.scored_to_m],
-        "nearest_only": True,
-        "nearest_distance_m": summary(distance),
-    }
-    return {"map": score, "details": {}}
+    score = MapScore(
+        pairs=len(truths),
+        points=len(xyz),
+        coverage=_coverage(covered, ranges, config.scored_from_m, config.scored_to_m),
+        coverage_range_m=(config.scored_from_m, config.scored_to_m),
+        nearest_only=True,
+        nearest_distance_m=sample_statistic(distance),
+    )
+    return ScoredMap(score, None)
 
 
 def _without_pixels(xyz: NDArray[np.floating]) -> PointCloud:
@@ -170,14 +187,20 @@ def _coverage(covered: Sequence[Mask], ranges: Sequence[FloatArray], low: float,
 
 def _by_range(
     errors: PointErrors, covered: Sequence[Mask], ranges: Sequence[FloatArray], config: MapScoreConfig
-) -> list[dict[str, Any]]:
+) -> tuple[RangeScore, ...]:
     bins = []
     for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
         which = (errors.range_m >= low) & (errors.range_m < high)
-        head = {"from_m": low, "to_m": high, "coverage": _coverage(covered, ranges, low, high)}
-        disparity = {"disparity_error_px": _disparity(errors.disparity_px[which])}
-        bins.append(head | summary(errors.error_m[which]) | disparity)
-    return bins
+        bins.append(
+            RangeScore(
+                from_m=low,
+                to_m=high,
+                coverage=_coverage(covered, ranges, low, high),
+                point_error_m=sample_statistic(errors.error_m[which]),
+                disparity_error_px=_disparity(errors.disparity_px[which]),
+            )
+        )
+    return tuple(bins)
 
 
 def _by_pair(
@@ -186,25 +209,25 @@ def _by_pair(
     covered: Sequence[Mask],
     ranges: Sequence[FloatArray],
     config: MapScoreConfig,
-) -> list[dict[str, Any]]:
+) -> tuple[PairScore, ...]:
     numbers = cloud.pair[errors.index]
-    return [
-        {
-            "pair": number,
-            "coverage": _coverage([image], [distance], config.scored_from_m, config.scored_to_m),
-            "point_error_m": summary(errors.error_m[numbers == number]),
-        }
+    return tuple(
+        PairScore(
+            pair=number,
+            coverage=_coverage([image], [distance], config.scored_from_m, config.scored_to_m),
+            point_error_m=sample_statistic(errors.error_m[numbers == number]),
+        )
         for number, (image, distance) in enumerate(zip(covered, ranges, strict=True))
-    ]
+    )
 
 
-def _disparity(error_px: FloatArray) -> dict[str, Any]:
+def _disparity(error_px: FloatArray) -> DisparityStatistic:
     known = error_px[np.isfinite(error_px)]
-    signed, size = summary(known), summary(np.abs(known))
-    return {"mean": signed["mean"], "sigma": signed["sigma"], "p50_abs": size["p50"], "p95_abs": size["p95"]}
+    signed, size = sample_statistic(known), sample_statistic(np.abs(known))
+    return DisparityStatistic(mean=signed.mean, sigma=signed.sigma, p50_abs=size.p50, p95_abs=size.p95)
 
 
-def _consistency(cloud: PointCloud, errors: PointErrors) -> dict[str, Any] | None:
+def _consistency(cloud: PointCloud, errors: PointErrors) -> SigmaNees | None:
     """Return the mean of (error along the ray / sigma)^2 over one point of each block, and where it should lie.
 
     If sigma is right the sum over n independent points is chi-square distributed with n degrees of freedom
@@ -223,37 +246,44 @@ def _consistency(cloud: PointCloud, errors: PointErrors) -> dict[str, Any] | Non
     if count < 2:
         return None
     squares = np.square(errors.along_m[chosen] / sigma[chosen])
-    return {
-        "count": count,
-        "mean": float(np.mean(squares)),
-        "median": float(np.median(squares)),
-        "expected": 1.0,
-        "expected_median": chi2_quantile(0.5, 1),
-        "interval95": [chi2_quantile(p, count) / count for p in (0.025, 0.975)],
-    }
+    low, high = (chi2_quantile(p, count) / count for p in (0.025, 0.975))
+    return SigmaNees(
+        count=count,
+        mean=float(np.mean(squares)),
+        median=float(np.median(squares)),
+        expected=1.0,
+        expected_median=chi2_quantile(0.5, 1),
+        interval95=(low, high),
+    )
 
 
-def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]) -> dict[str, Any]:
+def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]) -> MapDetails:
     step = max(1, -(-len(errors.index) // CLOUD_ROWS))
     some = errors.index[::step]
-    sample = {
-        name: np.round(cloud.xyz[some, k].astype(float), 3).tolist() for k, name in enumerate(("x_m", "y_m", "z_m"))
-    }
-    sample["error_m"] = np.round(errors.error_m[::step], 4).tolist()
-    sample["range_m"] = np.round(errors.range_m[::step], 3).tolist()
-    images = [_error_image(cloud, errors, number, truth) for number, truth in enumerate(truths)]
-    triangulation = {"focal_px": truths[0].rig.fx, "baseline_m": truths[0].rig.baseline_m}
-    return {"cloud": sample, "error_images": images, "triangulation": triangulation}
+    x, y, z = (column(np.round(values.astype(float), 3), None) for values in cloud.xyz[some].T)
+    sample = PointRows(
+        x_m=x,
+        y_m=y,
+        z_m=z,
+        error_m=column(np.round(errors.error_m[::step], 4), None),
+        range_m=column(np.round(errors.range_m[::step], 3), None),
+    )
+    images = tuple(_error_image(cloud, errors, number, truth) for number, truth in enumerate(truths))
+    rig = truths[0].rig
+    return MapDetails(
+        cloud=sample, error_images=images, triangulation=Triangulation(focal_px=rig.fx, baseline_m=rig.baseline_m)
+    )
 
 
-def _error_image(cloud: PointCloud, errors: PointErrors, number: int, truth: PairTruth) -> dict[str, Any]:
-    """Return the mean error of blocks of pixels, tenths of a millimetre, -1 where there is no point."""
+def _error_image(cloud: PointCloud, errors: PointErrors, number: int, truth: PairTruth) -> ErrorImage:
+    """Return the mean error of blocks of pixels."""
     block = max(1, -(-truth.rig.width // IMAGE_WIDTH))
     shape = -(-truth.rig.height // block), -(-truth.rig.width // block)
     mine = cloud.pair[errors.index] == number
     points = errors.index[mine]
-    place = (cloud.v[points].astype(np.int64) // block) * shape[1] + cloud.u[points].astype(np.int64) // block
-    count = np.bincount(place, minlength=shape[0] * shape[1])
-    total = np.bincount(place, weights=errors.error_m[mine], minlength=shape[0] * shape[1])
+    index = (cloud.v[points].astype(np.int64) // block) * shape[1] + cloud.u[points].astype(np.int64) // block
+    count = np.bincount(index, minlength=shape[0] * shape[1])
+    total = np.bincount(index, weights=errors.error_m[mine], minlength=shape[0] * shape[1])
     mean = np.where(count > 0, np.rint(1e4 * total / np.maximum(count, 1)), -1).astype(int)
-    return {"pair": number, "block_px": block, "error_0p1mm": mean.reshape(shape).tolist()}
+    rows = tuple(tuple(row) for row in mean.reshape(shape).tolist())
+    return ErrorImage(pair=number, block_px=block, error=rows)

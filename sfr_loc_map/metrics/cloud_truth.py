@@ -21,7 +21,7 @@ class PairTruth:
     Attributes:
         points: `(H, W, 3)` float32, metres, LM; NaN where none.
         T_lm_left: Takes points in the left optical frame to LM.
-        rig: Rig of the pictures.
+        rig: Rig of the images.
     """
 
     points: NDArray[np.float32]

@@ -7,88 +7,183 @@ blocks (circular block bootstrap, as for the interval of one figure, see `metric
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.condition_score import FIGURES
+from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.confidence import MIN_FREEDOM, MIN_INDEPENDENT, WIDENING, blocks_share, resampled_figures
+from sfr_loc_map.metrics.json_records import Key, to_plain
+from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.quantiles import student_quantile
+from sfr_loc_map.metrics.score import CallScore, Interval, MapScore, PeakMemory, SampleStatistic, Score
+from sfr_loc_map.metrics.score_details import SubTrajectoryRows
 from sfr_loc_map.metrics.statistics import norm
 
 SCHEMA = "sfr-compare/1"
-ERRORS = ("x_m", "y_m", "z_m", "attitude_deg", "heading_deg")
-SIDE_BY_SIDE = (
-    ("map", "point_error_m", "mean"),
-    ("map", "point_error_m", "mean_plus_3sigma"),
-    ("map", "coverage"),
-    ("timing", "localisation_s", "p50"),
-    ("timing", "localisation_s", "p95"),
-    ("timing", "mapping_s", "p50"),
-    ("timing", "mapping_s", "p95"),
-    ("memory", "localisation_peak_bytes"),
-    ("memory", "mapping_peak_bytes"),
-)
-"""Figures of the whole run, which cannot be paired."""
+FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
+"""Figures that are compared and the columns of the errors that they are made of."""
 _PRECISION = 1e-9
 """The errors in a score's details are rounded to this."""
 
 
-def compare_scores(scores: Sequence[Mapping[str, Any]], names: Sequence[str]) -> dict[str, Any]:
+class Outcome(StrEnum):
+    """What is said of the other score."""
+
+    BETTER = "better"
+    WORSE = "worse"
+    EQUAL = "equal"
+    NO_DIFFERENCE = "no difference shown"
+    NOT_ENOUGH_DATA = "not enough data"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairedDifference:
+    """One figure of one condition over the sub-trajectories that two scores have in common.
+
+    Attributes:
+        name: Name of the other score.
+        condition: What ends the sub-trajectories.
+        figure: `position_m`, `attitude_deg` or `heading_deg`.
+        count: Common sub-trajectories.
+        left_out: Sub-trajectories of the first and of the other score that are not common.
+        first: Mean + 3 sigma of the first score over the common ones.
+        other: The same of the other score.
+        difference: Other less first: below zero the other is better.
+        ci95: 95 % interval of the difference.
+        outcome: What the interval says; `no difference shown` if it holds zero.
+    """
+
+    name: str
+    condition: Condition
+    figure: str
+    count: int
+    left_out: tuple[int, int]
+    first: float | None
+    other: float | None
+    difference: float | None
+    ci95: Interval | None
+    outcome: Annotated[Outcome, Key("verdict")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SideBySide:
+    """One figure of whole runs, which cannot be paired.
+
+    Attributes:
+        figure: Its place in the score.
+        values: One for each score, None where it has none.
+    """
+
+    figure: str
+    values: tuple[float | None, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Scores compared with the first of them.
+
+    Attributes:
+        names: Name of each score.
+        pairs: By other score, condition and figure.
+        side_by_side: Figures of whole runs.
+    """
+
+    names: tuple[str, ...]
+    pairs: tuple[PairedDifference, ...]
+    side_by_side: tuple[SideBySide, ...]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as JSON values."""
+        return {"schema": SCHEMA, **{key: to_plain(getattr(self, key)) for key in ("names", "pairs", "side_by_side")}}
+
+
+def _of_points(value: Callable[[SampleStatistic], float | None]) -> Callable[[Score], float | None]:
+    return lambda score: (
+        None if score.map is None or score.map.errors is None else value(score.map.errors.point_error_m)
+    )
+
+
+def _of_map(value: Callable[[MapScore], float | None]) -> Callable[[Score], float | None]:
+    return lambda score: None if score.map is None else value(score.map)
+
+
+def _of_calls(kind: CallKind, value: Callable[[CallScore], float | None]) -> Callable[[Score], float | None]:
+    def figure(score: Score) -> float | None:
+        calls = None if score.timing is None else score.timing.of(kind)
+        return None if calls is None else value(calls)
+
+    return figure
+
+
+def _of_memory(kind: CallKind, value: Callable[[PeakMemory], int | None]) -> Callable[[Score], float | None]:
+    def figure(score: Score) -> float | None:
+        peaks = None if score.memory is None else score.memory.of(kind)
+        return None if peaks is None else value(peaks)
+
+    return figure
+
+
+SIDE_BY_SIDE: Mapping[str, Callable[[Score], float | None]] = {
+    "map.point_error_m.mean": _of_points(lambda error: error.mean),
+    "map.point_error_m.mean_plus_3sigma": _of_points(lambda error: error.mean_plus_3sigma),
+    "map.coverage": _of_map(lambda score: score.coverage),
+    "timing.localisation_s.p50": _of_calls(CallKind.LOCALISATION, lambda calls: calls.p50),
+    "timing.localisation_s.p95": _of_calls(CallKind.LOCALISATION, lambda calls: calls.p95),
+    "timing.mapping_s.p50": _of_calls(CallKind.MAPPING, lambda calls: calls.p50),
+    "timing.mapping_s.p95": _of_calls(CallKind.MAPPING, lambda calls: calls.p95),
+    "memory.localisation_peak_bytes": _of_memory(CallKind.LOCALISATION, lambda peaks: peaks.peak_bytes),
+    "memory.mapping_peak_bytes": _of_memory(CallKind.MAPPING, lambda peaks: peaks.peak_bytes),
+}
+"""Figures of whole runs by their place in the score."""
+
+
+def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     """Return the comparison of scores with the first of them.
 
     Args:
-        scores: Scores as in the JSON, at least two.
+        scores: Scores, at least two.
         names: Name of each.
-
-    Returns:
-        `{"schema", "names", "pairs": [...], "side_by_side": [...]}`. A pair tells, for one condition, one figure and
-        one other score: number of common sub-trajectories, mean + 3 sigma of both over these, the difference (other
-        less first, so that below zero the other is better), its 95 % interval, and `better`, `worse`, `equal` or `no
-        difference shown` (the interval holds zero) or `not enough data`.
 
     Raises:
         MetricsError: If there are fewer than two scores, or nothing that two of them have in common.
     """
     if len(scores) < 2:
         raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")
-    pairs = [pair for number in range(1, len(scores)) for pair in _compared(scores[0], scores[number], names[number])]
-    side_by_side = [row for place in SIDE_BY_SIDE if (row := _row(scores, place)) is not None]
+    pairs = [
+        pair for score, name in zip(scores[1:], names[1:], strict=True) for pair in _paired(scores[0], score, name)
+    ]
+    rows = [SideBySide(figure=name, values=tuple(map(value, scores))) for name, value in SIDE_BY_SIDE.items()]
+    side_by_side = [row for row in rows if sum(value is not None for value in row.values) > 1]
     if not pairs and not side_by_side:
         raise MetricsError("the scores have no condition and no figure in common: score the same data alike")
-    return {"schema": SCHEMA, "names": list(names), "pairs": pairs, "side_by_side": side_by_side}
+    return Comparison(names=tuple(names), pairs=tuple(pairs), side_by_side=tuple(side_by_side))
 
 
-def _compared(first: Mapping[str, Any], other: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
-    rebase = [score.get("trajectory", {}).get("rebase") for score in (first, other)]
+def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:
+    rebase = [None if score.trajectory is None else score.trajectory.first.rebase for score in (first, other)]
     if rebase[0] != rebase[1]:
         raise MetricsError(
             f"the first score is re-based by {rebase[0]}, '{name}' by {rebase[1]}: unlike figures are not compared; "
             "score both alike"
         )
-    results = []
-    theirs = {_key(part): part for part in _sub_trajectories(other)}
-    for part in _sub_trajectories(first):
-        if _key(part) in theirs:
-            results += _condition_pairs(part, theirs[_key(part)], name)
-    return results
+    theirs = {part.condition: part for part in _sub_trajectories(other)}
+    mine = [part for part in _sub_trajectories(first) if part.condition in theirs]
+    return [pair for part in mine for pair in _condition_pairs(part, theirs[part.condition], name)]
 
 
-def _sub_trajectories(score: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    details = score.get("details", {}).get("trajectory", {})
-    parts: list[Mapping[str, Any]] = details.get("sub_trajectories", [])
-    return parts
+def _sub_trajectories(score: Score) -> tuple[SubTrajectoryRows, ...]:
+    details = None if score.details is None else score.details.trajectory
+    return () if details is None else details.sub_trajectories
 
 
-def _key(part: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(part["condition"].items())
-
-
-def _condition_pairs(part: Mapping[str, Any], other: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
-    spans = [list(zip(p["start_stamp_ns"], p["end_stamp_ns"], strict=True)) for p in (part, other)]
+def _condition_pairs(part: SubTrajectoryRows, other: SubTrajectoryRows, name: str) -> list[PairedDifference]:
+    spans = [list(zip(p.start_stamp_ns, p.end_stamp_ns, strict=True)) for p in (part, other)]
     rows = {span: row for row, span in enumerate(spans[1])}
     common = [(row, rows[span]) for row, span in enumerate(spans[0]) if span in rows]
     if not common:
@@ -96,63 +191,61 @@ def _condition_pairs(part: Mapping[str, Any], other: Mapping[str, Any], name: st
     mine, theirs = (list(side) for side in zip(*common, strict=True))
     a, b = _errors(part, mine), _errors(other, theirs)
     overlap = _overlap(part, mine)
+    head = PairedDifference(
+        name=name,
+        condition=part.condition,
+        figure="",
+        count=len(common),
+        left_out=(len(spans[0]) - len(common), len(spans[1]) - len(common)),
+        first=None,
+        other=None,
+        difference=None,
+        ci95=None,
+        outcome=Outcome.NOT_ENOUGH_DATA,
+    )
     return [
-        {
-            "name": name,
-            "condition": part["condition"],
-            "figure": figure,
-            "count": len(common),
-            "left_out": [len(spans[0]) - len(common), len(spans[1]) - len(common)],
-            **_difference(a[:, columns], b[:, columns], overlap),
-        }
+        _with_difference(replace(head, figure=figure), a[:, columns], b[:, columns], overlap)
         for figure, columns in FIGURES.items()
     ]
 
 
-def _errors(part: Mapping[str, Any], rows: Sequence[int]) -> FloatArray:
-    return np.column_stack([np.asarray(part[name], np.float64)[list(rows)] for name in ERRORS])
+def _errors(part: SubTrajectoryRows, rows: Sequence[int]) -> FloatArray:
+    columns = (part.x_m, part.y_m, part.z_m, part.attitude_deg, part.heading_deg)
+    return np.column_stack([np.asarray(values, np.float64)[list(rows)] for values in columns])
 
 
-def _overlap(part: Mapping[str, Any], rows: Sequence[int]) -> float:
+def _overlap(part: SubTrajectoryRows, rows: Sequence[int]) -> float:
     """Return the mean number of starts within one sub-trajectory."""
-    starts = np.asarray(part["start_frame"])[list(rows)]
-    ends = np.asarray(part["end_frame"])[list(rows)]
+    starts = np.asarray(part.start_frame)[list(rows)]
+    ends = np.asarray(part.end_frame)[list(rows)]
     inside = np.searchsorted(starts, ends, side="left") - np.arange(len(starts))
     return float(np.maximum(inside, 1).mean())
 
 
-def _difference(a: FloatArray, b: FloatArray, overlap: float) -> dict[str, Any]:
-    values = [_mean_plus_3sigma(errors) for errors in (a, b)]
-    result: dict[str, Any] = {"first": values[0], "other": values[1], "difference": None, "ci95": None}
-    if values[0] is None or values[1] is None:
-        return result | {"verdict": "not enough data"}
-    difference = values[1] - values[0]
-    result["difference"] = difference
+def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
+    """Return the pair with the difference of the figures of errors `(N, d)`, its interval and the outcome."""
+    first, other = _mean_plus_3sigma(a), _mean_plus_3sigma(b)
+    pair = replace(pair, first=first, other=other)
+    if first is None or other is None:
+        return pair
+    difference = other - first
+    pair = replace(pair, difference=difference)
     independent = len(a) / overlap
     if np.array_equal(a, b):
-        return result | {"ci95": [0.0, 0.0], "verdict": "equal"}
+        return replace(pair, ci95=(0.0, 0.0), outcome=Outcome.EQUAL)
     if independent < MIN_INDEPENDENT:
-        return result | {"verdict": "not enough data"}
+        return pair
     block = max(1, int(np.ceil(overlap)))
     scatter = np.std(resampled_figures(b, block) - resampled_figures(a, block))
     share = (1.0 - 1.0 / independent) * blocks_share(overlap, float(block))
     factor = WIDENING * student_quantile(0.975, max(independent - 1.0, MIN_FREEDOM))
     half = float(factor * scatter / np.sqrt(share)) + _PRECISION
-    word = "no difference shown" if abs(difference) <= half else "better" if difference < 0 else "worse"
-    return result | {"ci95": [difference - half, difference + half], "verdict": word}
+    outcome = Outcome.BETTER if difference < 0 else Outcome.WORSE
+    outcome = Outcome.NO_DIFFERENCE if abs(difference) <= half else outcome
+    return replace(pair, ci95=(difference - half, difference + half), outcome=outcome)
 
 
 def _mean_plus_3sigma(errors: FloatArray) -> float | None:
     if len(errors) < 2:
         return None
     return norm(errors.mean(axis=0)) + 3.0 * norm(errors.std(axis=0, ddof=1))
-
-
-def _row(scores: Sequence[Mapping[str, Any]], place: tuple[str, ...]) -> dict[str, Any] | None:
-    values = []
-    for score in scores:
-        value: Any = score
-        for key in place:
-            value = value.get(key) if isinstance(value, Mapping) else None
-        values.append(value)
-    return {"figure": ".".join(place), "values": values} if sum(value is not None for value in values) > 1 else None

@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.quantiles import student_quantile
+from sfr_loc_map.metrics.score import Interval
 
-MAX_GRAINS = 512
+MAX_BLOCKS = 512
 """Sums are kept for at most so many stretches of consecutive values; a stretch grows by doubling."""
 RESAMPLES = 1000
 SEED = 20240229
@@ -47,12 +48,12 @@ class BlockSums:
     """
 
     def __init__(self, columns: int) -> None:
-        self._rows = np.zeros((MAX_GRAINS, 1 + 2 * columns))
+        self._rows = np.zeros((MAX_BLOCKS, 1 + 2 * columns))
         self._state = np.array([0, 1], np.int64)  # rows in use, values of a full row
 
     def push(self, values: FloatArray) -> None:
         """Add rows `(M, columns)`."""
-        _push_grains(self._rows, self._state, values)
+        _push_blocks(self._rows, self._state, values)
 
     @property
     def rows(self) -> FloatArray:
@@ -66,7 +67,7 @@ class BlockSums:
 
 
 @jit
-def _push_grains(rows: FloatArray, state: NDArray[np.int64], values: FloatArray) -> None:
+def _push_blocks(rows: FloatArray, state: NDArray[np.int64], values: FloatArray) -> None:
     columns = values.shape[1]
     for i in range(len(values)):
         if state[0] == 0 or rows[state[0] - 1, 0] >= state[1]:
@@ -84,11 +85,11 @@ def _push_grains(rows: FloatArray, state: NDArray[np.int64], values: FloatArray)
             rows[row, 1 + columns + k] += values[i, k] * values[i, k]
 
 
-def interval95(grains: BlockSums, columns: slice, overlap: float, *, unsigned: bool) -> list[float] | None:
+def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned: bool) -> Interval | None:
     """Return the 95 % interval of norm(mean) + 3 norm(sigma) of some columns.
 
     Args:
-        grains: Sums of the series.
+        stretches: Sums of the series.
         columns: Columns that make one vector.
         overlap: Starts that lie within one sub-trajectory, on average, >= 1.
         unsigned: Whether the values are never negative.
@@ -96,7 +97,7 @@ def interval95(grains: BlockSums, columns: slice, overlap: float, *, unsigned: b
     Returns:
         Lower and upper bound; None where there are too few independent values.
     """
-    counts, sums, squares = _parts(grains.rows, columns)
+    counts, sums, squares = _parts(stretches.rows, columns)
     count = float(counts.sum())
     independent = count / max(overlap, 1.0)
     if count < 2 or independent < MIN_INDEPENDENT:
@@ -107,10 +108,11 @@ def interval95(grains: BlockSums, columns: slice, overlap: float, *, unsigned: b
     )
     variances = np.maximum(centred[:, 1 + len(mean) :].sum(axis=0), 0.0) / (count - 1.0)
     if not variances.any():
-        return [float(np.sqrt(np.square(mean).sum()))] * 2
-    block = min(max(1, int(np.ceil(overlap / grains.size))), len(counts))
+        size = float(np.sqrt(np.square(mean).sum()))
+        return size, size
+    block = min(max(1, int(np.ceil(overlap / stretches.size))), len(counts))
     means, figures = _resampled(centred, mean, block)
-    share = (1.0 - 1.0 / independent) * blocks_share(overlap, float(block * grains.size))
+    share = (1.0 - 1.0 / independent) * blocks_share(overlap, float(block * stretches.size))
     scatter = float(np.square(means - mean).sum(axis=1).mean()) / share
     size = float(np.sqrt(np.square(mean).sum()))
     true_size = max(size - scatter / size, 0.0) if size > 0.0 else 0.0
@@ -120,7 +122,7 @@ def interval95(grains: BlockSums, columns: slice, overlap: float, *, unsigned: b
     freedom = max((independent - 1.0) * np.sqrt(directions), MIN_FREEDOM)
     widening = WIDENING_UNSIGNED if unsigned else WIDENING
     factor = float(np.exp(widening * student_quantile(0.975, freedom) * error / centre))
-    return [centre / factor, centre * factor]
+    return centre / factor, centre * factor
 
 
 def _parts(rows: FloatArray, columns: slice) -> tuple[FloatArray, FloatArray, FloatArray]:

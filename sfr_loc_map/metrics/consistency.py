@@ -11,7 +11,7 @@ in 95 % of all cases (Bar-Shalom, Li, Kirubarajan 2001, section 5.4).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,10 +19,34 @@ from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import propagated_covariance
+from sfr_loc_map.metrics.association import UPPER
 from sfr_loc_map.metrics.quantiles import chi2_quantile
+from sfr_loc_map.metrics.score import NeesPart, NeesScore
 
-PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
-UPPER = np.triu_indices(6)
+POSE, POSITION, ATTITUDE = slice(0, 6), slice(0, 3), slice(3, 6)
+PARTS = (POSE, POSITION, ATTITUDE)
+
+
+class PoseSample(NamedTuple):
+    """A true and an estimated pose with the covariance of the estimate, or rows of them.
+
+    Attributes:
+        gt_pos: `(..., 3)` true position, metres, DS.
+        gt_quat: `(..., 4)` true attitude, unit quaternion.
+        est_pos: `(..., 3)` estimated position.
+        est_quat: `(..., 4)` estimated attitude.
+        covariance: `(..., 21)` upper triangle of the covariance, ROS order.
+    """
+
+    gt_pos: FloatArray
+    gt_quat: FloatArray
+    est_pos: FloatArray
+    est_quat: FloatArray
+    covariance: FloatArray
+
+    def row(self, index: int) -> PoseSample:
+        """Return one row."""
+        return PoseSample(*(array[index] for array in self))
 
 
 class Consistency:
@@ -33,51 +57,49 @@ class Consistency:
     """
 
     def __init__(self) -> None:
-        self._totals = dict.fromkeys(PARTS, 0.0)
+        self._totals = np.zeros(len(PARTS))
         self._count = 0
         self._not_usable = 0
         self.free_from = 0
 
-    def push(self, frames: tuple[int, int], start: tuple[FloatArray, ...], end: tuple[FloatArray, ...]) -> None:
+    def push(self, frames: tuple[int, int], start: PoseSample, end: PoseSample) -> None:
         """Add a sub-trajectory that starts at `free_from` or later.
 
         Args:
             frames: Numbers of its first and last frame.
-            start: True position, true attitude, estimated position, estimated attitude, covariance `(21,)`.
-            end: The same at the end.
+            start: Poses at the start.
+            end: Poses at the end.
         """
-        covariances = [_matrix(start[4]), _matrix(end[4])]
+        covariances = [_matrix(start.covariance), _matrix(end.covariance)]
         known = [bool(np.isfinite(c).all() and np.diag(c).max() < LOST_VARIANCE) for c in covariances]
         if not all(known):
             return
         self.free_from = frames[1]
-        growth = covariance_growth(covariances[0], covariances[1], end[2] - start[2])
+        growth = covariance_growth(covariances[0], covariances[1], end.est_pos - start.est_pos)
         error = relative_error(start, end)
         try:
-            squares = {name: _nees(error[part], growth[part, part]) for name, part in PARTS.items()}
+            squares = [_nees(error[part], growth[part, part]) for part in PARTS]
         except np.linalg.LinAlgError:
             self._not_usable += 1
             return
         self._count += 1
-        for name, value in squares.items():
-            self._totals[name] += value
+        self._totals += squares
 
-    def result(self) -> dict[str, Any] | None:
-        """Return the mean NEES and where it should lie; None where no covariance was known.
-
-        `not_usable` counts sub-trajectories over which the covariance did not grow, so that it cannot be tested.
-        """
+    def result(self) -> NeesScore | None:
+        """Return the mean NEES and its interval; None where no covariance was known."""
         if not self._count and not self._not_usable:
             return None
-        result: dict[str, Any] = {"count": self._count, "not_usable": self._not_usable}
-        for name, part in PARTS.items():
-            degrees = part.stop - part.start
-            result[name] = {"mean": None, "expected": float(degrees), "interval95": None, "consistent": None}
-            if self._count:
-                mean = self._totals[name] / self._count
-                low, high = (chi2_quantile(p, degrees * self._count) / self._count for p in (0.025, 0.975))
-                result[name] |= {"mean": mean, "interval95": [low, high], "consistent": low <= mean <= high}
-        return result
+        pose, position, attitude = (self._part(k, part.stop - part.start) for k, part in enumerate(PARTS))
+        return NeesScore(
+            count=self._count, not_usable=self._not_usable, pose=pose, position=position, attitude=attitude
+        )
+
+    def _part(self, index: int, degrees: int) -> NeesPart:
+        if not self._count:
+            return NeesPart(mean=None, expected=float(degrees), interval95=None, consistent=None)
+        mean = float(self._totals[index]) / self._count
+        low, high = (chi2_quantile(p, degrees * self._count) / self._count for p in (0.025, 0.975))
+        return NeesPart(mean=mean, expected=float(degrees), interval95=(low, high), consistent=low <= mean <= high)
 
 
 def covariance_growth(start: FloatArray, end: FloatArray, displacement: FloatArray) -> FloatArray:
@@ -86,11 +108,11 @@ def covariance_growth(start: FloatArray, end: FloatArray, displacement: FloatArr
     return np.asarray(0.5 * (growth + growth.T))
 
 
-def relative_error(start: tuple[FloatArray, ...], end: tuple[FloatArray, ...]) -> FloatArray:
+def relative_error(start: PoseSample, end: PoseSample) -> FloatArray:
     """Return the error `(6,)` of position (m) and attitude (rad) over a sub-trajectory, in the estimate's DS."""
-    to_estimate = quat_multiply(start[3], quat_conjugate(start[1]))
-    position = (end[2] - start[2]) - quat_rotate(to_estimate, end[0] - start[0])
-    turn = quat_normalised(quat_multiply(end[3], quat_conjugate(quat_multiply(to_estimate, end[1]))))
+    to_estimate = quat_multiply(start.est_quat, quat_conjugate(start.gt_quat))
+    position = (end.est_pos - start.est_pos) - quat_rotate(to_estimate, end.gt_pos - start.gt_pos)
+    turn = quat_normalised(quat_multiply(end.est_quat, quat_conjugate(quat_multiply(to_estimate, end.gt_quat))))
     turn = -turn if turn[3] < 0 else turn
     sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
     scale = 2.0 if sine < 1e-9 else 2.0 * np.arctan2(sine, turn[3]) / sine

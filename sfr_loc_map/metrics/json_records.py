@@ -228,12 +228,12 @@ def _number(value: Any, place: str) -> float:  # noqa: ANN401 - any value of JSO
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise _unexpected("a number", value, place)
     try:
-        number = float(value)
+        finite = math.isfinite(value)
     except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
+        finite = False
+    if not finite:
         raise _unexpected("a finite number", value, place)
-    return number
+    return value
 
 
 def _whole(value: Any, place: str) -> int:  # noqa: ANN401 - any value of JSON

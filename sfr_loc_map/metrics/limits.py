@@ -1,4 +1,4 @@
-"""Limits of a requirements file and the verdicts on them.
+"""Limits of a requirements file; `metrics.verdicts` judges by them.
 
 The file is YAML. Every key names figure and unit; limits are upper bounds, except `coverage_min`. All parts are
 optional; nothing is limited unless the file says so.
@@ -29,41 +29,22 @@ from typing import Any
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.condition import Condition
-
-STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
-PASS, FAIL, NOT_ENOUGH = "pass", "fail", "not enough data"
-
-Place = tuple[str, ...]
-
-
-def _keys(prefixes: Mapping[str, Place], statistics: Collection[str], unit: str) -> dict[str, Place]:
-    return {f"{name}_{s}_{unit}": (*place, s) for name, place in prefixes.items() for s in statistics}
-
-
-TRAJECTORY_KEYS = _keys({"position": ("position_m",)}, STATISTICS, "m") | _keys(
-    {"attitude": ("attitude_deg",), "heading": ("heading_deg",)}, STATISTICS, "deg"
+from sfr_loc_map.metrics.limited_figures import (
+    MAP_FIGURES,
+    MEMORY_FIGURES,
+    TIMING_FIGURES,
+    TRAJECTORY_FIGURES,
+    LimitPart,
 )
-MAP_KEYS = _keys({"point_error": ("point_error_m",)}, (*STATISTICS, "p50", "p95"), "m") | {
-    "coverage_min": ("coverage",)
+
+NAMES: Mapping[LimitPart, Collection[str]] = {
+    LimitPart.TRAJECTORY: TRAJECTORY_FIGURES,
+    LimitPart.MAP: MAP_FIGURES,
+    LimitPart.TIMING: TIMING_FIGURES,
+    LimitPart.MEMORY: MEMORY_FIGURES,
+    LimitPart.TARGET: [*TIMING_FIGURES, *MEMORY_FIGURES],
 }
-TIMING_KEYS = _keys(
-    {name: (f"{name}_s",) for name in ("localisation", "mapping", "fusion")},
-    ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max"),
-    "s",
-)
-MEMORY_KEYS: dict[str, Place] = {
-    f"{name}_{kind}_bytes": (f"{name}_{kind}_bytes",)
-    for name in ("localisation", "mapping")
-    for kind in ("peak", "above_idle")
-}
-TARGET_KEYS: dict[str, Place] = {key: ("timing", *place) for key, place in TIMING_KEYS.items()}
-TARGET_KEYS |= {key: ("memory", *place) for key, place in MEMORY_KEYS.items()}
-PARTS: dict[str, dict[str, Place]] = {
-    "map": MAP_KEYS,
-    "timing": TIMING_KEYS,
-    "memory": MEMORY_KEYS,
-    "target": TARGET_KEYS,
-}
+"""Names of the figures that each part of the file limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +52,13 @@ class Limit:
     """One limit.
 
     Attributes:
-        part: `trajectory`, `map`, `timing`, `memory` or `target`.
+        part: Part of the score.
         key: Its key in the file.
         limit: Bound in the unit of the key.
         condition: Condition of the sub-trajectories; None outside `trajectory`.
     """
 
-    part: str
+    part: LimitPart
     key: str
     limit: float
     condition: Condition | None = None
@@ -120,7 +101,7 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     Raises:
         ConfigError: If a key or value is not valid.
     """
-    _check_keys(content, ("minimum_count", "trajectory", *PARTS), origin)
+    _check_keys(content, ("minimum_count", *LimitPart), origin)
     minimum = content.get("minimum_count", 2)
     if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
         raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is needed")
@@ -132,11 +113,11 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     limits: list[Limit] = []
     for number, entry in enumerate(entries, 1):
         limits += _trajectory_limits(entry, f"{origin}: trajectory entry {number}")
-    for part, known in PARTS.items():
-        block = content.get(part, {})
-        limits += _limits_of(part, block, known, f"{origin}: '{part}'", None)
+    for part in LimitPart:
+        if part is not LimitPart.TRAJECTORY:
+            limits += _limits_of(part, content.get(part, {}), f"{origin}: '{part}'", None)
     if not limits:
-        raise ConfigError(f"{origin}: no limit in it: give at least one under trajectory, {', '.join(PARTS)}")
+        raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitPart)}")
     return Limits(tuple(limits), minimum)
 
 
@@ -148,15 +129,13 @@ def _trajectory_limits(entry: object, origin: str) -> list[Limit]:
     except MetricsError as error:
         raise ConfigError(f"{origin}: {error}") from error
     rest = {key: value for key, value in entry.items() if key != "condition"}
-    return _limits_of("trajectory", rest, TRAJECTORY_KEYS, origin, condition)
+    return _limits_of(LimitPart.TRAJECTORY, rest, origin, condition)
 
 
-def _limits_of(
-    part: str, block: object, known: Collection[str], origin: str, condition: Condition | None
-) -> list[Limit]:
+def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition | None) -> list[Limit]:
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin}: a mapping of names to limits is needed, found {type(block).__name__}")
-    _check_keys(block, known, origin)
+    _check_keys(block, NAMES[part], origin)
     for key, value in block.items():
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not number or not 0 <= value < float("inf"):
@@ -170,52 +149,3 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
             close = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
             raise ConfigError(f"{origin}: unknown key '{key}' ({hint})")
-
-
-def verdicts(limits: Limits, score: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the verdict on each limit: pass, fail, or not enough data.
-
-    A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign. `certain` tells
-    whether the 95 % interval lies on one side of the limit, None where there is no interval.
-
-    Args:
-        limits: Limits.
-        score: Score as in the JSON.
-    """
-    return [_verdict(limit, limits.minimum_count, score) for limit in limits.limits]
-
-
-def _verdict(limit: Limit, minimum: int, score: Mapping[str, Any]) -> dict[str, Any]:
-    block, place = _block_of(limit, score)
-    value, count, interval = _look_up(block, place)
-    metric = f"target {limit.key}" if limit.part == "target" else limit.key
-    head: dict[str, Any] = {"metric": metric, "limit": limit.limit, "value": value, "ci95": interval}
-    if limit.condition is not None:
-        head["condition"] = limit.condition.to_plain()
-    head |= {"count": count, "verdict": NOT_ENOUGH, "certain": None}
-    if value is None or (count is not None and count < minimum):
-        return head
-    if limit.key == "coverage_min":
-        return head | {"verdict": PASS if value >= limit.limit else FAIL}
-    certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
-    return head | {"verdict": PASS if abs(value) <= limit.limit else FAIL, "certain": certain}
-
-
-def _block_of(limit: Limit, score: Mapping[str, Any]) -> tuple[Mapping[str, Any], Place]:
-    block = score.get(limit.part, {})
-    if limit.condition is None:
-        return block, PARTS[limit.part][limit.key]
-    for part in [block, *block.get("conditions", [])]:
-        if part.get("condition") == limit.condition.to_plain():
-            return part, TRAJECTORY_KEYS[limit.key]
-    return {}, TRAJECTORY_KEYS[limit.key]
-
-
-def _look_up(block: Mapping[str, Any], place: Place) -> tuple[float | None, int | None, list[float] | None]:
-    """Return the figure, the number of values it is made of, and its interval."""
-    figure: Any = block
-    for key in place[:-1]:
-        figure = figure.get(key, {})
-    value = figure.get(place[-1])
-    count = figure.get("count", block.get("count"))
-    return value, count, figure.get(f"{place[-1]}_ci95")

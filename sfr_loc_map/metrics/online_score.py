@@ -12,25 +12,17 @@ from __future__ import annotations
 import bisect
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import (
-    AUTO_STAMPS,
-    COVARIANCE_SIZE,
-    Estimates,
-    Frames,
-    decide_way,
-    join,
-    tolerance_ns,
-    unique_rows,
-)
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, Estimates, Frames, join
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.modes import AssociationMode
 from sfr_loc_map.metrics.score import AssociationCounts
-from sfr_loc_map.metrics.trajectory_score import TrajectoryScorer
+from sfr_loc_map.metrics.stamp_matching import AUTO_STAMPS, decide_mode, tolerance_ns, unique_rows
+from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, TrajectoryScorer
 
 WINDOW_POSES = 64
 """A pose may come after this many later ones of its kind and still count."""
@@ -54,9 +46,9 @@ class _Waiting:
         self.given += 1
         if self.latest is not None and stamp_ns < self.latest:
             self.unordered += 1
-            place = bisect.bisect_right(self.stamps, stamp_ns)
-            self.stamps.insert(place, stamp_ns)
-            self.rows.insert(place, row)
+            index = bisect.bisect_right(self.stamps, stamp_ns)
+            self.stamps.insert(index, stamp_ns)
+            self.rows.insert(index, row)
         else:
             self.latest = stamp_ns
             self.stamps.append(stamp_ns)
@@ -70,7 +62,7 @@ class _Waiting:
         del self.stamps[:count]
         del self.rows[:count]
 
-    def arrays(self, count: int) -> tuple[np.ndarray[Any, np.dtype[np.int64]], FloatArray]:
+    def arrays(self, count: int) -> tuple[IntArray, FloatArray]:
         width = len(self.rows[0]) if self.rows else 7
         return np.array(self.stamps[:count], np.int64), np.array(self.rows[:count], np.float64).reshape(-1, width)
 
@@ -85,10 +77,10 @@ class LiveTrajectoryScore:
             MetricsError: If a condition is not valid.
         """
         self._config = config
-        self._score = TrajectoryScorer(config)
+        self._scorer = TrajectoryScorer(config)
         self._estimates, self._truth = _Waiting(), _Waiting()
         self._counts = AssociationCounts()
-        self._way: str | None = None
+        self._mode: AssociationMode | None = None
         self._settled_until: int | None = None
         self._truth_before: tuple[int, Row] | None = None
 
@@ -126,18 +118,18 @@ class LiveTrajectoryScore:
         row = (*map(float, position), *map(float, quat_xyzw), float(lost), *triangle)
         self._add(self._estimates, stamp_ns, row)
 
-    def result(self, *, details: bool = True) -> dict[str, Any]:
-        """Return what `score_trajectory` returns for all poses so far; the run goes on as if it had not been asked.
+    def result(self, *, details: bool = True) -> ScoredTrajectory:
+        """Return what `score_trajectory` returns for all poses so far; the run goes on unchanged.
 
         Args:
             details: Whether what figures are drawn from is wanted; it costs more than all the rest.
         """
-        score, counts = self._score.copy(), self._counts
-        way = self._way or self._decide(len(self._estimates.stamps), len(self._truth.stamps))
-        frames, portion = self._associated(len(self._estimates.stamps), len(self._truth.stamps), way)
+        scorer, counts = self._scorer.copy(), self._counts
+        mode = self._mode or self._decide(len(self._estimates.stamps), len(self._truth.stamps))
+        frames, portion = self._associated(len(self._estimates.stamps), len(self._truth.stamps), mode)
         if len(frames):
-            score.push(frames)
-        return score.result(self._given(counts + portion), way, details=details)
+            scorer.push(frames)
+        return scorer.result(self._given(counts + portion), mode, details=details)
 
     def _add(self, waiting: _Waiting, stamp_ns: int, row: Row) -> None:
         if self._settled_until is not None and stamp_ns <= self._settled_until:
@@ -159,16 +151,16 @@ class LiveTrajectoryScore:
         apart = until + 2 * tolerance_ns(self._config.association)
         est_count, gt_count = self._estimates.until(until), self._truth.until(until)
         torn = self._estimates.until(apart) > est_count or self._truth.until(apart) > gt_count
-        undecided = self._way is None and not self._first_stamps_settled(est_count, gt_count)
+        undecided = self._mode is None and not self._first_stamps_settled(est_count, gt_count)
         overdue = max(len(self._estimates.stamps), len(self._truth.stamps)) > MAX_WAITING_POSES
         if (torn or undecided) and not overdue:
             return
-        if self._way is None:
-            self._way = self._decide(est_count, gt_count)
-        frames, portion = self._associated(est_count, gt_count, self._way)
+        if self._mode is None:
+            self._mode = self._decide(est_count, gt_count)
+        frames, portion = self._associated(est_count, gt_count, self._mode)
         self._counts += portion
         if len(frames):
-            self._score.push(frames)
+            self._scorer.push(frames)
         if gt_count:
             self._truth_before = self._truth.stamps[gt_count - 1], self._truth.rows[gt_count - 1]
         self._estimates.drop(est_count)
@@ -183,13 +175,13 @@ class LiveTrajectoryScore:
         truth = set(self._truth.stamps[bisect.bisect_left(self._truth.stamps, first) : gt_count])
         return min(len(est), len(truth)) > AUTO_STAMPS
 
-    def _decide(self, est_count: int, gt_count: int) -> str:
+    def _decide(self, est_count: int, gt_count: int) -> AssociationMode:
         stamps = [
             np.array(sorted(set(w.stamps[:n]))) for w, n in ((self._estimates, est_count), (self._truth, gt_count))
         ]
-        return decide_way(stamps[0].astype(np.int64), stamps[1].astype(np.int64), self._config.association)
+        return decide_mode(stamps[0].astype(np.int64), stamps[1].astype(np.int64), self._config.association)
 
-    def _associated(self, est_count: int, gt_count: int, way: str) -> tuple[Frames, AssociationCounts]:
+    def _associated(self, est_count: int, gt_count: int, mode: AssociationMode) -> tuple[Frames, AssociationCounts]:
         """Return the frames of the first poses that wait; true poses beside them are there to interpolate."""
         est_stamps, est = self._estimates.arrays(est_count)
         beside = gt_count + 1 if gt_count < len(self._truth.stamps) else gt_count
@@ -203,10 +195,11 @@ class LiveTrajectoryScore:
         estimates = Estimates.of(trajectory, lost, extra)
         truth = Trajectory(gt_stamps, gt[:, :3], gt[:, 3:])
         est_rows, gt_rows = unique_rows(est_stamps), unique_rows(gt_stamps)
-        frames, counts = join(estimates, est_rows, truth, gt_rows, self._config.association, way)
+        frames, counts = join(estimates, est_rows, truth, gt_rows, self._config.association, mode)
         own = np.unique(self._truth.stamps[:gt_count])
-        duplicates = {"estimate_duplicates": est_count - len(est_rows), "truth_duplicates": gt_count - len(own)}
-        return frames, replace(counts, **duplicates)
+        return frames, replace(
+            counts, estimate_duplicates=est_count - len(est_rows), truth_duplicates=gt_count - len(own)
+        )
 
     def _given(self, counts: AssociationCounts) -> AssociationCounts:
         """Return the counts with the poses given so far."""

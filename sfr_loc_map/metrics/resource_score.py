@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, fields, replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.resources import METHOD, METHOD_UNAVAILABLE
-from sfr_loc_map.metrics.statistics import summary
-from sfr_loc_map.metrics.timing import HOST_CLOCK, SERIES_ROWS, timing_histogram, timing_summary
+from sfr_loc_map.metrics.score import MemoryScore, PeakMemory, StageTime, TargetScore, TimingScore
+from sfr_loc_map.metrics.score_details import CallDetails, CallFigures, CallSeries
+from sfr_loc_map.metrics.statistics import column, integers
+from sfr_loc_map.metrics.timing import HOST_CLOCK, call_histogram, call_score, stage_time
 
-KINDS = {"mapped": "mapping", "fused": "fusion"}
-"""Kind of call by what it said; all other words are those of the localiser."""
+KINDS = {"mapped": CallKind.MAPPING, "fused": CallKind.FUSION}
+"""Kind of call by its state; all other states are those of the localiser."""
+SERIES_ROWS = 2000
+"""Calls of each kind that are kept for figures."""
+Part = TypeVar("Part", TimingScore, MemoryScore, CallDetails)
+Rows = NDArray[np.intp]
 STAGE_PREFIX, STAGE_SUFFIX = "stage_", "_s"
 """What surrounds the name of a stage among the figures of a call."""
 
@@ -26,7 +34,7 @@ class Calls:
     Attributes:
         stamps_ns: `(N,)` int64, stamp of the pair.
         seconds: `(N,)` float64, wall-clock time, NaN where not measured.
-        states: `(N,)` what each call said: initialising, tracking, lost; mapped, fused.
+        states: `(N,)` state of each call: initialising, tracking, lost; mapped, fused.
         peak_bytes: `(N,)` float64, peak resident memory, NaN where not measured.
         above_idle_bytes: `(N,)` float64, the same above the idle process.
         stage_s: `(N,)` float64 by name, time of each stage, NaN where a call had none of that name.
@@ -40,66 +48,72 @@ class Calls:
     stage_s: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
-def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> dict[str, Any]:
-    """Return the parts `timing`, `memory` and, if wanted, `details` of the score.
+@dataclass(frozen=True, slots=True)
+class ScoredCalls:
+    """What calls add to the score.
 
-    Localisation, mapping (one pair) and fusion are told apart by what the calls said.
+    Attributes:
+        timing: The part `timing`.
+        memory: The part `memory`.
+        details: What figures are drawn from, None if it is not wanted.
+    """
+
+    timing: TimingScore
+    memory: MemoryScore
+    details: CallDetails | None
+
+    def merged(self, other: ScoredCalls) -> ScoredCalls:
+        """Return both; of a kind that both have the other's."""
+        return ScoredCalls(
+            _merged(self.timing, other.timing),
+            _merged(self.memory, other.memory),
+            _merged(self.details or CallDetails(), other.details or CallDetails()),
+        )
+
+
+def _merged(first: Part, second: Part) -> Part:
+    present = {item.name: getattr(second, item.name) for item in fields(second)}
+    return replace(first, **{name: value for name, value in present.items() if value is not None})
+
+
+def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> ScoredCalls:
+    """Return times and memory of calls; localisation, mapping (one pair) and fusion are told apart by their states.
 
     Args:
         calls: All calls.
         clock: Clock of their times.
         details: Whether what figures are drawn from is wanted.
     """
-    kinds = np.array([KINDS.get(state, "localisation") for state in calls.states], dtype=object)
-    timing: dict[str, Any] = {}
-    memory: dict[str, Any] = {}
-    drawn: dict[str, Any] = {}
-    for kind in ("localisation", "mapping", "fusion"):
-        mine = np.flatnonzero(kinds == kind)
-        if not len(mine):
-            continue
-        if np.isfinite(calls.seconds[mine]).any():
-            stages = _stages(calls, mine)
-            timing[f"{kind}_s"] = timing_summary(calls.seconds[mine], clock) | ({"stages": stages} if stages else {})
-        memory |= _peaks(kind, calls, mine)
-        if not details:
-            continue
-        drawn[kind] = {"histogram": timing_histogram(calls.seconds[mine]), "series": _series(calls, mine)}
-    known = any(value is not None for value in memory.values())
-    memory["method"] = METHOD if known else METHOD_UNAVAILABLE
-    return {"timing": timing, "memory": memory} | ({"details": {"calls": drawn}} if details else {})
+    kinds = np.array([KINDS.get(state, CallKind.LOCALISATION) for state in calls.states], dtype=object)
+    rows = {kind: np.flatnonzero(kinds == kind) for kind in CallKind}
+    made = {kind: mine for kind, mine in rows.items() if len(mine)}
+    timed = {kind: mine for kind, mine in made.items() if np.isfinite(calls.seconds[mine]).any()}
+    timing = {kind.value: call_score(calls.seconds[mine], clock, _stages(calls, mine)) for kind, mine in timed.items()}
+    peaks = {kind.value: _peaks(calls, mine) for kind, mine in made.items()}
+    drawn = {kind.value: _figures(calls, mine) for kind, mine in made.items()} if details else {}
+    method = METHOD if any(map(_measured, peaks.values())) else METHOD_UNAVAILABLE
+    return ScoredCalls(
+        TimingScore(**timing), MemoryScore(**peaks, method=method), CallDetails(**drawn) if details else None
+    )
 
 
-def score_target(calls: Calls, name: str) -> dict[str, Any]:
-    """Return the part `target` of the score: calls that were measured elsewhere, under that place's name.
+def score_target(calls: Calls, name: str) -> TargetScore:
+    """Return the score of calls that were measured elsewhere, under that target's name.
 
-    They stand apart from the host's figures, and none of both is shown under the other's name.
+    They stand apart from the host's figures, and neither is shown under the other's name.
 
     Args:
         calls: Calls as measured there.
         name: Name of the target.
     """
-    parts = score_calls(calls, clock=name)
-    memory = parts["memory"] | {"method": f"as measured on {name}"}
-    known = any(isinstance(value, int) for value in memory.values())
-    return {"target": {"name": name, "timing": parts["timing"], "memory": memory if known else {}}}
+    parts = score_calls(calls, clock=name, details=False)
+    memory = replace(parts.memory, method=f"as measured on {name}")
+    measured = any(_measured(peaks) for kind in CallKind if (peaks := memory.of(kind)) is not None)
+    return TargetScore(name=name, timing=parts.timing, memory=memory if measured else MemoryScore())
 
 
-def merge_parts(*parts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parts of a score together; parts of one name are merged, one level down."""
-    merged: dict[str, Any] = {}
-    for part in parts:
-        for name, value in part.items():
-            merged[name] = _merged(merged[name], value) if name in merged else value
-    return merged
-
-
-def _merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
-    both = {**first, **second}
-    for name in first.keys() & second.keys():
-        if isinstance(first[name], Mapping):
-            both[name] = {**first[name], **second[name]}
-    return both
+def _measured(peaks: PeakMemory) -> bool:
+    return peaks.peak_bytes is not None or peaks.above_idle_bytes is not None
 
 
 def stage_of(figure: str) -> str | None:
@@ -108,35 +122,34 @@ def stage_of(figure: str) -> str | None:
     return figure.removeprefix(STAGE_PREFIX).removesuffix(STAGE_SUFFIX) or None if is_stage else None
 
 
-def _stages(calls: Calls, mine: IntArray) -> dict[str, Any]:
+def _stages(calls: Calls, mine: Rows) -> dict[str, StageTime]:
     """Return the times of the stages over the calls that had them."""
-    found = {}
-    for name, seconds in sorted(calls.stage_s.items()):
-        known = seconds[mine][np.isfinite(seconds[mine])]
-        if len(known):
-            found[name] = summary(known) | {"max": float(known.max())}
-    return found
+    times = {name: stage_time(seconds[mine]) for name, seconds in sorted(calls.stage_s.items())}
+    return {name: time for name, time in times.items() if time is not None}
 
 
-def _peaks(kind: str, calls: Calls, mine: IntArray) -> dict[str, int | None]:
-    peaks = {}
-    for name, values in (("peak", calls.peak_bytes[mine]), ("above_idle", calls.above_idle_bytes[mine])):
-        known = values[np.isfinite(values)]
-        peaks[f"{kind}_{name}_bytes"] = int(known.max()) if len(known) else None
-    return peaks
+def _peaks(calls: Calls, mine: Rows) -> PeakMemory:
+    peak, above_idle = (_largest(values[mine]) for values in (calls.peak_bytes, calls.above_idle_bytes))
+    return PeakMemory(peak_bytes=peak, above_idle_bytes=above_idle)
 
 
-def _series(calls: Calls, mine: IntArray) -> dict[str, Any]:
+def _largest(values: FloatArray) -> int | None:
+    known = values[np.isfinite(values)]
+    return int(known.max()) if len(known) else None
+
+
+def _figures(calls: Calls, mine: Rows) -> CallFigures:
     """Return the calls for figures; of many calls the slowest of each block, so that no peak is hidden."""
     block = max(1, -(-len(mine) // SERIES_ROWS))
     chosen = []
     for first in range(0, len(mine), block):
         rows = mine[first : first + block]
         chosen.append(rows[np.argmax(np.nan_to_num(calls.seconds[rows], nan=-1.0))])
-    return {
-        "slowest_of": block,
-        "stamp_ns": calls.stamps_ns[chosen].tolist(),
-        "processing_time_s": calls.seconds[chosen].tolist(),
-        "peak_rss_bytes": calls.peak_bytes[chosen].tolist(),
-        "state": [calls.states[row] for row in chosen],
-    }
+    series = CallSeries(
+        slowest_of=block,
+        stamp_ns=integers(calls.stamps_ns[chosen]),
+        processing_time_s=column(calls.seconds[chosen], None),
+        peak_rss_bytes=column(calls.peak_bytes[chosen], None),
+        state=tuple(calls.states[row] for row in chosen),
+    )
+    return CallFigures(histogram=call_histogram(calls.seconds[mine]), series=series)

@@ -1,7 +1,8 @@
-"""Statistics that can be added to for ever and do not depend on how the values came in: one by one or all at once."""
+"""Statistics of endless series in bounded memory, the same whether values come one by one or all at once."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit
+from sfr_loc_map.metrics.score import SampleStatistic
+from sfr_loc_map.metrics.score_details import Column, Integers
 
 
 class Moments:
@@ -80,7 +83,7 @@ class RowQueue:
         return self._arrays[name][self._first : self._end]
 
     def append(self, **columns: NDArray[Any]) -> None:
-        """Add rows; the first rows say names, types and shapes of the columns, which are the same ever after."""
+        """Add rows; the first rows give names, types and shapes of the columns, which are the same from then on."""
         if not self._arrays:
             self._arrays = {name: np.empty((64, *array.shape[1:]), array.dtype) for name, array in columns.items()}
         added = len(next(iter(columns.values())))
@@ -112,12 +115,24 @@ def norm(values: FloatArray) -> float:
     return float(np.sqrt(total))
 
 
-def summary(values: NDArray[np.floating]) -> dict[str, float | int | None]:
-    """Return count, mean, sigma (Bessel), mean + 3 sigma, p50 and p95 of all values; None where undefined."""
+def sample_statistic(values: NDArray[np.floating]) -> SampleStatistic:
+    """Return the statistic of all values; None where undefined."""
     data = np.asarray(values, dtype=np.float64)
     count = len(data)
     mean = float(np.mean(data)) if count else None
     sigma = float(np.std(data, ddof=1)) if count > 1 else None
     p50, p95 = (float(p) for p in np.percentile(data, (50.0, 95.0))) if count else (None, None)
     total = mean + 3.0 * sigma if mean is not None and sigma is not None else None
-    return {"count": count, "mean": mean, "sigma": sigma, "mean_plus_3sigma": total, "p50": p50, "p95": p95}
+    return SampleStatistic(count=count, mean=mean, sigma=sigma, mean_plus_3sigma=total, p50=p50, p95=p95)
+
+
+def column(values: FloatArray, digits: int | None = 9) -> Column:
+    """Return numbers for figures, rounded (the score itself is not) unless digits is None; None where not finite."""
+    exact = values.tolist()
+    rounded = exact if digits is None else [round(value, digits) for value in exact]
+    return tuple(value if math.isfinite(value) else None for value in rounded)
+
+
+def integers(values: NDArray[np.integer]) -> Integers:
+    """Return whole numbers for figures."""
+    return tuple(values.tolist())

@@ -7,13 +7,33 @@ number of frames. A start whose condition is never met gives none.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit
+from sfr_loc_map.metrics.condition import ConditionKind
 
 DISTANCE_TOLERANCE_M = 1e-9
-"""A path this much shorter than asked for is long enough."""
+"""A path this much shorter than the distance is long enough."""
+DISTANCE, TIME, FRAMES = range(3)
+"""Kinds of conditions in compiled code."""
+KINDS = {ConditionKind.DISTANCE: DISTANCE, ConditionKind.TIME: TIME, ConditionKind.FRAMES: FRAMES}
+
+
+class Progress(NamedTuple):
+    """How far along the drive some frames are.
+
+    Attributes:
+        frames: `(N,)` their numbers.
+        stamps_ns: `(N,)` their stamps.
+        lengths: `(N, 2)` path lengths, see `path_lengths`.
+    """
+
+    frames: IntArray
+    stamps_ns: IntArray
+    lengths: FloatArray
 
 
 @jit
@@ -42,46 +62,34 @@ def path_lengths(positions: FloatArray, last: FloatArray, length: FloatArray) ->
 
 
 @jit
-def find_ends(
-    start_lengths: FloatArray,
-    start_stamps: IntArray,
-    start_frames: IntArray,
-    lengths: FloatArray,
-    stamps: IntArray,
-    first_frame: int,
-    kind: int,
-    value: float,
-) -> IntArray:
+def find_ends(starts: Progress, rows: Progress, kind: int, threshold: float) -> IntArray:
     """Return for each start the row of its end, or the number of rows if the condition is not met by the last.
 
     Both go up, so that one walk through the rows finds all.
 
     Args:
-        start_lengths: `(M, 2)` path lengths at the starts.
-        start_stamps: `(M,)` stamps of the starts.
-        start_frames: `(M,)` frame numbers of the starts.
-        lengths: `(N, 2)` path lengths of the rows.
-        stamps: `(N,)` stamps of the rows.
-        first_frame: Frame number of the first row.
-        kind: 0 distance, 1 time, 2 frames.
-        value: Metres, nanoseconds or frames.
+        starts: Starts `(M,)`.
+        rows: Consecutive frames `(N,)`.
+        kind: `DISTANCE`, `TIME` or `FRAMES`.
+        threshold: Metres, nanoseconds or frames.
     """
-    ends = np.full(len(start_frames), len(stamps), dtype=np.int64)
+    count = len(rows.frames)
+    ends = np.full(len(starts.frames), count, dtype=np.int64)
     row = 0
-    for i in range(len(start_frames)):
-        row = max(row, start_frames[i] + 1 - first_frame)
-        while row < len(stamps):
-            if kind == 0:
-                path = (lengths[row, 0] - start_lengths[i, 0]) + (lengths[row, 1] - start_lengths[i, 1])
-                met = path >= value - DISTANCE_TOLERANCE_M
-            elif kind == 1:
-                met = stamps[row] - start_stamps[i] >= value
+    for i in range(len(starts.frames)):
+        row = max(row, starts.frames[i] + 1 - rows.frames[0])
+        while row < count:
+            if kind == DISTANCE:
+                path = (rows.lengths[row, 0] - starts.lengths[i, 0]) + (rows.lengths[row, 1] - starts.lengths[i, 1])
+                met = path >= threshold - DISTANCE_TOLERANCE_M
+            elif kind == TIME:
+                met = rows.stamps_ns[row] - starts.stamps_ns[i] >= threshold
             else:
-                met = first_frame + row - start_frames[i] >= value
+                met = rows.frames[row] - starts.frames[i] >= threshold
             if met:
                 break
             row += 1
-        if row >= len(stamps):
+        if row >= count:
             break
         ends[i] = row
     return ends

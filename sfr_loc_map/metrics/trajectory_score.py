@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import asdict, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,22 +13,38 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates, Frames, associate
 from sfr_loc_map.metrics.condition import Condition, ConditionKind
-from sfr_loc_map.metrics.condition_score import ConditionScore, rounded
+from sfr_loc_map.metrics.condition_scorer import ConditionScorer
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import AssociationCounts
-from sfr_loc_map.metrics.statistics import Decimated
-from sfr_loc_map.metrics.sub_trajectories import path_lengths
+from sfr_loc_map.metrics.modes import AssociationMode
+from sfr_loc_map.metrics.score import AssociationCounts, AssociationScore, TrajectoryScore
+from sfr_loc_map.metrics.score_details import PathRows, TrajectoryDetails
+from sfr_loc_map.metrics.statistics import Decimated, column, integers
+from sfr_loc_map.metrics.sub_trajectories import Progress, path_lengths
 
 PATH_ROWS = 2000
 """Frames that are kept for figures."""
 CHUNK_FRAMES = 65536
 POSITION_VARIANCES = (0, 6, 11)
 """Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
-LADDER_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Distances of the error against distance travelled."""
-LADDER_SPACING, LADDER_BASE_M = 10, 50.0
-"""Its starts are at least this many frames apart, whatever the spacing of the conditions; beyond the base in proportion
-to the distance: the more sub-trajectories overlap, the less one more says, and all starts wait for their end."""
+DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
+"""Their starts are at least this many frames apart, whatever the spacing of the conditions; beyond the base in
+proportion to the distance: the more sub-trajectories overlap, the less one more says, and all starts wait for their
+end."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredTrajectory:
+    """What the trajectory adds to the score.
+
+    Attributes:
+        score: The part `trajectory`.
+        details: What figures are drawn from, None if it is not wanted.
+    """
+
+    score: TrajectoryScore
+    details: TrajectoryDetails | None
 
 
 class TrajectoryScorer:
@@ -41,25 +56,24 @@ class TrajectoryScorer:
         Raises:
             MetricsError: If a condition is not valid.
         """
-        self._config = config
-        self._conditions = [ConditionScore(Condition.parse(text)) for text in config.conditions]
+        self._association = config.association
+        self._conditions = [ConditionScorer(Condition.parse(text), config) for text in config.conditions]
         if not self._conditions:
             raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
-        self._ladder = [
-            (ConditionScore(Condition(ConditionKind.DISTANCE, metres), brief=True), _ladder_config(config, metres))
-            for metres in LADDER_M
+        self._error_by_distance = [
+            ConditionScorer(Condition(ConditionKind.DISTANCE, metres), _spaced(config, metres), brief=True)
+            for metres in DISTANCES_M
         ]
         self._frames = 0
         self._length = np.zeros(2)
         self._last = np.full(3, np.nan)
-        self._first_stamp_ns: int | None = None
-        self._last_stamp_ns: int | None = None
+        self._span_ns: tuple[int, int] | None = None
         self._path = Decimated(11, PATH_ROWS)
         self._path_stamps = Decimated(1, PATH_ROWS, np.int64)
         self._path_lost = Decimated(1, PATH_ROWS, np.bool_)
 
     def copy(self) -> TrajectoryScorer:
-        """Return a score that goes its own way from here."""
+        """Return a scorer that goes on independently from here."""
         return copy.deepcopy(self)
 
     def push(self, frames: Frames) -> None:
@@ -69,71 +83,83 @@ class TrajectoryScorer:
 
     def _push(self, frames: Frames) -> None:
         lengths = path_lengths(frames.gt_pos, self._last, self._length)
-        for condition in self._conditions:
-            condition.push(frames, lengths, self._frames, self._config)
-        for step, config in self._ladder:
-            step.push(frames, lengths, self._frames, config)
+        progress = Progress(self._frames + np.arange(len(frames)), frames.stamps_ns, lengths)
+        for scorer in (*self._conditions, *self._error_by_distance):
+            scorer.push(frames, progress)
         self._frames += len(frames)
-        if self._first_stamp_ns is None:
-            self._first_stamp_ns = int(frames.stamps_ns[0])
-        self._last_stamp_ns = int(frames.stamps_ns[-1])
+        first_ns = int(frames.stamps_ns[0]) if self._span_ns is None else self._span_ns[0]
+        self._span_ns = first_ns, int(frames.stamps_ns[-1])
         self._path.push(np.column_stack((frames.gt_pos, frames.est_pos, lengths, _position_sigmas(frames))))
         self._path_stamps.push(frames.stamps_ns[:, None])
         self._path_lost.push(frames.lost[:, None])
 
-    def result(self, counts: AssociationCounts, way: str, *, details: bool = True) -> dict[str, Any]:
-        """Return `{"trajectory": ..., "details": {"trajectory": ...}}` of the score, without details if not wanted."""
-        each = [condition.result(self._config) for condition in self._conditions]
-        trajectory = {**each[0], "matched": counts.matched, "estimate_poses": counts.estimate_poses}
-        trajectory |= self._facts(counts, way)
-        if len(each) > 1:
-            trajectory["conditions"] = each
-        trajectory["by_distance"] = [step.brief() for step, _ in self._ladder if step.moments.count]
-        return {"trajectory": trajectory} | ({"details": {"trajectory": self._details()}} if details else {})
+    def result(self, counts: AssociationCounts, mode: AssociationMode, *, details: bool = True) -> ScoredTrajectory:
+        """Return the score of all frames so far.
 
-    def _facts(self, counts: AssociationCounts, way: str) -> dict[str, Any]:
-        association = asdict(counts) | {
-            "truth": way,
-            "tolerance_s": self._config.association.tolerance_s,
-            "max_gap_s": self._config.association.max_gap_s,
-        }
-        duration = None
-        if self._first_stamp_ns is not None and self._last_stamp_ns is not None:
-            duration = (self._last_stamp_ns - self._first_stamp_ns) / NS_PER_S
-        return {
-            "lost": counts.lost,
-            "path_length_m": float(self._length[0] + self._length[1]),
-            "duration_s": duration,
-            "starts_given_up": sum(condition.given_up for condition in self._conditions),
-            "association": association,
-        }
+        Args:
+            counts: What became of the poses.
+            mode: How they were associated.
+            details: Whether what figures are drawn from is wanted.
+        """
+        each = tuple(scorer.result() for scorer in self._conditions)
+        association = AssociationScore(
+            counts=counts,
+            mode=mode,
+            tolerance_s=self._association.tolerance_s,
+            max_gap_s=self._association.max_gap_s,
+        )
+        score = TrajectoryScore(
+            first=each[0],
+            matched=counts.matched,
+            estimate_poses=counts.estimate_poses,
+            lost=counts.lost,
+            path_length_m=float(self._length[0] + self._length[1]),
+            duration_s=None if self._span_ns is None else (self._span_ns[1] - self._span_ns[0]) / NS_PER_S,
+            discarded_starts=sum(scorer.discarded_starts for scorer in self._conditions),
+            association=association,
+            several=each if len(each) > 1 else (),
+            by_distance=tuple(scorer.brief() for scorer in self._error_by_distance if scorer.count),
+        )
+        return ScoredTrajectory(score, self._details() if details else None)
 
-    def _details(self) -> dict[str, Any]:
+    def _details(self) -> TrajectoryDetails:
         rows = self._path.rows
-        path = {"every": self._path.step, "stamp_ns": self._path_stamps.rows[:, 0].tolist()}
-        path |= {"travelled_m": rounded(rows[:, 6] + rows[:, 7])}
-        for k, name in enumerate(("truth_x", "truth_y", "truth_z", "estimate_x", "estimate_y", "estimate_z")):
-            path[name + "_m"] = rounded(rows[:, k])
-        path["lost"] = self._path_lost.rows[:, 0].tolist()
-        if np.isfinite(rows[:, 8:]).any():
-            path |= {f"sigma_{axis}_m": rounded(rows[:, 8 + k]) for k, axis in enumerate("xyz")}
-        return {"path": path, "sub_trajectories": [condition.details() for condition in self._conditions]}
+        truth, estimate = ([column(values) for values in rows[:, first : first + 3].T] for first in (0, 3))
+        known = np.isfinite(rows[:, 8:]).any()
+        sigmas = [column(values) if known else () for values in rows[:, 8:].T]
+        path = PathRows(
+            every=self._path.step,
+            stamp_ns=integers(self._path_stamps.rows[:, 0]),
+            travelled_m=column(rows[:, 6] + rows[:, 7]),
+            truth_x_m=truth[0],
+            truth_y_m=truth[1],
+            truth_z_m=truth[2],
+            estimate_x_m=estimate[0],
+            estimate_y_m=estimate[1],
+            estimate_z_m=estimate[2],
+            lost=tuple(self._path_lost.rows[:, 0].tolist()),
+            sigma_x_m=sigmas[0],
+            sigma_y_m=sigmas[1],
+            sigma_z_m=sigmas[2],
+        )
+        return TrajectoryDetails(path=path, sub_trajectories=tuple(scorer.details() for scorer in self._conditions))
 
 
-def _ladder_config(config: TrajectoryScoreConfig, metres: float) -> TrajectoryScoreConfig:
-    return replace(config, spacing=max(config.spacing, round(LADDER_SPACING * max(metres / LADDER_BASE_M, 1.0))))
+def _spaced(config: TrajectoryScoreConfig, metres: float) -> TrajectoryScoreConfig:
+    spacing = round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0))
+    return replace(config, spacing=max(config.spacing, spacing))
 
 
 def _position_sigmas(frames: Frames) -> FloatArray:
-    """Return sigma of x, y and z `(N, 3)` that the covariances say, m, NaN where they are not known."""
+    """Return sigma of x, y and z `(N, 3)` by the covariances, m, NaN where they are not known."""
     if frames.covariance is None:
         return np.full((len(frames), 3), np.nan)
     variances = frames.covariance[:, POSITION_VARIANCES]
     return np.sqrt(np.where(variances >= 0.0, variances, np.nan))
 
 
-def score_trajectory(estimates: Estimates, truth: Trajectory, config: TrajectoryScoreConfig) -> dict[str, Any]:
-    """Return `{"trajectory": ..., "details": {"trajectory": ...}}`, plain values ready for JSON.
+def score_trajectory(estimates: Estimates, truth: Trajectory, config: TrajectoryScoreConfig) -> ScoredTrajectory:
+    """Return the score of a trajectory.
 
     Args:
         estimates: Estimated poses of RB in DS, in any order.
@@ -143,12 +169,12 @@ def score_trajectory(estimates: Estimates, truth: Trajectory, config: Trajectory
     Raises:
         MetricsError: If no estimate has a truth, or a condition is not valid.
     """
-    score = TrajectoryScorer(config)
-    frames, counts, way = associate(estimates, truth, config.association)
+    scorer = TrajectoryScorer(config)
+    frames, counts, mode = associate(estimates, truth, config.association)
     if not len(frames):
         raise MetricsError(_nothing_in_common(estimates.trajectory, truth))
-    score.push(frames)
-    return score.result(counts, way)
+    scorer.push(frames)
+    return scorer.result(counts, mode)
 
 
 def _nothing_in_common(estimate: Trajectory, truth: Trajectory) -> str:

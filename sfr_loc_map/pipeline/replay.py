@@ -1,11 +1,10 @@
-"""Score and files of a replay, from what the nodes answered."""
+"""Score and files of a replay, from what the nodes published."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,21 +17,12 @@ from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.cloud_truth import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.resource_score import merge_parts, score_calls
-from sfr_loc_map.metrics.results import build_score
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.call_stats import load_call_stats
+from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.offline import save_stats
-from sfr_loc_map.pipeline.scoring import (
-    ScoreInputs,
-    camera_place,
-    load_estimates,
-    provenance,
-    score_cloud,
-    warnings,
-    with_conditions,
-)
+from sfr_loc_map.pipeline.score_inputs import ScoreInputs, camera_extrinsics, load_estimates
+from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoredDrive, score_run
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +100,7 @@ def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
 
 def score_replay(
     source: Source, result: ReplayResult, files: ReplayFiles, config: ScoreConfig, limits: Limits | None
-) -> dict[str, Any]:
+) -> Score:
     """Return the score of what `save_replay` has written.
 
     Args:
@@ -123,27 +113,32 @@ def score_replay(
     Raises:
         SfrError: If a file cannot be read or the truth does not fit.
     """
-    config = with_conditions(config, limits)
     stats = [load_call_stats(files.stats)] if result.records else []
-    parts: list[dict[str, Any]] = [score_calls(item.calls) for item in stats]
-    truth = source.loc.ground_truth if source.loc is not None else None
-    has_trajectory = bool(len(result.estimate)) and truth is not None
-    if has_trajectory and truth is not None:
-        estimates = load_estimates(files.estimate, stats)
-        parts.append(score_trajectory(estimates, truth, config.trajectory))
-        parts.append(warnings(estimates.trajectory, truth, config, camera_place(source.path)))
-    nav = source.nav.pairs() if source.nav is not None and result.cloud is not None else ()
-    pairs = [pair for pair in nav if pair.pair.stamp_ns in result.mapped_ns]
-    has_map = bool(pairs) and all(pair.truth is not None for pair in pairs)
-    if has_map and source.nav is not None and result.cloud is not None:
-        truths = truths_of(pairs, source.nav.rig)
-        loaded = LoadedCloud(result.cloud.xyz.astype(np.float64), result.cloud)
-        parts.append(score_cloud(loaded, truths, config, fused=len(pairs) > 1))
+    drive, cloud = _drive(source, result, files, stats), _cloud(source, result)
     inputs = ScoreInputs(
-        estimate=files.estimate if has_trajectory else None,
-        truth=source.path if has_trajectory else None,
-        cloud=files.cloud if has_map else None,
-        map_truth=source.path if has_map else None,
-        stats=(files.stats,) if result.records else (),
+        estimate=None if drive is None else files.estimate,
+        truth=None if drive is None else source.path,
+        cloud=None if cloud is None else files.cloud,
+        map_truth=None if cloud is None else source.path,
+        stats=(files.stats,) if stats else (),
     )
-    return build_score(merge_parts(*parts), limits=limits, provenance=provenance(inputs, config))
+    return score_run(Run(inputs, stats, drive=drive, cloud=cloud), config, limits)
+
+
+def _drive(source: Source, result: ReplayResult, files: ReplayFiles, stats: Sequence[CallStats]) -> ScoredDrive | None:
+    """Return the trajectory with its truth, None where one of both is not there."""
+    truth = None if source.loc is None else source.loc.ground_truth
+    if truth is None or not len(result.estimate):
+        return None
+    return ScoredDrive(load_estimates(files.estimate, stats), truth, camera_extrinsics(source.path))
+
+
+def _cloud(source: Source, result: ReplayResult) -> ScoredCloud | None:
+    """Return the cloud with the truth of the pairs that were played, None where one of both is not there."""
+    if source.nav is None or result.cloud is None:
+        return None
+    pairs = [pair for pair in source.nav.pairs() if pair.pair.stamp_ns in result.mapped_ns]
+    if not pairs or any(pair.truth is None for pair in pairs):
+        return None
+    loaded = LoadedCloud(result.cloud.xyz.astype(np.float64), result.cloud)
+    return ScoredCloud(loaded, truths_of(pairs, source.nav.rig), fused=len(pairs) > 1)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from sfr_loc_map.metrics.condition import Condition
+from sfr_loc_map.metrics.comparison import Comparison, PairedDifference
 from sfr_loc_map.tables.numbers import ABSENT
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 
-def comparison_tables(result: Mapping[str, Any]) -> list[Table]:
-    """Return the tables of the JSON of a comparison: pairs of sub-trajectories, whole runs side by side."""
-    names = result["names"]
+def comparison_tables(result: Comparison) -> list[Table]:
+    """Return the tables of a comparison: pairs of sub-trajectories, whole runs side by side."""
+    names = result.names
     tables = []
-    if result["pairs"]:
+    if result.pairs:
         title = f"Mean + 3 sigma, compared with {names[0]}, paired by sub-trajectory"
         columns = (
             Column("figure", words=True),
@@ -22,27 +19,27 @@ def comparison_tables(result: Mapping[str, Any]) -> list[Table]:
             *(Column(heading) for heading in (names[0], "other", "difference", "95 % interval", "n")),
             Column("the other is", words=True),
         )
-        tables.append(Table("pairs", title, columns, tuple(map(_pair_row, result["pairs"]))))
-    if result["side_by_side"]:
+        tables.append(Table("pairs", title, columns, tuple(map(_pair_row, result.pairs))))
+    if result.side_by_side:
         title = "Whole runs, side by side (not paired: no interval)"
         columns = (Column("figure", words=True), *(Column(name) for name in names))
         rows = tuple(
-            (Cell.head(row["figure"]), *(Cell.number(value, undefined=ABSENT) for value in row["values"]))
-            for row in result["side_by_side"]
+            (Cell.head(row.figure), *(Cell.number(value, undefined=ABSENT) for value in row.values))
+            for row in result.side_by_side
         )
         tables.append(Table("runs", title, columns, rows))
     return tables
 
 
-def _pair_row(pair: Mapping[str, Any]) -> Row:
-    name, _, unit = pair["figure"].partition("_")
+def _pair_row(pair: PairedDifference) -> Row:
+    name, _, unit = pair.figure.partition("_")
     return (
-        Cell.head(f"{name}, {unit}, over {Condition.from_plain(pair['condition'])}"),
-        Cell(pair["name"]),
-        Cell.number(pair["first"], undefined=ABSENT),
-        Cell.number(pair["other"], undefined=ABSENT),
-        Cell.number(pair["difference"], undefined=ABSENT, signed=True),
-        Cell.interval(pair["ci95"], signed=True),
-        Cell.number(pair["count"]),
-        Cell(pair["verdict"]),
+        Cell.head(f"{name}, {unit}, over {pair.condition.label}"),
+        Cell(pair.name),
+        Cell.number(pair.first, undefined=ABSENT),
+        Cell.number(pair.other, undefined=ABSENT),
+        Cell.number(pair.difference, undefined=ABSENT, signed=True),
+        Cell.interval(pair.ci95, signed=True),
+        Cell.number(pair.count),
+        Cell(pair.outcome.value),
     )

@@ -81,11 +81,12 @@ def test_point_errors_and_coverage_are_those_of_the_map_score() -> None:
     cloud = cloud_from_disparity(found, sigma, item.pair.left, NAV_RIG, item.T_lm_navsb @ NAV_RIG.T_sb_left, 0)
     pair_truth = PairTruth.of(item, NAV_RIG)
     assert pair_truth is not None
-    score = score_map(cloud, [pair_truth], MapScoreConfig(), fused=False)["map"]
-    assert accuracy.coverage == pytest.approx(score["coverage"], abs=1e-9)
-    for row in score["by_range"]:
-        mine = accuracy.by_range_m[f"{row['from_m']:g}-{row['to_m']:g} m"]
-        assert mine.count == pytest.approx(row["count"], abs=3)
-        if row["count"]:
-            assert mine.mean == pytest.approx(row["mean"], rel=1e-3)
-            assert mine.mean_plus_3sigma == pytest.approx(row["mean_plus_3sigma"], rel=1e-3)
+    score = score_map(cloud, [pair_truth], MapScoreConfig(), fused=False).score
+    assert accuracy.coverage == pytest.approx(score.coverage, abs=1e-9)
+    assert score.errors is not None
+    for row in score.errors.by_range:
+        mine, error = accuracy.by_range_m[f"{row.from_m:g}-{row.to_m:g} m"], row.point_error_m
+        assert mine.count == pytest.approx(error.count, abs=3)
+        if error.count:
+            assert mine.mean == pytest.approx(error.mean, rel=1e-3)
+            assert mine.mean_plus_3sigma == pytest.approx(error.mean_plus_3sigma, rel=1e-3)

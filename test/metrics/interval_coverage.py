@@ -51,8 +51,11 @@ def true_values(rng: np.random.Generator, frames: int, law: str, curved: bool) -
     errors = []
     for _ in range(max(300, 120_000 // frames)):
         truth, estimate = run(rng, frames, **LAWS[law], curved=curved)
-        found = score_trajectory(Estimates.of(estimate), truth, config)["details"]["trajectory"]["sub_trajectories"][0]
-        errors.append(np.column_stack([found[n] for n in ("x_m", "y_m", "z_m", "attitude_deg", "heading_deg")]))
+        details = score_trajectory(Estimates.of(estimate), truth, config).details
+        assert details is not None
+        found = details.sub_trajectories[0]
+        columns = (found.x_m, found.y_m, found.z_m, found.attitude_deg, found.heading_deg)
+        errors.append(np.column_stack([np.array(values, np.float64) for values in columns]))
     pooled = np.concatenate(errors)
     mean, sigma = pooled.mean(axis=0), pooled.std(axis=0)
     values = (np.linalg.norm(mean[:3]) + 3 * np.linalg.norm(sigma[:3]), *(np.abs(mean[3:]) + 3 * sigma[3:]))
@@ -68,9 +71,9 @@ def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, s
     held: dict[str, list[bool]] = {name: [] for name in FIGURES}
     for _ in range(runs):
         truth, estimate = run(rng, frames, **LAWS[law], curved=curved)
-        got = score_trajectory(Estimates.of(estimate), truth, config)["trajectory"]
+        got = score_trajectory(Estimates.of(estimate), truth, config).score.first
         for name in FIGURES:
-            interval = got[name]["mean_plus_3sigma_ci95"]
+            interval = getattr(got, name).mean_plus_3sigma_ci95
             if interval is not None:
                 held[name].append(interval[0] <= target[name] <= interval[1])
     return {name: float(np.mean(values)) if values else float("nan") for name, values in held.items()}

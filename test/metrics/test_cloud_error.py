@@ -9,18 +9,24 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
 from sfr_loc_map.metrics.config import MapScoreConfig
-from sfr_loc_map.metrics.results import without_nan
+from sfr_loc_map.metrics.json_records import to_plain
+from sfr_loc_map.metrics.score import MapScore, PointErrorScore
 
 CONFIG = MapScoreConfig()
 
 
+def errors_of(score: MapScore) -> PointErrorScore:
+    assert score.errors is not None
+    return score.errors
+
+
 def test_a_perfect_cloud() -> None:
     truth = wall()
-    got = score_map(cloud_of([truth]), [truth], CONFIG)["map"]
-    assert got["coverage"] == 1.0
-    assert got["points"] == got["point_error_m"]["count"] == 36 * 64
-    assert got["point_error_m"]["mean_plus_3sigma"] == 0.0
-    assert got["nearest_only"] is False
+    got = score_map(cloud_of([truth]), [truth], CONFIG).score
+    assert got.coverage == 1.0
+    assert got.points == errors_of(got).point_error_m.count == 36 * 64
+    assert errors_of(got).point_error_m.mean_plus_3sigma == 0.0
+    assert got.nearest_only is False
 
 
 def test_agrees_with_loops_on_random_clouds() -> None:
@@ -53,33 +59,34 @@ def test_agrees_with_loops_on_random_clouds() -> None:
         for u in range(RIG.width)
         if math.dist(truth.points[v, u].tolist(), truth.T_lm_left.translation) < 10.0  # NaN is not
     }
-    got = score_map(cloud, truths, CONFIG, fused=False)["map"]
-    assert got["coverage"] == pytest.approx(len(seen & pixels) / len(seen), abs=1e-12)
-    assert got["points_without_truth"] == count - len(errors)
-    for figure, values in [(got["point_error_m"], errors), *zip(got["by_range"], bins.values(), strict=True)]:
-        assert figure["count"] == len(values)
+    got = score_map(cloud, truths, CONFIG, fused=False).score
+    assert got.coverage == pytest.approx(len(seen & pixels) / len(seen), abs=1e-12)
+    assert errors_of(got).points_without_truth == count - len(errors)
+    ranges = [item.point_error_m for item in errors_of(got).by_range]
+    for figure, values in [(errors_of(got).point_error_m, errors), *zip(ranges, bins.values(), strict=True)]:
+        assert figure.count == len(values)
         if len(values) > 1:
             mean = sum(values) / len(values)
             sigma = math.sqrt(sum((x - mean) ** 2 for x in values) / (len(values) - 1))
-            assert figure["mean"] == pytest.approx(mean, abs=1e-9)
-            assert figure["mean_plus_3sigma"] == pytest.approx(mean + 3 * sigma, abs=1e-9)
+            assert figure.mean == pytest.approx(mean, abs=1e-9)
+            assert figure.mean_plus_3sigma == pytest.approx(mean + 3 * sigma, abs=1e-9)
 
 
 def test_disparity_error_is_the_triangulation_law() -> None:
     """A wall at 5 m seen at 5.5 m: f b (1/5.5 - 1/5) pixels."""
     truth = wall(5.0)
-    got = score_map(cloud_of([truth], stretch=1.1), [truth], CONFIG)["map"]
-    assert got["disparity_error_px"]["mean"] == pytest.approx(60.0 * 0.2 * (1 / 5.5 - 1 / 5.0), abs=1e-5)
-    assert got["disparity_error_px"]["sigma"] == pytest.approx(0.0, abs=1e-5)
+    got = score_map(cloud_of([truth], stretch=1.1), [truth], CONFIG).score
+    assert errors_of(got).disparity_error_px.mean == pytest.approx(60.0 * 0.2 * (1 / 5.5 - 1 / 5.0), abs=1e-5)
+    assert errors_of(got).disparity_error_px.sigma == pytest.approx(0.0, abs=1e-5)
 
 
 def test_coverage_counts_the_pixels_of_the_range_only() -> None:
     near, far = wall(3.0), wall(30.0)
     cloud = cloud_of([near, far])
     only_near = cloud.select(cloud.pair == 0)
-    got = score_map(only_near, [near, far], CONFIG, fused=False)["map"]
-    assert got["coverage"] == 1.0
-    assert [item["coverage"] for item in got["by_range"]] == [1.0, None, None, 0.0]
+    got = score_map(only_near, [near, far], CONFIG, fused=False).score
+    assert got.coverage == 1.0
+    assert [item.coverage for item in errors_of(got).by_range] == [1.0, None, None, 0.0]
 
 
 def test_a_fused_cloud_is_told_from_one_of_single_pairs() -> None:
@@ -87,12 +94,12 @@ def test_a_fused_cloud_is_told_from_one_of_single_pairs() -> None:
     truths = [wall(5.0), wall(5.0, shift_m=0.5)]
     both = cloud_of(truths)
     once = both.select((both.pair == 0) | (both.xyz[:, 0] > truths[0].points[-1, -1, 0] + 0.01))
-    whole = score_map(both, truths, CONFIG)["map"]
-    fused = score_map(once, truths, CONFIG)["map"]
-    assert (whole["cloud"], fused["cloud"]) == ("single pairs", "fused")
-    assert whole["coverage"] == 1.0
-    assert fused["coverage"] == 1.0  # each true point has a cloud point within two footprints
-    assert score_map(once, truths, CONFIG, fused=False)["map"]["coverage"] < 0.7
+    whole = score_map(both, truths, CONFIG).score
+    fused = score_map(once, truths, CONFIG).score
+    assert (whole.cloud, fused.cloud) == ("single pairs", "fused")
+    assert whole.coverage == 1.0
+    assert fused.coverage == 1.0  # each true point has a cloud point within two footprints
+    assert score_map(once, truths, CONFIG, fused=False).score.coverage < 0.7
 
 
 def test_footprint_coverage_by_loops() -> None:
@@ -107,8 +114,8 @@ def test_footprint_coverage_by_loops() -> None:
         if np.isfinite(true).all():
             total += 1
             have += np.sqrt(((points - true) ** 2).sum(axis=1)).min() < 2 * true[2] / 60.0
-    got = score_map(shifted, [truth], CONFIG, fused=True)["map"]
-    assert got["coverage"] == pytest.approx(have / total)
+    got = score_map(shifted, [truth], CONFIG, fused=True).score
+    assert got.coverage == pytest.approx(have / total)
     assert 0 < have < total
 
 
@@ -120,25 +127,30 @@ def test_sigma_that_is_right_is_found_consistent_and_a_small_one_not() -> None:
     ray = cloud.xyz / np.linalg.norm(cloud.xyz, axis=1, keepdims=True)
     noisy = (cloud.xyz + ray * rng.normal(0, 0.05, (len(cloud), 1))).astype(np.float32)
     parts = [getattr(cloud, n) for n in ("sigma", "intensity", "u", "v", "pair")]
-    right = score_map(PointCloud(noisy, *parts), [truth], CONFIG)["map"]["sigma_nees"]
-    small = score_map(PointCloud(noisy, parts[0] / 3, *parts[1:]), [truth], CONFIG)["map"]["sigma_nees"]
-    assert right["interval95"][0] < right["mean"] < right["interval95"][1]
-    assert small["mean"] > small["interval95"][1]
+    right, small = (
+        errors_of(score_map(PointCloud(noisy, sigma, *parts[1:]), [truth], CONFIG).score).sigma_nees
+        for sigma in (parts[0], parts[0] / 3)
+    )
+    assert right is not None
+    assert small is not None
+    assert right.interval95[0] < right.mean < right.interval95[1]
+    assert small.mean > small.interval95[1]
 
 
 def test_a_cloud_without_pixels_gets_a_figure_of_another_name() -> None:
     truth = wall(5.0)
-    got = score_nearest(cloud_of([truth]).xyz + np.float32([0, 0, 0.1]), [truth], CONFIG)["map"]
-    assert got["nearest_only"] is True
-    assert "point_error_m" not in got
-    assert got["nearest_distance_m"]["mean"] == pytest.approx(0.1, rel=1e-3)
+    got = score_nearest(cloud_of([truth]).xyz + np.float32([0, 0, 0.1]), [truth], CONFIG).score
+    assert got.nearest_only is True
+    assert got.errors is None
+    assert got.nearest_distance_m is not None
+    assert got.nearest_distance_m.mean == pytest.approx(0.1, rel=1e-3)
 
 
 def test_the_empty_cloud_has_no_figures_and_no_coverage() -> None:
-    score = score_map(PointCloud.empty(), [wall()], CONFIG)
-    assert score["map"]["coverage"] == 0.0
-    assert score["map"]["point_error_m"]["mean"] is None
-    assert "NaN" not in json.dumps(without_nan(score))
+    scored = score_map(PointCloud.empty(), [wall()], CONFIG)
+    assert scored.score.coverage == 0.0
+    assert errors_of(scored.score).point_error_m.mean is None
+    assert "NaN" not in json.dumps(to_plain(scored.score))
 
 
 @pytest.mark.parametrize(("field", "value"), [("pair", 1), ("u", 64), ("v", 48)])

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -6,15 +7,19 @@ from random_drives import drive, rows, trajectory
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.comparison import compare_scores
+from sfr_loc_map.metrics.build import ScoreParts, build_score
+from sfr_loc_map.metrics.comparison import Comparison, compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import MapScore, Score, TimingScore
+from sfr_loc_map.metrics.timing import HOST_CLOCK, call_score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=5", "time=3"))
 
 
-def score(estimate: Any, truth: Any, config: TrajectoryScoreConfig = CONFIG) -> dict[str, Any]:
-    return score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)
+def score(estimate: Any, truth: Any, config: TrajectoryScoreConfig = CONFIG) -> Score:
+    scored = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)
+    return build_score(ScoreParts(trajectory=scored))
 
 
 def estimates(seed: int, noises: tuple[float, ...], count: int = 800) -> tuple[Any, list[Any]]:
@@ -25,8 +30,8 @@ def estimates(seed: int, noises: tuple[float, ...], count: int = 800) -> tuple[A
     return truth, [(truth[0], truth[1] + noise * wander, truth[2]) for noise in noises]
 
 
-def verdicts(result: dict[str, Any]) -> dict[tuple[str, str], str]:
-    return {(pair["figure"], next(iter(pair["condition"]))): pair["verdict"] for pair in result["pairs"]}
+def outcomes(result: Comparison) -> dict[tuple[str, str], str]:
+    return {(pair.figure, pair.condition.kind.key): pair.outcome for pair in result.pairs}
 
 
 def test_twice_the_error_is_worse_and_half_is_better() -> None:
@@ -34,19 +39,21 @@ def test_twice_the_error_is_worse_and_half_is_better() -> None:
     scores = score(good, truth), score(bad, truth)
     worse = compare_scores(scores, ["good", "bad"])
     better = compare_scores(scores[::-1], ["bad", "good"])
-    assert verdicts(worse)["position_m", "distance_m"] == "worse"
-    assert verdicts(better)["position_m", "distance_m"] == "better"
-    pair = worse["pairs"][0]
-    assert pair["difference"] == pytest.approx(pair["first"], rel=1e-6)
-    assert pair["ci95"][0] < pair["difference"] < pair["ci95"][1]
+    assert outcomes(worse)["position_m", "distance_m"] == "worse"
+    assert outcomes(better)["position_m", "distance_m"] == "better"
+    pair = worse.pairs[0]
+    assert pair.difference == pytest.approx(pair.first, rel=1e-6)
+    assert pair.ci95 is not None
+    assert pair.ci95[0] < pair.difference < pair.ci95[1]
 
 
 def test_pairing_shows_a_difference_that_two_intervals_do_not() -> None:
     truth, (a, b) = estimates(2, (0.0100, 0.0105))
     scores = score(a, truth), score(b, truth)
-    intervals = [s["trajectory"]["position_m"]["mean_plus_3sigma_ci95"] for s in scores]
+    intervals = [s.trajectory.first.position_m.mean_plus_3sigma_ci95 for s in scores if s.trajectory is not None]
+    assert None not in intervals
     assert intervals[0][1] > intervals[1][0]
-    assert verdicts(compare_scores(scores, ["a", "b"]))["position_m", "distance_m"] == "worse"
+    assert outcomes(compare_scores(scores, ["a", "b"]))["position_m", "distance_m"] == "worse"
 
 
 def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
@@ -57,23 +64,23 @@ def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
         rng = np.random.default_rng(1000 + seed)
         both = [(truth[0], truth[1] + np.cumsum(rng.normal(0, 0.01, (500, 3)), axis=0), truth[2]) for _ in range(2)]
         scores = [score(estimate, truth) for estimate in both]
-        told += verdicts(compare_scores(scores, ["a", "b"]))["position_m", "distance_m"] != "no difference shown"
+        told += outcomes(compare_scores(scores, ["a", "b"]))["position_m", "distance_m"] != "no difference shown"
     assert told <= 6
 
 
 def test_equal_scores_are_equal() -> None:
     truth, (a, _) = estimates(3, (0.01, 0.02))
     result = compare_scores([score(a, truth)] * 2, ["a", "b"])
-    assert set(verdicts(result).values()) == {"equal"}
+    assert set(outcomes(result).values()) == {"equal"}
 
 
 def test_only_common_sub_trajectories_are_compared() -> None:
     truth, (a, b) = estimates(4, (0.01, 0.02))
     result = compare_scores([score(a, truth), score(rows(b, slice(0, 500)), truth)], ["a", "b"])
-    pair = result["pairs"][0]
-    assert 0 < pair["count"] < 50
-    assert pair["left_out"][0] > 0
-    assert pair["left_out"][1] == 0
+    pair = result.pairs[0]
+    assert 0 < pair.count < 50
+    assert pair.left_out[0] > 0
+    assert pair.left_out[1] == 0
 
 
 def test_unlike_scores_are_refused() -> None:
@@ -84,11 +91,27 @@ def test_unlike_scores_are_refused() -> None:
     with pytest.raises(MetricsError, match="two scores"):
         compare_scores([score(a, truth)], ["a"])
     with pytest.raises(MetricsError, match="in common"):
-        compare_scores([{"map": {"coverage": 0.5}}, {}], ["a", "b"])
+        compare_scores([whole_run(0.5), Score(verdicts=())], ["a", "b"])
+
+
+def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:
+    times = call_score(np.array([coverage]), HOST_CLOCK)
+    part = MapScore(pairs=1, points=2, coverage=coverage, coverage_range_m=(0.0, 10.0), nearest_only=True)
+    return Score(map=part, timing=TimingScore(mapping=replace(times, p95=mapping_p95)), verdicts=())
 
 
 def test_whole_runs_stand_side_by_side() -> None:
-    first = {"map": {"coverage": 0.5}, "timing": {"mapping_s": {"p50": 1.0, "p95": None}}}
-    second = {"map": {"coverage": 0.6}, "timing": {"mapping_s": {"p50": 2.0, "p95": 3.0}}}
-    rows_found = {row["figure"]: row["values"] for row in compare_scores([first, second], ["a", "b"])["side_by_side"]}
-    assert rows_found == {"map.coverage": [0.5, 0.6], "timing.mapping_s.p50": [1.0, 2.0]}
+    result = compare_scores([whole_run(0.5), whole_run(0.6, 3.0)], ["a", "b"])
+    rows_found = {row.figure: row.values for row in result.side_by_side}
+    assert rows_found == {"map.coverage": (0.5, 0.6), "timing.mapping_s.p50": (0.5, 0.6)}
+
+
+def test_the_json_of_a_comparison() -> None:
+    truth, (a, b) = estimates(6, (0.01, 0.02), 300)
+    plain = compare_scores([score(a, truth), score(b, truth)], ["a", "b"]).to_dict()
+    assert list(plain) == ["schema", "names", "pairs", "side_by_side"]
+    pairs = plain["pairs"]
+    assert isinstance(pairs, list)
+    keys = "name condition figure count left_out first other difference ci95 verdict"
+    assert list(pairs[0]) == keys.split()
+    assert pairs[0]["condition"] == {"distance_m": 5.0}

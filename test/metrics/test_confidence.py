@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from interval_coverage import coverage
 
-from sfr_loc_map.metrics.confidence import MAX_GRAINS, BlockSums, interval95
+from sfr_loc_map.metrics.confidence import MAX_BLOCKS, BlockSums, interval95
 
 
 def series(values: np.ndarray) -> BlockSums:
-    grains = BlockSums(values.shape[1])
-    grains.push(values)
-    return grains
+    blocks = BlockSums(values.shape[1])
+    blocks.push(values)
+    return blocks
 
 
 def test_sums_do_not_depend_on_the_portions_and_stay_few() -> None:
@@ -19,7 +19,7 @@ def test_sums_do_not_depend_on_the_portions_and_stay_few() -> None:
     for first in range(0, 5000, 333):
         parts.push(values[first : first + 333])
     assert np.array_equal(whole.rows, parts.rows)
-    assert len(whole.rows) <= MAX_GRAINS
+    assert len(whole.rows) <= MAX_BLOCKS
     assert whole.rows[:, 0].sum() == 5000
     assert whole.rows[:, 1:3].sum(axis=0) == pytest.approx(values.sum(axis=0))
     assert whole.rows[:, 3:].sum(axis=0) == pytest.approx(np.square(values).sum(axis=0))
@@ -45,7 +45,7 @@ def test_long_series_have_narrow_intervals() -> None:
 def test_too_few_and_perfect() -> None:
     assert interval95(series(np.ones((1, 1))), slice(0, 1), 1.0, unsigned=False) is None
     assert interval95(series(np.random.default_rng(4).normal(0, 1, (9, 1))), slice(0, 1), 5.0, unsigned=False) is None
-    assert interval95(series(np.zeros((9, 3))), slice(0, 3), 1.0, unsigned=False) == [0.0, 0.0]
+    assert interval95(series(np.zeros((9, 3))), slice(0, 3), 1.0, unsigned=False) == (0.0, 0.0)
 
 
 @pytest.mark.slow

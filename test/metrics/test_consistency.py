@@ -49,34 +49,34 @@ def odometry(frames: int, seed: int, *, offset: bool = False) -> tuple[Trajector
 
 def nees(truth: Trajectory, estimate: Trajectory, covariance: Any) -> Any:
     config = TrajectoryScoreConfig(conditions=("distance=2",))
-    return score_trajectory(Estimates.of(estimate, None, covariance), truth, config)["trajectory"]["nees"]
+    return score_trajectory(Estimates.of(estimate, None, covariance), truth, config).score.first.nees
 
 
 @pytest.mark.parametrize("offset", [False, True])
 def test_an_honest_covariance_is_consistent(offset: bool) -> None:
     got = nees(*odometry(8000, 8, offset=offset))
-    assert got["count"] > 350
-    assert got["not_usable"] == 0
+    assert got.count > 350
+    assert got.not_usable == 0
     for part, degrees in (("pose", 6), ("position", 3), ("attitude", 3)):
-        assert got[part]["consistent"] is True, part
-        assert got[part]["expected"] == degrees
-        assert got[part]["interval95"][0] < degrees < got[part]["interval95"][1]
+        assert getattr(got, part).consistent is True, part
+        assert getattr(got, part).expected == degrees
+        assert getattr(got, part).interval95[0] < degrees < getattr(got, part).interval95[1]
 
 
 @pytest.mark.parametrize(("factor", "low"), [(0.25, 3.0), (4.0, 0.2)])
 def test_a_covariance_that_is_too_small_or_too_large_is_found_out(factor: float, low: float) -> None:
     truth, estimate, covariance = odometry(3000, 4)
-    got = nees(truth, estimate, covariance * factor)["pose"]
-    assert got["consistent"] is False
-    assert got["mean"] == pytest.approx(6 / factor, rel=0.25)
-    assert got["mean"] > low
+    got = nees(truth, estimate, covariance * factor).pose
+    assert got.consistent is False
+    assert got.mean == pytest.approx(6 / factor, rel=0.25)
+    assert got.mean > low
 
 
 def test_a_covariance_that_does_not_grow_cannot_be_tested() -> None:
     truth, estimate, covariance = odometry(300, 5)
     got = nees(truth, estimate, np.tile(covariance[-1], (300, 1)))
-    assert (got["count"], got["pose"]["mean"]) == (0, None)
-    assert got["not_usable"] > 0
+    assert (got.count, got.pose.mean) == (0, None)
+    assert got.not_usable > 0
 
 
 def test_lost_and_unknown_covariances_are_left_out() -> None:
@@ -85,4 +85,4 @@ def test_lost_and_unknown_covariances_are_left_out() -> None:
     assert nees(truth, estimate, np.full((300, 21), np.nan)) is None
     lost = covariance.copy()
     lost[100:200] = (LOST_VARIANCE * np.eye(6))[UPPER]
-    assert 0 < nees(truth, estimate, lost)["count"] < nees(truth, estimate, covariance)["count"]
+    assert 0 < nees(truth, estimate, lost).count < nees(truth, estimate, covariance).count

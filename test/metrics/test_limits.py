@@ -1,74 +1,143 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics.limits import load_limits, parse_limits, verdicts
-from sfr_loc_map.metrics.results import build_score, failed
+from sfr_loc_map.metrics.condition import Condition
+from sfr_loc_map.metrics.limited_figures import Figure, LimitPart
+from sfr_loc_map.metrics.limits import NAMES, Limit, load_limits, parse_limits
+from sfr_loc_map.metrics.modes import AssociationMode, Rebase
+from sfr_loc_map.metrics.score import (
+    AssociationCounts,
+    AssociationScore,
+    ConditionScore,
+    ErrorComponents,
+    IntervalStatistic,
+    MapScore,
+    MemoryScore,
+    PeakMemory,
+    Score,
+    Statistic,
+    TargetScore,
+    TimingScore,
+    TrajectoryScore,
+)
+from sfr_loc_map.metrics.timing import HOST_CLOCK, call_score
+from sfr_loc_map.metrics.verdicts import figure_of, verdicts
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "limits_example.yaml"
 
 
-def figure(mean: float | None, total: float | None) -> dict[str, Any]:
-    return {"mean": mean, "sigma": 0.1, "mean_plus_3sigma": total, "mean_plus_3sigma_ci95": None}
+def trajectory(total: float | None, count: int = 20, condition: str = "distance=5") -> ConditionScore:
+    def figure(mean: float) -> IntervalStatistic:
+        return IntervalStatistic(mean=mean, sigma=0.1, mean_plus_3sigma=total, mean_plus_3sigma_ci95=None)
+
+    zero = Statistic(mean=None, sigma=None, mean_plus_3sigma=None)
+    return ConditionScore(
+        count=count,
+        condition=Condition.parse(condition),
+        spacing_frames=10,
+        rebase=Rebase.POSE,
+        position_m=figure(0.1),
+        attitude_deg=figure(0.1),
+        heading_deg=figure(-0.6),
+        overlap=1.0,
+        nees=None,
+        components=ErrorComponents(x_m=zero, y_m=zero, z_m=zero, along_m=zero, cross_m=zero, vertical_m=zero),
+    )
 
 
-def trajectory(total: float | None, count: int = 20) -> dict[str, Any]:
-    return {
-        "count": count,
-        "condition": {"distance_m": 5.0},
-        "position_m": figure(0.1, total),
-        "attitude_deg": figure(0.1, total),
-        "heading_deg": figure(-0.6, total),
-    }
+def score_of(*conditions: ConditionScore) -> Score:
+    association = AssociationScore(
+        counts=AssociationCounts(), mode=AssociationMode.MATCH, tolerance_s=0.0, max_gap_s=0.0
+    )
+    part = TrajectoryScore(
+        first=conditions[0],
+        matched=0,
+        estimate_poses=0,
+        lost=0,
+        path_length_m=0.0,
+        duration_s=None,
+        discarded_starts=0,
+        association=association,
+        several=conditions if len(conditions) > 1 else (),
+        by_distance=(),
+    )
+    return Score(trajectory=part, verdicts=())
 
 
-def judge(content: dict[str, Any], score: dict[str, Any]) -> list[str]:
-    return [item["verdict"] for item in verdicts(parse_limits(content, "limits"), score)]
+def judge(content: dict[str, Any], score: Score) -> list[str]:
+    return [item.state for item in verdicts(parse_limits(content, "limits"), score)]
 
 
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
 
 
 def test_pass_fail_and_not_enough_data() -> None:
-    assert judge(LIMIT, {"trajectory": trajectory(0.4)}) == ["pass"]
-    assert judge(LIMIT, {"trajectory": trajectory(0.5)}) == ["pass"]
-    assert judge(LIMIT, {"trajectory": trajectory(0.6)}) == ["fail"]
-    assert judge(LIMIT, {"trajectory": trajectory(None, 1)}) == ["not enough data"]
-    assert judge({**LIMIT, "minimum_count": 30}, {"trajectory": trajectory(0.6)}) == ["not enough data"]
-    assert judge(LIMIT, {}) == ["not enough data"]
+    assert judge(LIMIT, score_of(trajectory(0.4))) == ["pass"]
+    assert judge(LIMIT, score_of(trajectory(0.5))) == ["pass"]
+    assert judge(LIMIT, score_of(trajectory(0.6))) == ["fail"]
+    assert judge(LIMIT, score_of(trajectory(None, 1))) == ["not enough data"]
+    assert judge({**LIMIT, "minimum_count": 30}, score_of(trajectory(0.6))) == ["not enough data"]
+    assert judge(LIMIT, Score(verdicts=())) == ["not enough data"]
 
 
 def test_signed_mean_is_judged_by_its_size() -> None:
     content = {"trajectory": [{"condition": "distance=5", "heading_mean_deg": 0.5}]}
-    assert judge(content, {"trajectory": trajectory(1.0)}) == ["fail"]
+    assert judge(content, score_of(trajectory(1.0))) == ["fail"]
 
 
 def test_the_limit_finds_its_condition_among_several() -> None:
-    other = {**trajectory(9.0), "condition": {"time_s": 60.0}}
-    score = {"trajectory": {**other, "conditions": [other, trajectory(0.4)]}}
+    score = score_of(trajectory(9.0, condition="time=60"), trajectory(0.4))
     assert judge(LIMIT, score) == ["pass"]
+    assert judge({"trajectory": [{"condition": "time=61", "heading_sigma_deg": 1}]}, score) == ["not enough data"]
 
 
 def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
     content = {"map": {"coverage_min": 0.8}, "timing": {"localisation_p95_s": 0.1}, "memory": {"mapping_peak_bytes": 9}}
-    score = {
-        "map": {"coverage": 0.9},
-        "timing": {"localisation_s": {"count": 1, "p95": 0.5}},
-        "memory": {"mapping_peak_bytes": 10},
-    }
+    limits = parse_limits(content, "limits")
+    score = Score(
+        map=MapScore(pairs=1, points=2, coverage=0.9, coverage_range_m=(0.0, 10.0), nearest_only=True),
+        timing=TimingScore(localisation=call_score(np.array([0.5]), HOST_CLOCK)),
+        memory=MemoryScore(mapping=PeakMemory(peak_bytes=10, above_idle_bytes=None)),
+        verdicts=(),
+    )
     assert judge(content, score) == ["pass", "not enough data", "fail"]
-    built = build_score(score, limits=parse_limits(content, "limits"))
-    assert [item["metric"] for item in failed(built)] == ["mapping_peak_bytes"]
+    assert judge({"map": {"coverage_min": 0.95}}, score) == ["fail"]
+    judged = replace(score, verdicts=verdicts(limits, score))
+    assert [item.metric for item in judged.failed] == ["mapping_peak_bytes"]
+
+
+def test_the_target_is_judged_by_its_own_figures() -> None:
+    timing = TimingScore(localisation=call_score(np.array([0.5, 0.7]), "GR740"))
+    score = Score(target=TargetScore(name="GR740", timing=timing, memory=MemoryScore()), verdicts=())
+    content = {"target": {"localisation_max_s": 0.6, "localisation_peak_bytes": 5}, "timing": {"localisation_max_s": 1}}
+    got = verdicts(parse_limits(content, "limits"), score)
+    assert [(item.metric, item.state, item.value) for item in got] == [
+        ("localisation_max_s", "not enough data", None),
+        ("target localisation_max_s", "fail", 0.7),
+        ("target localisation_peak_bytes", "not enough data", None),
+    ]
 
 
 def test_interval_says_whether_the_verdict_is_certain() -> None:
-    score = {"trajectory": trajectory(0.4)}
-    score["trajectory"]["position_m"]["mean_plus_3sigma_ci95"] = [0.3, 0.7]
-    verdict = verdicts(parse_limits(LIMIT, "limits"), score)[0]
-    assert (verdict["verdict"], verdict["certain"], verdict["ci95"]) == ("pass", False, [0.3, 0.7])
+    part = trajectory(0.4)
+    part = replace(part, position_m=replace(part.position_m, mean_plus_3sigma_ci95=(0.3, 0.7)))
+    verdict = verdicts(parse_limits(LIMIT, "limits"), score_of(part))[0]
+    assert (verdict.state, verdict.certain, verdict.ci95) == ("pass", False, (0.3, 0.7))
+
+
+@pytest.mark.parametrize("part", list(LimitPart))
+def test_every_name_stands_for_a_figure(part: LimitPart) -> None:
+    """All figures of an otherwise empty score are undefined, and every name finds its own."""
+    score = score_of(trajectory(None, 0))
+    for name in NAMES[part]:
+        condition = Condition.parse("distance=5") if part is LimitPart.TRAJECTORY else None
+        assert isinstance(figure_of(Limit(part, name, 1.0, condition), score), Figure), name
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,5 @@
 import math
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -16,16 +17,17 @@ CONDITIONS = (("distance", 5.0), ("distance", 0.3), ("time", 3.0), ("frames", 17
 
 def compare(estimate: Poses, truth: Poses, kind: str, value: float, spacing: int, rebase: str) -> None:
     config = TrajectoryScoreConfig(conditions=(f"{kind}={value:g}",), spacing=spacing, rebase=rebase)
-    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)["trajectory"]
+    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config).score
     wanted = reference.score(estimate, truth, kind, value, spacing, rebase)
-    assert got["count"] == wanted["count"]
-    assert got["matched"] == wanted["matched"]
+    assert got.first.count == wanted["count"]
+    assert got.matched == wanted["matched"]
     for name in ("position_m", "attitude_deg", "heading_deg"):
+        figure = getattr(got.first, name)
         for key, value_wanted in zip(("mean", "sigma", "mean_plus_3sigma"), wanted[name], strict=True):
             if math.isnan(value_wanted):
-                assert got[name][key] is None
+                assert getattr(figure, key) is None
             else:
-                assert got[name][key] == pytest.approx(value_wanted, abs=1e-9), (name, key)
+                assert getattr(figure, key) == pytest.approx(value_wanted, abs=1e-9), (name, key)
 
 
 @pytest.mark.parametrize("rebase", ["pose", "position"])
@@ -47,10 +49,11 @@ def test_a_distance_reached_exactly_ends_the_sub_trajectory() -> None:
     positions = np.column_stack((np.cumsum(np.full(count, 0.1)), np.zeros((count, 2))))
     poses = (np.arange(count) * 100_000_000, positions, np.tile([0.0, 0, 0, 1], (count, 1)))
     config = TrajectoryScoreConfig(spacing=1)
-    details = score_trajectory(Estimates.of(trajectory(poses)), trajectory(poses), config)["details"]["trajectory"]
-    found = details["sub_trajectories"][0]
-    assert set(np.subtract(found["end_frame"], found["start_frame"]).tolist()) == {50}
-    assert len(found["start_frame"]) == count - 50
+    details = score_trajectory(Estimates.of(trajectory(poses)), trajectory(poses), config).details
+    assert details is not None
+    found = details.sub_trajectories[0]
+    assert set(np.subtract(found.end_frame, found.start_frame).tolist()) == {50}
+    assert len(found.start_frame) == count - 50
 
 
 def test_golden_statistics_by_hand() -> None:
@@ -62,17 +65,13 @@ def test_golden_statistics_by_hand() -> None:
     )
     estimate = (truth[0], np.array([[0.0, 0, 0], [1.0, 0, 0], [2.1, 0, 0], [3.3, 0, 0]]), truth[2])
     config = TrajectoryScoreConfig(conditions=("distance=1",), spacing=1)
-    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)["trajectory"]
-    assert got["count"] == 3
-    assert got["position_m"]["mean"] == pytest.approx(0.1)
-    assert got["position_m"]["sigma"] == pytest.approx(0.1)
-    assert got["position_m"]["mean_plus_3sigma"] == pytest.approx(0.4)
-    assert got["attitude_deg"] | {"mean_plus_3sigma_ci95": 0} == {
-        "mean": 0.0,
-        "sigma": 0.0,
-        "mean_plus_3sigma": 0.0,
-        "mean_plus_3sigma_ci95": 0,
-    }
+    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config).score
+    assert got.first.count == 3
+    assert got.first.position_m.mean == pytest.approx(0.1)
+    assert got.first.position_m.sigma == pytest.approx(0.1)
+    assert got.first.position_m.mean_plus_3sigma == pytest.approx(0.4)
+    attitude = got.first.attitude_deg
+    assert (attitude.mean, attitude.sigma, attitude.mean_plus_3sigma) == (0.0, 0.0, 0.0)
 
 
 def test_heading_mean_is_signed_and_its_sum_is_not() -> None:
@@ -86,21 +85,21 @@ def test_heading_mean_is_signed_and_its_sum_is_not() -> None:
         turned[k] = (c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z)
     config = TrajectoryScoreConfig(conditions=("frames=2",), spacing=1)
     got = score_trajectory(Estimates.of(trajectory((truth[0], truth[1], turned))), trajectory(truth), config)
-    heading = got["trajectory"]["heading_deg"]
-    assert heading["mean"] == pytest.approx(-1.0, abs=1e-9)
-    assert heading["mean_plus_3sigma"] == pytest.approx(1.0, abs=1e-6)
+    heading = got.score.first.heading_deg
+    assert heading.mean == pytest.approx(-1.0, abs=1e-9)
+    assert heading.mean_plus_3sigma == pytest.approx(1.0, abs=1e-6)
 
 
 def test_one_sub_trajectory_has_a_mean_but_no_sigma() -> None:
     truth, estimate = drive(1, 30)
     config = TrajectoryScoreConfig(conditions=("frames=20", "frames=1000"))
-    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)["trajectory"]
-    assert got["count"] == 1
-    assert got["position_m"]["mean"] is not None
-    assert got["position_m"]["sigma"] is None
-    assert got["position_m"]["mean_plus_3sigma"] is None
-    assert got["conditions"][1]["count"] == 0
-    assert got["conditions"][1]["attitude_deg"]["mean"] is None
+    got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config).score
+    assert got.first.count == 1
+    assert got.first.position_m.mean is not None
+    assert got.first.position_m.sigma is None
+    assert got.first.position_m.mean_plus_3sigma is None
+    assert got.conditions[1].count == 0
+    assert got.conditions[1].attitude_deg.mean is None
 
 
 def test_lost_stretch_counts_and_is_told() -> None:
@@ -110,8 +109,8 @@ def test_lost_stretch_counts_and_is_told() -> None:
     estimate[1][20:35] = estimate[1][19]
     estimate[2][20:35] = estimate[2][19]
     config = TrajectoryScoreConfig(conditions=("frames=10",), spacing=1)
-    got = score_trajectory(Estimates.of(trajectory(estimate), lost), trajectory(truth), config)["trajectory"]
-    assert (got["lost"], got["matched"], got["count"]) == (15, 60, 50)
+    got = score_trajectory(Estimates.of(trajectory(estimate), lost), trajectory(truth), config).score
+    assert (got.lost, got.matched, got.first.count) == (15, 60, 50)
     compare(estimate, truth, "frames", 10, 1, "pose")
 
 
@@ -139,59 +138,61 @@ def test_error_by_direction_of_travel() -> None:
     truth = (stamps, np.column_stack((0 * north, north, 0 * north)), quat)
     estimate = (stamps, np.column_stack((0.02 * north, 0.99 * north, 0.03 * north)), quat)
     got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), TrajectoryScoreConfig())
-    means = {name: figure["mean"] for name, figure in got["trajectory"]["components"].items()}
+    components = got.score.first.components
+    means = {item.name: getattr(components, item.name).mean for item in fields(components)}
     wanted = {"x_m": 0.1, "y_m": -0.05, "z_m": 0.15, "along_m": -0.05, "cross_m": -0.1, "vertical_m": 0.15}
     assert means == pytest.approx(wanted, abs=1e-12)
-    ladder = {item["distance_m"]: item["position_m"]["mean"] for item in got["trajectory"]["by_distance"]}
+    by_distance = {item.distance_m: item.position_m.mean for item in got.score.by_distance}
     length = math.sqrt(0.01**2 + 0.02**2 + 0.03**2)
-    assert ladder == pytest.approx({d: d * length for d in (1.0, 2.0, 5.0, 10.0)}, abs=1e-12)
+    assert by_distance == pytest.approx({d: d * length for d in (1.0, 2.0, 5.0, 10.0)}, abs=1e-12)
 
 
 def test_interval_lies_around_the_figure_and_needs_enough() -> None:
     truth, estimate = drive(21, 900)
     long = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), TrajectoryScoreConfig())
     for name in ("position_m", "attitude_deg", "heading_deg"):
-        figure = long["trajectory"][name]
-        low, high = figure["mean_plus_3sigma_ci95"]
-        assert 0 < low < figure["mean_plus_3sigma"] < high
+        figure = getattr(long.score.first, name)
+        assert figure.mean_plus_3sigma_ci95 is not None
+        low, high = figure.mean_plus_3sigma_ci95
+        assert 0 < low < figure.mean_plus_3sigma < high
     short = rows(truth, slice(0, 24)), rows(estimate, slice(0, 24))
     few = score_trajectory(Estimates.of(trajectory(short[1])), trajectory(short[0]), TrajectoryScoreConfig())
-    assert few["trajectory"]["position_m"]["mean_plus_3sigma_ci95"] is None
+    assert few.score.first.position_m.mean_plus_3sigma_ci95 is None
 
 
 def test_portions_do_not_matter() -> None:
     """The figures have the same bits however many frames come at a time."""
     truth, estimate = drive(22, 5000)
     config = TrajectoryScoreConfig(conditions=("distance=5", "time=3"), spacing=1)
-    frames, counts, way = associate(Estimates.of(trajectory(estimate)), trajectory(truth), config.association)
+    frames, counts, mode = associate(Estimates.of(trajectory(estimate)), trajectory(truth), config.association)
     whole, parts = TrajectoryScorer(config), TrajectoryScorer(config)
     whole.push(frames)
     for first in range(0, 5000, 137):
         parts.push(frames.rows(slice(first, first + 137)))
-    assert whole.result(counts, way) == parts.result(counts, way)
+    assert whole.result(counts, mode) == parts.result(counts, mode)
 
 
-def test_starts_that_wait_too_long_are_given_up_whatever_the_portions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_starts_that_wait_too_long_are_discarded_whatever_the_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     """A long stop: starts from before and within it end after more than 40 others, the last ones within it do not."""
-    monkeypatch.setattr("sfr_loc_map.metrics.condition_score.MAX_WAITING_STARTS", 40)
-    monkeypatch.setattr("sfr_loc_map.metrics.condition_score.MAX_WAITING_BRIEF", 25)
+    monkeypatch.setattr("sfr_loc_map.metrics.condition_scorer.MAX_WAITING_STARTS", 40)
+    monkeypatch.setattr("sfr_loc_map.metrics.condition_scorer.MAX_WAITING_BRIEF", 25)
     stand, speed = slice(200, 400), np.full(600, 0.25)
     speed[stand] = 0.0
     stamps, position, quat = np.arange(600) * 100_000_000, np.cumsum(speed), np.tile([0.0, 0.0, 0.0, 1.0], (600, 1))
     truth = trajectory((stamps, np.column_stack((position, 0 * position, 0 * position)), quat))
     config = TrajectoryScoreConfig(conditions=("distance=2",), spacing=1)
-    frames, counts, way = associate(Estimates.of(truth), truth, config.association)
+    frames, counts, mode = associate(Estimates.of(truth), truth, config.association)
     results = []
     for portion in (600, 137, 1):
         score = TrajectoryScorer(config)
         for first in range(0, 600, portion):
             score.push(frames.rows(slice(first, first + portion)))
-        results.append(score.result(counts, way))
+        results.append(score.result(counts, mode))
     assert results[0] == results[1] == results[2]
-    got = results[0]["trajectory"]
+    got = results[0].score
     spans = {start: end - start for start, end in _ends(position, 2.0).items()}
-    assert got["starts_given_up"] == sum(span > 40 for span in spans.values()) > 0
-    assert got["count"] == sum(span <= 40 for span in spans.values())
+    assert got.discarded_starts == sum(span > 40 for span in spans.values()) > 0
+    assert got.first.count == sum(span <= 40 for span in spans.values())
 
 
 def _ends(path: Any, distance: float) -> dict[int, int]:

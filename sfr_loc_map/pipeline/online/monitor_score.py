@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.cloud_error import score_map
+from sfr_loc_map.metrics.build import ScoreParts, build_score
+from sfr_loc_map.metrics.cloud_error import ScoredMap, score_map
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.online_score import LiveTrajectoryScore
-from sfr_loc_map.metrics.resource_score import merge_parts, score_calls
-from sfr_loc_map.metrics.results import build_score
+from sfr_loc_map.metrics.resource_score import score_calls
+from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.online.call_ring import CallRing
 from sfr_loc_map.pipeline.online.map_inputs import MapInputs
@@ -41,7 +42,7 @@ class MonitorScore:
         self._config, self._limits = config, limits
         self._trajectory = LiveTrajectoryScore(config.trajectory)
         self._calls = CallRing(MAX_CALLS)
-        self._map_score: dict[str, Any] = {}
+        self._map_score: ScoredMap | None = None
         self._estimates = self._truths = 0
         self._latest_ns: dict[str, int] = {}
 
@@ -49,7 +50,7 @@ class MonitorScore:
         """Forget everything but the inputs of maps to come."""
         self._trajectory = LiveTrajectoryScore(self._config.trajectory)
         self._calls.clear()
-        self._map_score = {}
+        self._map_score = None
         self._estimates = self._truths = 0
         self._latest_ns.clear()
 
@@ -92,14 +93,23 @@ class MonitorScore:
             scored = True
         return scored
 
-    def result(self, *, details: bool = True) -> dict[str, Any]:
-        """Return the score so far (schema of the suite), without provenance; with details if wanted."""
-        parts = [score_calls(self._calls.calls(), details=details)] if len(self._calls) else []
-        if self._estimates and self._truths:
-            parts.append(self._trajectory.result(details=details))
-        if self._map_score:
-            parts.append(self._map_score if details else {"map": self._map_score["map"]})
-        return build_score(merge_parts(*parts), limits=self._limits)
+    def result(self, provenance: Provenance | None = None, *, details: bool = True) -> Score:
+        """Return the score so far.
+
+        Args:
+            provenance: What it is made of.
+            details: Whether what figures are drawn from is wanted.
+        """
+        scored_map = self._map_score
+        if scored_map is not None and not details:
+            scored_map = replace(scored_map, details=None)
+        parts = ScoreParts(
+            calls=[score_calls(self._calls.calls(), details=details)] if len(self._calls) else [],
+            trajectory=self._trajectory.result(details=details) if self._estimates and self._truths else None,
+            map=scored_map,
+            provenance=provenance,
+        )
+        return build_score(parts, self._limits)
 
 
 def warm_up(config: ScoreConfig) -> None:

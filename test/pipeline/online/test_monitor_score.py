@@ -1,5 +1,7 @@
 """What the monitor keeps of the calls."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,6 +64,9 @@ def test_without_details_the_score_is_the_same_but_for_them() -> None:
         score.add_estimate(stamp_ns, noisy, (0.0, 0.0, 0.0, 1.0), np.eye(6))
         score.add_call(record(stamp_ns))
     whole = score.result()
-    assert whole.pop("details").keys() == {"trajectory", "calls"}
-    assert score.result(details=False) == whole
-    assert whole["trajectory"]["position_m"]["mean"] > 0.0
+    assert whole.details is not None
+    assert None not in (whole.details.trajectory, whole.details.calls)
+    assert score.result(details=False) == replace(whole, details=None)
+    assert whole.trajectory is not None
+    assert whole.trajectory.first.position_m.mean is not None
+    assert whole.trajectory.first.position_m.mean > 0.0

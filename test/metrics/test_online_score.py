@@ -11,13 +11,21 @@ from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.online_score import LiveTrajectoryScore
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_details import Details
+from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=5", "time=7", "frames=31", "distance=1e9"), spacing=3)
 
 
+def as_json(scored: ScoredTrajectory) -> str:
+    details = Details(trajectory=scored.details)
+    return to_json(Score(trajectory=scored.score, details=details, verdicts=()))
+
+
 def offline(estimate: Poses, truth: Poses) -> str:
-    return json.dumps(score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), CONFIG))
+    return as_json(score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), CONFIG))
 
 
 def live(events: list[tuple[str, Any]], ask_every: int = 0) -> str:
@@ -27,7 +35,7 @@ def live(events: list[tuple[str, Any]], ask_every: int = 0) -> str:
         add(int(stamp), position, quat)
         if ask_every and number % ask_every == 0:
             score.result()
-    return json.dumps(score.result())
+    return as_json(score.result())
 
 
 def stream(estimate: Poses, truth: Poses, *, truth_late_ns: int = 0, jitter_ns: int = 0, seed: int = 0) -> Any:
@@ -85,9 +93,9 @@ def test_what_comes_after_its_time_was_scored_is_left_out_and_counted() -> None:
 def test_before_anything_came_there_are_no_figures() -> None:
     score = LiveTrajectoryScore(CONFIG)
     score.add_estimate(5, [0.0, 0, 0], [0.0, 0, 0, 1])
-    got = score.result()["trajectory"]
-    assert (got["count"], got["matched"], got["estimate_poses"]) == (0, 0, 1)
-    assert got["position_m"]["mean"] is None
+    got = score.result().score
+    assert (got.first.count, got.matched, got.estimate_poses) == (0, 0, 1)
+    assert got.first.position_m.mean is None
 
 
 def test_estimates_without_truth_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,7 +104,7 @@ def test_estimates_without_truth_do_not_pile_up(monkeypatch: pytest.MonkeyPatch)
     for k in range(3000):
         score.add_estimate(k, [0.0, 0, 0], [0.0, 0, 0, 1])
     assert len(score._estimates.stamps) <= 501
-    assert score.result()["trajectory"]["estimate_poses"] == 3000
+    assert score.result().score.estimate_poses == 3000
 
 
 def test_poses_that_are_none_are_refused() -> None:
@@ -119,7 +127,8 @@ def test_live_equals_offline_with_covariances_and_lost_stretches() -> None:
         score.add_truth(int(truth[0][k]), truth[1][k], truth[2][k])
     upper = covariance[:, *np.triu_indices(6)]
     whole = score_trajectory(Estimates.of(trajectory(estimate), lost, upper), trajectory(truth), CONFIG)
-    assert json.dumps(score.result()) == json.dumps(whole)
-    assert whole["trajectory"]["lost"] == 60
-    assert whole["trajectory"]["nees"] is not None
-    assert "sigma_x_m" in whole["details"]["trajectory"]["path"]
+    assert as_json(score.result()) == as_json(whole)
+    assert whole.score.lost == 60
+    assert whole.score.first.nees is not None
+    assert whole.details is not None
+    assert len(whole.details.path.sigma_x_m) == 600

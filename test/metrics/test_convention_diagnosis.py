@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.convention_diagnosis import OPTICAL_IN_RB, diagnose
+from sfr_loc_map.metrics.convention_diagnosis import diagnose
+from sfr_loc_map.metrics.convention_hypotheses import OPTICAL_IN_RB
 
 CAMERA = Transform(Rotation.from_euler("y", 20, degrees=True).as_matrix() @ OPTICAL_IN_RB, np.array([0.45, 0.12, 0.30]))
 Poses = tuple[Any, Any, Any]
@@ -111,14 +112,14 @@ CASES: list[tuple[Callable[[Poses], Poses], str]] = [
     (late, "time offset"),
     (late_in_step, "time offset"),
     (other_clock, "time offset"),
-    (swapped, "swapped left and right pictures"),
+    (swapped, "swapped left and right images"),
     (mirrored, "mirrored left and right"),
 ]
 
 
 def found(estimate: Poses, truth: Poses, T_rb_left: Transform | None = None) -> tuple[str | None, str]:
     diagnosis = diagnose(Trajectory(*estimate), Trajectory(*truth), AssociationConfig(), T_rb_left)
-    return (diagnosis.found.mistake, diagnosis.found.sentence) if diagnosis.found else (None, "")
+    return (diagnosis.found.mismatch, diagnosis.found.sentence) if diagnosis.found else (None, "")
 
 
 @pytest.mark.parametrize("known_rig", [False, True])

@@ -1,0 +1,54 @@
+"""The hypothesis that the estimate's clock is off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.disagreement import LOOKS_WRONG, MIN_POSES, Hypothesis, case_of, disagreement
+from sfr_loc_map.metrics.stamp_matching import unique_rows
+
+OFFSET_STEPS = 200
+
+
+def time_offset_hypotheses(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
+    """Yield the mismatch of a clock offset: truth is interpolated at shifted stamps and the best shift searched."""
+    rows = unique_rows(truth.stamps_ns)
+    truth = Trajectory(truth.stamps_ns[rows], truth.positions[rows], truth.quats_xyzw[rows])
+    if min(len(estimate), len(truth)) < MIN_POSES:
+        return
+    step = int(np.median(np.diff(estimate.stamps_ns)))
+    base = 0 if before is not None else int(truth.stamps_ns[0] - estimate.stamps_ns[0])
+    reach = max(20 * step, 2 * NS_PER_S)
+    best, least = base, np.inf
+    while reach >= max(step // 500, 1000):
+        for shift in np.linspace(best - reach, best + reach, OFFSET_STEPS + 1).astype(np.int64).tolist():
+            value = _shifted(estimate, truth, shift)
+            if value < least:
+                best, least = shift, value
+        reach = reach * 4 // OFFSET_STEPS
+    if np.isfinite(least):
+        sentence = f"{LOOKS_WRONG} its stamps are {best / NS_PER_S:+.3f} s off, add this to them"
+        yield Hypothesis(mismatch="time offset", sentence=sentence, disagreement=least, fitted=True)
+
+
+def _shifted(estimate: Trajectory, truth: Trajectory, shift: int) -> float:
+    """Return the disagreement if the estimate's stamps are moved; infinite where less than half have a truth."""
+    stamps = estimate.stamps_ns + shift
+    inside = (stamps >= truth.stamps_ns[0]) & (stamps < truth.stamps_ns[-1])
+    chosen = np.flatnonzero(inside)
+    if len(chosen) < max(MIN_POSES, len(estimate) // 2):
+        return float("inf")
+    chosen = chosen[:: max(1, len(chosen) // 800)]
+    after = np.searchsorted(truth.stamps_ns, stamps[chosen], side="right")
+    begin = truth.stamps_ns[after - 1]
+    share = (stamps[chosen] - begin) / (truth.stamps_ns[after] - begin)
+    step = truth.positions[after] - truth.positions[after - 1]
+    positions = truth.positions[after - 1] + share[:, None] * step
+    quats = slerp(unit_quats(truth.quats_xyzw[after - 1]), unit_quats(truth.quats_xyzw[after]), share)
+    est = estimate.positions[chosen], unit_quats(estimate.quats_xyzw[chosen])
+    return disagreement(case_of((positions, quats), est), est)

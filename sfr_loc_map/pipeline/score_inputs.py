@@ -1,0 +1,158 @@
+"""What a score is made of, read from files: estimates, truth, and where they came from."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map import __version__
+from sfr_loc_map.config import flatten
+from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, is_bag
+from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajectory
+from sfr_loc_map.io.hashing import hash_path
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.trajectory_file import load_trajectory
+from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
+from sfr_loc_map.metrics.cloud_truth import PairTruth, truths_of
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.score import InputFile, Provenance
+from sfr_loc_map.pipeline.call_stats import CallStats
+
+CLOUD_SUFFIXES = (".ply", ".pcd", ".npz")
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreInputs:
+    """What a score is made of; what is None is left out.
+
+    Attributes:
+        estimate: Estimated trajectory (TUM, csv or bag).
+        truth: True trajectory (TUM, csv, bag or data set folder).
+        cloud: Cloud file.
+        map_truth: Source with mapping pairs and their truth.
+        stats: CSV files with the calls of localiser and mapper.
+        target: CSV file with calls that were measured on a target.
+        target_name: Name of the target.
+    """
+
+    estimate: Path | None = None
+    truth: Path | None = None
+    cloud: Path | None = None
+    map_truth: Path | None = None
+    stats: tuple[Path, ...] = ()
+    target: Path | None = None
+    target_name: str = ""
+
+    @classmethod
+    def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] = ()) -> ScoreInputs:
+        """Return the inputs of one estimate, a cloud by its ending or a trajectory, and its truth."""
+        if estimate.suffix in CLOUD_SUFFIXES:
+            return cls(cloud=estimate, map_truth=truth, stats=tuple(stats))
+        return cls(estimate=estimate, truth=truth, stats=tuple(stats))
+
+
+def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
+    """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls.
+
+    Raises:
+        InputError: If there are none.
+    """
+    if is_bag(path):
+        return _bag_estimates(path)
+    trajectory = load_trajectory(path)
+    stamps = set(trajectory.stamps_ns.tolist())
+    for item in stats:
+        if stamps & set(item.calls.stamps_ns.tolist()):
+            stamps_ns = trajectory.stamps_ns
+            return Estimates.of(trajectory, item.lost_at(stamps_ns), item.covariance_at(stamps_ns))
+    return Estimates.of(trajectory)
+
+
+def _bag_estimates(path: Path) -> Estimates:
+    bag = Bag(path)
+    topic = bag.find("localisation/odometry", ODOMETRY)
+    if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a trajectory that was converted, no drive
+        topic = bag.find("ground_truth/odometry", ODOMETRY)
+    if topic is None:
+        raise InputError(
+            f"bag '{path}' has no topic localisation/odometry: it has {', '.join(list(bag.topics)[:8])}; give a bag "
+            "with estimates, or a TUM or csv file"
+        )
+    odometry = read_odometry(bag, topic)
+    trajectory, covariance = odometry.trajectory, odometry.covariance[:, *UPPER]
+    known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan)
+    return Estimates.of(trajectory, lost_by_covariance(covariance), known if covariance.any() else None)
+
+
+def load_truth(path: Path) -> Trajectory:
+    """Read true poses of RB in DS from a trajectory file, a bag or a data set folder.
+
+    Raises:
+        InputError: If there are none.
+    """
+    if path.is_file() and not is_bag(path):
+        return load_trajectory(path)
+    if is_bag(path):
+        truth = read_trajectory(Bag(path), GROUND_TRUTH)
+    else:
+        source = open_source(path)
+        truth = None if source.loc is None else source.loc.ground_truth
+    if truth is None or not len(truth):
+        raise InputError(
+            f"'{path}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
+        )
+    return truth
+
+
+def load_map_truth(path: Path) -> list[PairTruth]:
+    """Read the truth of the mapping pairs of a source.
+
+    Raises:
+        InputError: If the source has no mapping pairs.
+        MetricsError: If a pair has no truth.
+    """
+    nav = open_source(path).nav
+    if nav is None:
+        raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
+    return truths_of(list(nav.pairs()), nav.rig)
+
+
+def camera_extrinsics(truth: Path) -> Transform | None:
+    """Return `T_rb_left` of a source with localisation cameras, None where it is not known."""
+    if truth.is_file() and not is_bag(truth):
+        return None
+    try:
+        loc = open_source(truth).loc
+    except SfrError:  # true poses alone, without cameras: whoever needs the images reports what is wrong with them
+        return None
+    return None if loc is None or loc.rig.T_rb_sb is None else loc.rig.T_rb_left
+
+
+def provenance(inputs: ScoreInputs, config: ScoreConfig) -> Provenance:
+    """Return what the score was made of: version, inputs with hashes, settings, host, time."""
+    named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
+    named["target"] = inputs.target
+    named |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
+    return Provenance(
+        version=__version__,
+        inputs={name: _input_file(name, path) for name, path in named.items() if path is not None},
+        configuration=flatten(config),
+        host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def _input_file(name: str, path: Path) -> InputFile:
+    """Return name and hash of an input; of a data set folder that gives a true trajectory only that file counts."""
+    if name == "truth" and path.is_dir() and not is_bag(path):
+        found = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
+        path = found[0] if found else path
+    return InputFile(path=str(path), sha256=hash_path(path))
