@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 import rclpy
 from made_scene import PERIOD_NS, START_NS, write_folder
 from nav_msgs.msg import Odometry
-from processes import Process, ReferenceMethod
+from processes import Peer, Process
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from std_srvs.srv import SetBool
@@ -33,17 +33,17 @@ COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main()
 
 
 @pytest.fixture
-def peer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[ReferenceMethod]:
+def peer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Peer]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
     rclpy.init(args=[])
-    with ReferenceMethod() as found:
+    with Peer() as found:
         yield found
     rclpy.try_shutdown()
 
 
-def set_parameter(peer: ReferenceMethod, name: str, value: float) -> tuple[bool, str]:
+def set_parameter(peer: Peer, name: str, value: float) -> tuple[bool, str]:
     client = peer.node.create_client(SetParameters, "/sfr_player/set_parameters")
     peer.until(client.service_is_ready, "the player's parameters")
     given = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
@@ -57,7 +57,7 @@ def indices(odometry: list[Odometry]) -> list[int]:
     return [round((stamp_of(message) - START_NS) / PERIOD_NS) for message in odometry]
 
 
-def test_paused_step_resume_rate_seek_loop_and_stop(tmp_path: Path, peer: ReferenceMethod) -> None:
+def test_paused_step_resume_rate_seek_loop_and_stop(tmp_path: Path, peer: Peer) -> None:
     source, out = write_folder(tmp_path / "source", 20, 0), tmp_path / "out"
     odometry = peer.listen(Odometry, "localisation/odometry")
     options = ["--rate", "1", "--start-paused", "--start", "truth", "--out", str(out)]
@@ -103,7 +103,7 @@ def test_paused_step_resume_rate_seek_loop_and_stop(tmp_path: Path, peer: Refere
     assert score["trajectory"]["lost"] == 0
 
 
-def test_keys_step_and_end_in_lock_step_and_what_was_played_is_scored(tmp_path: Path, peer: ReferenceMethod) -> None:
+def test_keys_step_and_end_in_lock_step_and_what_was_played_is_scored(tmp_path: Path, peer: Peer) -> None:
     source, out = write_folder(tmp_path / "source", 12, 3), tmp_path / "out"
     odometry = peer.listen(Odometry, "localisation/odometry")
     options = ["--start-paused", "--start-offset", "0.2", "--start", "truth", "--out", str(out)]

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from made_scene import LOC_RIG, loc_pair
 from nav_msgs.msg import Odometry
-from processes import Process, ReferenceMethod, handles_signals, nodes_of, segments_of, wait_until
+from processes import Peer, Process, handles_signals, nodes_of, segments_of, wait_until
 from scenes import MOUNT, raw, send_infos
 from sensor_msgs.msg import Image
 
@@ -42,7 +42,7 @@ def test_namespace_remaps_and_parameters_reach_the_nodes_and_ctrl_c_ends_all(tmp
     rclpy.init(args=[])
     with (
         Process(tmp_path / "log", *COMMAND, "run", "localisation", *options, "--ros-args", *MOUNT) as run,
-        ReferenceMethod() as peer,
+        Peer() as peer,
     ):
         run.wait_for("/rover1/loc/right/image_rect")
         odometry = peer.listen(Odometry, "/rover1/localisation/odometry")

@@ -90,7 +90,7 @@ def segments_of(pids: list[int]) -> set[Path]:
     return {Path(line.split()[-1]) for line in lines if "/dev/shm/fastrtps_" in line and "_port" not in line}
 
 
-class ReferenceMethod:
+class Peer:
     """A node in the test's process."""
 
     def __init__(self) -> None:
@@ -98,11 +98,11 @@ class ReferenceMethod:
         from rclpy.executors import SingleThreadedExecutor
 
         self.node = rclpy.create_node("peer")
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}
 
-    def __enter__(self) -> ReferenceMethod:
+    def __enter__(self) -> Peer:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -144,10 +144,10 @@ class ReferenceMethod:
         deadline = time.monotonic() + patience_s
         while not (found := condition()):
             assert time.monotonic() < deadline, f"{what} did not come within {patience_s} s"
-            self._executor.spin_once(timeout_sec=0.05)
+            self.executor.spin_once(timeout_sec=0.05)
         return found
 
     def spin(self, seconds: float) -> None:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.02)
+            self.executor.spin_once(timeout_sec=0.02)

@@ -16,7 +16,7 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
 
 if TYPE_CHECKING:
-    from processes import ReferenceMethod
+    from processes import Peer
 
 MOUNT = [
     "-p",
@@ -30,13 +30,13 @@ def raw(message: Any) -> bytes:
     return bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
 
 
-def send_infos(peer: ReferenceMethod, bench: str, rig: StereoRig, prefix: str = "", stamp_ns: int = START_NS) -> None:
+def send_infos(peer: Peer, bench: str, rig: StereoRig, prefix: str = "", stamp_ns: int = START_NS) -> None:
     for side in ("left", "right"):
         message = raw(bag_messages.camera_info(stamp_ns, rig, bench, side))
         peer.publish(CameraInfo, f"{prefix}{bench}/{side}/camera_info", message)
 
 
-def send_pair(peer: ReferenceMethod, bench: str, pair: StereoPair, prefix: str = "") -> None:
+def send_pair(peer: Peer, bench: str, pair: StereoPair, prefix: str = "") -> None:
     for side, picture in (("left", pair.left), ("right", pair.right)):
         message = raw(bag_messages.image(pair.stamp_ns, picture, bench, side))
         peer.publish(Image, f"{prefix}{bench}/{side}/image_rect", message)

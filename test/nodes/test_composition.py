@@ -16,7 +16,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped
 from made_scene import LOC_RIG, NAV_RIG, T_RB_LOCSB, loc_pair, nav_pair
 from nav_msgs.msg import Odometry
 from our_localisation import OurLocalisation
-from processes import ReferenceMethod
+from processes import Peer
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from scenes import calls, raw, send_infos, send_pair
@@ -38,7 +38,7 @@ def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -
     localisation = LocalisationNode(namespace="rover", parameter_overrides=MOUNT)
     mapping = MappingNode(namespace="rover", parameter_overrides=[Parameter("pairs_per_map", value=2)])
     executor = SingleThreadedExecutor()
-    with ReferenceMethod() as peer:
+    with Peer() as peer:
         odometry = peer.listen(Odometry, "/rover/localisation/odometry")
         clouds = peer.listen(PointCloud2, "/rover/mapping/points")
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
@@ -47,7 +47,7 @@ def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -
             node.start()
             assert node.state == "active"
         executor.add_node(peer.node)
-        peer._executor = executor
+        peer.executor = executor
         send_infos(peer, "loc", LOC_RIG, "/rover/")
         send_infos(peer, "nav", NAV_RIG, "/rover/")
         for index in range(2):
@@ -86,12 +86,12 @@ def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None) -> No
     node = WithParameter(namespace="rover1", parameter_overrides=[*MOUNT, Parameter("far_m", value=7.0)])
     assert node.config.far_m == 7.0
     executor = SingleThreadedExecutor()
-    with ReferenceMethod() as peer:
+    with Peer() as peer:
         odometry = peer.listen(Odometry, "/rover1/localisation/odometry")
         positions = peer.listen(PointStamped, "/rover1/our/position")
         executor.add_node(node)
         executor.add_node(peer.node)
-        peer._executor = executor
+        peer.executor = executor
         node.start()
         assert peer.call("/rover1/localisation_node/where").message == "nowhere yet"
         send_infos(peer, "loc", LOC_RIG, "/rover1/")

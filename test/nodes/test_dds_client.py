@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
 
 from made_scene import LOC_RIG, PERIOD_NS, START_NS, loc_pair, true_pose
 from nav_msgs.msg import Odometry
-from processes import Process, ReferenceMethod, node_process, wait_until
+from processes import Peer, Process, node_process, wait_until
 from scenes import MOUNT, raw, send_infos, send_pair
 from std_msgs.msg import Float64, String
 
@@ -52,7 +52,7 @@ def test_odometry_and_metrics_have_the_same_numbers_there(ros: None, tmp_path: P
             "200",
             environment={"CYCLONEDDS_URI": LOOPBACK},
         ) as client,
-        ReferenceMethod() as peer,
+        Peer() as peer,
     ):
         odometry = peer.listen(Odometry, "localisation/odometry")
         means = peer.listen(Float64, "metrics/position/mean")

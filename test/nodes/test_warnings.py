@@ -12,7 +12,7 @@ pytestmark = pytest.mark.ros
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from made_scene import LOC_RIG, NAV_RIG, T_RB_LOCSB, loc_pair, nav_pair
-from processes import ReferenceMethod
+from processes import Peer
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from scenes import calls, raw, send_infos, send_pair
@@ -36,11 +36,11 @@ def lowered(pair: StereoPair) -> StereoPair:
     return replace(pair, right=np.ascontiguousarray(np.roll(pair.right, ROWS, axis=0)))
 
 
-def started(node: ManagedNode, peer: ReferenceMethod) -> None:
+def started(node: ManagedNode, peer: Peer) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     executor.add_node(peer.node)
-    peer._executor = executor
+    peer.executor = executor
     node.start()
 
 
@@ -51,7 +51,7 @@ def healths(diagnostics: list[DiagnosticArray]) -> list[tuple[Level, str, dict[s
 
 def test_a_suspicious_map_is_a_warning_in_its_call_and_in_the_health(ros: None) -> None:
     node = MappingNode(parameter_overrides=[Parameter("pairs_per_map", value=1)])
-    with ReferenceMethod() as peer:
+    with Peer() as peer:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         started(node, peer)
         send_infos(peer, "nav", NAV_RIG)
@@ -69,7 +69,7 @@ def test_a_suspicious_map_is_a_warning_in_its_call_and_in_the_health(ros: None) 
 
 def test_offsets_of_the_right_camera_are_figures_and_warned_of(ros: None) -> None:
     node = LocalisationNode(parameter_overrides=MOUNT)
-    with ReferenceMethod() as peer:
+    with Peer() as peer:
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         started(node, peer)
         send_infos(peer, "loc", LOC_RIG)

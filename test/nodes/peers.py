@@ -1,0 +1,109 @@
+"""Nodes in the test's process, and a peer that drives them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from made_scene import loc_pair
+from nav_msgs.msg import Odometry
+from processes import Peer
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParametersAtomically
+from scenes import calls, send_pair
+
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
+from sfr_loc_map.nodes.messages.pose import odometry_row
+
+Capture = pytest.CaptureFixture[str]
+
+
+class Manager(Peer):
+    """A peer that drives one node."""
+
+    def __init__(self, node: str = "localisation_node") -> None:
+        super().__init__()
+        self.name = node
+        self.diagnostics = self.listen(DiagnosticArray, "/diagnostics")
+        self.odometry = self.listen(Odometry, "localisation/odometry")
+
+    def ask(self, kind: type[Any], service: str, request: Any) -> Any:
+        client = self.node.create_client(kind, f"{self.name}/{service}")
+        self.until(client.service_is_ready, f"service {service}")
+        future = client.call_async(request)
+        self.until(future.done, f"answer of {service}")
+        return future.result()
+
+    def change(self, transition: int) -> tuple[bool, str]:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return self.ask(ChangeState, "change_state", request).success, self.state()
+
+    def state(self) -> str:
+        return str(self.ask(GetState, "get_state", GetState.Request()).current_state.label)
+
+    def set(self, **values: float | int) -> tuple[bool, str]:
+        parameters = []
+        for name, value in values.items():
+            kind = ParameterType.PARAMETER_DOUBLE if isinstance(value, float) else ParameterType.PARAMETER_INTEGER
+            field = "double_value" if isinstance(value, float) else "integer_value"
+            parameters.append(
+                Parameter(name=name.replace("__", "."), value=ParameterValue(type=kind, **{field: value}))
+            )
+        request = SetParametersAtomically.Request(parameters=parameters)
+        result = self.ask(SetParametersAtomically, "set_parameters_atomically", request).result
+        return result.successful, result.reason
+
+    def play(self, index: int, shift_ns: int = 0) -> tuple[float, ...]:
+        """Send a pair and return the position that comes back; wait for what the call says of itself, too."""
+        count = len(self.odometry)
+        pair = loc_pair(index)
+        stamp_ns = pair.stamp_ns + shift_ns
+        send_pair(self, "loc", StereoPair(stamp_ns, pair.left, pair.right))
+        self.until(lambda: len(self.odometry) > count and self.last_call() == stamp_ns, "odometry and call")
+        return odometry_row(self.odometry[-1])[1]
+
+    def last_call(self) -> int:
+        """Return the stamp of the last call, -1 before the first."""
+        found = calls(self.diagnostics)
+        return int(values_of(found[-1])["stamp_ns"]) if found else -1
+
+    def health(self) -> list[DiagnosticStatus]:
+        return [s for array in self.diagnostics for s in array.status if s.name == f"{self.name}: health"]
+
+    def well(self, level: Level, words: str = "") -> DiagnosticStatus:
+        def found() -> DiagnosticStatus | None:
+            last = self.health()[-1:]
+            return last[0] if last and level_of(last[0]) is level and words in last[0].message else None
+
+        return self.until(found, f"health {level.name} '{words}'")
+
+
+class LocalNode:
+    """A node in the test's process, spun with the peer; what it logs is captured."""
+
+    def __init__(self, peer: Peer, capture: Capture, kind: type[ManagedNode[Any]], *arguments: str) -> None:
+        self._peer, self._capture, self._text = peer, capture, ""
+        self.node = kind(cli_args=list(arguments), use_global_arguments=False)
+        peer.executor.add_node(self.node)
+        self.node.start()
+
+    def __enter__(self) -> LocalNode:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._peer.executor.remove_node(self.node)
+        self.node.destroy_node()
+
+    @property
+    def text(self) -> str:
+        captured = self._capture.readouterr()
+        self._text += captured.out + captured.err
+        return self._text
+
+    def wait_for(self, words: str) -> None:
+        self._peer.until(lambda: words in self.text, f"'{words}' in the log")

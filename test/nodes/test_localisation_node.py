@@ -1,0 +1,390 @@
+"""The localisation node over DDS: what it publishes, and what it survives."""
+
+# ruff: noqa: E402 - ROS may be absent
+import math
+import re
+import time
+from dataclasses import replace
+from pathlib import Path
+from signal import SIGINT
+
+import numpy as np
+import psutil
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from made_scene import LOC_RIG, PERIOD_NS, START_NS, loc_pair, true_pose
+from nav_msgs.msg import Odometry
+from peers import Capture, LocalNode, Manager
+from processes import Peer, node_process
+from rosgraph_msgs.msg import Clock
+from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.visualisation import draw_tracks
+from sfr_loc_map.nodes.diagnostics.key_values import Level, values_of
+from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
+from sfr_loc_map.nodes.localisation_node import LocalisationNode
+from sfr_loc_map.nodes.messages.fields import header_msg, time_msg
+from sfr_loc_map.nodes.messages.pose import odometry_row, pose_msg
+
+CONFIG = Path(__file__).resolve().parents[2] / "config"
+OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])
+
+
+def test_wheel_odometry_tells_where_to_look(ros: None, capfd: Capture) -> None:
+    arguments = ["--ros-args", *MOUNT, "-p", "motion_prior.wait_s:=0.5"]
+    prior = OdometryBuffer(10**9)
+    localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments) as node:
+        send_infos(peer, "loc", LOC_RIG)
+        # the subscription takes best effort: what is sent before it knows the publisher does not come
+        early = bag_messages.odometry(loc_pair(0).stamp_ns - 10**10, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+        early.child_frame_id = "rb"
+        peer.publish(Odometry, "motion_prior", raw(early))
+        peer.spin(1.0)
+        expected, sent = [], []
+        for index, ahead in ((0, 0), (1, 0), (2, -1), (12, 1)):
+            pair = loc_pair(index)
+            # in a frame of its own; before, at and after the stamp of the pair
+            for moment in range(len(sent), index + 1 + ahead):
+                pose = OTHER_FRAME @ true_pose(moment)
+                message = bag_messages.odometry(loc_pair(moment).stamp_ns, pose.translation, pose.quat_xyzw)
+                message.child_frame_id = "rb"
+                sent.append(moment)
+                prior.add(loc_pair(moment).stamp_ns, Transform.from_quat(pose.translation, pose.quat_xyzw))
+                peer.publish(Odometry, "motion_prior", raw(message), arrival=True)
+            before_ns = loc_pair({1: 0, 2: 1, 12: 2}.get(index, 0)).stamp_ns
+            motion = prior.between(before_ns, pair.stamp_ns, 0.0) if index else None
+            expected.append(tuple(localiser.process(pair, motion).T_ds_rb.translation))
+            peer.play(index)
+        assert [odometry_row(message)[1] for message in peer.odometry] == expected
+        used = ["statistic.motion_prior" in values_of(status) for status in calls(peer.diagnostics)]
+        assert used == [False, True, False, True]
+        stranger = Odometry(child_frame_id="camera")
+        peer.publish(Odometry, "motion_prior", stranger)
+        node.wait_for("motion_prior is of 'camera', of 'rb' (parameter rb_frame) is needed; ignored")
+
+
+def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: Capture) -> None:
+    arguments = ["--ros-args", "--params-file", str(CONFIG / "rep105.yaml"), *MOUNT, "-r"]
+    with (
+        Peer() as peer,
+        LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover1"),
+        LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover2"),
+    ):
+        odometry = [peer.listen(Odometry, f"/rover{number}/localisation/odometry") for number in (1, 2)]
+        diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
+        plays = ((1, [0, 1, 2, 3]), (2, [10, 11, 12]))
+        expected = []
+        for number, indices in plays:
+            send_infos(peer, "loc", LOC_RIG, f"/rover{number}/")
+            localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
+            expected.append([tuple(localiser.process(loc_pair(i)).T_ds_rb.translation) for i in indices])
+        for index in range(4):
+            for number, indices in plays:
+                if index < len(indices):
+                    send_pair(peer, "loc", loc_pair(indices[index]), f"/rover{number}/")
+        peer.until(lambda: [len(found) for found in odometry] == [4, 3], "all odometry")
+        assert [[odometry_row(message)[1] for message in found] for found in odometry] == expected
+        frames = {(m.header.frame_id, m.child_frame_id) for found in odometry for m in found}
+        assert frames == {("odom", "base_link")}
+        peer.until(lambda: len(calls(diagnostics)) == 7, "all calls")
+        names = [status.name for status in calls(diagnostics)]
+        assert sorted(names) == ["rover1/localisation_node: call"] * 4 + ["rover2/localisation_node: call"] * 3
+
+
+def test_latency_is_measured_where_clocks_can_be_compared(ros: None, capfd: Capture) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, "--ros-args", *MOUNT):
+        send_infos(peer, "loc", LOC_RIG)
+        peer.play(0)  # of the year 2023: its stamp says nothing of latency
+        old = values_of(calls(peer.diagnostics)[-1])
+        assert "latency_stamp_to_publish_s" not in old
+        shift = time.time_ns() - loc_pair(1).stamp_ns
+        peer.play(1, shift)
+        values = {k: float(v) for k, v in values_of(calls(peer.diagnostics)[-1]).items() if k.startswith("latency_")}
+        transport, inside, whole = (
+            values[f"latency_{name}_s"] for name in ("transport", "receive_to_publish", "stamp_to_publish")
+        )
+        took = float(values_of(calls(peer.diagnostics)[-1])["processing_time_s"])
+        assert 0.0 < transport < 1.0
+        assert took <= inside <= whole + 1e-3
+        assert whole < 5.0
+
+
+def test_health_says_what_is_wrong_and_when_it_is_over(ros: None, capfd: Capture) -> None:
+    arguments = ["--ros-args", *MOUNT, "-p", "health.stale_after_s:=1.0", "-p", "health.window_s:=1.0"]
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments):
+        peer.well(Level.STALE, "nothing came for more than 1 s")
+        send_infos(peer, "loc", LOC_RIG)
+        peer.play(0)
+        peer.well(Level.WARN, "initialising")
+        peer.play(1)
+        status = peer.well(Level.OK, "tracking")
+        values = values_of(status)
+        assert float(values["processed_hz"]) > 0
+        assert int(values["resident_memory_bytes"]) > 50e6
+        assert float(values["last_processing_time_s"]) > 0
+        black = np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8)
+        send_pair(peer, "loc", StereoPair(loc_pair(2).stamp_ns, black, black))
+        peer.well(Level.ERROR, "lost")
+        peer.play(3)
+        peer.well(Level.OK, "tracking")
+        lower = [np.roll(loc_pair(index).right, 1, axis=0) for index in range(4, 7)]
+        for index, right in enumerate(lower, 4):
+            send_pair(peer, "loc", StereoPair(loc_pair(index).stamp_ns, loc_pair(index).left, right))
+        peer.call("localisation_node/reset")
+        for index, right in enumerate(lower, 7):
+            send_pair(peer, "loc", StereoPair(loc_pair(index).stamp_ns, loc_pair(index - 3).left, right))
+        peer.well(Level.WARN, "vertical disparity of more than")
+        peer.well(Level.STALE)
+
+
+def test_another_rig_is_a_restart_and_says_so(ros: None, capfd: Capture) -> None:
+
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, "--ros-args", *MOUNT) as node:
+        send_infos(peer, "loc", LOC_RIG)
+        peer.play(0)
+        at = peer.play(1)
+        send_infos(peer, "loc", replace(LOC_RIG, fx=151.0, fy=151.0))
+        node.wait_for("camera_info has changed: localisation restarts at its last pose")
+        assert peer.play(2) == pytest.approx(at, abs=1e-12)
+        assert not [s for array in peer.diagnostics for s in array.status if s.name.endswith(": input")]
+        huge = replace(LOC_RIG, width=65_536, height=65_536)
+        send_infos(peer, "loc", huge)
+        node.wait_for("camera_info of loc says 65536 x 65536: images of up to")
+        peer.play(3)  # the rig known stays
+
+
+def test_a_clock_that_goes_back_begins_a_new_run(ros: None, capfd: Capture) -> None:
+    arguments = ["--ros-args", *MOUNT, "-p", "use_sim_time:=true"]
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments) as node:
+
+        def tick(stamp_ns: int) -> None:
+            peer.publish(Clock, "/clock", Clock(clock=time_msg(stamp_ns)), arrival=True)
+            peer.spin(0.2)
+
+        begin = loc_pair(0).stamp_ns
+        send_infos(peer, "loc", LOC_RIG)
+        for index in range(30):
+            tick(begin + index * PERIOD_NS) if index % 10 == 0 else None
+            peer.play(index) if index < 3 or index > 27 else None
+        assert peer.play(30) != pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+        tick(begin)
+        node.wait_for("the clock has gone back: localisation restarts at its first pose")
+        assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+        assert "stamps have gone back" not in node.text  # once is enough
+        latency = values_of(calls(peer.diagnostics)[-1])["latency_stamp_to_publish_s"]
+        assert float(latency) < 60.0  # by the simulated clock
+
+
+def test_images_that_claim_to_be_huge_do_no_harm(ros: None, capfd: Capture) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, "--ros-args", *MOUNT):
+        send_infos(peer, "loc", LOC_RIG)
+        before = psutil.Process().memory_info().rss
+        size = (65_535).to_bytes(4, "big")
+        bomb = b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + b"IHDR" + size + size + b"\x10\x06\0\0\0" + bytes(64)
+        for side in ("left", "right"):
+            header = header_msg(loc_pair(0).stamp_ns - 5, "")
+            image = CompressedImage(header=header, format="png", data=bomb)
+            peer.publish(CompressedImage, f"loc/{side}/image_rect/compressed", image)
+        peer.until(lambda: any("is 65535 x 65535" in text for text in problems(peer.diagnostics)), "refusal")
+        for side in ("left", "right"):
+            mosaic = Image(header=header_msg(loc_pair(0).stamp_ns - 3, ""), width=160, height=120, step=160)
+            mosaic.encoding, mosaic.data = "bayer_rggb8", bytes(160 * 120)
+            peer.publish(Image, f"loc/{side}/image_rect", mosaic)
+        peer.until(lambda: any("Bayer mosaics are not supported" in t for t in problems(peer.diagnostics)), "refusal")
+        peer.play(0)
+        assert psutil.Process().memory_info().rss - before < 100e6
+
+
+def test_the_debug_image_shows_what_the_localiser_found(ros: None, capfd: Capture) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, "--ros-args", *MOUNT):
+        images = peer.listen(Image, "localisation/debug_image")
+        send_infos(peer, "loc", LOC_RIG)
+        localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
+        for index in range(3):
+            peer.play(index)
+            peer.until(lambda count=index: len(images) > count, "the debug image")
+            pair = loc_pair(index)
+            estimate = localiser.process(pair)
+            drawn = draw_tracks(pair.left, localiser.last_result, estimate)
+            sent = images[-1]
+            assert (sent.encoding, sent.step, stamp_of(sent)) == ("bgr8", 3 * sent.width, pair.stamp_ns)
+            assert np.array_equal(np.frombuffer(sent.data, np.uint8).reshape(drawn.shape), drawn)
+
+
+def test_localisation_in_a_namespace_with_remapping_and_a_parameter_file(ros: None, tmp_path: Path) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text(
+        "/**/localisation_node:\n  ros__parameters:\n    ds_frame: world\n    rb_frame: rover\n"
+        "    localisation:\n      max_features: 300\n",
+        encoding="utf-8",
+    )
+    arguments = ["--ros-args", "--params-file", str(file), "-r", "__ns:=/rover1", *MOUNT]
+    arguments += ["-r", "loc/left/image_rect:=/cam/l", "-r", "initialpose:=/start"]
+    with node_process(tmp_path, "localisation_node", *arguments) as node, Peer() as peer:
+        odometry = peer.listen(Odometry, "/rover1/localisation/odometry")
+        diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
+        node.wait_for("listens to")
+        (line,) = [line for line in node.text.splitlines() if "listens to" in line]
+        for name in (
+            "/start",
+            "/cam/l",
+            "/rover1/loc/right/camera_info",
+            "/rover1/localisation/odometry",
+            "/diagnostics",
+        ):
+            assert name in line
+        first = Transform.from_quat(true_pose(0).translation, true_pose(0).quat_xyzw)
+        start = PoseWithCovarianceStamped(header=header_msg(0, "world"))
+        start.pose.pose = pose_msg(first, first.file_quat_xyzw)
+        peer.publish(PoseWithCovarianceStamped, "/start", start, arrival=True)
+        send_infos(peer, "loc", LOC_RIG, "/rover1/")
+        localiser = Localiser(LOC_RIG, LocalisationConfig(max_features=300), first)
+        for index in range(4):
+            pair = loc_pair(index)
+            peer.publish(Image, "/cam/l", raw(bag_messages.image(pair.stamp_ns, pair.left, "loc", "left")))
+            right = raw(bag_messages.image(pair.stamp_ns, pair.right, "loc", "right"))
+            peer.publish(Image, "/rover1/loc/right/image_rect", right)
+            peer.until(lambda index=index: len(odometry) > index and len(calls(diagnostics)) > index, "odometry")
+            expected = localiser.process(pair)
+            stamp, position, quat = odometry_row(odometry[index])
+            assert (stamp, position) == (pair.stamp_ns, tuple(expected.T_ds_rb.translation))
+            assert quat == tuple(expected.T_ds_rb.quat_xyzw)
+            covariance = np.array(odometry[index].pose.covariance).reshape(6, 6)
+            assert np.array_equal(covariance, expected.covariance)
+            status = calls(diagnostics)[index]
+            values = values_of(status)
+            assert (status.name, values["state"]) == ("rover1/localisation_node: call", expected.state.value)
+            assert int(values["stamp_ns"]) == pair.stamp_ns
+            assert float(values["processing_time_s"]) > 0
+            assert int(values["peak_rss_bytes"]) > 50e6
+        assert (odometry[0].header.frame_id, odometry[0].child_frame_id) == ("world", "rover")
+        error = np.linalg.norm(np.array(odometry_row(odometry[3])[1]) - true_pose(3).translation)
+        assert error < 0.02
+        assert node.end(SIGINT) == 0
+
+
+def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Capture) -> None:
+    with Peer() as peer, LocalNode(peer, capfd, LocalisationNode, "--ros-args", *MOUNT):
+        odometry = peer.listen(Odometry, "localisation/odometry")
+        diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
+        bad = bag_messages.camera_info(START_NS, LOC_RIG, "loc", "left")
+        bad.d[0] = 0.1
+        peer.publish(CameraInfo, "loc/left/camera_info", raw(bad))
+        right_info = raw(bag_messages.camera_info(START_NS, LOC_RIG, "loc", "right"))
+        peer.publish(CameraInfo, "loc/right/camera_info", right_info)
+        peer.until(lambda: any("non-rectified" in text for text in problems(diagnostics)), "refusal of camera_info")
+        send_infos(peer, "loc", LOC_RIG)
+        good = raw(bag_messages.image(START_NS, loc_pair(0).left, "loc", "left"))
+        for broken in (good[: len(good) // 2], b"\0\1\0", b"\xff" * 64):
+            peer.publish(Image, "loc/left/image_rect", broken)
+        size = {"height": 120, "width": 160, "data": bytes(160 * 120)}
+        images = {
+            "its camera_info says": {"height": 2**31, "width": 2**31, "step": 2**31},
+            "too few": {**size, "step": 2**31, "encoding": "mono8"},
+            "encoding 'bayer_rggb8'": {**size, "step": 160, "encoding": "bayer_rggb8"},
+        }
+        for number, (words, fields) in enumerate(images.items()):
+            stamp = START_NS - PERIOD_NS * (len(images) - number)
+            for side in ("left", "right"):
+                peer.publish(Image, f"loc/{side}/image_rect", Image(header=header_msg(stamp, ""), **fields))
+            peer.until(lambda words=words: any(words in text for text in problems(diagnostics)), words)
+        nowhere = PoseWithCovarianceStamped(header=header_msg(0, "ds"))
+        nowhere.pose.pose.position.x = math.nan
+        peer.publish(PoseWithCovarianceStamped, "initialpose", nowhere)
+        send_pair(peer, "loc", loc_pair(0))
+        peer.until(lambda: odometry, "odometry after all that")
+        _, position, quat = odometry_row(odometry[0])
+        assert (*position, *quat) == pytest.approx((0, 0, 0, 0, 0, 0, 1), abs=1e-12)
+        assert len(odometry) == 1
+
+
+def test_localisation_restarts_by_service_by_pose_and_when_stamps_go_back(ros: None, capfd: Capture) -> None:
+    with Peer() as peer, LocalNode(peer, capfd, LocalisationNode, "--ros-args", *MOUNT) as node:
+        odometry = peer.listen(Odometry, "localisation/odometry")
+        send_infos(peer, "loc", LOC_RIG)
+
+        def play(index: int, shift_ns: int = 0) -> tuple[float, ...]:
+            pair = loc_pair(index)
+            count = len(odometry)
+            send_pair(peer, "loc", type(pair)(pair.stamp_ns + shift_ns, pair.left, pair.right))
+            peer.until(lambda: len(odometry) > count, "odometry")
+            return odometry_row(odometry[-1])[1]
+
+        def set_pose(index: int) -> None:
+            message = PoseWithCovarianceStamped()
+            message.pose.pose = pose_msg(true_pose(index), true_pose(index).quat_xyzw)
+            peer.publish(PoseWithCovarianceStamped, "initialpose", message, arrival=True)
+            peer.spin(0.3)
+
+        assert play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+        play(1)
+        set_pose(1)
+        assert play(2) == pytest.approx(true_pose(2).translation, abs=0.02)
+        assert play(0, -10 * PERIOD_NS - 10**9) == pytest.approx(true_pose(1).translation, abs=1e-9)
+        assert "stamps have gone back" in node.text
+        assert peer.call("localisation_node/reset").success
+        assert play(5) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+
+
+def test_images_that_the_node_has_no_room_for_are_counted(ros: None, capfd: Capture) -> None:
+    arguments = ["--ros-args", *MOUNT, "-p", "input.queue_depth:=3"]
+    with Peer() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments):
+        diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
+        send_infos(peer, "loc", LOC_RIG)
+        send_pair(peer, "loc", loc_pair(0))
+        peer.until(lambda: len(calls(diagnostics)) == 1, "the first pair")
+        for index in range(1, 11):  # nobody receives meanwhile
+            send_pair(peer, "loc", loc_pair(index))
+        last = str(loc_pair(10).stamp_ns)
+        peer.until(lambda: values_of(calls(diagnostics)[-1])["stamp_ns"] == last, "the last pair")
+        values = values_of(calls(diagnostics)[-1])
+        dropped = int(values["dropped_in_transport"]) + int(values["dropped_unpaired"])
+        assert dropped == 2 * (11 - len(calls(diagnostics)))
+        assert dropped > 0
+
+
+def test_localisation_without_extrinsics_says_what_is_missing(ros: None, capfd: Capture) -> None:
+    with Peer() as peer, LocalNode(peer, capfd, LocalisationNode) as node:
+        diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
+        odometry = peer.listen(Odometry, "localisation/odometry")
+        node.wait_for("the extrinsics of the stereo rig (parameters T_rb_locsb) are not given")
+        send_infos(peer, "loc", LOC_RIG)
+        send_pair(peer, "loc", loc_pair(0))
+        peer.until(lambda: any("T_rb_locsb.translation_m" in text for text in problems(diagnostics)), "the error")
+        assert not odometry
+
+
+INVALID = [
+    ("T_rb_locsb.quat_xyzw:=[0.0, 0.0, 0.0, 2.0]", "a unit quaternion is needed"),
+    ("T_rb_locsb.translation_m:=[1.0, 0.0, 0.0]", "give both"),
+    ("localisation.max_feature:=3", "unknown key 'localisation.max_feature'"),
+    ("input.image_transport:=theora", "must be one of raw, compressed, auto"),
+]
+
+
+@pytest.mark.parametrize(("argument", "words"), INVALID)
+def test_parameters_that_are_not_valid_are_named(ros: None, argument: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        LocalisationNode(cli_args=["--ros-args", "-p", argument])
+
+
+def test_parameters_that_are_not_valid_are_one_line_and_exit_2(tmp_path: Path) -> None:
+    argument, words = INVALID[0]
+    with node_process(tmp_path, "localisation_node", "--ros-args", "-p", argument) as node:
+        assert node.popen.wait(60) == 2
+        assert words in node.text
+        assert len(node.text.strip().splitlines()) == 1
