@@ -13,11 +13,11 @@ import made_scene
 import numpy as np
 import pytest
 from loc_drive import drive, errors, localiser, noisy, run
-from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, WIDTH, true_pose
+from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, true_pose
 
 from sfr_loc_map.errors import GeometryError, LocalisationError
 from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
@@ -115,6 +115,28 @@ def test_statistics_state_what_the_right_camera_is_off_by() -> None:
     found = by.process(DRIVE[2]).statistics
     # right positions too far right: disparities too small
     assert (found.disparity_offset_px, found.vertical_offset_px, found.roll_offset_px) == (-0.2, -0.1, 0.3)
+
+
+def test_the_next_pose_is_predicted_from_the_last_motion() -> None:
+    by = localiser()
+    run(DRIVE[:5], by)
+    predicted, still = by._motion.predictions(by._T_world_left, DRIVE[5].stamp_ns, None)
+    first, now = (true_pose(index) @ LOC_RIG.T_rb_left for index in (0, 5))
+    error, step = (
+        float(np.linalg.norm(pose.translation - (first.inverse() @ now).translation)) for pose in (predicted, still)
+    )
+    assert error < 0.2 * step
+
+
+def test_covariance_is_that_of_the_rover_wherever_its_camera_is() -> None:
+    """Two points fixed to the rover: the covariance of one follows from that of the other."""
+    T_rb_other = Transform.from_quat([2.0, -1.0, 0.5], [0.0, 0.0, 0.0, 1.0])
+    other = replace(LOC_RIG, T_rb_sb=T_rb_other.inverse() @ T_RB_LOCSB)
+    start = true_pose(0) @ T_rb_other
+    rover, point = run(DRIVE[:9])[-1], run(DRIVE[:9], Localiser(other, LocalisationConfig(), start))[-1]
+    lever = point.T_ds_rb.translation - rover.T_ds_rb.translation
+    assert np.linalg.norm(lever) > 2.0
+    np.testing.assert_allclose(point.covariance, propagated_covariance(rover.covariance, lever), rtol=1e-6, atol=1e-14)
 
 
 def test_the_start_moves_the_whole_trajectory(estimates: list[PoseEstimate]) -> None:
