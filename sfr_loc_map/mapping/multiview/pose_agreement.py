@@ -63,9 +63,9 @@ class PoseAgreement:
         overlap = common / max(len(view.cloud), 1)
         if common == 0:
             return cls(pairs, 0, overlap, math.nan, math.nan, math.nan, math.nan)
-        sigma = np.sqrt(np.square(view.cloud.sigma[points.index]) + np.square(points.deviation))
         difference = points.difference[::SAMPLE]
-        normalised = np.abs(points.difference / sigma)[::SAMPLE]
+        own = view.cloud.sigma[points.index[::SAMPLE]]
+        normalised = np.abs(difference) / np.sqrt(np.square(own) + np.square(points.deviation[::SAMPLE]))
         middle = float(np.median(difference))
         grey, shifted = (_spread(item[::SAMPLE]) for item in (points.grey_difference, points.grey_difference_shifted))
         noise = max(view.noise_grey, other.noise_grey)

@@ -40,13 +40,22 @@ class ViewImages(NamedTuple):
 
 
 class _Samples(NamedTuple):
-    """What a view says of N points, `(N,)` float32 each; `difference` is NaN where it says nothing."""
+    """What a view says of N points, `(N,)` float32 each, as `ReprojectedPoints` describes them.
+
+    `difference` is NaN where it says nothing; the others are then undefined.
+    """
 
     difference: FloatImage
     weight: FloatImage
     grey: FloatImage
     grey_shifted: FloatImage
     offset_px: FloatImage
+
+    @classmethod
+    def nothing(cls, count: int) -> _Samples:
+        """Return those of points that are not seen."""
+        weight, grey, offset_px = (np.empty(count, F) for _ in range(3))
+        return cls(np.full(count, np.nan, F), weight, grey, np.full(count, np.nan, F), offset_px)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +93,7 @@ def reproject_into_view(
         rig: Rig of all pairs.
     """
     T_left_lm = T_lm_left.inverse()
-    samples = _Samples(*(np.full(len(cloud), np.nan, F) for _ in _Samples._fields))
+    samples = _Samples.nothing(len(cloud))
     _sample_view(cloud.xyz, T_left_lm.rotation, T_left_lm.translation, rig.camera, images, samples)
     index = np.flatnonzero(np.isfinite(samples.difference))
     difference, weight, grey, grey_shifted, offset_px = (values[index] for values in samples)
