@@ -11,6 +11,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.covariance_model import CovarianceModel, covariance_of_rb
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, TrackingStatistics, lost_covariance
+from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
 from sfr_loc_map.localisation.motion_model import MotionModel
@@ -66,18 +67,8 @@ class Localiser:
 
     @staticmethod
     def warm_up() -> None:
-        """Load or compile all machine code, so that no call pays for it; it is the same for all rigs."""
-        width, height = 320, 240
-        rig = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
-        texture = np.random.default_rng(0).integers(0, 255, (height, width + 200), np.uint8)
-        config = LocalisationConfig(window_keyframes=2, max_features=100, min_tracked=8)
-        other = Localiser(rig, config, Transform.identity())
-        # small steps are tracked until a keyframe leaves the window, a leap is recovered by flow, black is lost
-        for stamp_ns, shift in enumerate((0, 4, 30, 60, 90, 150)):
-            left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
-            other.process(StereoPair(stamp_ns, left, right))
-        other.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
-        other._finish_keyframe()
+        """Load or compile all kernels, so that no call pays for it; they are the same for all rigs."""
+        _warm_up()
 
     def process(self, pair: StereoPair, motion: Transform | None = None) -> PoseEstimate:
         """Return the pose at one pair; pairs come in the order of their stamps.
@@ -89,7 +80,7 @@ class Localiser:
         Raises:
             LocalisationError: If the pair does not have the rig's size.
         """
-        self._check_size(pair)
+        _check_size(pair, self._rig)
         self._timer = StageTimer()
         with self._timer("wait"):
             self._finish_keyframe()
@@ -137,7 +128,8 @@ class Localiser:
         if by_left:
             self._relocaliser.remember(frame.image, result)
         wanted = by_left and backend.wants_keyframe(result)
-        estimate = self._estimate(frame.stamp_ns, self._statistics(result, wanted))
+        statistics = _statistics(result, backend.calibration.offset, backend.keyframe_count + wanted)
+        estimate = self._estimate(frame.stamp_ns, statistics)
         if wanted:  # the backend belongs to its thread from here until the next call has waited
             backend.add_keyframe(frame, result)
         return estimate
@@ -181,19 +173,6 @@ class Localiser:
         self._covariance.set_in_window(self._backend.covariance)
         self._relocaliser.update(self._backend.landmarks)
 
-    def _statistics(self, result: TrackingResult, is_keyframe: bool) -> TrackingStatistics:
-        offset = self._backend.calibration.offset
-        return TrackingStatistics(
-            features=len(result.landmarks),
-            inliers=int(result.inliers.sum()),
-            keyframes=self._backend.keyframe_count + is_keyframe,
-            chi_median=float(np.nanmedian(result.chi2_per_dof)),
-            residual_px=result.residual_px,
-            vertical_offset_px=offset.v,
-            disparity_offset_px=-offset.u,
-            roll_offset_px=offset.roll,
-        )
-
     def _estimate(self, stamp_ns: int, statistics: TrackingStatistics) -> PoseEstimate:
         T_ds_left = self._T_ds_world @ self._T_world_left
         T_ds_rb = T_ds_left @ self._T_rb_left.inverse()
@@ -210,13 +189,41 @@ class Localiser:
         known = self._backend.started and self._state is not TrackingState.LOST
         return known and self._last_pair is not None and is_duplicate_pair(self._last_pair, pair)
 
-    def _check_size(self, pair: StereoPair) -> None:
-        if pair.left.shape != (self._rig.height, self._rig.width):
-            found = f"{pair.left.shape[1]} x {pair.left.shape[0]}"
-            needed = f"{self._rig.width} x {self._rig.height}"
-            raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {needed}: give images of the rig")
-
 
 def is_duplicate_pair(before: StereoPair, now: StereoPair) -> bool:
     """Tell whether two pairs have bit-identical images."""
     return np.array_equal(before.left, now.left) and np.array_equal(before.right, now.right)
+
+
+def _check_size(pair: StereoPair, rig: StereoRig) -> None:
+    if pair.left.shape != (rig.height, rig.width):
+        found = f"{pair.left.shape[1]} x {pair.left.shape[0]}"
+        needed = f"{rig.width} x {rig.height}"
+        raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {needed}: give images of the rig")
+
+
+def _statistics(result: TrackingResult, offset: RightOffset, keyframes: int) -> TrackingStatistics:
+    return TrackingStatistics(
+        features=len(result.landmarks),
+        inliers=int(result.inliers.sum()),
+        keyframes=keyframes,
+        chi_median=float(np.nanmedian(result.chi2_per_dof)),
+        residual_px=result.residual_px,
+        vertical_offset_px=offset.v,
+        disparity_offset_px=-offset.u,
+        roll_offset_px=offset.roll,
+    )
+
+
+def _warm_up() -> None:
+    """Drive a small rig: small steps until a keyframe leaves the window, a leap that flow recovers, black images."""
+    width, height = 320, 240
+    rig = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
+    texture = np.random.default_rng(0).integers(0, 255, (height, width + 200), np.uint8)
+    config = LocalisationConfig(window_keyframes=2, max_features=100, min_tracked=8)
+    localiser = Localiser(rig, config, Transform.identity())
+    for stamp_ns, shift in enumerate((0, 4, 30, 60, 90, 150)):
+        left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
+        localiser.process(StereoPair(stamp_ns, left, right))
+    localiser.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
+    localiser.set_pose(Transform.identity())  # waits for the last keyframe
