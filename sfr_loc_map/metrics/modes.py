@@ -28,6 +28,13 @@ class CallKind(StrEnum):
     FUSION = "fusion"
 
 
+class MappingState(StrEnum):
+    """The result of a call of the mapper: one pair mapped, or the pairs of a set fused."""
+
+    MAPPED = "mapped"
+    FUSED = "fused"
+
+
 class CloudKind(StrEnum):
     """Whether a cloud holds the points of every pair, or each surface point once."""
 

@@ -24,6 +24,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.resources import CallUsage
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter
 from sfr_loc_map.nodes.diagnostics.key_values import Level
@@ -216,7 +217,7 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         self._disparity.publish(disparity_msg(result.disparity_px, received.rig, searched_px, header))
         now_ns = self.get_clock().now().nanoseconds
         times = latencies(received.times, pair.stamp_ns, time.time_ns(), now_ns) | {"conversion_s": conversion_s}
-        self._report_call(pair.stamp_ns, usage, "mapped", result, times)
+        self._report_call(pair.stamp_ns, usage, MappingState.MAPPED, result, times)
         if len(self._session) == self.config.pairs_per_map:
             self._fuse()
 
@@ -226,7 +227,7 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
             fused = self._session.fuse()
         stamp_ns = self._session.last_ns
         self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self.config.lm_frame))
-        self._report_call(stamp_ns, usage, "fused", fused, {})
+        self._report_call(stamp_ns, usage, MappingState.FUSED, fused, {})
         return len(fused.cloud)
 
     def _finish(self) -> str:
@@ -234,13 +235,18 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         return f"{self._fuse()} points of {pairs} pairs published"
 
     def _report_call(
-        self, stamp_ns: int, usage: CallUsage, state: str, result: PairMap | FusedMap, times: Mapping[str, float]
+        self,
+        stamp_ns: int,
+        usage: CallUsage,
+        state: MappingState,
+        result: PairMap | FusedMap,
+        times: Mapping[str, float],
     ) -> None:
         """Publish time, memory and warnings of a call."""
         for warning in result.warnings:
             self.status.warn(warning)
         level = Level.WARN if result.warnings else Level.OK
-        call = Call(stamp_ns, usage, state, level, result.statistics, times)
+        call = Call(stamp_ns, usage, state.value, level, result.statistics, times)
         self.status.note_call(call, self._calls.publish(call, self.counts()))
 
     def _count_unprocessed(self) -> None:

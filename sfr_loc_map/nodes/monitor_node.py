@@ -31,9 +31,8 @@ from sfr_loc_map.io.point_image import points_image
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import load_limits
-from sfr_loc_map.metrics.results import to_json
-from sfr_loc_map.metrics.score import Provenance
-from sfr_loc_map.metrics.score_json import to_dict
+from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level
 from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
@@ -232,11 +231,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._last_ns = max(self._last_ns, stamp_ns)
         self.status.health.note_arrival()
 
-    def _result(self, *, details: bool = True) -> dict[str, Any]:
+    def _result(self, *, details: bool = True) -> Score:
         """Return the score so far, with the configurations that it was made with."""
         configuration = self._configurations | {"monitor": json.loads(self.config_json())}
         provenance = Provenance(version=__version__, configuration=configuration)
-        return to_dict(self._score.result(provenance, details=details))
+        return self._score.result(provenance, details=details)
 
     def _publish(self) -> None:
         if not self._changed:

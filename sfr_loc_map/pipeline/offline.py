@@ -21,6 +21,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.resources import CallMeter
 from sfr_loc_map.pipeline.call_record import CallRecord
 
@@ -126,12 +127,12 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
         with meter.measure() as call:
             result = mapper.process(item.pair, item.T_lm_navsb, index)
         maps.append(result)
-        cost = (call.processing_time_s, "mapped", call.peak_rss_bytes, call.above_idle_bytes)
+        cost = (call.processing_time_s, MappingState.MAPPED.value, call.peak_rss_bytes, call.above_idle_bytes)
         records.append(CallRecord(item.pair.stamp_ns, *cost, result.statistics))
         progress(index + 1)
     with meter.measure() as call:
         fused = mapper.fuse(maps)
-    cost = (call.processing_time_s, "fused", call.peak_rss_bytes, call.above_idle_bytes)
+    cost = (call.processing_time_s, MappingState.FUSED.value, call.peak_rss_bytes, call.above_idle_bytes)
     records.append(CallRecord(maps[-1].stamp_ns, *cost, fused.statistics))
     return MapRun(maps, fused, records)
 

@@ -30,16 +30,16 @@ def raw(message: Any) -> bytes:
     return bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
 
 
-def send_infos(peer: Peer, bench: str, rig: StereoRig, prefix: str = "", stamp_ns: int = START_NS) -> None:
+def send_infos(peer: Peer, name: str, rig: StereoRig, prefix: str = "", stamp_ns: int = START_NS) -> None:
     for side in ("left", "right"):
-        message = raw(bag_messages.camera_info(stamp_ns, rig, bench, side))
-        peer.publish(CameraInfo, f"{prefix}{bench}/{side}/camera_info", message)
+        message = raw(bag_messages.camera_info(stamp_ns, rig, name, side))
+        peer.publish(CameraInfo, f"{prefix}{name}/{side}/camera_info", message)
 
 
-def send_pair(peer: Peer, bench: str, pair: StereoPair, prefix: str = "") -> None:
-    for side, picture in (("left", pair.left), ("right", pair.right)):
-        message = raw(bag_messages.image(pair.stamp_ns, picture, bench, side))
-        peer.publish(Image, f"{prefix}{bench}/{side}/image_rect", message)
+def send_pair(peer: Peer, rig: str, pair: StereoPair, prefix: str = "") -> None:
+    for side, image in (("left", pair.left), ("right", pair.right)):
+        message = raw(bag_messages.image(pair.stamp_ns, image, rig, side))
+        peer.publish(Image, f"{prefix}{rig}/{side}/image_rect", message)
 
 
 def calls(diagnostics: list[DiagnosticArray]) -> list[DiagnosticStatus]:

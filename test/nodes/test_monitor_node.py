@@ -24,7 +24,7 @@ from sfr_loc_map.nodes.diagnostics.key_values import values_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 
 
-def test_monitor_scores_what_it_hears(ros: None, capfd: Capture, tmp_path: Path) -> None:
+def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path: Path) -> None:
     save = tmp_path / "score.json"
     limits = tmp_path / "limits.yaml"
     limits.write_text("trajectory:\n - condition: frames=5\n   position_mean_plus_3sigma_m: 0.001\n", encoding="utf-8")
@@ -44,8 +44,8 @@ def test_monitor_scores_what_it_hears(ros: None, capfd: Capture, tmp_path: Path)
         metrics = peer.listen(DiagnosticArray, "metrics")
         for index in range(21):
             for topic, stretch in (("ground_truth/odometry", 1.0), ("localisation/odometry", 1.01)):
-                place = np.array([0.1 * index * stretch, 0.0, 0.0])
-                message = bag_messages.odometry(START_NS + index * PERIOD_NS, place, np.array([0.0, 0.0, 0.0, 1.0]))
+                position = np.array([0.1 * index * stretch, 0.0, 0.0])
+                message = bag_messages.odometry(START_NS + index * PERIOD_NS, position, np.array([0.0, 0.0, 0.0, 1.0]))
                 peer.publish(Odometry, topic, raw(message))
 
         def whole() -> dict | None:

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float64, String
 
-from sfr_loc_map.metrics.results import to_json
+from sfr_loc_map.metrics.score import SampleStatistic, Score, Statistic
+from sfr_loc_map.metrics.score_json import to_dict, to_json
 from sfr_loc_map.nodes.diagnostics.key_values import array_msg
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.output.score_status import score_statuses
 
-FIGURES = {
-    "position": ("trajectory", "position_m"),
-    "attitude": ("trajectory", "attitude_deg"),
-    "heading": ("trajectory", "heading_deg"),
-    "point": ("map", "point_error_m"),
-}
-"""Topics below `metrics/`, and where their figures are in the score."""
+FIGURES = ("position", "attitude", "heading", "point")
+"""Topics below `metrics/`."""
 STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
 
 
@@ -41,17 +34,28 @@ class ScorePublisher:
             for statistic in STATISTICS
         }
 
-    def publish(self, score: Mapping[str, Any], stamp_ns: int) -> None:
-        """Publish a score (JSON).
+    def publish(self, score: Score, stamp_ns: int) -> None:
+        """Publish a score.
 
         Args:
             score: The score.
             stamp_ns: Stamp of the last input.
         """
         self._report.publish(String(data=to_json(score)))
-        for (name, statistic), publisher in self._figures.items():
-            part, figure = FIGURES[name]
-            value = score.get(part, {}).get(figure, {}).get(statistic)
-            if value is not None:
-                publisher.publish(Float64(data=float(value)))
-        self._metrics.publish(array_msg(header_msg(stamp_ns, ""), *score_statuses(score)))
+        for name, figure in _figures(score).items():
+            for statistic in STATISTICS:
+                value = getattr(figure, statistic)
+                if value is not None:
+                    self._figures[name, statistic].publish(Float64(data=float(value)))
+        self._metrics.publish(array_msg(header_msg(stamp_ns, ""), *score_statuses(to_dict(score))))
+
+
+def _figures(score: Score) -> dict[str, Statistic | SampleStatistic]:
+    """Return the figures that the score has, by topic."""
+    found: dict[str, Statistic | SampleStatistic] = {}
+    if score.trajectory is not None:
+        first = score.trajectory.first
+        found |= {"position": first.position_m, "attitude": first.attitude_deg, "heading": first.heading_deg}
+    if score.map is not None and score.map.errors is not None:
+        found["point"] = score.map.errors.point_error_m
+    return found

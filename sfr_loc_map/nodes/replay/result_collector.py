@@ -14,6 +14,7 @@ from std_msgs.msg import String
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC as DIAGNOSTICS
 from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of
@@ -106,7 +107,7 @@ class ResultCollector:
         poses = report.get("trajectory", {}).get("estimate_poses", len(results.rows))
         timing = report.get("timing", {})
         calls = sum(timing.get(f"{name}_s", {}).get("count", 0) for name in ("localisation", "mapping"))
-        done = len(results.localisation) + sum(state == "mapped" for state, _ in results.mapping)
+        done = len(results.localisation) + sum(state == MappingState.MAPPED for state, _ in results.mapping)
         return poses >= len(results.rows) and calls >= done and ("map" in report or not with_map)
 
     def _on_odometry(self, message: Odometry) -> None:

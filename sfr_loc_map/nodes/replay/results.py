@@ -9,6 +9,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 
@@ -69,7 +70,7 @@ class ReplayResults:
         """Tell whether the results of a pair are complete."""
         if task == "loc":
             return stamp_ns in self.localisation and stamp_ns in self.covariances
-        return ("mapped", stamp_ns) in self.mapping
+        return (MappingState.MAPPED, stamp_ns) in self.mapping
 
     def are_complete(self, clouds: int) -> bool:
         """Tell whether each published pair has its results, and so many clouds have been received."""

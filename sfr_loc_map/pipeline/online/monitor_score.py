@@ -12,6 +12,7 @@ from sfr_loc_map.metrics.build import ScoreParts, build_score
 from sfr_loc_map.metrics.cloud_error import ScoredMap, score_map
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.online_score import LiveTrajectoryScore
 from sfr_loc_map.metrics.resource_score import score_calls
 from sfr_loc_map.metrics.score import Provenance, Score
@@ -76,9 +77,9 @@ class MonitorScore:
     def add_call(self, record: CallRecord) -> None:
         """Add a call; calls of the mapper say which pairs a cloud is made of."""
         self._calls.add(record)
-        if record.state == "mapped":
+        if record.state == MappingState.MAPPED:
             self.map_inputs.add_mapped(record.stamp_ns)
-        elif record.state == "fused":
+        elif record.state == MappingState.FUSED:
             self.map_inputs.add_fused(record.stamp_ns)
 
     def score_maps(self) -> bool:

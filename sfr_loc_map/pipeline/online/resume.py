@@ -1,4 +1,4 @@
-"""The pose known last, in a file: a localisation node that was killed goes on where it was."""
+"""The last known pose, in a file: a localisation node that was killed resumes there."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ class KnownPose:
     covariance: FloatArray
 
     def after_gap(self) -> KnownPose:
-        """Return the pose as it is known after a while in which nothing was seen."""
+        """Return the pose with the covariance after a gap without images."""
         return KnownPose(self.stamp_ns, self.T_ds_rb, self.covariance + np.diag(np.square(UNSEEN_SIGMA)))
 
     def after_step(self, before: KnownPose) -> KnownPose:
-        """Return the pose as it is known after one more step like that from an earlier pose, not seen."""
+        """Return the pose with the covariance after one more step, unseen, of the size of that from an earlier pose."""
         step = before.T_ds_rb.inverse() @ self.T_ds_rb
         size = np.linalg.norm(step.translation), np.linalg.norm(rotvec_from_matrix(step.rotation))
         return KnownPose(self.stamp_ns, self.T_ds_rb, self.covariance + np.diag(np.repeat(np.square(size), 3)))
 
     def added_covariance(self, T_ds_rb: Transform) -> FloatArray:
-        """Return what the covariance of a start at this pose, `(6, 6)`, makes of that of a later pose."""
+        """Return what the covariance `(6, 6)` of a start at this pose adds to that of a later pose."""
         return Start(self.T_ds_rb.translation, self.covariance).propagated_to(T_ds_rb.translation)
 
 
 class PoseFile:
-    """Keeps the pose known last.
+    """Keeps the last known pose.
 
-    It is renamed into place, so that a process that is killed leaves the one before. It is not forced onto the disk:
-    after a loss of power an older pose, or none, may be there.
+    The file is replaced by renaming, so a process that is killed leaves the one before. It is not synchronised to the
+    disk: after a loss of power it may be older, or missing.
     """
 
     def __init__(self, path: Path, max_age_s: float) -> None:
@@ -57,7 +57,7 @@ class PoseFile:
 
         Args:
             path: The file.
-            max_age_s: An older pose, by the stamps, is of no use.
+            max_age_s: A pose older than this, by the stamps, is not loaded.
         """
         self._path, self._max_age_s = path, max_age_s
 
@@ -100,5 +100,5 @@ class PoseFile:
             os.replace(part, self._path)
         except OSError as error:
             raise OutputError(
-                f"cannot write resume_file '{self._path}': {error.strerror}; a restart would go on at an older pose"
+                f"cannot write resume_file '{self._path}': {error.strerror}; a restart would resume at an older pose"
             ) from error

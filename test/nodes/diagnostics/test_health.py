@@ -83,7 +83,7 @@ def test_an_error_says_more_than_silence() -> None:
     assert verdict.message == "camera_info is not rectified; nothing came for more than 1 s"
 
 
-def test_what_was_before_is_forgotten_when_the_node_begins_anew() -> None:
+def test_what_was_before_is_forgotten_when_the_health_is_reset() -> None:
     node = Node()
     node.call(Level.ERROR, "lost")
     node.health.reset()

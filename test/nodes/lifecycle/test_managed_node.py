@@ -105,7 +105,7 @@ def test_parameters_change_live_as_a_whole_or_not_at_all(ros: None, capfd: Captu
 
         peer.until(adopted, "the configuration")
         before = np.array(peer.odometry[-1].pose.covariance).reshape(6, 6)
-        assert peer.play(2) == pytest.approx(at, abs=1e-12)  # starts anew at its last pose
+        assert peer.play(2) == pytest.approx(at, abs=1e-12)  # restarts at its last pose
         step = np.linalg.norm(true_pose(1).translation - true_pose(0).translation)
         after = np.array(peer.odometry[-1].pose.covariance).reshape(6, 6)
         # which it knows no better than before, and the rover has gone on by a step meanwhile

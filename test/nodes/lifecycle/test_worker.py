@@ -47,7 +47,7 @@ def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[boo
     assert held.finish() == expected
 
 
-def test_a_fault_is_told_and_the_next_job_is_done() -> None:
+def test_a_fault_is_reported_and_the_next_job_is_done() -> None:
     held = Held(Overload.EVERY_PAIR, 3)
     held.worker.enqueue_droppable(lambda: 1 / 0)
     held.worker.enqueue_droppable(lambda: held.done.append(1))

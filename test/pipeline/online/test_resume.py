@@ -31,7 +31,7 @@ def test_a_pose_comes_back_to_the_last_digit_and_nothing_else_is_left(tmp_path: 
 @pytest.mark.parametrize(
     ("age_ns", "taken"), [(-1, False), (0, False), (1, True), (10_000_000_000, True), (10_000_000_001, False)]
 )
-def test_only_a_young_pose_of_the_same_run_is_gone_on_from(tmp_path: Path, age_ns: int, taken: bool) -> None:
+def test_only_a_young_pose_of_the_same_run_is_resumed_from(tmp_path: Path, age_ns: int, taken: bool) -> None:
     file = PoseFile(tmp_path / "pose.json", 10.0)
     file.save(KNOWN)
     assert (file.load(KNOWN.stamp_ns + age_ns) is not None) == taken
@@ -60,14 +60,14 @@ def broken() -> list[str]:
 
 
 @pytest.mark.parametrize("text", broken(), ids=range(len(broken())))
-def test_a_broken_file_is_told_of(tmp_path: Path, text: str) -> None:
+def test_a_broken_file_is_reported(tmp_path: Path, text: str) -> None:
     path = tmp_path / "pose.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="cannot be read"):
         PoseFile(path, 10.0).load(2)
 
 
-def test_a_file_that_cannot_be_written_is_told_of_and_the_one_before_stays(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written_is_reported_and_the_one_before_stays(tmp_path: Path) -> None:
     path = tmp_path / "pose.json"
     PoseFile(path, 10.0).save(KNOWN)
     (tmp_path / ".pose.json.part").mkdir()
