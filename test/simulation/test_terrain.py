@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.simulation.config import GroundConfig, RockConfig, TerrainConfig
-from sfr_loc_map.simulation.mesh import CELLS, ground_mesh
+from sfr_loc_map.simulation.mesh import CELLS, FINEST_M, ground_mesh
 from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh, rocks_per_area
 from sfr_loc_map.simulation.terrain import MaterialShares, Terrain, materials
 
@@ -53,9 +53,12 @@ def test_rocks_are_solids_that_reach_into_the_ground(terrain: Terrain) -> None:
 def test_ground_has_no_cracks(terrain: Terrain) -> None:
     """Every edge that only one triangle has lies on an edge of the neighbouring tile, or at the rim of the world."""
     mesh = ground_mesh(terrain, np.array([[0.0, 0.0], [2.0, 1.0]]))
-    keys = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
+    steps = np.rint((mesh.vertices[:, :2] - mesh.vertices[:, :2].min(axis=0)) / FINEST_M).astype(np.uint64)
+    height_bits = np.ascontiguousarray(mesh.vertices[:, 2]).view(np.uint32).astype(np.uint64)
+    columns = np.unique(steps[:, 0] * 65537 + steps[:, 1], return_inverse=True)[1].astype(np.uint64)
+    keys = np.unique((columns << 32) + height_bits, return_inverse=True)[1]
     edges = np.sort(keys[mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)], axis=1)
-    _unique, first, counts = np.unique(edges, axis=0, return_index=True, return_counts=True)
+    _unique, first, counts = np.unique(edges[:, 0] * len(keys) + edges[:, 1], return_index=True, return_counts=True)
     ends = mesh.vertices[mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1)].reshape(-1, 2, 3)[first[counts == 1]]
     rim = np.abs(ends[..., :2] - ends[..., :2].mean(axis=(0, 1))).max(axis=(1, 2)) > 500
     middle, length = ends.mean(axis=1)[~rim], np.abs(ends[:, 0] - ends[:, 1])[~rim, :2].max(axis=1)
