@@ -54,7 +54,11 @@ class _Field:
         """Return its keys in the owner's object."""
         if self.inline is None or self.record is None:
             return [self.key]
-        return [self.inline.prefix + key for item in _fields_of(self.record) for key in item.names()]
+        return [self.inline.prefix + key for item in _fields_of(cast(Any, self.record)) for key in item.names()]
+
+    def left_out_of(self, content: Mapping[str, Any]) -> bool:
+        """Tell whether the field has its default because no key of it is there."""
+        return self.optional and not any(key in content for key in self.names())
 
 
 def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
@@ -140,30 +144,27 @@ def _decoder(kind: Any) -> Decode:  # noqa: ANN401 - any type expression
 
 
 def _record_from_plain(kind: type, value: object, place: str) -> Any:  # noqa: ANN401 - of the class given
-    content = _object(value, place)
-    items = _fields_of(kind)
-    known = [key for item in items for key in item.names()]
-    unknown = [key for key in content if key not in known]
-    if unknown:
-        close = difflib.get_close_matches(str(unknown[0]), known, n=1)
-        raise RecordError(
-            f"{place or 'it'} has an unknown key '{unknown[0]}'"
-            + (f" (did you mean '{close[0]}'?)" if close else f" (known: {', '.join(known)})")
-        )
-    chosen: dict[str, Any] = {}
-    for item in items:
-        present = [key for key in item.names() if key in content]
-        if not present and item.optional:
-            continue
-        if item.inline is not None:
-            prefix = item.inline.prefix
-            part = {key.removeprefix(prefix): content[key] for key in present}
-            chosen[item.name] = item.decode(part, place)
-        elif present:
-            chosen[item.name] = item.decode(content[item.key], f"{place}.{item.key}" if place else item.key)
-        else:
-            raise RecordError(f"{place or 'it'} has no '{item.key}'")
+    content, items = _object(value, place), _fields_of(cast(Any, kind))
+    _check_keys(content, [key for item in items for key in item.names()], place)
+    chosen = {item.name: _field_value(item, content, place) for item in items if not item.left_out_of(content)}
     return kind(**chosen)
+
+
+def _check_keys(content: Mapping[str, Any], known: Sequence[str], place: str) -> None:
+    for key in content:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+            raise RecordError(f"{place or 'it'} has an unknown key '{key}' ({hint})")
+
+
+def _field_value(item: _Field, content: Mapping[str, Any], place: str) -> Any:  # noqa: ANN401 - of the field's type
+    if item.inline is not None:
+        prefix = item.inline.prefix
+        return item.decode({key.removeprefix(prefix): content[key] for key in item.names() if key in content}, place)
+    if item.key not in content:
+        raise RecordError(f"{place or 'it'} has no '{item.key}'")
+    return item.decode(content[item.key], f"{place}.{item.key}" if place else item.key)
 
 
 def _object(value: object, place: str) -> Mapping[str, Any]:

@@ -89,12 +89,13 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
     made = {kind: mine for kind, mine in rows.items() if len(mine)}
     timed = {kind: mine for kind, mine in made.items() if np.isfinite(calls.seconds[mine]).any()}
     timing = {kind.value: call_score(calls.seconds[mine], clock, _stages(calls, mine)) for kind, mine in timed.items()}
-    peaks = {kind.value: _peaks(calls, mine) for kind, mine in made.items()}
-    drawn = {kind.value: _figures(calls, mine) for kind, mine in made.items()} if details else {}
-    method = METHOD if any(map(_measured, peaks.values())) else METHOD_UNAVAILABLE
-    return ScoredCalls(
-        TimingScore(**timing), MemoryScore(**peaks, method=method), CallDetails(**drawn) if details else None
-    )
+    drawn = CallDetails(**{kind.value: _figures(calls, mine) for kind, mine in made.items()}) if details else None
+    return ScoredCalls(TimingScore(**timing), _memory_score(calls, made), drawn)
+
+
+def _memory_score(calls: Calls, rows: Mapping[CallKind, Rows]) -> MemoryScore:
+    peaks = {kind.value: _peaks(calls, mine) for kind, mine in rows.items()}
+    return MemoryScore(**peaks, method=METHOD if any(map(_measured, peaks.values())) else METHOD_UNAVAILABLE)
 
 
 def score_target(calls: Calls, name: str) -> TargetScore:

@@ -35,12 +35,18 @@ def from_dict(content: object, origin: str = "score") -> Score:
     found = content.get("schema") if isinstance(content, dict) else type(content).__name__
     if not isinstance(content, dict) or found != SCHEMA:
         raise InputError(
-            f"{origin} is no score: sought schema {SCHEMA}, found {found}; give the JSON of sfr score --json"
+            f"{origin} is no score: sought schema {SCHEMA}, found {_one_line(found)}; give the JSON of sfr score --json"
         )
     try:
         return from_plain(Score, {key: value for key, value in content.items() if key != "schema"})
     except (RecordError, RecursionError) as error:
-        raise InputError(f"{origin} is not as {SCHEMA} says: {error}; give the JSON of sfr score --json") from error
+        problem = _one_line(error)
+        raise InputError(f"{origin} is not as {SCHEMA} says: {problem}; give the JSON of sfr score --json") from error
+
+
+def _one_line(text: object) -> str:
+    """Return a text with which a stranger's keys cannot break the line."""
+    return " ".join(str(text).split())
 
 
 def from_json(text: str, origin: str = "score") -> Score:

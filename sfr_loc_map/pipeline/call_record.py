@@ -1,4 +1,4 @@
-"""What one call took and said, offline and over topics."""
+"""Time, memory and state of one call, offline and over topics."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class CallRecord:
     Attributes:
         stamp_ns: Stamp of the pair.
         processing_time_s: Wall-clock time of the call on this host.
-        state: What the call said: initialising, tracking, lost; mapped, fused.
+        state: State after the call: initialising, tracking, lost; mapped, fused.
         peak_rss_bytes: Peak resident memory of the process during the call, None where it cannot be measured.
         above_idle_bytes: The same above the idle process, None where it cannot be measured.
         statistics: Figures of the call by name.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.metrics.resource_score import Calls, stage_of
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), strict=True))
@@ -17,7 +17,7 @@ COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), stri
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CallStats:
-    """What the file says.
+    """The content of the file.
 
     Attributes:
         calls: Times, states and memory.
@@ -27,8 +27,8 @@ class CallStats:
     calls: Calls
     covariance: FloatArray | None
 
-    def lost_at(self, stamps_ns: IntArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        """Return for each stamp whether the call of that stamp said lost."""
+    def lost_at(self, stamps_ns: IntArray) -> Mask:
+        """Return for each stamp whether the state of its call is lost."""
         states = dict(zip(self.calls.stamps_ns.tolist(), self.calls.states, strict=True))
         return np.array([states.get(stamp) == "lost" for stamp in stamps_ns.tolist()], np.bool_)
 
@@ -52,19 +52,10 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     Raises:
         InputError: If it cannot be read, has not the column, or a number in it is none; names the line.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"cannot read statistics '{path}': {reason}; give a CSV with one row for each call") from error
-    if not rows or needed not in rows[0]:
-        found = ", ".join(list(rows[0])[:5]) if rows else "no row"
-        raise InputError(f"statistics '{path}' need a column {needed} and at least one row: found {found}")
-    seconds = _column(path, rows, "processing_time_s")
+    rows = _rows(path, needed)
     calls = Calls(
         _stamps(path, rows),
-        seconds,
+        _column(path, rows, "processing_time_s"),
         [row.get("state") or "" for row in rows],
         _column(path, rows, "peak_rss_bytes"),
         _column(path, rows, "above_idle_bytes"),
@@ -74,6 +65,19 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     if all(name in rows[0] for name in COVARIANCE_NAMES):
         covariance = np.column_stack([_column(path, rows, name) for name in COVARIANCE_NAMES])
     return CallStats(calls, covariance)
+
+
+def _rows(path: Path, needed: str) -> list[dict[str, str]]:
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot read statistics '{path}': {reason}; give a CSV with one row for each call") from error
+    if not rows or needed not in rows[0]:
+        found = ", ".join(list(rows[0])[:5]) if rows else "no row"
+        raise InputError(f"statistics '{path}' need a column {needed} and at least one row: found {found}")
+    return rows
 
 
 def _stamps(path: Path, rows: list[dict[str, str]]) -> IntArray:

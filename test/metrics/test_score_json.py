@@ -67,7 +67,7 @@ def values(hint: Any, inline: bool = False) -> st.SearchStrategy[Any]:
     return st.sampled_from(list(hint))
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(values(Score))
 def test_every_score_reads_back_as_it_was_written(score: Score) -> None:
     text = to_json(score)
@@ -76,7 +76,7 @@ def test_every_score_reads_back_as_it_was_written(score: Score) -> None:
     assert to_json(read) == text
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.recursive(SCALARS[object] | st.none() | NUMBERS, lambda s: st.lists(s) | st.dictionaries(WORDS, s)))
 def test_what_is_no_score_is_refused_in_one_line(content: Any) -> None:
     for value in (content, {"schema": SCHEMA, "verdicts": [], "trajectory": content, "map": content}):
@@ -179,6 +179,13 @@ def test_malformed_scores_are_refused_with_the_place(path: str, value: Any, word
     with pytest.raises(InputError, match=f"^file.json is .*{words}") as caught:
         from_dict(changed(path, value), "file.json")
     assert "\n" not in str(caught.value)
+
+
+def test_line_breaks_in_keys_do_not_break_the_message() -> None:
+    for content in ({"schema": "a\nb"}, {"schema": SCHEMA, "verdicts": [], "a\nb": 1}):
+        with pytest.raises(InputError, match="a b") as caught:
+            from_dict(content)
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1", "nul", "[" * 100_000])

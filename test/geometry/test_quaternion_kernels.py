@@ -1,0 +1,59 @@
+"""Compiled quaternions against scipy's rotations."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from sfr_loc_map.geometry.quaternion_kernels import (
+    conjugate,
+    product,
+    rotated,
+    row_difference,
+    row_quat,
+    slerp,
+    unit_quats,
+)
+
+A, B = (Rotation.random(200, random_state=seed) for seed in (1, 2))
+
+
+def test_product_rotates_by_the_second_first() -> None:
+    got = [product(tuple(a), tuple(b)) for a, b in zip(A.as_quat(), B.as_quat(), strict=True)]
+    vectors = np.random.default_rng(3).normal(size=(200, 3))
+    assert Rotation.from_quat(got).apply(vectors) == pytest.approx(A.apply(B.apply(vectors)), abs=1e-13)
+
+
+def test_conjugate_is_the_inverse() -> None:
+    got = [product(tuple(a), conjugate(tuple(a))) for a in A.as_quat()]
+    assert np.array(got) == pytest.approx(np.tile([0.0, 0, 0, 1], (200, 1)), abs=1e-14)
+
+
+def test_vectors_are_rotated() -> None:
+    vectors = np.random.default_rng(4).normal(size=(200, 3))
+    got = [rotated(tuple(q), tuple(v)) for q, v in zip(A.as_quat(), vectors, strict=True)]
+    assert np.array(got) == pytest.approx(A.apply(vectors), abs=1e-13)
+
+
+def test_rows_and_unit_length() -> None:
+    quats = 3.0 * A.as_quat()
+    assert row_quat(quats, 7) == tuple(quats[7])
+    assert row_difference(quats[:, :3].copy(), 5, quats[:, 1:].copy(), 2) == tuple(quats[5, :3] - quats[2, 1:])
+    assert unit_quats(quats) == pytest.approx(A.as_quat(), abs=1e-15)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_slerp_takes_the_shortest_rotation(sign: float) -> None:
+    shares = np.linspace(0.0, 1.0, 200)
+    got = Rotation.from_quat(slerp(A.as_quat(), sign * B.as_quat(), shares))
+    wanted = [
+        Slerp([0, 1], Rotation.concatenate([A[k], B[k]]))(share).as_quat()  # type: ignore[index]
+        for k, share in enumerate(shares)
+    ]
+    assert (got * Rotation.from_quat(wanted).inv()).magnitude().max() < 1e-12
+
+
+def test_slerp_of_nearly_equal_attitudes() -> None:
+    near = (A * Rotation.from_rotvec(1e-9 * np.ones((200, 3)))).as_quat()
+    got = slerp(A.as_quat(), near, np.full(200, 0.5))
+    assert np.sqrt(np.square(got).sum(axis=1)) == pytest.approx(np.ones(200), abs=1e-15)
+    assert got == pytest.approx(0.5 * (A.as_quat() + near), abs=1e-15)
