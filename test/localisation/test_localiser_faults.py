@@ -138,3 +138,16 @@ def test_swapped_images_begin_nothing_anew() -> None:
     estimates = run([*DRIVE[:3], *swapped, DRIVE[5]])
     assert [estimate.state.value for estimate in estimates[3:]] == ["lost", "lost", "tracking"]
     np.testing.assert_array_equal(estimates[4].T_ds_rb.matrix, estimates[2].T_ds_rb.matrix)
+
+
+def test_a_window_that_cannot_begin_leaves_the_reference_of_relocalisation() -> None:
+    by, random = localiser(), np.random.default_rng(0)
+    run(DRIVE[:6], by)
+    reference = by._relocaliser._last
+    for index in range(6, 11):  # texture enough to begin, and no match between left and right
+        left, right = random.integers(0, 255, (2, *BLACK.shape)).astype(np.uint8)
+        estimate = by.process(StereoPair(START_NS + index * PERIOD_NS, left, right))
+        assert estimate.state is TrackingState.LOST
+    assert estimate.statistics.features is not None  # tried to begin
+    assert by._relocaliser._last is reference
+    assert errors(by.process(DRIVE[11]), true_pose(11))[0] < 0.005
