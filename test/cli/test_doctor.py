@@ -228,7 +228,6 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
     folder = tmp_path_factory.mktemp("rovers")
     script = str(Path(__file__).with_name("rover_process.py"))
     environments: dict[str, dict[str, str]] = {}
-    doctors: dict[str, Process] = {}
     mount = folder / "mount.yaml"
     mount.write_text("/**/localisation_node:\n  ros__parameters:\n    T_rb_locsb.quat_xyzw: [0.0, 0.0, 0.0, 1.0]\n")
     with ExitStack() as stack:
@@ -256,20 +255,31 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
         started.append((stack.enter_context(process), "ready"))
         for process, words in started:
             process.wait_for(words)
+        runs: dict[str, Any] = {}
         for what, variables in environments.items():
-            command = [*COMMAND, "doctor", "--graph", "--seconds", "1", "--json", str(folder / f"{what}.json")]
-            config = ["--config", str(mount)] if what not in WITH_NODE else []
-            if what == SMALL:
-                command = ["-c", WITHIN_SMALL, sys.executable, script, sys.executable, *command]
-            doctors[what] = Process(folder / f"{what}_doctor.log", *command, *config, environment=variables)
-            stack.enter_context(doctors[what])
-        for doctor in doctors.values():
-            wait_until(lambda doctor=doctor: doctor.popen.poll() is not None, "the end of the doctor")
+            options = ["--graph", "--seconds", "1", "--json", str(folder / f"{what}.json")]
+            options += ["--config", str(mount)] if what not in WITH_NODE else []
+            log = folder / f"{what}_doctor.log"
+            runs[what] = {"environment": variables, "arguments": options, "log": str(log)}
+        small = runs.pop(SMALL)
+        command = ["-c", WITHIN_SMALL, sys.executable, script, sys.executable, *COMMAND, "doctor", *small["arguments"]]
+        confined = stack.enter_context(Process(Path(small["log"]), *command, environment=small["environment"]))
+        (folder / "runs.json").write_text(json.dumps(runs))
+        forks = Process(
+            folder / "forks.log", str(Path(__file__).with_name("doctor_forks.py")), str(folder / "runs.json")
+        )
+        stack.enter_context(forks)
+        for process in (forks, confined):
+            wait_until(lambda process=process: process.popen.poll() is not None, "the end of the doctors")
+        codes = {**json.loads(forks.text.splitlines()[-1]), SMALL: confined.popen.returncode}
         for process, _ in started:
             process.popen.terminate()
         for process, _ in started:
             wait_until(lambda process=process: process.popen.poll() is not None, "the end of a rover")
-        yield {what: (folder / f"{what}.json", doctor.popen.poll(), doctor.text) for what, doctor in doctors.items()}
+        yield {
+            what: (folder / f"{what}.json", codes[what], (folder / f"{what}_doctor.log").read_text())
+            for what in environments
+        }
 
 
 @pytest.mark.ros

@@ -105,7 +105,7 @@ def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path) -> None:
     assert not [path for path in shared if path.exists()]
 
 
-@pytest.mark.parametrize("signals", [(signal.SIGTERM,), (signal.SIGINT, signal.SIGINT), (signal.SIGKILL,)])
+@pytest.mark.parametrize("signals", [(signal.SIGTERM, signal.SIGINT), (signal.SIGKILL,)])
 def test_a_replay_that_is_ended_leaves_no_nodes_behind(tmp_path: Path, signals: tuple[signal.Signals, ...]) -> None:
     source = write_folder(tmp_path / "source", 100, 0)
     with Process(tmp_path / "log", *COMMAND, "replay", str(source), "--rate", "1") as replay:

@@ -64,10 +64,11 @@ def test_namespace_remaps_and_parameters_reach_the_nodes_and_ctrl_c_ends_all(tmp
     assert not [path for path in shared if path.exists()]
 
 
-@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])
-def test_all_three_run_and_none_is_left(tmp_path: Path, end: signal.Signals) -> None:
-    with Process(tmp_path / "log", *COMMAND, "run", "--log-level", "info") as run:
-        pids = wait_until(lambda: len(nodes_of(run.popen.pid)) == 3 and nodes_of(run.popen.pid), "three nodes")
+@pytest.mark.parametrize(("end", "nodes"), [(signal.SIGTERM, []), (signal.SIGKILL, ["monitor"])])
+def test_all_asked_for_run_and_none_is_left(tmp_path: Path, end: signal.Signals, nodes: list[str]) -> None:
+    with Process(tmp_path / "log", *COMMAND, "run", *nodes, "--log-level", "info") as run:
+        count = len(nodes) or 3
+        pids = wait_until(lambda: len(nodes_of(run.popen.pid)) == count and nodes_of(run.popen.pid), "the nodes")
         wait_until(lambda: all(map(handles_signals, pids)), "the start of the nodes")
         code = run.end(end)
         assert code == (0 if end is signal.SIGTERM else -signal.SIGKILL)

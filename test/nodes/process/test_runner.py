@@ -1,5 +1,5 @@
 import os
-import signal
+import time
 from pathlib import Path
 from signal import SIGINT, SIGKILL, SIGTERM
 
@@ -38,14 +38,39 @@ def process(folder: Path, start: str = "pass", *arguments: str) -> Process:
     return Process(folder / "node.log", str(script), *arguments)
 
 
-@pytest.mark.parametrize(
-    "signals", [(SIGINT,), (SIGTERM,), (SIGINT, SIGINT, SIGINT), (SIGTERM, SIGINT), (SIGTERM, SIGTERM)]
-)
-def test_signals_end_a_node_cleanly_however_many(tmp_path: Path, signals: tuple[signal.Signals, ...]) -> None:
-    with process(tmp_path) as node:
-        node.wait_for("ready")
-        assert node.end(*signals) == 0
-        assert node.text.split("ready\n")[1] == "shut down\ncode 0\n"
+SIGNALS = [(SIGINT,), (SIGTERM,), (SIGINT, SIGINT, SIGINT), (SIGTERM, SIGINT), (SIGTERM, SIGTERM)]
+FORKS = """
+import os, sys
+import sfr_loc_map.nodes.process.runner
+for number in range({count}):
+    pid = os.fork()
+    if pid == 0:
+        log = os.open(f"{folder}/{{number}}.log", os.O_WRONLY | os.O_CREAT, 0o644)
+        os.dup2(log, 1)
+        os.dup2(log, 2)
+        exec(compile(open("{script}").read(), "slow_node", "exec"))
+    print(pid, flush=True)
+for _ in range({count}):
+    os.wait()
+"""
+"""Starts nodes that share the time of their imports."""
+
+
+def test_signals_end_a_node_cleanly_however_many(tmp_path: Path) -> None:
+    (tmp_path / "slow_node.py").write_text(NODE.format(start="pass"), encoding="utf-8")
+    (tmp_path / "forks.py").write_text(
+        FORKS.format(count=len(SIGNALS), folder=tmp_path, script=tmp_path / "slow_node.py"), encoding="utf-8"
+    )
+    logs = [tmp_path / f"{number}.log" for number in range(len(SIGNALS))]
+    with Process(tmp_path / "forks.log", str(tmp_path / "forks.py")) as forks:
+        for log in logs:
+            wait_until(lambda log=log: log.exists() and "ready" in log.read_text(), f"{log.name} ready")
+        for pid, signals in zip(map(int, forks.text.split()), SIGNALS, strict=True):
+            for position, number in enumerate(signals):
+                time.sleep(0.1 * (position > 0))
+                os.kill(pid, number)
+        assert forks.popen.wait(60) == 0
+    assert [log.read_text().split("ready\n")[1] for log in logs] == ["shut down\ncode 0\n"] * len(SIGNALS)
 
 
 def test_a_signal_while_the_node_is_being_made_ends_it_cleanly(tmp_path: Path) -> None:
