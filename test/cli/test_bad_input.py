@@ -15,6 +15,7 @@ import pytest
 from cli_result import Result, Sfr
 
 Made = Callable[[Path], Path]
+MadeOnce = Callable[[Made], Path]
 
 LOCALISE = ("localise", "-o", "{out}/t.csv", "--stats", "{out}/s.csv", "--start", "truth")
 MAP = ("map", "-o", "{out}/c.ply", "--stats", "{out}/s.csv")
@@ -75,9 +76,9 @@ def out(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(("source", "command"), CASES, ids=[f"{s}-{c}" for s, c in CASES])
-def test_bad_source(sfr: Sfr, tmp_path: Path, out: Path, source: str, command: str) -> None:
+def test_bad_source(sfr: Sfr, made_once: MadeOnce, out: Path, source: str, command: str) -> None:
     make, words, _ = SOURCES[source]
-    path = make(tmp_path / "source")
+    path = made_once(make)
     name, *rest = (word.format(out=out) for word in COMMANDS[command])
     check(sfr(name, path, *rest), path, words, out)
 
@@ -86,10 +87,10 @@ def test_bad_source(sfr: Sfr, tmp_path: Path, out: Path, source: str, command: s
 @pytest.mark.parametrize(
     "source", ["missing", "empty bag", "truncated bag", "no camera_info", "not rectified", "backwards", "four pairs"]
 )
-def test_bad_source_of_a_replay(sfr: Sfr, tmp_path: Path, out: Path, source: str) -> None:
+def test_bad_source_of_a_replay(sfr: Sfr, made_once: MadeOnce, out: Path, source: str) -> None:
     pytest.importorskip("rclpy")
     make, words, _ = SOURCES[source]
-    path = make(tmp_path / "source")
+    path = made_once(make)
     check(sfr("replay", path, "--out", out / "run"), path, words, out)
 
 
@@ -105,16 +106,18 @@ def test_bad_source_of_a_replay(sfr: Sfr, tmp_path: Path, out: Path, source: str
         ("map", "nope: 1\n", "unknown key 'nope'"),
     ],
 )
-def test_bad_configuration(sfr: Sfr, tmp_path: Path, out: Path, command: str, content: str, words: str) -> None:
+def test_bad_configuration(
+    sfr: Sfr, made_once: MadeOnce, tmp_path: Path, out: Path, command: str, content: str, words: str
+) -> None:
     path = tmp_path / "some.yaml"
     path.write_text(content)
     name, *rest = (word.format(out=out) for word in COMMANDS[command])
-    source = broken.good_folder(tmp_path / "source")
+    source = made_once(broken.good_folder)
     check(sfr(name, source, *rest, "--config", path), path, words, out)
 
 
-def test_missing_configuration(sfr: Sfr, tmp_path: Path, out: Path) -> None:
-    source = broken.good_folder(tmp_path / "source")
+def test_missing_configuration(sfr: Sfr, made_once: MadeOnce, tmp_path: Path, out: Path) -> None:
+    source = made_once(broken.good_folder)
     result = sfr("localise", source, "-o", out / "t.csv", "--config", tmp_path / "nope.yaml")
     check(result, tmp_path / "nope.yaml", "No such file.*; give an existing YAML file", out)
 
@@ -195,14 +198,21 @@ def test_missing_files_of_a_score(sfr: Sfr, tmp_path: Path, out: Path) -> None:
     ],
 )
 def test_output_that_cannot_be_written_is_refused_before_the_work(
-    sfr: Sfr, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch, command: str, output: str, words: str
+    sfr: Sfr,
+    made_once: MadeOnce,
+    tmp_path: Path,
+    out: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+    output: str,
+    words: str,
 ) -> None:
     def never(*_: object) -> None:
         raise AssertionError("the work has begun")
 
     monkeypatch.setattr("sfr_loc_map.localisation.localiser.Localiser.__init__", never)
     monkeypatch.setattr("sfr_loc_map.mapping.mapper.Mapper.__init__", never)
-    source = broken.good_folder(tmp_path / "source")
+    source = made_once(broken.good_folder)
     (tmp_path / "file").write_text("")
     path = output.format(tmp=tmp_path, end={"localise": "csv", "map": "ply"}[command])
     check(sfr(command, source, "-o", path), path, words, out)
@@ -215,8 +225,10 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
     ("name", "words"),
     [("full", "a folder that is not empty .*; remove it"), ("full.mcap", "not empty"), ("file", "a file is there")],
 )
-def test_output_that_is_there_already_stays(sfr: Sfr, tmp_path: Path, out: Path, name: str, words: str) -> None:
-    source = broken.good_folder(tmp_path / "source")
+def test_output_that_is_there_already_stays(
+    sfr: Sfr, made_once: MadeOnce, tmp_path: Path, out: Path, name: str, words: str
+) -> None:
+    source = made_once(broken.good_folder)
     path = tmp_path / name
     if name == "file":
         path.write_text("precious")
@@ -266,8 +278,10 @@ def test_output_of_a_score_that_cannot_be_written(sfr: Sfr, tmp_path: Path, out:
         (("simulate", "a", "b", "c"), "3 paths given"),
     ],
 )
-def test_bad_usage(sfr: Sfr, tmp_path: Path, out: Path, arguments: tuple[str, ...], words: str) -> None:
-    source, tum = broken.good_folder(tmp_path / "source"), tmp_path / "e.txt"
+def test_bad_usage(
+    sfr: Sfr, made_once: MadeOnce, tmp_path: Path, out: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    source, tum = made_once(broken.good_folder), tmp_path / "e.txt"
     tum.write_text(TUM)
     check(sfr(*(word.format(source=source, out=out, tum=tum) for word in arguments)), "", words, out)
 
@@ -300,14 +314,13 @@ def test_line_breaks_in_names_do_not_make_two_lines(sfr: Sfr, tmp_path: Path, ou
 @pytest.mark.parametrize(
     ("make", "arguments"),
     [
-        (broken.missing, ("localise", "{source}", "-o", "{out}/t.csv")),
         (broken.flipped_bytes, ("map", "{source}", "-o", "{out}/c.ply")),
         (broken.unequal_sizes, ("convert", "{source}", "{out}/b.db3")),
     ],
 )
-def test_the_program_itself(tmp_path: Path, out: Path, make: Made, arguments: tuple[str, ...]) -> None:
+def test_the_program_itself(made_once: MadeOnce, out: Path, make: Made, arguments: tuple[str, ...]) -> None:
     """As a process: nothing that libraries write, or that comes at the end, gets around the one line."""
-    source = make(tmp_path / "source")
+    source = made_once(make)
     code = "import sys; from sfr_loc_map.cli.main import main; sys.exit(main())"
     words = [word.format(source=source, out=out) for word in arguments]
     done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)

@@ -15,6 +15,7 @@ pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
+from cli_result import Sfr
 from made_scene import fill, loc_pair, write_bag, write_folder
 from processes import Process, handles_signals, nodes_of, segments_of, wait_until
 
@@ -24,22 +25,21 @@ from sfr_loc_map.io.bag_writer import BagWriter
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 
 
-def sfr(*arguments: str | Path, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+def process(*arguments: str | Path, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, *COMMAND, *map(str, arguments)]
     variables = {k: v for k, v in os.environ.items() if k != "ROS_DOMAIN_ID"} | (environment or {})
     return subprocess.run(command, capture_output=True, text=True, timeout=280, env=variables, check=False)
 
 
-def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(tmp_path: Path) -> None:
+def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(sfr: Sfr, tmp_path: Path) -> None:
     source, out = write_folder(tmp_path / "source", 12, 3), tmp_path / "out"
-    run = sfr("replay", source, "--out", out, "--start", "truth", "--condition", "frames=3")
+    run = process("replay", source, "--out", out, "--start", "truth", "--condition", "frames=3")
     assert run.returncode == 0, run.stderr
     assert str(out / "report.html") in run.stdout.replace("\n", "")
     assert (out / "report.html").stat().st_size > 1000
-    offline = sfr("localise", source, "-o", tmp_path / "t.csv", "--start", "truth")
-    assert offline.returncode == 0, offline.stderr
+    assert sfr("localise", source, "-o", tmp_path / "t.csv", "--start", "truth").code == 0
     assert (out / "estimate.csv").read_bytes() == (tmp_path / "t.csv").read_bytes()
-    assert sfr("map", source, "-o", tmp_path / "c.ply").returncode == 0
+    assert sfr("map", source, "-o", tmp_path / "c.ply").code == 0
     assert (out / "cloud.ply").read_bytes() == (tmp_path / "c.ply").read_bytes()
     score = json.loads((out / "report.json").read_text())
     assert score["trajectory"]["matched"] == score["trajectory"]["estimate_poses"] == 12
@@ -54,7 +54,7 @@ def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(t
     assert live["trajectory"]["position_m"] == score["trajectory"]["position_m"]
 
 
-def test_a_compressed_bag_of_other_names_is_played_and_judged(tmp_path: Path) -> None:
+def test_a_compressed_bag_of_other_names_is_played_and_judged(sfr: Sfr, tmp_path: Path) -> None:
     source, out = write_bag(tmp_path / "source.mcap", 8, 0, jpeg_quality=95), tmp_path / "out"
     limits = tmp_path / "limits.yaml"
     limits.write_text("timing:\n  localisation_p50_s: 1.0e-9\n", encoding="utf-8")
@@ -64,23 +64,23 @@ def test_a_compressed_bag_of_other_names_is_played_and_judged(tmp_path: Path) ->
         "    input:\n      queue_depth: 7\n",
         encoding="utf-8",
     )
-    run = sfr("replay", source, "--out", out, "--limits", limits, "--config", config, "--start", "truth")
+    run = process("replay", source, "--out", out, "--limits", limits, "--config", config, "--start", "truth")
     assert run.returncode == 1, run.stderr
     assert "limits missed" in run.stderr
     assert json.loads((out / "report.json").read_text())["verdicts"][0]["verdict"] == "fail"
-    assert sfr("localise", source, "-o", tmp_path / "t.csv", "--config", config, "--start", "truth").returncode == 0
+    assert sfr("localise", source, "-o", tmp_path / "t.csv", "--config", config, "--start", "truth").code == 0
     assert (out / "estimate.csv").read_bytes() == (tmp_path / "t.csv").read_bytes()
     other = tmp_path / "other.mcap"
     names = ["loc/left/camera_info", "loc/right/camera_info"]
     swap = [f"--remap={names[0]}:={names[1]}", f"--remap={names[1]}:={names[0]}"]
-    swapped = sfr("replay", source, "--out", other, *swap)
+    swapped = process("replay", source, "--out", other, *swap)
     assert swapped.returncode == 2
     assert "are left and right swapped?" in swapped.stderr
 
 
 def test_at_a_rate_the_stamps_set_the_pace_and_nothing_is_lost(tmp_path: Path) -> None:
     source, out = write_folder(tmp_path / "source", 12, 0), tmp_path / "out"
-    run = sfr("replay", source, "--out", out, "--rate", "2")
+    run = process("replay", source, "--out", out, "--rate", "2")
     assert run.returncode == 0, run.stderr
     assert len((out / "estimate.csv").read_text().splitlines()) == 13
     assert not list(out.glob("cloud.*"))
@@ -154,7 +154,7 @@ def test_an_image_that_a_node_refuses_ends_the_replay_at_once(tmp_path: Path) ->
         fill(writer, 2, 0)
         pair = loc_pair(2)
         writer.write_loc_pair(type(pair)(pair.stamp_ns, pair.left[:100], pair.right[:100]))
-    run = sfr("replay", path, "--out", tmp_path / "out")
+    run = process("replay", path, "--out", tmp_path / "out")
     assert run.returncode == 2
     assert "160 x 100" in run.stderr
     assert len(run.stderr.strip().splitlines()) == 1
