@@ -48,11 +48,11 @@ def make_world(
     rng = np.random.default_rng([seed, noise_seed])
     v, u = np.mgrid[:height, :width].astype(np.float64)
     left = texture(u, v, seed)
-    place = v - rows
-    source = u + field(u, place)
+    row = v - rows
+    source = u + field(u, row)
     for _ in range(60):  # u - d(u) = u_right, by fixed point: |dd/du| < 1
-        source = u + field(source, place)
-    right = gain * texture(source, place, seed) + offset
+        source = u + field(source, row)
+    right = gain * texture(source, row, seed) + offset
     grey = [np.clip(np.rint(i + rng.normal(0.0, noise, i.shape)), 0, 255).astype(np.uint8) for i in (left, right)]
     rig = StereoRig(width, height, 250.0, 250.0, (width - 1) / 2, (height - 1) / 2, 0.2)
     u_left, v_left = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
@@ -89,5 +89,5 @@ def hills_field() -> Field:
 
 @pytest.fixture(scope="session")
 def textured() -> Callable[..., NDArray[np.float64]]:
-    """Return grey levels of waves at any place."""
+    """Return grey levels of waves at any point."""
     return texture

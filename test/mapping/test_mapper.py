@@ -55,7 +55,7 @@ def test_no_pixel_locking(world: Any, slope_field: Any) -> None:
 
 
 @pytest.mark.parametrize("noise", [2.0, 5.0])
-def test_sigma_is_honest_on_hills(world: Any, hills_field: Any, noise: float) -> None:
+def test_sigma_is_calibrated_on_hills(world: Any, hills_field: Any, noise: float) -> None:
     made = world(hills_field, width=512, height=384, noise=noise, seed=3)
     result = mapped(made)
     cloud = result.cloud
@@ -267,10 +267,10 @@ def seen_by_both(disparity: np.ndarray) -> np.ndarray:
     rows, cols = disparity.shape
     v, u = np.nonzero(np.isfinite(disparity))
     d = disparity[v, u]
-    place = np.rint(u - d).astype(int)
-    inside = (place >= 0) & (place < cols)
+    column = np.rint(u - d).astype(int)
+    inside = (column >= 0) & (column < cols)
     nearest = np.zeros((rows, cols))
-    np.maximum.at(nearest, (v[inside], place[inside]), d[inside])
+    np.maximum.at(nearest, (v[inside], column[inside]), d[inside])
     visible = np.zeros((rows, cols), bool)
-    visible[v[inside], u[inside]] = d[inside] >= nearest[v[inside], place[inside]] - 1.0
+    visible[v[inside], u[inside]] = d[inside] >= nearest[v[inside], column[inside]] - 1.0
     return visible

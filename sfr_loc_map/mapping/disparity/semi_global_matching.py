@@ -53,7 +53,7 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
 
 
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
-    """Return the disparity of the left image by semi-global matching (Hirschmueller 2008, OpenCV's three-way form).
+    """Return the disparity of the left image by semi-global matching (Hirschmueller 2008, OpenCV's three paths).
 
     Both images are padded on the left, so that columns are matched even where a part of the search range lies outside
     the right image.

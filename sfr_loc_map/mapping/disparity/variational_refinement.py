@@ -179,7 +179,7 @@ def roughness(cells: FloatImage) -> tuple[FloatImage, FloatImage]:
 
 
 def _local_scale(differences: FloatImage) -> FloatImage:
-    """Return the typical size around each place; single large ones (edges) count little."""
+    """Return the typical size around each cell; single large ones (edges) count little."""
     size = np.abs(differences)
     typical = max(float(np.median(size)), 1e-3)
     local = np.square(box_mean(np.sqrt(np.minimum(size, F(10.0 * typical))), BOX))

@@ -113,7 +113,7 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 
 @jit_rows_inline
 def _is_inside(u: float, v: float, rows: int, cols: int) -> bool:
-    """Tell whether there are four pixels around a place of the image."""
+    """Tell whether there are four pixels around a point of the image."""
     return u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1
 
 

@@ -35,7 +35,7 @@ def test_downsampling_undoes_upsampling() -> None:
     np.testing.assert_allclose(downsample_mean(up, 2), IMAGE, atol=1e-6)
 
 
-def test_bilinear_upsampling_keeps_planes_and_their_place() -> None:
+def test_bilinear_upsampling_keeps_planes_and_their_position() -> None:
     """Element centres: the first of the fine image lies half a coarse element minus half a fine one to the left."""
     y, x = np.mgrid[:12, :16].astype(np.float32)
     v, u = (np.mgrid[:48, :64].astype(np.float32) + 0.5) / 4.0 - 0.5

@@ -1,4 +1,4 @@
-"""Agreement of views: honest sigmas give a ratio of 1, wrong ones are named."""
+"""Agreement of views: correct sigmas give a ratio of 1, wrong ones are named."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def measured(pairs: tuple[int, int], found: ReprojectedPoints) -> PoseAgreement:
     return PoseAgreement.measure(pairs, (view_with(0.03), view_with(0.04)), found)
 
 
-def test_honest_sigmas_give_a_ratio_of_one() -> None:
+def test_correct_sigmas_give_a_ratio_of_one() -> None:
     """The variances of both views add up: 3 cm and 4 cm make 5 cm."""
     agreement = measured((0, 1), points(0.05))
     assert agreement.range_ratio == pytest.approx(1.0, abs=0.03)

@@ -21,7 +21,7 @@ V, U = np.mgrid[: RIG.height, : RIG.width].astype(float)
 
 
 def cloud_at(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> PointCloud:
-    """Return the points that POSE's camera sees at places of its image, grey level 10."""
+    """Return the points that POSE's camera sees at points of its image, grey level 10."""
     ray = np.column_stack(((u - RIG.cx) / RIG.fx, (v - RIG.cy) / RIG.fy, np.ones(len(u))))
     xyz = POSE.apply(ray * depth[:, None]).astype(F)
     one = np.ones(len(u))
@@ -30,7 +30,7 @@ def cloud_at(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> PointCloud:
 
 
 def images(disparity: np.ndarray | None = None) -> ViewImages:
-    """Return a plane of 4.5 px, weights that tell the pixel, and grey levels that rise along both axes."""
+    """Return a plane of 4.5 px, weights that encode the pixel, and grey levels that rise along both axes."""
     disparity = np.full(U.shape, 4.5) if disparity is None else disparity
     return ViewImages(disparity.astype(F), (1.0 + U + 100.0 * V).astype(F), (0.5 * U + 0.25 * V).astype(F))
 
@@ -40,13 +40,13 @@ def seen(cloud: PointCloud, view: ViewImages) -> ReprojectedPoints:
 
 
 RNG = np.random.default_rng(0)
-PLACES = RNG.uniform(5.0, 60.0, 50), RNG.uniform(5.0, 50.0, 50)
+PIXELS = RNG.uniform(5.0, 60.0, 50), RNG.uniform(5.0, 50.0, 50)
 
 
 @pytest.mark.parametrize("depth", [3.0, 4.0, 5.0])
 def test_the_difference_is_that_along_the_ray(depth: float) -> None:
     """Positive where the view sees something farther; the plane lies at 18 / 4.5 = 4 m."""
-    u, v = PLACES
+    u, v = PIXELS
     found = seen(cloud_at(u, v, np.full(50, depth)), images())
     np.testing.assert_array_equal(found.index, np.arange(50))
     length = np.sqrt(((u - RIG.cx) / RIG.fx) ** 2 + ((v - RIG.cy) / RIG.fy) ** 2 + 1.0)
@@ -54,7 +54,7 @@ def test_the_difference_is_that_along_the_ray(depth: float) -> None:
 
 
 def test_disparities_and_grey_levels_are_interpolated() -> None:
-    u, v = PLACES
+    u, v = PIXELS
     slanted = 4.0 + 0.02 * U - 0.01 * V
     depth = RIG.fx * RIG.baseline_m / (4.0 + 0.02 * u - 0.01 * v)
     found = seen(cloud_at(u, v, depth), images(slanted))
@@ -63,7 +63,7 @@ def test_disparities_and_grey_levels_are_interpolated() -> None:
 
 
 def test_weight_and_shifted_grey_are_those_of_the_nearest_pixel() -> None:
-    u, v = PLACES
+    u, v = PIXELS
     found = seen(cloud_at(u, v, np.full(50, 4.0)), images())
     near_u, near_v = np.rint(u), np.rint(v)
     np.testing.assert_allclose(found.weight, 1.0 + near_u + 100.0 * near_v)
