@@ -156,9 +156,9 @@ def faults(
 def _present(result: dict[str, Any], json_path: str | None) -> None:
     """Print tables, reference methods left out and failures, and write the JSON; with `--json -` the JSON alone."""
     from sfr_loc_map.bench.tables import benchmark_tables
-    from sfr_loc_map.metrics.results import to_json, without_nan
+    from sfr_loc_map.metrics.json_records import json_line
 
-    show(to_json(without_nan(result)), json_path, benchmark_tables(result))
+    show(json_line(result), json_path, benchmark_tables(result))
     if json_path == STANDARD_OUTPUT:
         return
     for name, reason in result["missing"].items():

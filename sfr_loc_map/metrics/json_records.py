@@ -9,6 +9,7 @@ null. A class with methods `to_plain` and `from_plain` writes and reads itself; 
 from __future__ import annotations
 
 import difflib
+import json
 import math
 import types
 from collections.abc import Callable, Mapping, Sequence
@@ -74,6 +75,11 @@ def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
     if hasattr(value, "to_plain"):
         return value.to_plain()
     return _record_to_plain(value)
+
+
+def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lists of them
+    """Return the JSON of a record in one line; numbers in the shortest form that reads back to the same bits."""
+    return json.dumps(to_plain(value), allow_nan=False, separators=(",", ":")) + "\n"
 
 
 def from_plain(kind: type[T], value: object, place: str = "") -> T:
