@@ -54,9 +54,9 @@ def session_in(phase: Phase, folder: Path) -> LocalisationSession:
     if phase is not Phase.NEW:
         session.restart()
     if phase is Phase.RUNNING:
-        for stamp_s, pose in ((2, at(1.0)), (3, LAST)):
-            session.localiser_at(stamp_s * S, EXTRINSICS)
-            session.accept(estimate(stamp_s * S, pose))
+        session.localiser_at(2 * S, EXTRINSICS)
+        session.accept(replace(estimate(2 * S, at(1.0)), covariance=4 * COVARIANCE))
+        session.accept(estimate(3 * S, LAST))
     assert session.phase is phase
     return session
 
