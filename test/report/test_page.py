@@ -179,6 +179,15 @@ def test_marks_lead_back_to_the_frames_and_exact_stamps(page: str) -> None:
     assert marked["y"] == pytest.approx([size * 1e3 for size in sizes], rel=1e-5)
 
 
+def test_bars_of_the_growth_end_at_the_bounds_of_the_interval(page: str) -> None:
+    plot = next(plot for plot in specs_of(page) if plot["name"] == "growth")
+    bars = next(trace for trace in plot["data"] if trace["name"] == "95 % interval of it")
+    figure = json_of(whole_score())["trajectory"]["conditions"][0]["position_m"]
+    (value,), (above,), (below,) = bars["y"], bars["error_y"]["array"], bars["error_y"]["arrayminus"]
+    bounds = [value - below, value + above]
+    assert bounds == pytest.approx([1e3 * bound for bound in figure["mean_plus_3sigma_ci95"]], rel=1e-5)
+
+
 def test_law_of_triangulation_goes_through_its_values(page: str) -> None:
     plot = next(plot for plot in specs_of(page) if plot["name"] == "over-range")
     law = next(trace for trace in plot["data"] if trace["name"].startswith("law") and trace["text"][0] == "1 px ")
