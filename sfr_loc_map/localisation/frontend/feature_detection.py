@@ -1,4 +1,4 @@
-"""Corners, well spread: the strongest of each cell of a grid."""
+"""Feature detection: the strongest corner of each cell of a grid."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def find_corners(
         occupied: `(M, 2)` pixels that have landmarks.
         wanted: Number of cells.
         border: Pixels along the edges that are left out.
-        mask: `(H, W)` uint8, 0 where nothing may be found; None for everywhere.
+        mask: `(H, W)` uint8, 0 where no corner is taken; None for everywhere.
 
     Returns:
         `(N, 2)` float64, whole pixels, the strongest first.
@@ -46,7 +46,7 @@ def find_corners(
     best = best[_free(best, occupied, 0.6 * side)]
     if not len(best):
         return np.zeros((0, 2))
-    # a cell without texture answers with noise: a small share of what the ordinary cell has is asked for
+    # the strongest corner of a cell without texture is noise: a small share of the median strength is required
     floor = 0.04 * np.median(best[:, 2])
     best = best[best[:, 2] > floor]
     order = np.argsort(-best[:, 2], kind="stable")
@@ -54,10 +54,10 @@ def find_corners(
 
 
 def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
-    """Read a mask picture; corners keep a patch's width away from where it is 0.
+    """Read a mask image; corners keep a patch's width away from where it is 0.
 
     Args:
-        path: Picture file, empty for no mask.
+        path: Image file, empty for no mask.
         rig: Rig whose size it must have.
 
     Returns:
@@ -71,7 +71,7 @@ def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
     mask = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
     if mask is None or mask.shape != (rig.height, rig.width):
         found = "nothing that can be read" if mask is None else f"{mask.shape[1]} x {mask.shape[0]} pixels"
-        raise ConfigError(f"mask '{path}': {found}; give a grey picture of {rig.width} x {rig.height} pixels")
+        raise ConfigError(f"mask '{path}': {found}; give a grey image of {rig.width} x {rig.height} pixels")
     return np.asarray(cv2.erode(mask, np.ones((2 * BLOCK + 1, 2 * BLOCK + 1), np.uint8)), dtype=np.uint8)
 
 
