@@ -133,7 +133,7 @@ def test_a_pair_that_stays_is_ever_less_certain_until_another_comes() -> None:
     assert errors(estimates[7], true_pose(7))[0] < 0.003
 
 
-def test_swapped_images_begin_nothing_anew() -> None:
+def test_swapped_images_begin_no_new_window() -> None:
     swapped = [StereoPair(pair.stamp_ns, pair.right, pair.left) for pair in DRIVE[3:5]]
     estimates = run([*DRIVE[:3], *swapped, DRIVE[5]])
     assert [estimate.state.value for estimate in estimates[3:]] == ["lost", "lost", "tracking"]

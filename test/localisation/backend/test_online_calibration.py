@@ -1,4 +1,4 @@
-"""Errors of the stereo calibration that the pictures themselves show."""
+"""Errors of the stereo calibration that the images themselves show."""
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ WINDOW = 5
 
 
 def adjusted(offset_px: float, seed: int, noise_px: float = 0.1, depths: tuple[float, float] = (1.5, 15.0)) -> Adjusted:
-    """Adjust landmarks seen from five places along the optical axis, right pictures moved along the columns."""
+    """Adjust landmarks seen from five places along the optical axis, right images moved along the columns."""
     random = np.random.default_rng(seed)
     count = 300
     rotations, positions = np.repeat(np.eye(3)[None], WINDOW, axis=0), np.zeros((WINDOW, 3))
@@ -110,7 +110,7 @@ def test_rows_are_followed_ever_more_slowly() -> None:
 
 
 def test_matches_in_a_corner_do_not_say_much_of_the_rest() -> None:
-    """As in a picture with glare over all but a strip, where the edge of the glare is matched with itself."""
+    """As in an image with glare over all but a strip, where the edge of the glare is matched with itself."""
     calibration, random = OnlineCalibration(CAMERA, 7), np.random.default_rng(2)
     for _ in range(5):
         places = random.uniform(20, 490, (300, 2))
