@@ -119,6 +119,14 @@ def test_a_slow_growth_is_judged_in_long_runs_only(minutes: float, mb_h: float, 
     assert bool(MemoryTrend(seconds.tolist(), mb.tolist()).failure(1.0)) == fails
 
 
+def test_a_slope_within_its_error_is_no_growth() -> None:
+    seconds = np.arange(0.0, 600.0, 1.0)
+    trend = MemoryTrend(seconds.tolist(), (300.0 + np.random.default_rng(4).normal(0.0, 2.0, len(seconds))).tolist())
+    slope, error = trend.slope()
+    assert slope + 2.0 * error > 1.0
+    assert trend.failure(1.0) == ""
+
+
 def test_the_scene_is_what_its_rig_and_poses_say() -> None:
     """A point of the wall lies at the same grey in left and right image, shifted by f b / Z."""
     scene = Scene(320, 240)
