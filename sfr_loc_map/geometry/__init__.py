@@ -1,1 +1,5 @@
-"""Rotations, transforms, trajectories, rigs and clouds: the types that the other layers meet in."""
+"""Frames, rotations, transforms, cameras, trajectories and clouds: the values that all packages share."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,3 +8,7 @@ The flow, file by file (`mapper.Mapper` calls them in this order):
     fuse(maps):     multiview/registration -> multiview/fusion (view_reprojection, pose_agreement)
     products:       elevation
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

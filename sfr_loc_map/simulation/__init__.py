@@ -1,1 +1,5 @@
 """A ray-traced world like Mars: terrain, light, drive and sensor, with exact truth."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

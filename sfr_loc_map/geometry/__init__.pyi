@@ -1,0 +1,17 @@
+from .arrays import ColourImage as ColourImage
+from .arrays import FloatArray as FloatArray
+from .arrays import FloatImage as FloatImage
+from .arrays import GreyImage as GreyImage
+from .arrays import IntArray as IntArray
+from .arrays import Mask as Mask
+from .arrays import PointImage as PointImage
+from .camera import Pose as Pose
+from .camera import Poses as Poses
+from .camera import StereoCamera as StereoCamera
+from .cloud import PointCloud as PointCloud
+from .frame_tree import FrameTree as FrameTree
+from .stereo import PosedStereoPair as PosedStereoPair
+from .stereo import StereoPair as StereoPair
+from .stereo import StereoRig as StereoRig
+from .trajectory import Trajectory as Trajectory
+from .transform import Transform as Transform

@@ -1,0 +1,11 @@
+from .csv_rows import to_csv as to_csv
+from .html import to_html as to_html
+from .markdown import to_markdown as to_markdown
+from .numbers import Unit as Unit
+from .numbers import number as number
+from .table import Cell as Cell
+from .table import CellKind as CellKind
+from .table import Column as Column
+from .table import Table as Table
+from .terminal import print_tables as print_tables
+from .terminal import to_rich as to_rich
