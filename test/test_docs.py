@@ -1,0 +1,33 @@
+"""The pages name files and targets that are there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+MODULE = re.compile(r"(?<![\w/.*])((?:[a-z_]+/)*[a-z_]+\.py)\b")
+LINK = re.compile(r"\]\(([^)#:]+)(?:#[\w-]*)?\)")
+
+
+def exists(name: str) -> bool:
+    """Tell whether a path to a module ends that of one of the repository."""
+    return any((ROOT / name).exists() or path.is_file() for path in ROOT.glob(f"[a-z]*/**/{name}"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_modules_and_links_are_there(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    known = {name for name in MODULE.findall(text) if "*" not in name}
+    assert not [name for name in sorted(known) if not (ROOT / name).exists() and not exists(name)]
+    assert not [link for link in LINK.findall(text) if not (page.parent / link).exists()]
+
+
+def test_targets_of_make_are_there() -> None:
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    named = {name for page in PAGES for name in re.findall(r"`make ([a-z-]+)", page.read_text(encoding="utf-8"))}
+    assert named
+    assert named <= targets
