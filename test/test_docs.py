@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
-MODULE = re.compile(r"(?<![\w/.*])((?:[a-z_]+/)*[a-z_]+\.py)\b")
+MODULE = re.compile(r"(?<![\w/.*}])((?:[a-z_]+/)*[a-z_]+\.py)\b")
 LINK = re.compile(r"\]\(([^)#:]+)(?:#[\w-]*)?\)")
 
 

@@ -20,9 +20,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory.association import Estimates
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.offline import start_pose
 
 LeftPose = list[float] | None

@@ -156,7 +156,7 @@ def faults(
 def _present(result: dict[str, Any], json_path: str | None) -> None:
     """Print tables, reference methods left out and failures, and write the JSON; with `--json -` the JSON alone."""
     from sfr_loc_map.bench.tables import benchmark_tables
-    from sfr_loc_map.metrics.json_records import json_line
+    from sfr_loc_map.metrics.records.json_records import json_line
 
     show(json_line(result), json_path, benchmark_tables(result))
     if json_path == STANDARD_OUTPUT:

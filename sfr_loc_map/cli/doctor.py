@@ -14,7 +14,7 @@ from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, show
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
 if TYPE_CHECKING:
-    from sfr_loc_map.metrics.convention_diagnosis import Diagnosis
+    from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis
     from sfr_loc_map.pipeline.doctor.observation import Observation
     from sfr_loc_map.tables.table import Table
 
@@ -97,7 +97,7 @@ def _gives_extrinsics(config: Path | None) -> bool:
 
 def _diagnose(estimate: Path, truth: Path, json_path: str | None) -> None:
     from sfr_loc_map.metrics.config import ScoreConfig
-    from sfr_loc_map.metrics.json_records import to_plain
+    from sfr_loc_map.metrics.records.json_records import to_plain
     from sfr_loc_map.pipeline.scoring import diagnose_files
 
     diagnosis = diagnose_files(estimate, truth, ScoreConfig())

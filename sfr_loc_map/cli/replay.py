@@ -30,7 +30,7 @@ from sfr_loc_map.errors import NodeError, OutputError
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.metrics.limits import Limits
+    from sfr_loc_map.metrics.verdicts.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
 
@@ -68,7 +68,7 @@ def replay(
     The last run is scored: each jump begins a new one.
     """
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.metrics.limits import load_limits
+    from sfr_loc_map.metrics.verdicts.limits import load_limits
 
     check_start(start)
     remaps = parse_remaps(remap)

@@ -55,7 +55,7 @@ def score(
     html: Annotated[Path | None, typer.Option(help="Write a page with figures.")] = None,
 ) -> None:
     """Score an estimate against the truth."""
-    from sfr_loc_map.metrics.limits import load_limits
+    from sfr_loc_map.metrics.verdicts.limits import load_limits
     from sfr_loc_map.pipeline.score_inputs import ScoreInputs
     from sfr_loc_map.pipeline.scoring import score_files
 

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
-from sfr_loc_map.metrics.cloud_error import ScoredMap
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.resource_score import ScoredCalls
+from sfr_loc_map.metrics.calls.resource_score import ScoredCalls
+from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap
+from sfr_loc_map.metrics.records.score_details import Details
 from sfr_loc_map.metrics.score import Provenance, Score, TargetScore
-from sfr_loc_map.metrics.score_details import Details
-from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory
-from sfr_loc_map.metrics.verdicts import verdicts
+from sfr_loc_map.metrics.trajectory.trajectory_score import ScoredTrajectory
+from sfr_loc_map.metrics.verdicts.limits import Limits
+from sfr_loc_map.metrics.verdicts.verdicts import verdicts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

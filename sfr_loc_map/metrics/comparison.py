@@ -17,13 +17,19 @@ import numpy as np
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.confidence import MIN_FREEDOM, MIN_INDEPENDENT, WIDENING, blocks_share, resampled_figures
-from sfr_loc_map.metrics.json_records import Key, to_plain
 from sfr_loc_map.metrics.modes import CallKind
-from sfr_loc_map.metrics.quantiles import student_quantile
+from sfr_loc_map.metrics.records.json_records import Key, to_plain
+from sfr_loc_map.metrics.records.score_details import SubTrajectoryRows
 from sfr_loc_map.metrics.score import CallScore, Interval, MapScore, PeakMemory, SampleStatistic, Score
-from sfr_loc_map.metrics.score_details import SubTrajectoryRows
-from sfr_loc_map.metrics.statistics import norm
+from sfr_loc_map.metrics.statistics.quantiles import student_quantile
+from sfr_loc_map.metrics.statistics.running_statistics import norm
+from sfr_loc_map.metrics.trajectory.confidence import (
+    MIN_FREEDOM,
+    MIN_INDEPENDENT,
+    WIDENING,
+    blocks_share,
+    resampled_figures,
+)
 
 SCHEMA = "sfr-compare/1"
 FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}

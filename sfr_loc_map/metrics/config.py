@@ -9,7 +9,7 @@ from sfr_loc_map.config import param
 
 @dataclass(frozen=True, slots=True)
 class AssociationConfig:
-    """How estimates find their truth; see `metrics.association`."""
+    """How estimates find their truth; see `metrics.trajectory.association`."""
 
     truth: str = param(
         "auto",

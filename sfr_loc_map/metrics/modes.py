@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class AssociationMode(StrEnum):
-    """How an estimate finds its truth; see `metrics.association`."""
+    """How an estimate finds its truth; see `metrics.trajectory.association`."""
 
     AUTO = "auto"
     MATCH = "match"

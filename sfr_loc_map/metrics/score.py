@@ -12,10 +12,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from sfr_loc_map.metrics.call_records import CallScore, MemoryScore, PeakMemory, StageTime, TargetScore, TimingScore
 from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.json_records import Key
-from sfr_loc_map.metrics.map_records import (
+from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.records.call_records import (
+    CallScore,
+    MemoryScore,
+    PeakMemory,
+    StageTime,
+    TargetScore,
+    TimingScore,
+)
+from sfr_loc_map.metrics.records.json_records import Key
+from sfr_loc_map.metrics.records.map_records import (
     DisparityStatistic,
     MapScore,
     PairScore,
@@ -23,10 +31,9 @@ from sfr_loc_map.metrics.map_records import (
     RangeScore,
     SigmaNees,
 )
-from sfr_loc_map.metrics.modes import VerdictState
-from sfr_loc_map.metrics.score_details import Details
-from sfr_loc_map.metrics.statistic_records import Interval, IntervalStatistic, SampleStatistic, Statistic
-from sfr_loc_map.metrics.trajectory_records import (
+from sfr_loc_map.metrics.records.score_details import Details
+from sfr_loc_map.metrics.records.statistic_records import Interval, IntervalStatistic, SampleStatistic, Statistic
+from sfr_loc_map.metrics.records.trajectory_records import (
     AssociationCounts,
     AssociationScore,
     ConditionScore,

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.json_records import RecordError, from_plain, json_line, to_plain
+from sfr_loc_map.metrics.records.json_records import RecordError, from_plain, json_line, to_plain
 from sfr_loc_map.metrics.score import Score
 
 SCHEMA = "sfr-score/1"

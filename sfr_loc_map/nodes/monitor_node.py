@@ -30,9 +30,9 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.point_image import points_image
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.verdicts.limits import load_limits
 from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level
 from sfr_loc_map.nodes.lifecycle.heap import configure_malloc

@@ -10,7 +10,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.metrics.resource_score import Calls, stage_of
+from sfr_loc_map.metrics.calls.resource_score import Calls, stage_of
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), strict=True))
 

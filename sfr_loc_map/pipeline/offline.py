@@ -21,8 +21,8 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.metrics.calls.resources import CallMeter
 from sfr_loc_map.metrics.modes import MappingState
-from sfr_loc_map.metrics.resources import CallMeter
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 UPPER = np.triu_indices(6)

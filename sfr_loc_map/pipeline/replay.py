@@ -14,10 +14,10 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.cloud_truth import truths_of
+from sfr_loc_map.metrics.cloud.cloud_truth import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.offline import save_stats

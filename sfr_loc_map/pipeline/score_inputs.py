@@ -20,10 +20,10 @@ from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajector
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import load_trajectory
-from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
-from sfr_loc_map.metrics.cloud_truth import PairTruth, truths_of
+from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score import InputFile, Provenance
+from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.pipeline.call_stats import CallStats
 
 CLOUD_SUFFIXES = (".ply", ".pcd", ".npz")

@@ -9,17 +9,17 @@ from pathlib import Path
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.build import ScoreParts, build_score
-from sfr_loc_map.metrics.cloud_error import ScoredMap, score_map, score_nearest
-from sfr_loc_map.metrics.cloud_truth import PairTruth
+from sfr_loc_map.metrics.calls.resource_score import score_calls, score_target
+from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map, score_nearest
+from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.convention_diagnosis import Diagnosis, diagnose
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.resource_score import score_calls, score_target
+from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory.association import Estimates
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.score_inputs import (
     ScoreInputs,

@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import Any
 
 from sfr_loc_map.metrics.modes import CallKind
+from sfr_loc_map.metrics.records.score_details import CallHistogram, CallSeries
 from sfr_loc_map.metrics.score import CallScore, Score
-from sfr_loc_map.metrics.score_details import CallHistogram, CallSeries
 from sfr_loc_map.report.call_tables import HOST, clock_text
 from sfr_loc_map.report.plots import Plot, Trace, axis, line, log_axis, marks, scaled, seconds_since
 from sfr_loc_map.tables.numbers import MIB

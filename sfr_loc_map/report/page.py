@@ -14,8 +14,8 @@ from markupsafe import Markup
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.json_records import to_plain
 from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.records.json_records import to_plain
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.report.cost_figures import cost_figures

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from interval_coverage import coverage
 
-from sfr_loc_map.metrics.confidence import MAX_BLOCKS, BlockSums, interval95
+from sfr_loc_map.metrics.trajectory.confidence import MAX_BLOCKS, BlockSums, interval95
 
 
 def series(values: np.ndarray) -> BlockSums:

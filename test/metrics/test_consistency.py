@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory.association import Estimates
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 
 STEP = np.array([0.1, 0.0, 0.0])
 SIGMAS = np.array([2e-3, 1e-3, 1e-3, 1e-3, 1e-3, 2e-3])

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.convention_diagnosis import diagnose
-from sfr_loc_map.metrics.convention_hypotheses import OPTICAL_IN_RB
+from sfr_loc_map.metrics.convention.convention_diagnosis import diagnose
+from sfr_loc_map.metrics.convention.convention_hypotheses import OPTICAL_IN_RB
 
 CAMERA = Transform(Rotation.from_euler("y", 20, degrees=True).as_matrix() @ OPTICAL_IN_RB, np.array([0.45, 0.12, 0.30]))
 Poses = tuple[Any, Any, Any]

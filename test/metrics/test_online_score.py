@@ -8,13 +8,13 @@ import pytest
 from random_drives import Poses, drive, rows, spoilt, trajectory
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.online_score import LiveTrajectoryScore
+from sfr_loc_map.metrics.records.score_details import Details
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_details import Details
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
+from sfr_loc_map.metrics.trajectory.association import Estimates
+from sfr_loc_map.metrics.trajectory.online_score import LiveTrajectoryScore
+from sfr_loc_map.metrics.trajectory.trajectory_score import ScoredTrajectory, score_trajectory
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=5", "time=7", "frames=31", "distance=1e9"), spacing=3)
 
@@ -99,7 +99,7 @@ def test_before_anything_came_there_are_no_figures() -> None:
 
 
 def test_estimates_without_truth_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sfr_loc_map.metrics.online_score.MAX_WAITING_POSES", 500)
+    monkeypatch.setattr("sfr_loc_map.metrics.trajectory.online_score.MAX_WAITING_POSES", 500)
     score = LiveTrajectoryScore(CONFIG)
     for k in range(3000):
         score.add_estimate(k, [0.0, 0, 0], [0.0, 0, 0, 1])

@@ -1,7 +1,7 @@
 import pytest
 from scipy import stats
 
-from sfr_loc_map.metrics.quantiles import chi2_quantile, student_quantile
+from sfr_loc_map.metrics.statistics.quantiles import chi2_quantile, student_quantile
 
 
 def test_values_of_printed_tables() -> None:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from sfr_loc_map.metrics.calls.resource_score import Calls, ScoredCalls, score_calls, score_target, stage_of
 from sfr_loc_map.metrics.modes import CallKind
-from sfr_loc_map.metrics.resource_score import Calls, ScoredCalls, score_calls, score_target, stage_of
 from sfr_loc_map.metrics.score import MemoryScore, PeakMemory
 
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.condition import Condition, ConditionKind
-from sfr_loc_map.metrics.json_records import Inline
 from sfr_loc_map.metrics.modes import AssociationMode, Rebase
+from sfr_loc_map.metrics.records.json_records import Inline
 from sfr_loc_map.metrics.score import (
     AssociationCounts,
     AssociationScore,

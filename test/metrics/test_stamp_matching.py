@@ -7,7 +7,13 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.modes import AssociationMode
-from sfr_loc_map.metrics.stamp_matching import bracketed, count_unordered, decide_mode, match_stamps, unique_rows
+from sfr_loc_map.metrics.trajectory.stamp_matching import (
+    bracketed,
+    count_unordered,
+    decide_mode,
+    match_stamps,
+    unique_rows,
+)
 
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
 

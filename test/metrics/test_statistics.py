@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfr_loc_map.metrics.statistics import Decimated, Moments, RowQueue, column, norm, sample_statistic
+from sfr_loc_map.metrics.statistics.running_statistics import (
+    Decimated,
+    Moments,
+    RowQueue,
+    column,
+    norm,
+    sample_statistic,
+)
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e9])

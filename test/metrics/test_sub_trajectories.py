@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.condition import Condition, ConditionKind
-from sfr_loc_map.metrics.sub_trajectories import KINDS, Progress, find_ends, path_lengths
+from sfr_loc_map.metrics.trajectory.sub_trajectories import KINDS, Progress, find_ends, path_lengths
 
 
 def test_a_million_steps_lose_nothing() -> None:

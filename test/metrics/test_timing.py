@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.metrics.timing import HOST_CLOCK, call_histogram, call_score
+from sfr_loc_map.metrics.calls.timing import HOST_CLOCK, call_histogram, call_score
 
 
 def test_figures_by_hand() -> None:

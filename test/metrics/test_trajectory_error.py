@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.metrics.trajectory_error import (
+from sfr_loc_map.metrics.trajectory.trajectory_error import (
     ErrorColumn,
     PoseRows,
     heading_rad,

@@ -8,9 +8,9 @@ import reference
 from random_drives import Poses, drive, rows, spoilt, trajectory
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.association import Estimates, associate
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import TrajectoryScorer, score_trajectory
+from sfr_loc_map.metrics.trajectory.association import Estimates, associate
+from sfr_loc_map.metrics.trajectory.trajectory_score import TrajectoryScorer, score_trajectory
 
 CONDITIONS = (("distance", 5.0), ("distance", 0.3), ("time", 3.0), ("frames", 17))
 
@@ -174,8 +174,8 @@ def test_portions_do_not_matter() -> None:
 
 def test_starts_that_wait_too_long_are_discarded_whatever_the_portions(monkeypatch: pytest.MonkeyPatch) -> None:
     """A long stop: starts from before and within it end after more than 40 others, the last ones within it do not."""
-    monkeypatch.setattr("sfr_loc_map.metrics.condition_scorer.MAX_WAITING_STARTS", 40)
-    monkeypatch.setattr("sfr_loc_map.metrics.condition_scorer.MAX_WAITING_BRIEF", 25)
+    monkeypatch.setattr("sfr_loc_map.metrics.trajectory.condition_scorer.MAX_WAITING_STARTS", 40)
+    monkeypatch.setattr("sfr_loc_map.metrics.trajectory.condition_scorer.MAX_WAITING_BRIEF", 25)
     stand, speed = slice(200, 400), np.full(600, 0.25)
     speed[stand] = 0.0
     stamps, position, quat = np.arange(600) * 100_000_000, np.cumsum(speed), np.tile([0.0, 0.0, 0.0, 1.0], (600, 1))

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.association import lost_by_covariance
+from sfr_loc_map.metrics.trajectory.association import lost_by_covariance
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 60.0
 

@@ -9,16 +9,16 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.build import ScoreParts, build_score
-from sfr_loc_map.metrics.cloud_error import score_map
-from sfr_loc_map.metrics.cloud_truth import PairTruth
+from sfr_loc_map.metrics.calls.resource_score import Calls, score_calls
+from sfr_loc_map.metrics.cloud.cloud_error import score_map
+from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import parse_limits
-from sfr_loc_map.metrics.resource_score import Calls, score_calls
 from sfr_loc_map.metrics.score import InputFile, Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory.association import Estimates
+from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.verdicts.limits import parse_limits
 
 START_NS = 1_700_000_000_123_456_789
 LIMITS = {

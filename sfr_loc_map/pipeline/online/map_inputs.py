@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.metrics.cloud_truth import PairTruth
+from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 
 T = TypeVar("T")
 MAX_KEPT = 2 * MAX_PAIRS

@@ -9,13 +9,13 @@ import numpy as np
 from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.build import ScoreParts, build_score
-from sfr_loc_map.metrics.cloud_error import ScoredMap, score_map
+from sfr_loc_map.metrics.calls.resource_score import score_calls
+from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.modes import MappingState
-from sfr_loc_map.metrics.online_score import LiveTrajectoryScore
-from sfr_loc_map.metrics.resource_score import score_calls
 from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.trajectory.online_score import LiveTrajectoryScore
+from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.online.call_ring import CallRing
 from sfr_loc_map.pipeline.online.map_inputs import MapInputs

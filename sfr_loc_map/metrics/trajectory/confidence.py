@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit
-from sfr_loc_map.metrics.quantiles import student_quantile
 from sfr_loc_map.metrics.score import Interval
+from sfr_loc_map.metrics.statistics.quantiles import student_quantile
 
 MAX_BLOCKS = 512
 """Sums are kept for at most so many stretches of consecutive values; a stretch grows by doubling."""

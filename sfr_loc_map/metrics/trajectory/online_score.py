@@ -17,12 +17,12 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, Estimates, Frames, join
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.modes import AssociationMode
 from sfr_loc_map.metrics.score import AssociationCounts
-from sfr_loc_map.metrics.stamp_matching import AUTO_STAMPS, decide_mode, tolerance_ns, unique_rows
-from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, TrajectoryScorer
+from sfr_loc_map.metrics.trajectory.association import COVARIANCE_SIZE, Estimates, Frames, join
+from sfr_loc_map.metrics.trajectory.stamp_matching import AUTO_STAMPS, decide_mode, tolerance_ns, unique_rows
+from sfr_loc_map.metrics.trajectory.trajectory_score import ScoredTrajectory, TrajectoryScorer
 
 WINDOW_POSES = 64
 """A pose may come after this many later ones of its kind and still count."""

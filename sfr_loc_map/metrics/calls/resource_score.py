@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.metrics.calls.resources import METHOD, METHOD_UNAVAILABLE
+from sfr_loc_map.metrics.calls.timing import HOST_CLOCK, call_histogram, call_score, stage_time
 from sfr_loc_map.metrics.modes import CallKind, MappingState
-from sfr_loc_map.metrics.resources import METHOD, METHOD_UNAVAILABLE
+from sfr_loc_map.metrics.records.score_details import CallDetails, CallFigures, CallSeries
 from sfr_loc_map.metrics.score import MemoryScore, PeakMemory, StageTime, TargetScore, TimingScore
-from sfr_loc_map.metrics.score_details import CallDetails, CallFigures, CallSeries
-from sfr_loc_map.metrics.statistics import column, integers
-from sfr_loc_map.metrics.timing import HOST_CLOCK, call_histogram, call_score, stage_time
+from sfr_loc_map.metrics.statistics.running_statistics import column, integers
 
 KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingState.FUSED: CallKind.FUSION}
 """Kind of call by its state; all other states are those of the localiser."""

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.records.score_details import CallHistogram
 from sfr_loc_map.metrics.score import CallScore, StageTime
-from sfr_loc_map.metrics.score_details import CallHistogram
-from sfr_loc_map.metrics.statistics import integers, sample_statistic
+from sfr_loc_map.metrics.statistics.running_statistics import integers, sample_statistic
 
 HOST_CLOCK = "host monotonic"
 HISTOGRAM_BINS = 40

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.json_records import Key
 from sfr_loc_map.metrics.modes import CallKind
+from sfr_loc_map.metrics.records.json_records import Key
 
 Column = tuple[float | None, ...]
 Integers = tuple[int, ...]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from sfr_loc_map.metrics.json_records import Inline
 from sfr_loc_map.metrics.modes import CloudKind
-from sfr_loc_map.metrics.statistic_records import Interval, SampleStatistic
+from sfr_loc_map.metrics.records.json_records import Inline
+from sfr_loc_map.metrics.records.statistic_records import Interval, SampleStatistic
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

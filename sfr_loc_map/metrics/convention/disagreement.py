@@ -12,8 +12,8 @@ from typing import Annotated
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.metrics.json_records import Key
-from sfr_loc_map.metrics.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
+from sfr_loc_map.metrics.records.json_records import Key
+from sfr_loc_map.metrics.trajectory.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
 
 MIN_POSES = 8
 SUB_TRAJECTORIES = 400

@@ -6,9 +6,9 @@ from dataclasses import dataclass, fields
 from typing import Annotated
 
 from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.json_records import Inline, Key
 from sfr_loc_map.metrics.modes import AssociationMode, Rebase
-from sfr_loc_map.metrics.statistic_records import Interval, IntervalStatistic, Statistic
+from sfr_loc_map.metrics.records.json_records import Inline, Key
+from sfr_loc_map.metrics.records.statistic_records import Interval, IntervalStatistic, Statistic
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

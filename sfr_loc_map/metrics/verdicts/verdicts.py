@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.limited_figures import (
+from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.score import MemoryScore, Score, TimingScore, Verdict
+from sfr_loc_map.metrics.verdicts.limited_figures import (
     COVERAGE_MIN,
     MAP_FIGURES,
     MEMORY_FIGURES,
@@ -11,9 +13,7 @@ from sfr_loc_map.metrics.limited_figures import (
     Figure,
     LimitPart,
 )
-from sfr_loc_map.metrics.limits import Limit, Limits
-from sfr_loc_map.metrics.modes import VerdictState
-from sfr_loc_map.metrics.score import MemoryScore, Score, TimingScore, Verdict
+from sfr_loc_map.metrics.verdicts.limits import Limit, Limits
 
 
 def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:

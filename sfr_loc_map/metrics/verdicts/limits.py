@@ -29,7 +29,7 @@ from typing import Any
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.limited_figures import (
+from sfr_loc_map.metrics.verdicts.limited_figures import (
     MAP_FIGURES,
     MEMORY_FIGURES,
     TIMING_FIGURES,

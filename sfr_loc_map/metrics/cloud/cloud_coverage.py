@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics.cloud_truth import PairTruth
+from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

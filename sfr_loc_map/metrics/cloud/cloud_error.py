@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics.cloud_coverage import footprint_coverage, looks_fused, pixel_coverage
-from sfr_loc_map.metrics.cloud_truth import PairTruth
+from sfr_loc_map.metrics.cloud.cloud_coverage import footprint_coverage, looks_fused, pixel_coverage
+from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 from sfr_loc_map.metrics.config import MapScoreConfig
 from sfr_loc_map.metrics.modes import CloudKind
-from sfr_loc_map.metrics.quantiles import chi2_quantile
+from sfr_loc_map.metrics.records.score_details import ErrorImage, MapDetails, PointRows, Triangulation
 from sfr_loc_map.metrics.score import DisparityStatistic, MapScore, PairScore, PointErrorScore, RangeScore, SigmaNees
-from sfr_loc_map.metrics.score_details import ErrorImage, MapDetails, PointRows, Triangulation
-from sfr_loc_map.metrics.statistics import column, sample_statistic
+from sfr_loc_map.metrics.statistics.quantiles import chi2_quantile
+from sfr_loc_map.metrics.statistics.running_statistics import column, sample_statistic
 
 NEES_BLOCK_PX = 32
 """One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""

@@ -6,17 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.metrics.association import Frames
 from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.confidence import BlockSums, interval95
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.consistency import Consistency, PoseSample
 from sfr_loc_map.metrics.modes import Rebase
+from sfr_loc_map.metrics.records.score_details import SubTrajectoryRows
 from sfr_loc_map.metrics.score import ConditionScore, DistanceScore, ErrorComponents, IntervalStatistic, Statistic
-from sfr_loc_map.metrics.score_details import SubTrajectoryRows
-from sfr_loc_map.metrics.statistics import Decimated, Moments, RowQueue, column, integers, norm
-from sfr_loc_map.metrics.sub_trajectories import KINDS, Progress, find_ends
-from sfr_loc_map.metrics.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
+from sfr_loc_map.metrics.statistics.running_statistics import Decimated, Moments, RowQueue, column, integers, norm
+from sfr_loc_map.metrics.trajectory.association import Frames
+from sfr_loc_map.metrics.trajectory.confidence import BlockSums, interval95
+from sfr_loc_map.metrics.trajectory.consistency import Consistency, PoseSample
+from sfr_loc_map.metrics.trajectory.sub_trajectories import KINDS, Progress, find_ends
+from sfr_loc_map.metrics.trajectory.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
 
 MAX_WAITING_STARTS = 1_000_000
 """A start that has waited for its end through so many others is discarded."""

@@ -19,9 +19,9 @@ from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import propagated_covariance
-from sfr_loc_map.metrics.association import UPPER
-from sfr_loc_map.metrics.quantiles import chi2_quantile
 from sfr_loc_map.metrics.score import NeesPart, NeesScore
+from sfr_loc_map.metrics.statistics.quantiles import chi2_quantile
+from sfr_loc_map.metrics.trajectory.association import UPPER
 
 POSE, POSITION, ATTITUDE = slice(0, 6), slice(0, 3), slice(3, 6)
 PARTS = (POSE, POSITION, ATTITUDE)

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from sfr_loc_map.metrics.json_records import Inline, Key
 from sfr_loc_map.metrics.modes import CallKind
-from sfr_loc_map.metrics.statistic_records import SampleStatistic
+from sfr_loc_map.metrics.records.json_records import Inline, Key
+from sfr_loc_map.metrics.records.statistic_records import SampleStatistic
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,15 +11,15 @@ from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.association import Estimates, Frames, associate
 from sfr_loc_map.metrics.condition import Condition, ConditionKind
-from sfr_loc_map.metrics.condition_scorer import ConditionScorer
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.modes import AssociationMode
+from sfr_loc_map.metrics.records.score_details import PathRows, TrajectoryDetails
 from sfr_loc_map.metrics.score import AssociationCounts, AssociationScore, TrajectoryScore
-from sfr_loc_map.metrics.score_details import PathRows, TrajectoryDetails
-from sfr_loc_map.metrics.statistics import Decimated, column, integers
-from sfr_loc_map.metrics.sub_trajectories import Progress, path_lengths
+from sfr_loc_map.metrics.statistics.running_statistics import Decimated, column, integers
+from sfr_loc_map.metrics.trajectory.association import Estimates, Frames, associate
+from sfr_loc_map.metrics.trajectory.condition_scorer import ConditionScorer
+from sfr_loc_map.metrics.trajectory.sub_trajectories import Progress, path_lengths
 
 PATH_ROWS = 2000
 """Frames that are kept for figures."""

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit
+from sfr_loc_map.metrics.records.score_details import Column, Integers
 from sfr_loc_map.metrics.score import SampleStatistic
-from sfr_loc_map.metrics.score_details import Column, Integers
 
 
 class Moments:

@@ -26,7 +26,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.modes import AssociationMode
 from sfr_loc_map.metrics.score import AssociationCounts
-from sfr_loc_map.metrics.stamp_matching import (
+from sfr_loc_map.metrics.trajectory.stamp_matching import (
     bracketed,
     count_unordered,
     decide_mode,

@@ -9,8 +9,8 @@ import numpy as np
 from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.disagreement import LOOKS_WRONG, MIN_POSES, Hypothesis, case_of, disagreement
-from sfr_loc_map.metrics.stamp_matching import unique_rows
+from sfr_loc_map.metrics.convention.disagreement import LOOKS_WRONG, MIN_POSES, Hypothesis, case_of, disagreement
+from sfr_loc_map.metrics.trajectory.stamp_matching import unique_rows
 
 OFFSET_STEPS = 200
 

@@ -14,13 +14,13 @@ import numpy as np
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.association import Estimates, associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.convention_hypotheses import convention_hypotheses, frame_hypotheses
-from sfr_loc_map.metrics.disagreement import MIN_POSES, Hypothesis, case_of, disagreement
-from sfr_loc_map.metrics.json_records import Key
-from sfr_loc_map.metrics.stamp_matching import unique_rows
-from sfr_loc_map.metrics.time_offset import time_offset_hypotheses
+from sfr_loc_map.metrics.convention.convention_hypotheses import convention_hypotheses, frame_hypotheses
+from sfr_loc_map.metrics.convention.disagreement import MIN_POSES, Hypothesis, case_of, disagreement
+from sfr_loc_map.metrics.convention.time_offset import time_offset_hypotheses
+from sfr_loc_map.metrics.records.json_records import Key
+from sfr_loc_map.metrics.trajectory.association import Estimates, associate
+from sfr_loc_map.metrics.trajectory.stamp_matching import unique_rows
 
 GAIN = 2.0
 """Undoing a mismatch must make the disagreement this many times smaller."""

@@ -9,7 +9,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.disagreement import LOOKS_WRONG, Case, Hypothesis, Poses, disagreement
+from sfr_loc_map.metrics.convention.disagreement import LOOKS_WRONG, Case, Hypothesis, Poses, disagreement
 
 MIN_LEVER_M = 0.05
 MAX_TILT_DEG = 60.0

@@ -1,0 +1,1 @@
+"""Errors and coverage of a point cloud against what each pixel sees."""

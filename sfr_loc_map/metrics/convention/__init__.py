@@ -1,0 +1,1 @@
+"""Which single convention mismatch explains that estimate and truth disagree."""

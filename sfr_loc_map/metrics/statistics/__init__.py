@@ -1,0 +1,1 @@
+"""Statistics that do not depend on how values came in, and quantiles."""

@@ -1,0 +1,1 @@
+"""Limits of a requirements file and the verdicts on them."""
