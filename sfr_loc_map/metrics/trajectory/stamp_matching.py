@@ -1,4 +1,4 @@
-"""Which stamps belong together: one to one, on integer nanoseconds; `metrics.trajectory.association` has the definitions."""
+"""Which stamps belong together: one to one, on integer nanoseconds (definitions: `association`)."""
 
 from __future__ import annotations
 
