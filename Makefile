@@ -6,6 +6,7 @@ OUT ?= out/demo
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 COMPILED := $(VENV)/.compiled
+PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
 .PHONY: help demo sample test test-fast faults lint types config format check clean
@@ -22,10 +23,10 @@ sample: $(DEV_STAMP)  ## Render the sample bag again
 	$(BIN)/sfr convert out/sample sample/sample.mcap --jpeg-quality 82 --compression zstd --truth-grid 0.0001220703125
 
 test: $(COMPILED)  ## Run all tests
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest $(PARALLEL)
 
 test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor seconds each, for daily work
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not ros and not slow"
+	$(BIN)/python -m pytest $(PARALLEL) -m "not ros and not slow"
 
 faults: $(STAMP)  ## Inject one fault after the other into the nodes; the table goes to out/faults.md
 	mkdir -p out

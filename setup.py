@@ -14,7 +14,7 @@ PACKAGE = "sfr_loc_map"
 ROOT = Path(__file__).resolve().parent  # `colcon build --symlink-install` runs a link to this file in another folder
 VERSION = re.search(r'__version__ = "(.+)"', (ROOT / PACKAGE / "__init__.py").read_text(encoding="utf-8")).group(1)
 NODES = ("localisation_node", "mapping_node", "monitor_node")
-TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.5,<4"]
+TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
 
 setup(
     name=PACKAGE,

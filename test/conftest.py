@@ -16,3 +16,9 @@ def shared_data() -> Path:
     if not SHARED.is_dir():
         pytest.skip("the development data is not beside this checkout")
     return SHARED
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that have slow tests: at the end both processes of `make test` have short ones left."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)

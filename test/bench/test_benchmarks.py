@@ -67,6 +67,7 @@ def given(count: int) -> PassInput[Mapping[str, Any]]:
     return PassInput(LOC_RIG, lambda: map(loc_pair, range(count)), {}, lambda report, _: report)
 
 
+@pytest.mark.slow
 def test_localise_shows_ours_and_opencv_and_names_what_is_missing(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -91,6 +92,7 @@ def test_localise_shows_ours_and_opencv_and_names_what_is_missing(
     assert full["ratios"]["opencv"]["time_s"]["p50"] == pytest.approx(ours["time_s"]["p50"] / other["time_s"]["p50"])
 
 
+@pytest.mark.slow
 def test_localise_gives_the_accuracy_of_the_suite(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -112,6 +114,7 @@ def test_localise_gives_the_accuracy_of_the_suite(
     assert entry.runs[0].accuracy == entry.runs[1].accuracy
 
 
+@pytest.mark.slow
 def test_map_shows_ours_and_sgbm(panorama: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "bench.json"
     assert sfr(monkeypatch, "bench", "map", panorama, "--repeat", 1, "--json", out) == 0
@@ -127,6 +130,7 @@ def test_map_shows_ours_and_sgbm(panorama: Path, tmp_path: Path, monkeypatch: py
     assert size["entries"]["ours"]["accuracy"]["sigma_px"] < size["entries"]["sgbm"]["accuracy"]["sigma_px"]
 
 
+@pytest.mark.slow
 def test_score_runs_ours_alone_where_evo_is_missing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -53,6 +53,7 @@ def test_lost_pairs_are_counted_and_are_no_jumps() -> None:
     assert (figures.lost, figures.longest_lost, figures.silent_jumps) == (3, 2, 0)
 
 
+@pytest.mark.slow
 def test_benchmark_has_the_drive_without_and_with_each_fault(
     long_drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

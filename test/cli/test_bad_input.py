@@ -75,6 +75,7 @@ def out(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("source", "command"), CASES, ids=[f"{s}-{c}" for s, c in CASES])
 def test_bad_source(sfr: Sfr, made_once: MadeOnce, out: Path, source: str, command: str) -> None:
     make, words, _ = SOURCES[source]
@@ -327,6 +328,7 @@ def test_the_program_itself(made_once: MadeOnce, out: Path, make: Made, argument
     check(Result(done.returncode, done.stdout, done.stderr), source, "[:;]", out)
 
 
+@pytest.mark.slow
 def test_what_is_good_passes(sfr: Sfr, tmp_path: Path, out: Path) -> None:
     """The sources that the cases above corrupt are good without it."""
     for source in (broken.good_folder(tmp_path / "f"), broken.rewritten_bag(tmp_path / "b", lambda t, n, m: m)):

@@ -170,6 +170,7 @@ def test_from_source_to_score_and_report(sfr: Sfr, tmp_path: Path) -> None:
     assert "|" in table.out
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_is_no_error(trajectories: tuple[Path, Path]) -> None:
     code = "import sys; from sfr_loc_map.cli.main import main; sys.exit(main())"
     process = subprocess.Popen(

@@ -57,6 +57,7 @@ def readable(path: Path) -> int:
         return 0
 
 
+@pytest.mark.slow
 def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_path: Path) -> None:
     out = tmp_path / "drive.mcap"
     with Process(tmp_path / "log", *COMMAND, "record", str(out)) as process:
@@ -77,6 +78,7 @@ def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_pat
         assert all(c.msgdef.data for c in reader.connections)
 
 
+@pytest.mark.slow
 def test_kill_9_costs_a_second_at_most(rover: Process, tmp_path: Path) -> None:
     out = tmp_path / "drive.mcap"
     with Process(tmp_path / "log", *COMMAND, "record", str(out), "--all") as process:
@@ -95,6 +97,7 @@ def test_kill_9_costs_a_second_at_most(rover: Process, tmp_path: Path) -> None:
     assert len(open_source(out, {}).loc or ()) >= 10
 
 
+@pytest.mark.slow
 def test_what_cannot_be_recorded_is_one_line(tmp_path: Path) -> None:
     there = tmp_path / "there"
     there.mkdir()
@@ -111,6 +114,7 @@ def test_what_cannot_be_recorded_is_one_line(tmp_path: Path) -> None:
     assert not nothing.exists()
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_recording_with_what_is_there(rover: Process, tmp_path: Path) -> None:
     out = tmp_path / "drive.mcap"
     limited = (

@@ -31,6 +31,7 @@ def process(*arguments: str | Path, environment: dict[str, str] | None = None) -
     return subprocess.run(command, capture_output=True, text=True, timeout=280, env=variables, check=False)
 
 
+@pytest.mark.slow
 def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(sfr: Sfr, tmp_path: Path) -> None:
     source, out = write_folder(tmp_path / "source", 12, 3), tmp_path / "out"
     run = process("replay", source, "--out", out, "--start", "truth", "--condition", "frames=3")
@@ -54,6 +55,7 @@ def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(s
     assert live["trajectory"]["position_m"] == score["trajectory"]["position_m"]
 
 
+@pytest.mark.slow
 def test_a_compressed_bag_of_other_names_is_played_and_judged(sfr: Sfr, tmp_path: Path) -> None:
     source, out = write_bag(tmp_path / "source.mcap", 8, 0, jpeg_quality=95), tmp_path / "out"
     limits = tmp_path / "limits.yaml"
@@ -78,6 +80,7 @@ def test_a_compressed_bag_of_other_names_is_played_and_judged(sfr: Sfr, tmp_path
     assert "are left and right swapped?" in swapped.stderr
 
 
+@pytest.mark.slow
 def test_at_a_rate_the_stamps_set_the_pace_and_nothing_is_lost(tmp_path: Path) -> None:
     source, out = write_folder(tmp_path / "source", 12, 0), tmp_path / "out"
     run = process("replay", source, "--out", out, "--rate", "2")
@@ -86,6 +89,7 @@ def test_at_a_rate_the_stamps_set_the_pace_and_nothing_is_lost(tmp_path: Path) -
     assert not list(out.glob("cloud.*"))
 
 
+@pytest.mark.slow
 def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path) -> None:
     victim = "monitor_node"
     source, out = write_folder(tmp_path / "source", 200, 0), tmp_path / "out"
@@ -105,6 +109,7 @@ def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path) -> None:
     assert not [path for path in shared if path.exists()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("signals", [(signal.SIGTERM, signal.SIGINT), (signal.SIGKILL,)])
 def test_a_replay_that_is_ended_leaves_no_nodes_behind(tmp_path: Path, signals: tuple[signal.Signals, ...]) -> None:
     source = write_folder(tmp_path / "source", 100, 0)
@@ -148,6 +153,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     assert not out.exists() or not list(out.iterdir())
 
 
+@pytest.mark.slow
 def test_an_image_that_a_node_refuses_ends_the_replay_at_once(tmp_path: Path) -> None:
     path = tmp_path / "broken.mcap"
     with BagWriter(path, jpeg_quality=90) as writer:

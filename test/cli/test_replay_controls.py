@@ -57,6 +57,7 @@ def indices(odometry: list[Odometry]) -> list[int]:
     return [round((stamp_of(message) - START_NS) / PERIOD_NS) for message in odometry]
 
 
+@pytest.mark.slow
 def test_paused_step_resume_rate_seek_loop_and_stop(tmp_path: Path, peer: Peer) -> None:
     source, out = write_folder(tmp_path / "source", 20, 0), tmp_path / "out"
     odometry = peer.listen(Odometry, "localisation/odometry")
@@ -103,6 +104,7 @@ def test_paused_step_resume_rate_seek_loop_and_stop(tmp_path: Path, peer: Peer) 
     assert score["trajectory"]["lost"] == 0
 
 
+@pytest.mark.slow
 def test_keys_step_and_end_in_lock_step_and_what_was_played_is_scored(tmp_path: Path, peer: Peer) -> None:
     source, out = write_folder(tmp_path / "source", 12, 3), tmp_path / "out"
     odometry = peer.listen(Odometry, "localisation/odometry")

@@ -33,6 +33,7 @@ def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
 
 
+@pytest.mark.slow
 def test_namespace_remaps_and_parameters_reach_the_nodes_and_ctrl_c_ends_all(tmp_path: Path) -> None:
     import rclpy
 
@@ -64,6 +65,7 @@ def test_namespace_remaps_and_parameters_reach_the_nodes_and_ctrl_c_ends_all(tmp
     assert not [path for path in shared if path.exists()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("end", "nodes"), [(signal.SIGTERM, []), (signal.SIGKILL, ["monitor"])])
 def test_all_asked_for_run_and_none_is_left(tmp_path: Path, end: signal.Signals, nodes: list[str]) -> None:
     with Process(tmp_path / "log", *COMMAND, "run", *nodes, "--log-level", "info") as run:
@@ -75,6 +77,7 @@ def test_all_asked_for_run_and_none_is_left(tmp_path: Path, end: signal.Signals,
     wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
 
 
+@pytest.mark.slow
 def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) -> None:
     for respawn in (False, True):
         options = ["--respawn"] * respawn
@@ -95,6 +98,7 @@ def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) ->
             assert run.end(signal.SIGTERM) == 0
 
 
+@pytest.mark.slow
 def test_what_cannot_start_is_one_line_of_the_node_and_one_of_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

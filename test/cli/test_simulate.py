@@ -39,6 +39,7 @@ def refused(result: Result, *words: str) -> None:
         assert word in result.err
 
 
+@pytest.mark.slow
 def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
     pytest.importorskip("embreex")
     out = tmp_path / "data"
@@ -56,6 +57,7 @@ def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> 
     assert sfr("score", truth, out, "--condition", "frames=1", "--spacing", "1").code == 0
 
 
+@pytest.mark.slow
 def test_settings_of_a_run_make_the_same_run(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
     pytest.importorskip("embreex")
     first, second = tmp_path / "first", tmp_path / "second"
@@ -65,6 +67,7 @@ def test_settings_of_a_run_make_the_same_run(sfr: Sfr, tmp_path: Path, tiny: Pat
         assert (first / file).read_bytes() == (second / file).read_bytes()
 
 
+@pytest.mark.slow
 def test_other_settings_over_a_run_are_refused(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
     pytest.importorskip("embreex")
     out, bag = tmp_path / "data", tmp_path / "run.mcap"

@@ -25,6 +25,7 @@ QUICK = ("kill-localisation", "kill-monitor", "pictures-localisation", "messages
 SETTINGS = CampaignSettings(stop_s=1.0, restart_limit_s=60.0, soak_minutes=0.0, patience_s=60.0)
 
 
+@pytest.mark.slow
 def test_some_rows_over_dds(tmp_path: Path) -> None:
     rows = run_campaign(select(QUICK, SETTINGS), SETTINGS, tmp_path)
     assert {row.name: row.observed for row in rows if row.verdict is not Verdict.PASS} == {}

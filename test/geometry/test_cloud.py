@@ -39,6 +39,7 @@ def test_order_and_layout_of_the_fields_do_not_matter(cloud: PointCloud) -> None
     assert same(PointCloud.from_structured(other), cloud)
 
 
+@pytest.mark.slow
 @given(clouds, clouds)
 def test_joined_and_taken_apart(a: PointCloud, b: PointCloud) -> None:
     both = PointCloud.concatenate([a, b])

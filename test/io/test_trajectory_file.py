@@ -175,6 +175,7 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
         save_trajectory(tmp_path / "nope" / "t.csv", Trajectory.empty())
 
 
+@pytest.mark.slow
 def test_long_files_keep_every_bit(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     count = 100_000

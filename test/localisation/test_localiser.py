@@ -230,6 +230,7 @@ assert after == before, {name: after[name] for name in after if after[name] != b
 """
 
 
+@pytest.mark.slow
 def test_warm_up_leaves_nothing_to_compile() -> None:
     """In a process of its own: the other tests have compiled everything already."""
     paths = [str(Path(made_scene.__file__).parent), os.environ.get("PYTHONPATH", "")]

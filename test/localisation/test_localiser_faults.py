@@ -140,6 +140,7 @@ def test_swapped_images_begin_no_new_window() -> None:
     np.testing.assert_array_equal(estimates[4].T_ds_rb.matrix, estimates[2].T_ds_rb.matrix)
 
 
+@pytest.mark.slow
 def test_a_window_that_cannot_begin_leaves_the_reference_of_relocalisation() -> None:
     by, random = localiser(), np.random.default_rng(0)
     run(DRIVE[:6], by)

@@ -69,6 +69,7 @@ def test_sigma_is_calibrated_on_hills(world: Any, hills_field: Any, noise: float
     assert (size < 3).mean() > 0.97
 
 
+@pytest.mark.slow
 def test_error_grows_with_noise(world: Any, hills_field: Any) -> None:
     spreads = [errors(m := world(hills_field, noise=n), mapped(m)).std() for n in (0.5, 3.0, 9.0)]
     assert spreads[0] < spreads[1] < spreads[2]
@@ -124,6 +125,7 @@ def test_step_is_not_smeared(world: Any) -> None:
     assert (error > 0.5).mean() < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "height"), [(256, 256), (301, 255), (1024, 768)])
 def test_any_size(world: Any, slope_field: Any, width: int, height: int) -> None:
     made = world(slope_field, width=width, height=height)
@@ -209,6 +211,7 @@ def load_nav(folder: Path) -> tuple[StereoRig, list[tuple[StereoPair, Transform,
     return rig, items
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_development_ground(shared_data: Path) -> None:
     rig, items = load_nav(shared_data / "dev-nav")

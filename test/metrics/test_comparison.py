@@ -56,6 +56,7 @@ def test_pairing_shows_a_difference_that_two_intervals_do_not() -> None:
     assert outcomes(compare_scores(scores, ["a", "b"]))["position_m", "distance_m"] == "worse"
 
 
+@pytest.mark.slow
 def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
     """Over 40 pairs of equally good estimates few may be told apart."""
     told = 0

@@ -52,6 +52,7 @@ def nees(truth: Trajectory, estimate: Trajectory, covariance: Any) -> Any:
     return score_trajectory(Estimates.of(estimate, None, covariance), truth, config).score.first.nees
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [False, True])
 def test_an_honest_covariance_is_consistent(offset: bool) -> None:
     got = nees(*odometry(8000, 8, offset=offset))
@@ -63,6 +64,7 @@ def test_an_honest_covariance_is_consistent(offset: bool) -> None:
         assert getattr(got, part).interval95[0] < degrees < getattr(got, part).interval95[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "low"), [(0.25, 3.0), (4.0, 0.2)])
 def test_a_covariance_that_is_too_small_or_too_large_is_found_out(factor: float, low: float) -> None:
     truth, estimate, covariance = odometry(3000, 4)

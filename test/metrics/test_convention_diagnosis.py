@@ -132,12 +132,14 @@ def test_each_mistake_is_found_among_the_others(mistake: Callable[[Poses], Poses
         assert "\n" not in sentence
 
 
+@pytest.mark.slow
 def test_a_correct_pair_is_never_accused() -> None:
     for seed in range(32):
         truth, estimate = rover(seed, noise=(0.0, 0.3, 1.0, 5.0)[seed % 4])
         assert found(estimate, truth, CAMERA if seed % 2 else None)[0] is None, seed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["straight", "turning on the spot", "standing", "stop and go"])
 def test_plain_drives_are_not_accused_either(kind: str) -> None:
     for seed in range(12):

@@ -30,6 +30,7 @@ def compare(estimate: Poses, truth: Poses, kind: str, value: float, spacing: int
                 assert getattr(figure, key) == pytest.approx(value_wanted, abs=1e-9), (name, key)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rebase", ["pose", "position"])
 @pytest.mark.parametrize("seed", range(40))
 def test_agrees_with_the_plain_reference(seed: int, rebase: str) -> None:

@@ -39,6 +39,7 @@ def received(client: Process, topic: str) -> list[dict[str, Any]]:
     return [line for line in lines if line["topic"] == topic]
 
 
+@pytest.mark.slow
 def test_odometry_and_metrics_have_the_same_numbers_there(ros: None, tmp_path: Path) -> None:
     script = str(Path(__file__).with_name("dds_client.py"))
     conditions = ["-p", "score.trajectory.conditions:=['frames=5']", "-p", "score.trajectory.spacing:=1"]

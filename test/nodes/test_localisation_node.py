@@ -43,6 +43,7 @@ CONFIG = Path(__file__).resolve().parents[2] / "config"
 OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])
 
 
+@pytest.mark.slow
 def test_wheel_odometry_tells_where_to_look(ros: None, capfd: Capture) -> None:
     arguments = ["--ros-args", *MOUNT, "-p", "motion_prior.wait_s:=0.5"]
     prior = OdometryBuffer(10**9)
@@ -123,6 +124,7 @@ def test_latency_is_measured_where_clocks_can_be_compared(ros: None, capfd: Capt
         assert whole < 5.0
 
 
+@pytest.mark.slow
 def test_health_says_what_is_wrong_and_when_it_is_over(ros: None, capfd: Capture) -> None:
     arguments = ["--ros-args", *MOUNT, "-p", "health.stale_after_s:=1.0", "-p", "health.window_s:=1.0"]
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments):
@@ -225,6 +227,7 @@ def test_the_debug_image_shows_what_the_localiser_found(ros: None, capfd: Captur
             assert np.array_equal(np.frombuffer(sent.data, np.uint8).reshape(drawn.shape), drawn)
 
 
+@pytest.mark.slow
 def test_localisation_in_a_namespace_with_remapping_and_a_parameter_file(ros: None, tmp_path: Path) -> None:
     file = tmp_path / "p.yaml"
     file.write_text(

@@ -98,6 +98,7 @@ def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*command, *map(str, words)], capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path: Path, world: World) -> None:
     folder = write_folder(tmp_path / "a", world)
     made = run(
@@ -119,6 +120,7 @@ def test_command_line(tmp_path: Path, world: World) -> None:
     assert "no topic 'a'" in wrong.stderr
 
 
+@pytest.mark.slow
 def test_trajectories(tmp_path: Path, world: World) -> None:
     folder = write_folder(tmp_path / "a", world, nav=False)
     assert run(folder, tmp_path / "t.tum").returncode == 0
@@ -132,6 +134,7 @@ def test_trajectories(tmp_path: Path, world: World) -> None:
     assert "no true trajectory" in no_truth.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_development_data_comes_back_equal(shared_data: Path, tmp_path: Path) -> None:
     for name, suffix in (("dev-nav", "mcap"), ("kitti-1", "db3")):

@@ -31,6 +31,7 @@ print(digest.hexdigest())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_a_run_that_compiles_gives_the_bits_of_one_that_loads(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(SCENES)}

@@ -40,6 +40,7 @@ def test_sample_is_small_enough_to_clone() -> None:
     assert sum(file.stat().st_size for file in SAMPLE.iterdir()) < 20e6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.6, 1.0, 1.4])
 def test_a_wrong_baseline_is_named_where_pairs_overlap(factor: float) -> None:
     nav = open_source(SAMPLE, {}).nav

@@ -19,6 +19,8 @@ from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.plan import Plan
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("embreex")
 
 TINY = {

@@ -260,6 +260,7 @@ def test_missing_folder_is_one_error_and_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_long_run_stays_under_six_megabytes() -> None:
     text = render_page(whole_score(frames=12000, side=512, pairs=3, conditions=6))
     assert len(text.encode()) < 6 * MEGABYTE

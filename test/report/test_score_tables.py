@@ -94,6 +94,7 @@ def test_names_and_units_of_limits() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_every_cell_leads_back_to_its_figure() -> None:
     score = whole_score()
     cells = [cell for item in score_tables(score) for row in item.rows for cell in row if cell.key]

@@ -67,6 +67,7 @@ def test_sun_disc_is_evenly_filled_and_repeatable() -> None:
     assert np.array_equal(rays, sun_rays(sun, 0.01, 20000, np.uint32(3)).astype(float))
 
 
+@pytest.mark.slow
 def test_low_sun_makes_more_shadow(config: Callable[..., SimulationConfig]) -> None:
     shares = []
     for elevation in (60.0, 8.0):

@@ -32,6 +32,7 @@ def statistics(images: Sequence[np.ndarray]) -> FloatArray:
     return np.mean(rows, axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_stony_ground_is_like_desert_pavement(shared_data: Path) -> None:
     real = statistics([cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in shared_data.glob("devon-left/*.png")])

@@ -32,6 +32,7 @@ def test_scenario_makes_pairs(name: str) -> None:
     assert made.count(Task.LOCALISATION) >= (0 if name == "mapping_panorama" else 75)
 
 
+@pytest.mark.slow
 def test_long_drive_is_longer_than_100_m() -> None:
     positions = plan("long_drive").trajectory().positions
     assert np.linalg.norm(np.diff(positions, axis=0), axis=1).sum() > 100.0

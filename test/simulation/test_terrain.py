@@ -38,6 +38,7 @@ def test_large_rocks_are_kept_off_the_path(terrain: Terrain) -> None:
     assert (rocks.distances[large] - 0.5 * rocks.diameters[large]).min() > 0.7
 
 
+@pytest.mark.slow
 def test_rocks_are_solids_that_reach_into_the_ground(terrain: Terrain) -> None:
     config = RockConfig(smallest_m=0.2)
     rocks = place_rocks(2, config, terrain, np.array([[0.0, 0.0]]), 0.7)
@@ -50,6 +51,7 @@ def test_rocks_are_solids_that_reach_into_the_ground(terrain: Terrain) -> None:
         assert np.ptp(z) < 1.3 * rocks.diameters[number]
 
 
+@pytest.mark.slow
 def test_ground_has_no_cracks(terrain: Terrain) -> None:
     """Every edge that only one triangle has lies on an edge of the neighbouring tile, or at the rim of the world."""
     mesh = ground_mesh(terrain, np.array([[0.0, 0.0], [2.0, 1.0]]))

@@ -14,6 +14,8 @@ from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rays import sample_offsets
 from sfr_loc_map.simulation.world import MaskBit, World
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("embreex")
 
 QUIET = {"sensor__full_well": 0.0, "sensor__read_noise_grey": 0.0, "sensor__samples": 4}

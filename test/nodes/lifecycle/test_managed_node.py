@@ -39,6 +39,7 @@ CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = (
 )
 
 
+@pytest.mark.slow
 def test_a_node_goes_through_its_states_and_receives_only_when_active(ros: None, tmp_path: Path) -> None:
     arguments = ["--ros-args", *MOUNT, "-p", "autostart:=false"]
     with node_process(tmp_path, "localisation_node", *arguments) as node, Manager() as peer:
@@ -159,6 +160,7 @@ def slow_node(folder: Path) -> Process:
     return Process(folder / "slow.log", str(script), "--ros-args", *MOUNT)
 
 
+@pytest.mark.slow
 def test_the_node_answers_while_a_pair_is_worked_on(ros: None, tmp_path: Path) -> None:
     with slow_node(tmp_path) as node, Manager("slow_node") as peer:
         node.wait_for("listens to")

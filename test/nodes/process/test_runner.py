@@ -56,6 +56,7 @@ for _ in range({count}):
 """Starts nodes that share the time of their imports."""
 
 
+@pytest.mark.slow
 def test_signals_end_a_node_cleanly_however_many(tmp_path: Path) -> None:
     (tmp_path / "slow_node.py").write_text(NODE.format(start="pass"), encoding="utf-8")
     (tmp_path / "forks.py").write_text(
@@ -107,6 +108,7 @@ def test_a_broken_or_missing_parameter_file_is_one_line_and_exit_2(
         assert "Traceback" not in node.text
 
 
+@pytest.mark.slow
 def test_a_supervised_node_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
     script = tmp_path / "supervisor.py"
     script.write_text(

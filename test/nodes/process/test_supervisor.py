@@ -29,6 +29,7 @@ def test_tasks_choose_nodes_each_once() -> None:
         node_names(["mapper"])
 
 
+@pytest.mark.slow
 def test_a_node_that_ends_is_named_with_its_last_log_line(tmp_path: Path) -> None:
     with Supervisor(tmp_path) as supervisor:
         supervisor.start("monitor_node", ["--ros-args", "-p", "limits_file:=/nowhere.yaml"])
@@ -38,6 +39,7 @@ def test_a_node_that_ends_is_named_with_its_last_log_line(tmp_path: Path) -> Non
             supervisor.restart_crashed()  # a restart would not help
 
 
+@pytest.mark.slow
 def test_killed_nodes_are_named_or_restarted_hung_ones_are_killed_and_none_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
