@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,12 @@ def modules_of(names: set[str]) -> set[str]:
     return {next((n for n in (name, name.rpartition(".")[0]) if n in MODULES), "") for name in names} - {""}
 
 
+@cache
+def imported_modules(path: Path) -> frozenset[str]:
+    """Return the modules of this package that a module imports."""
+    return frozenset(modules_of(imported(ast.parse(path.read_text(encoding="utf-8")))))
+
+
 def rooms(folder: str) -> dict[str, set[str]]:
     """Return what each module and sub-folder of a folder imports of its neighbours there."""
     graph: dict[str, set[str]] = {}
@@ -107,7 +114,7 @@ def rooms(folder: str) -> dict[str, set[str]]:
         room = name.removeprefix(folder + ".").split(".")[0]
         if not name.startswith(folder + "."):
             continue
-        seen = modules_of(imported(ast.parse(path.read_text(encoding="utf-8"))))
+        seen = imported_modules(path)
         near = {other.removeprefix(folder + ".").split(".")[0] for other in seen if other.startswith(folder + ".")}
         graph.setdefault(room, set()).update(near - {room})
     return graph

@@ -122,9 +122,10 @@ def found(estimate: Poses, truth: Poses, T_rb_left: Transform | None = None) -> 
     return (diagnosis.found.mismatch, diagnosis.found.sentence) if diagnosis.found else (None, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known_rig", [False, True])
 @pytest.mark.parametrize(("mistake", "name"), CASES, ids=lambda item: getattr(item, "__name__", ""))
-def test_each_mistake_is_found_among_the_others(mistake: Callable[[Poses], Poses], name: str, known_rig: bool) -> None:
+def test_each_mismatch_is_found_among_the_others(mistake: Callable[[Poses], Poses], name: str, known_rig: bool) -> None:
     for seed in range(5):
         truth, estimate = rover(seed)
         got, sentence = found(mistake(estimate), truth, CAMERA if known_rig else None)
