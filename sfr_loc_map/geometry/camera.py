@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.transform import Transform
 
 
 class StereoCamera(NamedTuple):
@@ -41,6 +42,11 @@ class Pose(NamedTuple):
 
     rotation: FloatArray
     position: FloatArray
+
+    @classmethod
+    def of(cls, T_world_camera: Transform) -> Pose:
+        """Return the pose of a transform."""
+        return cls(T_world_camera.rotation, T_world_camera.translation)
 
 
 class Poses(NamedTuple):

@@ -1,6 +1,6 @@
-"""Small matrices inside machine code: rotations and positive definite systems, without calls into a library.
+"""Small matrices inside kernels: rotations and positive definite systems, without calls into LAPACK.
 
-Short loops compile in a second where the library's functions take ten, and they run faster at these sizes.
+Short loops compile in a second where LAPACK's wrappers take ten, and they run faster at these sizes.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from sfr_loc_map.jit import jit
 
 
 @jit
-def turned(rotation: FloatArray, x: float, y: float, z: float) -> FloatArray:
-    """Return `exp(w) @ rotation` `(3, 3)` for a small turn w = (x, y, z), radians (Rodrigues), made orthonormal."""
+def retract(rotation: FloatArray, x: float, y: float, z: float) -> FloatArray:
+    """Return `exp([w]x) @ rotation` `(3, 3)` for a small w = (x, y, z), radians (Rodrigues), made orthonormal."""
     angle2 = x * x + y * y + z * z
     angle = np.sqrt(angle2)
     a = 1.0 - angle2 / 6.0 if angle < 1e-4 else np.sin(angle) / angle
@@ -55,11 +55,11 @@ def cholesky(matrix: FloatArray) -> FloatArray:
 
 
 @jit
-def solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Return x `(n,)` with `matrix @ x = right`, for a symmetric positive definite matrix."""
-    n = len(right)
+def solve(matrix: FloatArray, rhs: FloatArray) -> FloatArray:
+    """Return x `(n,)` with `matrix @ x = rhs`, for a symmetric positive definite matrix."""
+    n = len(rhs)
     lower = cholesky(matrix)
-    x = right.copy()
+    x = rhs.copy()
     for i in range(n):
         for k in range(i):
             x[i] -= lower[i, k] * x[k]

@@ -8,6 +8,7 @@ from concurrent.futures import Future
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
@@ -34,13 +35,13 @@ class KeyframeBackend:
         keyframe_count: Keyframes since the start.
     """
 
-    def __init__(self, rig: StereoRig, config: LocalisationConfig, camera: FloatArray, tracker: Tracker) -> None:
+    def __init__(self, rig: StereoRig, config: LocalisationConfig, camera: StereoCamera, tracker: Tracker) -> None:
         """Start without a window.
 
         Args:
             rig: Rectified rig.
             config: Parameters.
-            camera: `(4,)` fx, fy, cx, cy.
+            camera: Camera of the rig.
             tracker: Knows the variance of matched positions.
 
         Raises:
@@ -67,7 +68,7 @@ class KeyframeBackend:
     @property
     def T_world_left(self) -> Transform:
         """Pose of the newest keyframe."""
-        return Transform(self._window.rotations[-1], self._window.positions[-1])
+        return Transform(self._window.keyframes.rotations[-1], self._window.keyframes.positions[-1])
 
     @property
     def covariance(self) -> FloatArray:
@@ -90,9 +91,7 @@ class KeyframeBackend:
         """
         before = self._window, self.landmarks
         self._window = self._new_window()
-        self._window.add_keyframe(
-            T_world_left.rotation, T_world_left.translation, np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3))
-        )
+        self._window.add_keyframe(Pose.of(T_world_left), np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3)))
         self._add_landmarks(frame, np.zeros((0, 3)))
         found = len(self.landmarks)
         if found < self._config.min_tracked:
@@ -119,9 +118,7 @@ class KeyframeBackend:
         start = time.perf_counter()
         window, good = self._window, result.inliers
         window.deactivate(result.landmarks.index[~good])
-        window.add_keyframe(
-            *result.pose, result.landmarks.index[good], result.observations[good], result.variance[good]
-        )
+        window.add_keyframe(result.pose, result.landmarks.index[good], result.observations[good], result.variance[good])
         window.shift_right_observations(-self.calibration.learn_yaw(*window.right_offset))
         known = window.newest_observations
         known = np.column_stack((known[:, :2], known[:, 0] - known[:, 2]))
@@ -152,4 +149,4 @@ class KeyframeBackend:
         self._window.add_landmarks(frame.left, new, found.patches, observed_uv, variances)
 
     def _new_window(self) -> SlidingWindow:
-        return SlidingWindow(self._camera, self._rig.baseline_m, self._config.window_keyframes)
+        return SlidingWindow(self._camera, self._config.window_keyframes)

@@ -39,8 +39,8 @@ class Localiser:
             ConfigError: If a mask cannot be read or has another size than the rig.
         """
         self._rig, self._config, self._T_rb_left = rig, config, rig.T_rb_left
-        self._camera = np.array([rig.fx, rig.fy, rig.cx, rig.cy])
-        self._tracker = Tracker(rig, config, self._camera)
+        self._camera = rig.camera
+        self._tracker = Tracker(config, self._camera)
         self._backend = KeyframeBackend(rig, config, self._camera, self._tracker)
         self.reset(T_ds_rb)
 

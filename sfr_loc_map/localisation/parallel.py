@@ -1,11 +1,11 @@
-"""Work shared by two threads: left and right picture, or two halves of many points. Results do not depend on timing."""
+"""Work shared by two threads: left and right image, or two halves of many points. Results do not depend on timing."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from sfr_loc_map.geometry.arrays import FloatArray
 FEWEST = 64
 """Points from which on a second thread is worth its start."""
 R = TypeVar("R")
+Rows = TypeVar("Rows", bound=FloatArray | tuple[FloatArray, ...])
+"""An array with a row for each point, or a `NamedTuple` of such arrays."""
 
 
 @cache
@@ -38,8 +40,8 @@ def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ..
     return result, future.result()
 
 
-def in_halves(function: Callable[..., FloatArray], *points: Any) -> FloatArray:  # noqa: ANN401 - any arrays
-    """Return `function(*points)`, an array with a row for each point, from two calls with half of the points each.
+def in_halves(function: Callable[..., Rows], *points: Any) -> Rows:  # noqa: ANN401 - any arrays
+    """Return `function(*points)`, rows for each point, from two calls with half of the points each.
 
     Args:
         function: It lets go of the interpreter's lock; a point's row depends on that point alone.
@@ -48,4 +50,7 @@ def in_halves(function: Callable[..., FloatArray], *points: Any) -> FloatArray: 
     middle = len(points[0]) // 2
     if len(points[0]) < FEWEST:
         return function(*points)
-    return np.concatenate(both(function, tuple(a[:middle] for a in points), tuple(a[middle:] for a in points)))
+    halves = both(function, tuple(a[:middle] for a in points), tuple(a[middle:] for a in points))
+    if isinstance(halves[0], tuple):
+        return type(halves[0])(*map(np.concatenate, zip(*halves, strict=True)))
+    return cast(Rows, np.concatenate(halves))

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
-from sfr_loc_map.localisation.frontend.tracking import Pose, StereoFrame, Tracker, TrackingResult
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
 
 RELOCALISATION_ATTEMPTS = 2
 """Good images that are compared with the window before a new one begins."""
@@ -56,8 +57,8 @@ class Relocaliser:
     most landmarks were observed, which descriptors recognise also after a gap.
     """
 
-    def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: FloatArray) -> None:
-        """Start without images; the camera `(4,)` is fx, fy, cx, cy."""
+    def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: StereoCamera) -> None:
+        """Start without images."""
         self._tracker, self._config, self._camera = tracker, config, camera
         self._last: RelocalisationKeyframe | None = None
         self._best: RelocalisationKeyframe | None = None
@@ -113,7 +114,7 @@ class Relocaliser:
 
 
 def pnp_from_optical_flow(
-    keyframe: RelocalisationKeyframe, image: GreyImage, camera: FloatArray, min_inliers: int
+    keyframe: RelocalisationKeyframe, image: GreyImage, camera: StereoCamera, min_inliers: int
 ) -> Pose | None:
     """Find the pose of a left image from points observed in an earlier one.
 
@@ -122,7 +123,7 @@ def pnp_from_optical_flow(
     Args:
         keyframe: The earlier image.
         image: `(H, W)` uint8.
-        camera: `(4,)` fx, fy, cx, cy.
+        camera: Camera of the rig.
         min_inliers: Minimum number of points that agree.
 
     Returns:
@@ -144,7 +145,7 @@ def pnp_from_optical_flow(
 
 
 def pnp_from_descriptors(
-    keyframe: RelocalisationKeyframe, image: GreyImage, corners: FloatArray, camera: FloatArray, min_inliers: int
+    keyframe: RelocalisationKeyframe, image: GreyImage, corners: FloatArray, camera: StereoCamera, min_inliers: int
 ) -> Pose | None:
     """Find the pose of a left image taken far from an earlier one, as after lost images.
 
@@ -154,7 +155,7 @@ def pnp_from_descriptors(
         keyframe: The earlier image.
         image: `(H, W)` uint8.
         corners: `(M, 2)` pixels of the image where points may be.
-        camera: `(4,)` fx, fy, cx, cy.
+        camera: Camera of the rig.
         min_inliers: Minimum number of points that agree.
 
     Returns:
@@ -188,9 +189,11 @@ def _sift(image: GreyImage, uv: FloatArray) -> NDArray[np.float32]:
     return np.asarray(descriptors, dtype=np.float32)
 
 
-def _pnp(points: FloatArray, uv: FloatArray, camera: FloatArray, *, iterations: int, min_inliers: float) -> Pose | None:
+def _pnp(
+    points: FloatArray, uv: FloatArray, camera: StereoCamera, *, iterations: int, min_inliers: float
+) -> Pose | None:
     """Return the pose from points `(N, 3)` at pixels `(N, 2)` by random samples; None where too few agree."""
-    fx, fy, cx, cy = camera
+    fx, fy, cx, cy, _ = camera
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
     ok, rotvec, translation, inliers = cv2.solvePnPRansac(
         points, uv, matrix, None, reprojectionError=MAX_REPROJECTION_PX, iterationsCount=iterations

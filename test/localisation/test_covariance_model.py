@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -22,7 +23,7 @@ from sfr_loc_map.localisation.covariance_model import (
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2)
 CONFIG = LocalisationConfig(common_px=0.04, common_disparity_px=0.0, inflation=2.0)
-CAMERA = np.array([400.0, 400.0, 320.0, 240.0])
+CAMERA = StereoCamera(400.0, 400.0, 320.0, 240.0, 0.2)
 DEPTH_M = 5.0
 STEP = np.array([0.1, 0.0, 0.3])
 NOTHING = np.zeros((6, 6))

@@ -11,19 +11,20 @@ from loc_drive import BLACK, pair_of_drive
 from made_scene import HEIGHT, LOC_RIG, WIDTH, true_pose
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.frontend.tracking import Pose, StereoFrame, Tracker, TrackingResult
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
 
-CAMERA = np.array([LOC_RIG.fx, LOC_RIG.fy, LOC_RIG.cx, LOC_RIG.cy])
+CAMERA = LOC_RIG.camera
 BLACK_FRAME = StereoFrame.of(StereoPair(0, BLACK, BLACK))
 
 
 def backend(config: LocalisationConfig | None = None) -> tuple[KeyframeBackend, Tracker]:
     config = config or LocalisationConfig()
-    tracker = Tracker(LOC_RIG, config, CAMERA)
+    tracker = Tracker(config, CAMERA)
     return KeyframeBackend(LOC_RIG, config, CAMERA, tracker), tracker
 
 
@@ -38,7 +39,7 @@ def camera_motion(index: int) -> Transform:
 
 
 def tracked(by: KeyframeBackend, tracker: Tracker, index: int) -> TrackingResult:
-    start = Pose(camera_motion(index).rotation, camera_motion(index).translation)
+    start = Pose.of(camera_motion(index))
     return tracker.refine(frame(index), by.landmarks, start, by.calibration.offset)
 
 

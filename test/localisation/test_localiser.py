@@ -216,7 +216,7 @@ localiser = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
 localiser.warm_up()
 before = signatures()
 compiled = {name.rsplit(".", 1)[-1] for name, forms in before.items() if forms}
-assert compiled >= {"align_pose", "track_patches", "solve_pose", "_linearise"}, compiled
+assert compiled >= {"_align", "track_patches", "solve_pose", "_linearise"}, compiled
 black = np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8)
 states = set()
 for index in [*range(20), None, *range(21, 30), None, *range(5, 10)]:

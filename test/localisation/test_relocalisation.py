@@ -23,7 +23,7 @@ from sfr_loc_map.localisation.relocalisation import (
 )
 
 CONFIG = LocalisationConfig()
-CAMERA = np.array([LOC_RIG.fx, LOC_RIG.fy, LOC_RIG.cx, LOC_RIG.cy])
+CAMERA = LOC_RIG.camera
 MIN_INLIERS = 20
 GREY = np.full((HEIGHT, WIDTH), 90, np.uint8)
 
@@ -52,7 +52,7 @@ def frame(index: int, *, right: np.ndarray | None = None) -> StereoFrame:
 @pytest.fixture
 def started() -> tuple[Relocaliser, Tracker, KeyframeBackend]:
     """A relocaliser that knows the first pair of the drive; the world is the first camera."""
-    tracker = Tracker(LOC_RIG, CONFIG, CAMERA)
+    tracker = Tracker(CONFIG, CAMERA)
     backend = KeyframeBackend(LOC_RIG, CONFIG, CAMERA, tracker)
     backend.begin(frame(0), Transform.identity())
     relocaliser = Relocaliser(tracker, CONFIG, CAMERA)
@@ -113,7 +113,7 @@ def test_nothing_is_recognised_in_black(started: tuple[Relocaliser, Tracker, Key
 
 
 def test_nothing_is_tried_before_the_first_keyframe() -> None:
-    tracker = Tracker(LOC_RIG, CONFIG, CAMERA)
+    tracker = Tracker(CONFIG, CAMERA)
     backend = KeyframeBackend(LOC_RIG, CONFIG, CAMERA, tracker)
     assert Relocaliser(tracker, CONFIG, CAMERA).relocalise(frame(0), backend.landmarks, RightOffset()) is None
 

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 
 FIRST_SIGMA_PX: Final = 0.3
@@ -41,11 +42,11 @@ class OnlineCalibration:
         target_u: Value that `offset.u` approaches in small steps, pixels.
     """
 
-    def __init__(self, camera: FloatArray, window_keyframes: int) -> None:
+    def __init__(self, camera: StereoCamera, window_keyframes: int) -> None:
         """Start without an error.
 
         Args:
-            camera: `(4,)` fx, fy, cx, cy.
+            camera: Camera of the rig.
             window_keyframes: Keyframes of a window: that many consecutive windows share their observations and count
                 as one.
         """
@@ -68,7 +69,7 @@ class OnlineCalibration:
         """
         if len(vertical_disparity) < MIN_MATCHES:
             return
-        x, y = ((right_uv - self._camera[2:]) / self._camera[:2]).T
+        x, y = self._camera.normalised(right_uv).T
         design = np.column_stack((1.0 + y * y, x))
         without_yaw = vertical_disparity - self.offset.u * x * y
         before, prior = np.array([self.offset.v, self.offset.roll]), np.diag(VERTICAL_PRIOR)

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
-from sfr_loc_map.localisation.backend.bundle_adjustment import Prior, adjust, linearise
+from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
+from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate, Prior, adjust, marginalise_oldest
+from sfr_loc_map.localisation.backend.linearisation import BundleProblem
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, Pyramid
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.patch_tracking import SIDE, cut_patches
+from sfr_loc_map.localisation.frontend.patch import SIDE, cut_patches
 
 COARSE_HALF = 3
 SIDES = (SIDE, *[2 * COARSE_HALF + 1] * (LEVELS - 1))
@@ -97,10 +99,10 @@ class Observations:
         """Return those of the kept landmarks `(N,)` in all keyframes but the oldest."""
         return Observations(self.uv[kept, 1:].copy(), self.variance[kept, 1:].copy())
 
-    def shifted_right(self, columns: float, cx: float, fx: float) -> Observations:
+    def shifted_right(self, columns: float, camera: StereoCamera) -> Observations:
         """Return them with right positions moved as by a yaw of the right camera, by `columns` at the image centre."""
         uv = self.uv.copy()
-        x = (uv[:, :, 2] - cx) / fx
+        x = (uv[:, :, 2] - camera.cx) / camera.fx
         uv[:, :, 2] += columns * (1.0 + x * x)
         return replace(self, uv=uv)
 
@@ -109,30 +111,29 @@ class SlidingWindow:
     """Keyframes adjusted together, oldest first, and their landmarks.
 
     Attributes:
-        rotations: `(K, 3, 3)` left cameras to world.
-        positions: `(K, 3)` metres, world.
+        keyframes: `(K,)` left cameras.
         hosted: The landmarks.
         observations: Where the keyframes observed them.
         pose_covariance: `(6 K, 6 K)` of all poses, position and rotation about the world's axes.
-        right_offset: Offset of right positions along the rows, pixels, and its variance, px^2.
+        right_offset: Offset of right positions along the rows.
     """
 
-    def __init__(self, camera: FloatArray, baseline_m: float, size: int) -> None:
-        """Start empty; camera is `(4,)` fx, fy, cx, cy, size the maximum number of keyframes."""
-        self._camera, self._baseline, self._size = camera, baseline_m, size
-        self.rotations, self.positions = np.zeros((0, 3, 3)), np.zeros((0, 3))
+    def __init__(self, camera: StereoCamera, size: int) -> None:
+        """Start empty; size is the maximum number of keyframes."""
+        self._camera, self._size = camera, size
+        self.keyframes = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
         self.hosted = HostedLandmarks.new(0, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
         self.observations = Observations(np.zeros((0, 0, 4)), np.zeros((0, 0, 2, 3)))
         # Patches of the landmarks that each keyframe hosts, one array (n, 3, S * S) per pyramid level: what is large is
         # copied neither when landmarks are added nor when they leave.
         self._patches: list[list[NDArray[np.float32]]] = []
         self.pose_covariance = np.zeros((0, 0))
-        self.right_offset = (0.0, np.inf)
-        self._prior = Prior(np.zeros((0, 0)), np.zeros(0), self.rotations, self.positions)
+        self.right_offset = OffsetEstimate(0.0, np.inf)
+        self._prior = Prior(np.zeros((0, 0)), np.zeros(0), self.keyframes)
 
     def __len__(self) -> int:
         """Return the number of keyframes."""
-        return len(self.rotations)
+        return len(self.keyframes.rotations)
 
     @property
     def last_covariance(self) -> FloatArray:
@@ -147,15 +148,13 @@ class SlidingWindow:
     def landmarks(self) -> Landmarks:
         """Return the active landmarks of a window with at least one keyframe."""
         rows, hosted = np.flatnonzero(self.hosted.active), self.hosted
-        fx, fy, cx, cy = self._camera
-        u, v, inverse_depth = hosted.uv_inverse_depth[rows].T
+        rays = np.column_stack((self._camera.normalised(hosted.uv_inverse_depth[rows, :2]), np.ones(len(rows))))
         return Landmarks(
             rows,
-            self.rotations[hosted.host[rows]],
-            self.positions[hosted.host[rows]],
+            Poses(*(array[hosted.host[rows]] for array in self.keyframes)),
             hosted.uv[rows],
-            np.column_stack(((u - cx) / fx, (v - cy) / fy, np.ones(len(rows)))),
-            inverse_depth.copy(),
+            rays,
+            hosted.uv_inverse_depth[rows, 2],
             hosted.slopes[rows],
             hosted.covariance[rows],
             [self._active_patches(level) for level in range(LEVELS)],
@@ -168,8 +167,7 @@ class SlidingWindow:
 
     def add_keyframe(
         self,
-        rotation: FloatArray,
-        position: FloatArray,
+        pose: Pose,
         rows: NDArray[np.intp],
         uv: FloatArray,
         variance: FloatArray,
@@ -177,24 +175,21 @@ class SlidingWindow:
         """Append a keyframe with its observations; the oldest leaves a full window.
 
         Args:
-            rotation: `(3, 3)` camera to world.
-            position: `(3,)` metres.
+            pose: Left camera.
             rows: `(M,)` landmarks it observes.
             uv: `(M, 4)` where, u, v left, u, v right.
             variance: `(M, 2, 3)` of these.
         """
         self.observations = self.observations.with_keyframe(rows, uv, variance)
-        self.rotations = np.concatenate((self.rotations, rotation[None]))
-        self.positions = np.concatenate((self.positions, position[None]))
+        self.keyframes = _with_pose(self.keyframes, pose)
         self._patches.append([np.zeros((0, 3, side * side), np.float32) for side in SIDES])
         self._prior = Prior(
-            np.pad(self._prior.h, (0, 6)),
-            np.pad(self._prior.g, (0, 6)),
-            np.concatenate((self._prior.rotations, rotation[None])),
-            np.concatenate((self._prior.positions, position[None])),
+            np.pad(self._prior.information, (0, 6)),
+            np.pad(self._prior.information_vector, (0, 6)),
+            _with_pose(self._prior.keyframes, pose),
         )
         if len(self) == 1:
-            self._prior = replace(self._prior, h=np.diag(np.full(6, 1.0 / START_VARIANCE)))
+            self._prior = replace(self._prior, information=np.diag(np.full(6, 1.0 / START_VARIANCE)))
         if len(self) > self._size:
             self._marginalise_oldest()
 
@@ -216,23 +211,20 @@ class SlidingWindow:
 
     def adjust(self, iterations: int) -> None:
         """Adjust all keyframes and landmarks together."""
-        result = adjust(*self._system(), self._prior, iterations)
-        self.rotations, self.positions = result.rotations, result.positions
-        self.hosted = replace(self.hosted, uv_inverse_depth=result.uvrho, covariance=result.covariance)
+        result = adjust(self._problem(), self._prior, iterations)
+        self.keyframes = result.keyframes
+        self.hosted = replace(self.hosted, uv_inverse_depth=result.uv_inverse_depth, covariance=result.covariance)
         self.pose_covariance = result.pose_covariance
         self.right_offset = result.right_offset
 
     def shift_right_observations(self, columns: float) -> None:
         """Move all right positions as by a yaw of the right camera, by `columns` pixels at the image centre."""
-        fx, _, cx, _ = self._camera
-        self.observations = self.observations.shifted_right(columns, cx, fx)
+        self.observations = self.observations.shifted_right(columns, self._camera)
 
-    def _system(
-        self,
-    ) -> tuple[FloatArray, FloatArray, NDArray[np.int64], FloatArray, FloatArray, FloatArray, FloatArray, float]:
+    def _problem(self) -> BundleProblem:
         hosted, seen = self.hosted, self.observations
         landmarks = (hosted.host, hosted.uv_inverse_depth, seen.uv, seen.variance)
-        return self.rotations, self.positions, *landmarks, self._camera, self._baseline
+        return BundleProblem(self.keyframes, *landmarks, self._camera)
 
     def _active_patches(self, level: int) -> NDArray[np.float32]:
         ends = np.cumsum([len(patches[level]) for patches in self._patches])[:-1]
@@ -241,16 +233,15 @@ class SlidingWindow:
 
     def _marginalise_oldest(self) -> None:
         """Turn the information of the oldest keyframe and its landmarks about the others into the prior."""
-        h, g, *_ = linearise(*self._system(), 0)
-        h = h[:-1, :-1] + self._prior.h
-        g = g[:-1] + self._prior.right_side(self.rotations, self.positions)
-        gain = np.linalg.solve(h[:6, :6], h[:6, 6:]).T
-        rest = h[6:, 6:] - gain @ h[:6, 6:]
-        self.rotations, self.positions = self.rotations[1:].copy(), self.positions[1:].copy()
-        self._prior = Prior(0.5 * (rest + rest.T), g[6:] - gain @ g[:6], self.rotations, self.positions)
+        self._prior = marginalise_oldest(self._problem(), self._prior)
+        self.keyframes = self._prior.keyframes
         self.observations = self.observations.without_oldest(self.hosted.host > 0)
         self.hosted = self.hosted.without_oldest_host()
         del self._patches[0]
+
+
+def _with_pose(poses: Poses, pose: Pose) -> Poses:
+    return Poses(*(np.concatenate((array, one[None])) for array, one in zip(poses, pose, strict=True)))
 
 
 def _coarse_patches(left: Pyramid, uv: FloatArray, level: int) -> NDArray[np.float32]:

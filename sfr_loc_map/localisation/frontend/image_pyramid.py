@@ -1,8 +1,9 @@
-"""Pictures made ready for tracking."""
+"""Image pyramids for tracking."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,24 +14,36 @@ LEVELS = 4
 """Levels of the pyramid; level l is 2^l times smaller, its pixel centres at `u_l = (u + 0.5) / 2^l - 0.5`."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pyramid:
-    """A smoothed picture and its smaller copies.
+class ImageLevel(NamedTuple):
+    """One level of a pyramid as a struct for kernels.
 
     Attributes:
-        levels: float32 pictures; level 0 smoothed lightly against interpolation errors, each next one the mean of
+        image: `(H, W)` float32.
+        scale: Pixels of full size per pixel, `2^l`.
+    """
+
+    image: FloatImage
+    scale: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pyramid:
+    """A smoothed image and its smaller copies.
+
+    Attributes:
+        levels: float32 images; level 0 smoothed lightly against interpolation errors, each next one the mean of
             2 x 2 pixels of the one before.
     """
 
     levels: tuple[FloatImage, ...]
 
+    def level(self, number: int) -> ImageLevel:
+        """Return one level with its scale."""
+        return ImageLevel(self.levels[number], 2.0**number)
+
 
 def build_pyramid(image: GreyImage) -> Pyramid:
-    """Return the pyramid of a picture.
-
-    Args:
-        image: `(H, W)` uint8.
-    """
+    """Return the pyramid of an image `(H, W)` uint8."""
     smooth = cv2.GaussianBlur(image.astype(np.float32), (5, 5), 0.7)
     levels = [smooth]
     for _ in range(LEVELS - 1):

@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.camera import Poses
+from sfr_loc_map.localisation.frontend.homography import LocalPlanes
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
-from sfr_loc_map.localisation.frontend.patch_tracking import HALF
+from sfr_loc_map.localisation.frontend.patch import HALF
+from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
 BORDER = HALF + 4
 """Pixels along the image edges where no landmark is made: its patch with the gradients must fit."""
@@ -23,8 +26,7 @@ class Landmarks:
 
     Attributes:
         index: `(M,)` rows in the sliding window.
-        host_rotations: `(M, 3, 3)` host cameras to world.
-        host_positions: `(M, 3)` host cameras in the world, metres.
+        hosts: `(M,)` host cameras.
         uv: `(M, 2)` host pixels of the patch centres.
         rays: `(M, 3)` host rays `K^-1 (u, v, 1)` of the estimated host pixels.
         inverse_depth: `(M,)` 1/m.
@@ -35,8 +37,7 @@ class Landmarks:
     """
 
     index: NDArray[np.intp]
-    host_rotations: FloatArray
-    host_positions: FloatArray
+    hosts: Poses
     uv: FloatArray
     rays: FloatArray
     inverse_depth: FloatArray
@@ -51,18 +52,30 @@ class Landmarks:
         vectors, matrices = np.zeros((0, 3)), np.zeros((0, 3, 3))
         no_uv, no_patches = np.zeros((0, 2)), [np.zeros((0, 3, 0), np.float32)] * LEVELS
         index, depth = np.zeros(0, np.intp), np.zeros(0)
-        return cls(index, matrices, vectors, no_uv, vectors, depth, no_uv, matrices, no_patches, np.zeros((0, 4)))
+        return cls(
+            index, Poses(matrices, vectors), no_uv, vectors, depth, no_uv, matrices, no_patches, np.zeros((0, 4))
+        )
 
     def __len__(self) -> int:
         """Return their number."""
         return len(self.index)
 
     @property
+    def planes(self) -> LocalPlanes:
+        """The planes around the landmarks' patches."""
+        return LocalPlanes(self.hosts, self.uv, self.inverse_depth, self.slopes)
+
+    @property
+    def estimates(self) -> LandmarkEstimates:
+        """The landmarks with their uncertainty."""
+        return LandmarkEstimates(self.hosts, self.rays, self.inverse_depth, self.covariance)
+
+    @property
     def points(self) -> FloatArray:
         """Points `(M, 3)` in the world, metres; NaN at infinity."""
         inverse_depth = np.where(self.inverse_depth > MIN_INVERSE_DEPTH, self.inverse_depth, np.nan)
-        directions = np.einsum("nij,nj->ni", self.host_rotations, self.rays)
-        return np.asarray(directions / inverse_depth[:, None] + self.host_positions)
+        directions = np.einsum("nij,nj->ni", self.hosts.rotations, self.rays)
+        return np.asarray(directions / inverse_depth[:, None] + self.hosts.positions)
 
     @property
     def median_depth(self) -> float:

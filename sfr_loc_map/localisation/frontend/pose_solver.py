@@ -1,143 +1,216 @@
-"""Pose of one stereo pair from landmarks that are known with their uncertainty."""
+"""Pose of one stereo pair from landmarks whose uncertainty is known."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.small_linalg import inverse, solve, turned
-from sfr_loc_map.jit import jit_fast
-from sfr_loc_map.localisation.backend.projection import linearise_landmark
+from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
+from sfr_loc_map.geometry.small_linalg import inverse, retract, solve
+from sfr_loc_map.jit import jit_fast, jit_fast_inline
+from sfr_loc_map.localisation.projection import LANDMARK, TARGET, UNKNOWNS, Projection, linearise_landmark
+
+MIN_LANDMARKS = 6
+"""Minimum number of observed landmarks."""
+UNOBSERVED_VARIANCE = 1e8
+"""Variance of a position that was not observed, px^2."""
+
+
+class LandmarkEstimates(NamedTuple):
+    """N landmarks, each a host pixel with an inverse depth.
+
+    Attributes:
+        hosts: `(N,)` host cameras.
+        rays: `(N, 3)` host rays `K^-1 (u, v, 1)`.
+        inverse_depth: `(N,)` 1/m.
+        covariance: `(N, 3, 3)` of host pixel and inverse depth, px and 1/m.
+    """
+
+    hosts: Poses
+    rays: FloatArray
+    inverse_depth: FloatArray
+    covariance: FloatArray
+
+
+class StereoObservations(NamedTuple):
+    """Observations of N landmarks in one pair.
+
+    Attributes:
+        uv: `(N, 4)` u, v left, u, v right, pixels; NaN where not observed.
+        variance: `(N, 2, 3)` uu, uv, vv in the left and the right image, px^2.
+    """
+
+    uv: FloatArray
+    variance: FloatArray
+
+
+class PoseSolution(NamedTuple):
+    """Pose of a pair.
+
+    Attributes:
+        pose: Left camera.
+        information: `(6, 6)` of position and rotation about the fixed axes of the world.
+        chi2_per_dof: `(N,)` squared Mahalanobis residual per degree of freedom; NaN where not used.
+    """
+
+    pose: Pose
+    information: FloatArray
+    chi2_per_dof: FloatArray
+
+
+class _Linearisation(NamedTuple):
+    """Whitening `(N, 4, 4)`, Jacobians by the pose `(N, 4, 6)`, residuals `(N, 4)` and chi2 per degree of freedom."""
+
+    whitening: FloatArray
+    jacobians: FloatArray
+    residuals: FloatArray
+    chi2_per_dof: FloatArray
+
+
+@jit_fast_inline
+def _covariance(
+    landmark: FloatArray, jacobian: FloatArray, variance: FloatArray, uv: FloatArray, s: FloatArray
+) -> None:
+    """Fill s `(4, 4)` with `R + J P J^T`: noise of the observation and uncertainty of the landmark."""
+    for i in range(4):
+        for j in range(4):
+            s[i, j] = 0.0
+            for a in range(3):
+                for b in range(3):
+                    s[i, j] += jacobian[i, LANDMARK + a] * landmark[a, b] * jacobian[j, LANDMARK + b]
+    for side in range(2):
+        i = 2 * side
+        if not np.isnan(uv[i]):
+            s[i, i] += variance[side, 0]
+            s[i, i + 1] += variance[side, 1]
+            s[i + 1, i] += variance[side, 1]
+            s[i + 1, i + 1] += variance[side, 2]
+        else:
+            s[i, i] += UNOBSERVED_VARIANCE
+            s[i + 1, i + 1] += UNOBSERVED_VARIANCE
+
+
+@jit_fast_inline
+def _copy(matrix: FloatArray, matrices: FloatArray, n: int) -> None:
+    for i in range(4):
+        for j in range(4):
+            matrices[n, i, j] = matrix[i, j]
+
+
+@jit_fast_inline
+def _chi2(residuals: FloatArray, whitening: FloatArray, n: int) -> float:
+    """Return the squared Mahalanobis residual of an observation."""
+    total = 0.0
+    for i in range(4):
+        for j in range(4):
+            total += residuals[n, i] * whitening[n, i, j] * residuals[n, j]
+    return total
+
+
+@jit_fast_inline
+def _linearise(
+    pose: Pose,
+    landmarks: LandmarkEstimates,
+    observations: StereoObservations,
+    camera: StereoCamera,
+    is_first: bool,
+    out: _Linearisation,
+) -> None:
+    """Fill the linearisation at a pose; the whitening is that of the first iteration."""
+    s = np.zeros((4, 4))
+    projection = Projection(np.zeros(4), np.zeros((4, UNKNOWNS)))
+    uv, jacobian = projection.uv, projection.jacobian
+    observed, chi2, residuals, whitening = observations.uv, out.chi2_per_dof, out.residuals, out.whitening
+    jacobians = out.jacobians
+    rays, inverse_depth = landmarks.rays, landmarks.inverse_depth
+    for n in range(len(inverse_depth)):
+        chi2[n] = np.nan
+        left, right = not np.isnan(observed[n, 0]), not np.isnan(observed[n, 2])
+        if not (left or right):
+            continue
+        z = linearise_landmark(pose, landmarks.hosts, n, rays[n], inverse_depth[n], camera, projection)
+        if z <= 0.0:
+            continue
+        for i in range(4):
+            for j in range(6):
+                jacobians[n, i, j] = jacobian[i, TARGET + j]
+            residuals[n, i] = observed[n, i] - uv[i] if (left if i < 2 else right) else 0.0
+        if is_first:
+            _covariance(landmarks.covariance[n], jacobian, observations.variance[n], observed[n], s)
+            _copy(inverse(s), whitening, n)
+        chi2[n] = _chi2(residuals, whitening, n) / ((2.0 if left else 0.0) + (2.0 if right else 0.0))
+
+
+@jit_fast_inline
+def _normal_equations(linearised: _Linearisation, scale: float) -> tuple[FloatArray, FloatArray]:
+    """Return the information `(6, 6)` and the right-hand side `(6,)` with Geman-McClure weights of a scale."""
+    h, g, jw = np.zeros((6, 6)), np.zeros(6), np.zeros(4)
+    jacobians, whitening, residuals = linearised.jacobians, linearised.whitening, linearised.residuals
+    chi2 = linearised.chi2_per_dof
+    for n in range(len(chi2)):
+        if np.isnan(chi2[n]):
+            continue
+        weight = 1.0 / (1.0 + chi2[n] / scale) ** 2
+        j_n = jacobians[n]
+        for a in range(6):
+            for i in range(4):
+                jw[i] = 0.0
+                for j in range(4):
+                    jw[i] += j_n[j, a] * whitening[n, j, i]
+                jw[i] *= weight
+                g[a] += jw[i] * residuals[n, i]
+            for b in range(a, 6):
+                for i in range(4):
+                    h[a, b] += jw[i] * j_n[i, b]
+    for a in range(6):
+        for b in range(a):
+            h[a, b] = h[b, a]
+    return h, g
 
 
 @jit_fast
-def solve_pose(  # noqa: C901 - one loop of machine code
-    rotation: FloatArray,
-    position: FloatArray,
-    host_rotations: FloatArray,
-    host_positions: FloatArray,
-    rays: FloatArray,
-    rho: FloatArray,
-    landmark_covariance: FloatArray,
-    observed: FloatArray,
-    variance: FloatArray,
-    camera: FloatArray,
-    baseline: float,
-    rounds: int,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Estimate the pose of a pair by robust weighted least squares on both pictures.
+def solve_pose(
+    start: Pose,
+    landmarks: LandmarkEstimates,
+    observations: StereoObservations,
+    camera: StereoCamera,
+    iterations: int,
+) -> PoseSolution:
+    """Estimate the pose of a pair by robust weighted least squares on both images.
 
     Each landmark's residual (u, v left, u, v right) is weighted by the inverse of `R + J P J^T`: the tracking noise and
     the landmark's own uncertainty, which is the same as estimating the landmark too (marginalisation). Robust by
     Geman-McClure weights whose scale comes down to the residuals' own (graduated).
 
     Args:
-        rotation: `(3, 3)` start, camera to world.
-        position: `(3,)` start, metres, camera in world.
-        host_rotations: `(N, 3, 3)` host cameras to world.
-        host_positions: `(N, 3)` metres.
-        rays: `(N, 3)` host rays `K^-1 (u, v, 1)`.
-        rho: `(N,)` 1/m.
-        landmark_covariance: `(N, 3, 3)` of (u, v, rho) in the host, px and 1/m.
-        observed: `(N, 4)` u, v left, u, v right; NaN where not seen.
-        variance: `(N, 2, 3)` uu, uv, vv of the left and right positions, px^2.
-        camera: `(4,)` fx, fy, cx, cy.
-        baseline: Metres.
-        rounds: Gauss-Newton rounds.
-
-    Returns:
-        Rotation, position, information `(6, 6)` (position and rotation about the fixed axes of the world), and
-        `(N,)` squared Mahalanobis residual divided by its degrees of freedom (NaN where not used).
+        start: Left camera.
+        landmarks: N landmarks.
+        observations: Of the same landmarks.
+        camera: Camera of all pairs.
+        iterations: Most Gauss-Newton iterations.
     """
-    count = len(rho)
-    r_cw, p_c = rotation.copy(), position.copy()
-    whitening = np.zeros((count, 4, 4))
-    jacobians = np.zeros((count, 4, 6))
-    residuals = np.zeros((count, 4))
-    chi = np.full(count, np.nan)
-    h, g = np.zeros((6, 6)), np.zeros(6)
-    s, j_host, j_mark, out, jw = np.zeros((4, 4)), np.zeros((4, 6)), np.zeros((4, 3)), np.zeros(4), np.zeros(4)
-    for step in range(rounds):
-        for n in range(count):
-            chi[n] = np.nan
-            left, right = not np.isnan(observed[n, 0]), not np.isnan(observed[n, 2])
-            if not (left or right):
-                continue
-            z = linearise_landmark(
-                r_cw,
-                p_c,
-                host_rotations[n],
-                host_positions[n],
-                rays[n],
-                rho[n],
-                camera,
-                baseline,
-                out,
-                jacobians[n],
-                j_host,
-                j_mark,
-            )
-            if z <= 0.0:
-                continue
-            for i in range(4):
-                residuals[n, i] = observed[n, i] - out[i] if (left if i < 2 else right) else 0.0
-            if step == 0:
-                p = landmark_covariance[n]
-                for i in range(4):
-                    for j in range(4):
-                        s[i, j] = 0.0
-                        for a in range(3):
-                            for b in range(3):
-                                s[i, j] += j_mark[i, a] * p[a, b] * j_mark[j, b]
-                for side in range(2):
-                    i = 2 * side
-                    if left if side == 0 else right:
-                        s[i, i] += variance[n, side, 0]
-                        s[i, i + 1] += variance[n, side, 1]
-                        s[i + 1, i] += variance[n, side, 1]
-                        s[i + 1, i + 1] += variance[n, side, 2]
-                    else:
-                        s[i, i] += 1e8
-                        s[i + 1, i + 1] += 1e8
-                white = inverse(s)
-                for i in range(4):
-                    for j in range(4):
-                        whitening[n, i, j] = white[i, j]
-            total = 0.0
-            for i in range(4):
-                for j in range(4):
-                    total += residuals[n, i] * whitening[n, i, j] * residuals[n, j]
-            chi[n] = total / ((2.0 if left else 0.0) + (2.0 if right else 0.0))
-        used = chi[~np.isnan(chi)]
-        if len(used) < 6:
+    count = len(landmarks.inverse_depth)
+    rotation, position = start.rotation.copy(), start.position.copy()
+    linearised = _Linearisation(
+        np.zeros((count, 4, 4)), np.zeros((count, 4, 6)), np.zeros((count, 4)), np.full(count, np.nan)
+    )
+    h = np.zeros((6, 6))
+    for iteration in range(iterations):
+        _linearise(Pose(rotation, position), landmarks, observations, camera, iteration == 0, linearised)
+        used = linearised.chi2_per_dof[~np.isnan(linearised.chi2_per_dof)]
+        if len(used) < MIN_LANDMARKS:
             break
-        scale = max(1.0, np.median(used) * 1.5) * (4.0 if step == 0 else 1.0)
-        h, g = np.zeros((6, 6)), np.zeros(6)
-        for n in range(count):
-            if np.isnan(chi[n]):
-                continue
-            weight = 1.0 / (1.0 + chi[n] / scale) ** 2
-            j_n = jacobians[n]
-            for a in range(6):
-                for i in range(4):
-                    jw[i] = 0.0
-                    for j in range(4):
-                        jw[i] += j_n[j, a] * whitening[n, j, i]
-                    jw[i] *= weight
-                    g[a] += jw[i] * residuals[n, i]
-                for b in range(a, 6):
-                    for i in range(4):
-                        h[a, b] += jw[i] * j_n[i, b]
-        for a in range(6):
-            for b in range(a):
-                h[a, b] = h[b, a]
+        scale = max(1.0, np.median(used) * 1.5) * (4.0 if iteration == 0 else 1.0)
+        h, g = _normal_equations(linearised, scale)
         update = solve(h, g)
         largest = 0.0
         for i in range(6):
             largest = max(largest, abs(update[i]))
         for i in range(3):
-            p_c[i] += update[i]
-        r_cw = turned(r_cw, update[3], update[4], update[5])
+            position[i] += update[i]
+        rotation = retract(rotation, update[3], update[4], update[5])
         if largest < 1e-6:
             break
-    return r_cw, p_c, h, chi
+    return PoseSolution(Pose(rotation, position), h, linearised.chi2_per_dof)

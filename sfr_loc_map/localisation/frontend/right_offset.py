@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.camera import StereoCamera
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,14 +24,14 @@ class RightOffset:
     v: float = 0.0
     roll: float = 0.0
 
-    def at(self, uv: FloatArray, camera: FloatArray) -> FloatArray:
+    def at(self, uv: FloatArray, camera: StereoCamera) -> FloatArray:
         """Return the offsets `(N, 2)`, pixels: the flow field of a small rotation.
 
         Args:
             uv: `(N, 2)` pixels of the right image.
-            camera: `(4,)` fx, fy, cx, cy.
+            camera: Camera of the rig.
         """
-        x, y = ((uv - camera[2:]) / camera[:2]).T
+        x, y = camera.normalised(uv).T
         along_u = self.u * (1.0 + x * x) + self.v * x * y - self.roll * y
         along_v = self.v * (1.0 + y * y) + self.u * x * y + self.roll * x
         return np.column_stack((along_u, along_v))

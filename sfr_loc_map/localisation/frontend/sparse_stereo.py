@@ -3,38 +3,63 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.small_linalg import solve
-from sfr_loc_map.jit import jit_fast
+from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.image_pyramid import Pyramid
 from sfr_loc_map.localisation.frontend.nearest_neighbours import nearest
-from sfr_loc_map.localisation.frontend.patch_tracking import HALF, cut_patches, normalise, track_patches
+from sfr_loc_map.localisation.frontend.patch import HALF, Patch, cut_patches, half_width, normalise
+from sfr_loc_map.localisation.frontend.patch_tracking import MIN_POWER, PatchTracks, track_patches
 from sfr_loc_map.localisation.parallel import in_halves
 
 SEARCH_LEVEL = 1
 SEARCH_HALF = 4
 NEIGHBOURS = 9
-"""Points that a local plane is fitted to."""
-FEWEST = 4
-"""Points that a plane is fitted to at least."""
+"""Maximum number of points that a local plane is fitted to."""
+MIN_NEIGHBOURS = 4
+"""Minimum number of points that a local plane is fitted to."""
 MAX_SLOPE = 0.7
-"""Steepest plane, pixels of disparity a pixel: beyond, the right camera hardly sees it."""
+"""Steepest plane, pixels of disparity per pixel: beyond, the right camera hardly sees it."""
+MIN_SEARCH_NCC, MIN_NCC = 0.75, 0.7
+"""Minimum normalised cross-correlation of the search and of the refined match."""
+MAX_AMBIGUITY = 0.85
+"""Maximum ratio of best to second-best `1 - correlation` of the search."""
+MAX_VERTICAL_PX, MIN_DISPARITY_PX = 1.0, -0.5
+"""Maximum distance of a match from its row, and minimum disparity, pixels."""
+MAX_SHIFT_PX, ITERATIONS = 2.5, 12
+
+
+class _RowSearch(NamedTuple):
+    """Disparity of the best correlation, that correlation, and the best one more than two pixels away; `(N,)` each."""
+
+    disparity: FloatArray
+    correlation: FloatArray
+    second: FloatArray
+
+
+class _RowSums(NamedTuple):
+    """Sums over a patch at many positions of a row: values, their squares, their products with the template."""
+
+    total: Patch
+    square: Patch
+    dot: Patch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoMatches:
-    """Corners of the left picture with their places in the right one.
+    """Corners of the left image with their positions in the right one.
 
     Attributes:
         uv: `(N, 2)` left pixels.
         right: `(N, 2)` right pixels.
-        covariance: `(N, 3)` uu, uv, vv of the right place for a noise of one grey level, px^2.
+        covariance: `(N, 3)` uu, uv, vv of the right position for a noise of one grey level, px^2.
         residual: `(N,)` RMS, grey levels.
-        slope: `(N, 2)` change of the disparity a pixel of the local plane.
+        slope: `(N, 2)` change of the disparity per pixel, of the local plane.
         patches: `(N, 3, S * S)` left patches with gradients.
     """
 
@@ -43,7 +68,7 @@ class StereoMatches:
     covariance: FloatArray
     residual: FloatArray
     slope: FloatArray
-    patches: NDArray[np.float32]
+    patches: Patch
 
     @property
     def disparity(self) -> FloatArray:
@@ -51,7 +76,7 @@ class StereoMatches:
         return np.asarray(self.uv[:, 0] - self.right[:, 0])
 
     def outside(self, mask: NDArray[np.uint8] | None) -> StereoMatches:
-        """Return the matches that do not fall where the right picture is masked (0)."""
+        """Return the matches that do not fall where the right image is masked (0)."""
         if mask is None:
             return self
         column, row = np.rint(self.right).astype(int).T
@@ -62,15 +87,15 @@ class StereoMatches:
 def match_corners(
     left: Pyramid, right: Pyramid, uv: FloatArray, known: FloatArray, max_disparity: float, offset_v: float
 ) -> StereoMatches:
-    """Match corners of the left picture in the right one.
+    """Match corners of the left image in the right one.
 
     Args:
         left: Left pyramid.
         right: Right pyramid.
         uv: `(N, 2)` whole pixels.
         known: `(M, 3)` u, v, disparity of landmarks around, which help to find the local planes.
-        max_disparity: Largest disparity looked for, pixels.
-        offset_v: Rows by which the right picture lies lower than rectified ones should, pixels.
+        max_disparity: Maximum disparity, pixels.
+        offset_v: Vertical disparity of the pair, pixels, positive where the right image is lower.
 
     Returns:
         The corners that were matched, fewer than were given.
@@ -82,53 +107,50 @@ def match_corners(
     good = np.ones(len(uv), np.bool_)
     for _ in range(2):
         slope = planes.slopes(disparity, good)
-        tracked = _refine(right.levels[0], patches, uv, disparity, slope, offset_v)
-        good = np.isfinite(tracked[:, 0])
-        disparity = np.where(good, uv[:, 0] - tracked[:, 0], disparity)
+        tracks = _refine(right.levels[0], patches, uv, _homographies(uv, disparity, slope, offset_v))
+        good = np.isfinite(tracks.uv[:, 0])
+        disparity = np.where(good, uv[:, 0] - tracks.uv[:, 0], disparity)
     slope = planes.slopes(disparity, good)
-    good &= (tracked[:, 6] > 0.7) & (np.abs(tracked[:, 1] - uv[:, 1] - offset_v) < 1.0) & (disparity > -0.5)
-    return StereoMatches(
-        uv[good],
-        tracked[good, :2],
-        tracked[good, 2:5],
-        tracked[good, 5],
-        slope[good],
-        np.ascontiguousarray(patches[good]),
-    )
+    good &= (tracks.correlation > MIN_NCC) & (disparity > MIN_DISPARITY_PX)
+    good &= np.abs(tracks.uv[:, 1] - uv[:, 1] - offset_v) < MAX_VERTICAL_PX
+    covariance, residual = tracks.covariance[good], tracks.residual[good]
+    kept_patches = np.ascontiguousarray(patches[good])
+    return StereoMatches(uv[good], tracks.uv[good], covariance, residual, slope[good], kept_patches)
 
 
-def _refine(
-    right: FloatImage, patches: NDArray[np.float32], uv: FloatArray, disparity: FloatArray, slope: FloatArray, dv: float
-) -> FloatArray:
+def _homographies(uv: FloatArray, disparity: FloatArray, slope: FloatArray, offset_v: float) -> FloatArray:
+    """Return the homographies `(N, 3, 3)` of planes in disparity, from left to right pixels."""
     homographies = np.zeros((len(uv), 3, 3))
     homographies[:, 0, 0] = 1.0 - slope[:, 0]
     homographies[:, 0, 1] = -slope[:, 1]
     homographies[:, 0, 2] = slope[:, 0] * uv[:, 0] + slope[:, 1] * uv[:, 1] - disparity
     homographies[:, 1, 1] = homographies[:, 2, 2] = 1.0
-    homographies[:, 1, 2] = dv
+    homographies[:, 1, 2] = offset_v
+    return homographies
 
-    def track(patches: NDArray[np.float32], uv: FloatArray, homographies: FloatArray) -> FloatArray:
-        return np.asarray(track_patches(right, patches, uv, homographies, 2.5, 12))
+
+def _refine(right: FloatImage, patches: Patch, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
+    def track(patches: Patch, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
+        return track_patches(right, patches, uv, homographies, MAX_SHIFT_PX, ITERATIONS)
 
     return in_halves(track, patches, uv, homographies)
 
 
 def _search(
     left: Pyramid, right: Pyramid, uv: FloatArray, max_disparity: float, offset_v: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    scale = 2.0**SEARCH_LEVEL
+) -> tuple[FloatArray, Mask]:
+    """Return disparities `(N,)` found on a small level, pixels of full size, and which are unambiguous."""
+    (image, scale), target = left.level(SEARCH_LEVEL), right.levels[SEARCH_LEVEL]
     small = np.round((uv + 0.5) / scale - 0.5)
-    patches = cut_patches(
-        left.levels[SEARCH_LEVEL], _inside(small, left.levels[SEARCH_LEVEL], SEARCH_HALF + 2), SEARCH_HALF
-    )
+    patches = cut_patches(image, _inside(small, image, SEARCH_HALF + 2), SEARCH_HALF)
     last, down = int(np.ceil(max_disparity / scale)), int(np.round(offset_v / scale))
 
-    def scan(patches: NDArray[np.float32], small: FloatArray) -> FloatArray:
-        return np.asarray(_scan(right.levels[SEARCH_LEVEL], patches, small, last, down))
+    def scan(patches: Patch, small: FloatArray) -> _RowSearch:
+        return _scan(target, patches, small, last, down)
 
     found = in_halves(scan, patches[:, 0], small)
-    good = (found[:, 1] > 0.75) & (1.0 - found[:, 1] < 0.85 * (1.0 - found[:, 2]))
-    return found[:, 0] * scale, good
+    good = (found.correlation > MIN_SEARCH_NCC) & (1.0 - found.correlation < MAX_AMBIGUITY * (1.0 - found.second))
+    return found.disparity * scale, good
 
 
 def _inside(uv: FloatArray, image: FloatImage, margin: int) -> FloatArray:
@@ -136,58 +158,81 @@ def _inside(uv: FloatArray, image: FloatImage, margin: int) -> FloatArray:
     return np.clip(uv, margin, [width - 1 - margin, height - 1 - margin])
 
 
+@jit_fast_inline
+def _sum_along_row(image: FloatImage, template: Patch, u: int, v: int, sums: _RowSums) -> int:
+    """Fill the sums for patches around the pixels from (u, v) on along the row; return for how many there was room."""
+    half = half_width(template.size)
+    total, square, dot = sums.total, sums.square, sums.dot
+    places = len(total)
+    total[:], square[:], dot[:] = 0.0, 0.0, 0.0
+    usable = places if u + places - 1 + half < image.shape[1] else places - 1
+    k = 0
+    for j in range(v - half, v + half + 1):
+        for i in range(-half, half + 1):
+            row = image[j, u + i :]
+            weight = template[k]
+            k += 1
+            for p in range(usable):
+                value = row[p]
+                total[p] += value
+                square[p] += value * value
+                dot[p] += value * weight
+    return usable
+
+
+@jit_fast_inline
+def _fill_scores(sums: _RowSums, usable: int, power: np.float32, size: int, scores: FloatArray) -> None:
+    """Fill the correlations of disparities from -1 on, the last position of the row first; -1 without texture."""
+    total, square, dot = sums.total, sums.square, sums.dot
+    places = len(total)
+    scores[:places] = -1.0
+    for p in range(usable):
+        variance = square[p] - total[p] * total[p] / size
+        if variance > MIN_POWER:
+            scores[places - 1 - p] = dot[p] / np.sqrt(variance * power)
+
+
+@jit_fast_inline
+def _peak(scores: FloatArray, count: int) -> tuple[float, float, float]:
+    """Return the position of the highest score by a parabola, that score, and the highest more than two away."""
+    best, second = 0, -1.0
+    for d in range(1, count):
+        if scores[d] > scores[best]:
+            best = d
+    for d in range(count):
+        if abs(d - best) > 2:
+            second = max(second, scores[d])
+    refined = float(best)
+    if 0 < best < count - 1:
+        curvature = scores[best - 1] - 2.0 * scores[best] + scores[best + 1]
+        if curvature < 0.0:
+            refined += 0.5 * (scores[best - 1] - scores[best + 1]) / curvature
+    return refined, scores[best], second
+
+
 @jit_fast
-def _scan(  # noqa: C901 - one loop of machine code
-    image: FloatImage, patches: NDArray[np.float32], uv: FloatArray, max_disparity: int, offset_v: int
-) -> FloatArray:
-    count = len(patches)
+def _scan(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity: int, offset_v: int) -> _RowSearch:
+    """Search patches `(N, S * S)` around left pixels along the rows of the right image; 0 where there is no texture."""
+    count, size = patches.shape
     height, width = image.shape
-    half = (int(np.sqrt(patches.shape[1] + 0.5)) - 1) // 2
-    side = 2 * half + 1
-    out = np.zeros((count, 3))
+    half = half_width(size)
+    found = _RowSearch(np.zeros(count), np.zeros(count), np.zeros(count))
     sums, scores = np.empty((3, max_disparity + 2), np.float32), np.empty(max_disparity + 2)
     for n in range(count):
         template = patches[n].copy()
         power = normalise(template)
         u, v = int(uv[n, 0]), int(uv[n, 1]) + offset_v
         last = min(max_disparity, u - half)
-        if power < 1e-3 or v < half or v >= height - half or u >= width - half or last < 2:
+        if power < MIN_POWER or v < half or v >= height - half or u >= width - half or last < 2:
             continue
-        # place p is the disparity last - p: all of them at once, along the row
+        # position p is the disparity last - p, from last down to -1: all of them at once, along the row
         places = last + 2
-        total, square, dot = sums[0, :places], sums[1, :places], sums[2, :places]
-        sums[:, :places] = 0.0
-        usable = places if u + 1 + half < width else places - 1
-        k = 0
-        for j in range(v - half, v + half + 1):
-            for i in range(-half, half + 1):
-                row = image[j, u - last + i :]
-                weight = template[k]
-                k += 1
-                for p in range(usable):
-                    value = row[p]
-                    total[p] += value
-                    square[p] += value * value
-                    dot[p] += value * weight
-        scores[:places] = -1.0
-        for p in range(usable):
-            variance = square[p] - total[p] * total[p] / (side * side)
-            if variance > 1e-3:
-                scores[last + 1 - p] = dot[p] / np.sqrt(variance * power)
-        best, second = 0, -1.0
-        for d in range(1, last + 2):
-            if scores[d] > scores[best]:
-                best = d
-        for d in range(last + 2):
-            if abs(d - best) > 2:
-                second = max(second, scores[d])
-        refined = float(best)
-        if 0 < best < last + 1:
-            curvature = scores[best - 1] - 2.0 * scores[best] + scores[best + 1]
-            if curvature < 0.0:
-                refined += 0.5 * (scores[best - 1] - scores[best + 1]) / curvature
-        out[n, 0], out[n, 1], out[n, 2] = refined - 1.0, scores[best], second
-    return out
+        along = _RowSums(sums[0, :places], sums[1, :places], sums[2, :places])
+        usable = _sum_along_row(image, template, u - last, v, along)
+        _fill_scores(along, usable, power, size, scores)
+        position, correlation, second = _peak(scores, places)
+        found.disparity[n], found.correlation[n], found.second[n] = position - 1.0, correlation, second
+    return found
 
 
 class _LocalPlanes:
@@ -198,11 +243,11 @@ class _LocalPlanes:
         self._uv, self._known = uv, known
         self._support = np.concatenate((uv, known[:, :2]))
         count = min(NEIGHBOURS, len(self._support))
-        self._enough = count >= FEWEST and len(uv) > 0
+        self._enough = count >= MIN_NEIGHBOURS and len(uv) > 0
         if self._enough:
             self._distance, self._index = nearest(uv, self._support, count)
 
-    def slopes(self, disparity: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+    def slopes(self, disparity: FloatArray, good: Mask) -> FloatArray:
         """Return the change `(N, 2)` of the disparity `(N,)` along u and v; only good `(N,)` points are fitted to."""
         if not self._enough:
             return np.zeros((len(self._uv), 2))
@@ -210,7 +255,7 @@ class _LocalPlanes:
         usable = np.concatenate((good, np.ones(len(self._known), np.bool_)))
 
         def fit(uv: FloatArray, disparity: FloatArray, index: NDArray[np.intp], distance: FloatArray) -> FloatArray:
-            return np.asarray(_fit_slopes(uv, disparity, index, distance, support, usable))
+            return _fit_slopes(uv, disparity, index, distance, support, usable)
 
         return in_halves(fit, self._uv, disparity, self._index, self._distance)
 
@@ -222,15 +267,16 @@ def _fit_slopes(
     index: NDArray[np.int64],
     distance: FloatArray,
     support: FloatArray,
-    usable: NDArray[np.bool_],
+    usable: Mask,
 ) -> FloatArray:
+    """Return the slopes `(N, 2)` of planes fitted to neighbours `(N, NEIGHBOURS)`, nearer and agreeing ones first."""
     out = np.zeros((len(uv), 2))
     row, h, g, plane = np.ones(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     for n in range(len(uv)):
         reach = max(distance[n, -1], 1.0)
         plane[:] = 0.0
         for _ in range(4):
-            # a weak wish for a level patch keeps lonely points sane
+            # a weak prior for zero slope regularises isolated points
             h[:], g[:] = 0.0, 0.0
             h[0, 0], h[1, 1], h[2, 2] = 1.0, 0.02 * reach * reach, 0.02 * reach * reach
             for k in range(index.shape[1]):

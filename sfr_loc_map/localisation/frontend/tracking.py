@@ -8,20 +8,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.frontend.homography import plane_homographies
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, Pyramid, build_pyramid
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.patch_tracking import plane_homographies, track_patches
-from sfr_loc_map.localisation.frontend.photometric_alignment import align_pose
-from sfr_loc_map.localisation.frontend.pose_solver import solve_pose
+from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, track_patches
+from sfr_loc_map.localisation.frontend.photometric_alignment import Alignment, align_pose
+from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.parallel import both
 
 MIN_NCC = 0.6
 """Minimum normalised cross-correlation of a tracked patch."""
+MAX_SHIFT_PX = 2.5
+"""Maximum distance of a landmark from its projection, pixels."""
+SHIFT_ITERATIONS = 6
+POSE_ITERATIONS = 10
 INLIER_CHI2_PER_DOF = 9.0
 """Squared Mahalanobis residual per degree of freedom below which a landmark agrees with a pose."""
 MIN_TEXTURE = 1.0
@@ -52,23 +58,6 @@ class StereoFrame(NamedTuple):
     def right_is_textured(self) -> bool:
         """Whether the right image shows anything: it is not black, white or blinded."""
         return float(np.std(self.right.levels[-1])) > MIN_TEXTURE
-
-
-class Pose(NamedTuple):
-    """Pose of the left camera in the world, as kernels take it; not checked.
-
-    Attributes:
-        rotation: `(3, 3)` left camera to world.
-        position: `(3,)` metres.
-    """
-
-    rotation: FloatArray
-    position: FloatArray
-
-    @classmethod
-    def of(cls, T_world_left: Transform) -> Pose:
-        """Return the pose of a transform."""
-        return cls(T_world_left.rotation, T_world_left.translation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,18 +121,18 @@ class TrackingResult:
 class Tracker:
     """Tracks landmarks in pairs: first all together on coarse pyramid levels, then each one in both images."""
 
-    def __init__(self, rig: StereoRig, config: LocalisationConfig, camera: FloatArray) -> None:
-        """Track for a rig with the camera `(4,)` fx, fy, cx, cy."""
-        self._baseline, self._config, self._camera = rig.baseline_m, config, camera
+    def __init__(self, config: LocalisationConfig, camera: StereoCamera) -> None:
+        """Track for the camera of a rig."""
+        self._config, self._camera = config, camera
 
     def align(self, left: Pyramid, landmarks: Landmarks, guesses: Sequence[Transform]) -> Pose:
         """Return the pose to some tenths of a pixel, from the best of some initial guesses."""
         top = LEVELS - 1
         results = [self._align_level(left, top, landmarks, Pose.of(guess), 6) for guess in guesses]
-        pose, _ = max(results, key=lambda result: result[1])
+        pose = max(results, key=lambda result: result.correlation).pose
         # the finest level adds nothing: `refine` starts from some tenths of a pixel
         for level in range(top - 1, 0, -1):
-            pose, _ = self._align_level(left, level, landmarks, pose, 4)
+            pose = self._align_level(left, level, landmarks, pose, 4).pose
         return pose
 
     def refine(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> TrackingResult:
@@ -155,37 +144,30 @@ class Tracker:
             start: Pose that is right to about two pixels.
             offset: Rotation error of the right camera.
         """
-        places = (*start, landmarks.host_rotations, landmarks.host_positions, landmarks.uv, landmarks.inverse_depth)
         found = both(
-            track_patches,
-            *(
-                (
-                    image.levels[0],
-                    landmarks.patches[0],
-                    landmarks.uv,
-                    plane_homographies(*places, landmarks.slopes, self._camera, shift),
-                    2.5,
-                    6,
-                )
-                for image, shift in ((frame.left, 0.0), (frame.right, self._baseline))
+            self._track,
+            (frame.left.levels[0], landmarks, plane_homographies(start, landmarks.planes, self._camera, 0.0)),
+            (
+                frame.right.levels[0],
+                landmarks,
+                plane_homographies(start, landmarks.planes, self._camera, self._camera.baseline_m),
             ),
         )
-        for side in found:
-            side[side[:, 6] < MIN_NCC] = np.nan
-        right_uv = found[1][:, :2]
-        observations = np.column_stack((found[0][:, :2], right_uv - offset.at(right_uv, self._camera)))
-        variance = np.stack([self.position_variance(side[:, 2:5], side[:, 5]) for side in found], axis=1)
-        hosts = (landmarks.host_rotations, landmarks.host_positions, landmarks.rays, landmarks.inverse_depth)
-        rotation, position, information, chi2_per_dof = solve_pose(
-            *start, *hosts, landmarks.covariance, observations, variance, self._camera, self._baseline, 10
+        right_uv = found[1].uv
+        observations = np.column_stack((found[0].uv, right_uv - offset.at(right_uv, self._camera)))
+        variance = np.stack([self.position_variance(side.covariance, side.residual) for side in found], axis=1)
+        solution = solve_pose(
+            start, landmarks.estimates, StereoObservations(observations, variance), self._camera, POSE_ITERATIONS
         )
-        return TrackingResult(Pose(rotation, position), information, landmarks, observations, variance, chi2_per_dof)
+        return TrackingResult(
+            solution.pose, solution.information, landmarks, observations, variance, solution.chi2_per_dof
+        )
 
     def refine_from_afar(
         self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset
     ) -> TrackingResult:
         """Return the same from a pose that is right to some pixels."""
-        pose, _ = self._align_level(frame.left, 0, landmarks, start, 6)
+        pose = self._align_level(frame.left, 0, landmarks, start, 6).pose
         return self.refine(frame, landmarks, pose, offset)
 
     def trusts(self, result: TrackingResult) -> bool:
@@ -198,7 +180,7 @@ class Tracker:
         if result.right_share > 0.3 or not frame.right_is_textured:
             return False
         rotation, position = result.pose
-        start = Pose(rotation, position - rotation[:, 0] * self._baseline)
+        start = Pose(rotation, position - rotation[:, 0] * self._camera.baseline_m)
         other = self.refine(frame._replace(left=frame.right, right=frame.left), result.landmarks, start, offset)
         return self.trusts(other) and other.right_share > 0.6
 
@@ -215,14 +197,17 @@ class Tracker:
         variance[:, 2] += self._config.pixel_floor**2
         return np.asarray(variance)
 
-    def _align_level(
-        self, left: Pyramid, level: int, landmarks: Landmarks, start: Pose, iterations: int
-    ) -> tuple[Pose, float]:
-        """Return the pose aligned with one pyramid level, and its mean correlation."""
-        places = (*start, landmarks.host_rotations, landmarks.host_positions, landmarks.uv, landmarks.inverse_depth)
-        homographies = plane_homographies(*places, landmarks.slopes, self._camera, 0.0)
-        patches = landmarks.patches[level]
-        rotation, position, score, _ = align_pose(
-            left.levels[level], level, patches, homographies, *places, self._camera, iterations
+    @staticmethod
+    def _track(image: FloatImage, landmarks: Landmarks, homographies: FloatArray) -> PatchTracks:
+        """Return the tracks of all landmarks; NaN also where patch and image differ."""
+        tracks = track_patches(image, landmarks.patches[0], landmarks.uv, homographies, MAX_SHIFT_PX, SHIFT_ITERATIONS)
+        different = tracks.correlation < MIN_NCC
+        for array in tracks:
+            array[different] = np.nan
+        return tracks
+
+    def _align_level(self, left: Pyramid, level: int, landmarks: Landmarks, start: Pose, iterations: int) -> Alignment:
+        """Align the pose with one pyramid level."""
+        return align_pose(
+            left.level(level), landmarks.patches[level], landmarks.planes, start, self._camera, iterations
         )
-        return Pose(rotation, position), score

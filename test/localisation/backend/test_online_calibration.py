@@ -4,38 +4,42 @@ import cv2
 import numpy as np
 import pytest
 
-from sfr_loc_map.localisation.backend.bundle_adjustment import Adjusted, Prior, adjust
+from sfr_loc_map.geometry.camera import Poses, StereoCamera
+from sfr_loc_map.localisation.backend.bundle_adjustment import BundleAdjustmentResult, Prior, adjust
+from sfr_loc_map.localisation.backend.linearisation import BundleProblem
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 
-CAMERA = np.array([400.0, 400.0, 256.0, 256.0])
-BASELINE = 0.15
+CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 WINDOW = 5
 
 
-def adjusted(offset_px: float, seed: int, noise_px: float = 0.1, depths: tuple[float, float] = (1.5, 15.0)) -> Adjusted:
+def adjusted(
+    offset_px: float, seed: int, noise_px: float = 0.1, depths: tuple[float, float] = (1.5, 15.0)
+) -> BundleAdjustmentResult:
     """Adjust landmarks seen from five places along the optical axis, right images moved along the columns."""
     random = np.random.default_rng(seed)
     count = 300
     rotations, positions = np.repeat(np.eye(3)[None], WINDOW, axis=0), np.zeros((WINDOW, 3))
     positions[:, 2] = 0.2 * np.arange(WINDOW)
     uv, depth = random.uniform(60, 450, (count, 2)), random.uniform(*depths, count)
-    points = np.column_stack(((uv - CAMERA[2:]) / CAMERA[:2], np.ones(count))) * depth[:, None]
+    points = np.column_stack((CAMERA.normalised(uv), np.ones(count))) * depth[:, None]
     seen = points[:, None] - positions
-    left = seen[..., :2] / seen[..., 2:] * CAMERA[:2] + CAMERA[2:]
-    right = left - np.stack((CAMERA[0] * BASELINE / seen[..., 2], np.zeros(seen.shape[:2])), axis=2)
+    left = seen[..., :2] / seen[..., 2:] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]
+    right = left - np.stack((CAMERA.fx * CAMERA.baseline_m / seen[..., 2], np.zeros(seen.shape[:2])), axis=2)
     right[..., 0] += offset_px
     observed = np.concatenate((left, right), axis=2)
     observed += random.normal(0, noise_px, observed.shape)
     observed[:, 0, :2] = uv
     variance = np.tile([noise_px**2, 0.0, noise_px**2], (count, WINDOW, 2, 1))
-    rho = (observed[:, 0, 0] - observed[:, 0, 2]) / (CAMERA[0] * BASELINE)
+    rho = (observed[:, 0, 0] - observed[:, 0, 2]) / (CAMERA.fx * CAMERA.baseline_m)
     h = np.zeros((6 * WINDOW, 6 * WINDOW))
     h[:6, :6] = 1e12 * np.eye(6)
-    prior = Prior(h, np.zeros(6 * WINDOW), rotations, positions)
+    prior = Prior(h, np.zeros(6 * WINDOW), Poses(rotations, positions))
     start = positions + np.array([0.0, 0.0, 0.003]) * np.arange(WINDOW)[:, None]
-    host, uvrho = np.zeros(count, np.int64), np.column_stack((uv, rho))
-    return adjust(rotations, start, host, uvrho, observed, variance, CAMERA, BASELINE, prior, 4)
+    host, uv_inverse_depth = np.zeros(count, np.int64), np.column_stack((uv, rho))
+    problem = BundleProblem(Poses(rotations, start), host, uv_inverse_depth, observed, variance, CAMERA)
+    return adjust(problem, prior, 4)
 
 
 @pytest.mark.parametrize("offset_px", [0.0, 0.15, -0.3])
@@ -82,9 +86,9 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     turn = np.radians([0.05, 0.0, -0.1])
     random = np.random.default_rng(0)
     places = random.uniform(20, 490, (400, 2))
-    rays = np.column_stack(((places - CAMERA[2:]) / CAMERA[:2], np.ones(400)))
+    rays = np.column_stack((CAMERA.normalised(places), np.ones(400)))
     rotated = rays @ cv2.Rodrigues(turn)[0].T
-    moved = rotated[:, :2] / rotated[:, 2:] * CAMERA[:2] + CAMERA[2:]
+    moved = rotated[:, :2] / rotated[:, 2:] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]
     calibration = OnlineCalibration(CAMERA, 7)
     noisy = moved[:, 1] - places[:, 1] + random.normal(0, 0.1, 400)
     noisy[:30] += random.uniform(-3, 3, 30)  # wrong matches
@@ -92,14 +96,14 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     assert (calibration.offset.v, calibration.offset.roll) == (0.0, 0.0)  # too few to say
     for _ in range(3):
         calibration.learn_vertical(moved, noisy)
-    assert calibration.offset.v == pytest.approx(-CAMERA[0] * turn[0], abs=0.03)
-    assert calibration.offset.roll == pytest.approx(CAMERA[0] * turn[2], abs=0.06)
+    assert calibration.offset.v == pytest.approx(-CAMERA.fx * turn[0], abs=0.03)
+    assert calibration.offset.roll == pytest.approx(CAMERA.fx * turn[2], abs=0.06)
     np.testing.assert_allclose(calibration.offset.at(moved, CAMERA), moved - places, atol=0.06)
 
 
 def test_rows_are_followed_ever_more_slowly() -> None:
     calibration, places = OnlineCalibration(CAMERA, 7), np.random.default_rng(1).uniform(20, 490, (50, 2))
-    shapes = 1.0 + ((places[:, 1] - CAMERA[3]) / CAMERA[1]) ** 2
+    shapes = 1.0 + ((places[:, 1] - CAMERA.cy) / CAMERA.fy) ** 2
     calibration.learn_vertical(places, 0.5 * shapes)
     assert calibration.offset.v == pytest.approx(0.5, abs=3e-3)
     calibration.learn_vertical(places, 0.0 * shapes)

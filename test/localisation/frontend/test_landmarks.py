@@ -1,5 +1,6 @@
 import numpy as np
 
+from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
@@ -11,8 +12,7 @@ def landmarks(inverse_depth: np.ndarray) -> Landmarks:
     rays = np.column_stack((np.linspace(-0.5, 0.5, count), np.full(count, 0.1), np.ones(count)))
     return Landmarks(
         index=np.arange(count),
-        host_rotations=np.tile(rotation, (count, 1, 1)),
-        host_positions=np.tile(position, (count, 1)),
+        hosts=Poses(np.tile(rotation, (count, 1, 1)), np.tile(position, (count, 1))),
         uv=np.zeros((count, 2)),
         rays=rays,
         inverse_depth=inverse_depth,
@@ -25,7 +25,7 @@ def landmarks(inverse_depth: np.ndarray) -> Landmarks:
 
 def test_points_lie_on_their_rays_at_their_depth() -> None:
     marks = landmarks(np.array([0.5, 0.1, 2.0]))
-    in_camera = (marks.points - marks.host_positions[0]) @ marks.host_rotations[0]
+    in_camera = (marks.points - marks.hosts.positions[0]) @ marks.hosts.rotations[0]
     np.testing.assert_allclose(in_camera[:, 2], [2.0, 10.0, 0.5])
     np.testing.assert_allclose(in_camera / in_camera[:, 2:], marks.rays, atol=1e-12)
 

@@ -9,17 +9,18 @@ import pytest
 from loc_drive import BLACK, pair_of_drive
 from made_scene import LOC_RIG, true_pose
 
+from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
-from sfr_loc_map.localisation.frontend.tracking import Pose, StereoFrame, Tracker, TrackingResult
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
 
 CONFIG = LocalisationConfig(min_tracked=20)
-CAMERA = np.array([LOC_RIG.fx, LOC_RIG.fy, LOC_RIG.cx, LOC_RIG.cy])
+CAMERA = LOC_RIG.camera
 STRAIGHT = RightOffset()
 
 
@@ -35,7 +36,7 @@ def camera_motion(index: int) -> Transform:
 
 @pytest.fixture(scope="module")
 def tracker() -> Tracker:
-    return Tracker(LOC_RIG, CONFIG, CAMERA)
+    return Tracker(CONFIG, CAMERA)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def landmarks(tracker: Tracker) -> Landmarks:
 
 @pytest.fixture(scope="module")
 def result(tracker: Tracker, landmarks: Landmarks) -> TrackingResult:
-    start = Pose(camera_motion(3).rotation, camera_motion(3).translation)
+    start = Pose.of(camera_motion(3))
     return tracker.refine(frame(3), landmarks, start, STRAIGHT)
 
 
@@ -101,7 +102,7 @@ def test_uncertainty_of_the_pose_and_residuals_are_of_a_size(result: TrackingRes
 
 def test_flow_is_measured_from_the_keyframe_to_the_image(result: TrackingResult) -> None:
     points = camera_motion(3).inverse().apply(result.landmarks.points)
-    seen = points[:, :2] / points[:, 2:] * CAMERA[:2] + CAMERA[2:]
+    seen = points[:, :2] / points[:, 2:] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]
     expected = np.linalg.norm(seen - result.landmarks.last_seen[:, :2], axis=1)
     assert np.median(result.flow_px) == pytest.approx(np.nanmedian(expected), abs=0.3)
 
@@ -135,7 +136,7 @@ def test_trust(
 
 
 def test_swapped_images_are_seen(tracker: Tracker, landmarks: Landmarks, result: TrackingResult) -> None:
-    start = Pose(camera_motion(3).rotation, camera_motion(3).translation)
+    start = Pose.of(camera_motion(3))
     straight = frame(3)
     swapped = straight._replace(left=straight.right, right=straight.left)
     # the pose that fits the right image taken for a left one

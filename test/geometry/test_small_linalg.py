@@ -1,0 +1,52 @@
+"""Small linear algebra against numpy and scipy."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from sfr_loc_map.geometry.small_linalg import cholesky, inverse, retract, solve
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def positive_definite(seed: int, size: int) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    root = random.normal(size=(size, size))
+    return root @ root.T + 0.1 * size * np.eye(size)
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS, st.integers(1, 8))
+def test_factor_solution_and_inverse_are_those_of_numpy(seed: int, size: int) -> None:
+    matrix = positive_definite(seed, size)
+    rhs = np.random.default_rng(seed + 1).normal(size=size)
+    np.testing.assert_allclose(cholesky(matrix), np.linalg.cholesky(matrix), atol=1e-12)
+    np.testing.assert_allclose(solve(matrix, rhs), np.linalg.solve(matrix, rhs), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(inverse(matrix), np.linalg.inv(matrix), rtol=1e-9, atol=1e-12)
+
+
+def test_the_right_hand_side_is_not_changed() -> None:
+    rhs = np.ones(3)
+    solve(positive_definite(0, 3), rhs)
+    assert rhs.tolist() == [1.0, 1.0, 1.0]
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS, st.sampled_from([0.0, 1e-9, 1e-5, 1e-4, 1e-3, 0.1, 3.0]))
+def test_retraction_is_the_matrix_exponential_from_the_left(seed: int, angle: float) -> None:
+    random = np.random.default_rng(seed)
+    axis = random.normal(size=3)
+    w = angle * axis / np.linalg.norm(axis)
+    rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    cross = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+    np.testing.assert_allclose(retract(rotation, *w), expm(cross) @ rotation, atol=1e-13)
+
+
+@pytest.mark.parametrize("steps", [1000])
+def test_rotations_stay_orthonormal(steps: int) -> None:
+    rotation = np.eye(3)
+    for _ in range(steps):
+        rotation = retract(rotation, 0.01, -0.02, 0.03)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)

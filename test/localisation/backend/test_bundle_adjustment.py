@@ -1,0 +1,174 @@
+"""Schur elimination against dense normal equations, marginalisation against the joint solution."""
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.camera import Poses, StereoCamera
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.localisation.backend.bundle_adjustment import (
+    Prior,
+    adjust,
+    marginalise_oldest,
+    pose_difference,
+    right_image_offset,
+)
+from sfr_loc_map.localisation.backend.linearisation import KERNEL_CHI2, BundleProblem, linearise
+
+CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
+KEYFRAMES, LANDMARKS = 3, 40
+UNKNOWNS = 6 * KEYFRAMES + 1
+
+
+def project(keyframes: Poses, host: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
+    """Return u, v left, u, v right `(N, K, 4)` by the pinhole model; infinite depth is allowed."""
+    rays = np.column_stack((CAMERA.normalised(landmarks[:, :2]), np.ones(len(landmarks))))
+    rho = landmarks[:, 2:]
+    scaled = np.einsum("nij,nj->ni", keyframes.rotations[host], rays) + rho * keyframes.positions[host]
+    seen = np.einsum("kji,nkj->nki", keyframes.rotations, scaled[:, None] - rho[:, None] * keyframes.positions)
+    u = CAMERA.fx * seen[..., 0] / seen[..., 2] + CAMERA.cx
+    v = CAMERA.fy * seen[..., 1] / seen[..., 2] + CAMERA.cy
+    return np.stack((u, v, u - CAMERA.fx * CAMERA.baseline_m * rho / seen[..., 2], v), axis=2)
+
+
+def problem(seed: int = 0, noise_px: float = 0.2) -> BundleProblem:
+    random = np.random.default_rng(seed)
+    rotations = np.stack([matrix_from_rotvec(random.normal(0, 0.03, 3)) for _ in range(KEYFRAMES)])
+    keyframes = Poses(rotations, 0.3 * np.arange(KEYFRAMES)[:, None] * [0.5, 0.1, 1.0])
+    host = random.integers(0, KEYFRAMES - 1, LANDMARKS)
+    landmarks = np.column_stack((random.uniform(80, 420, (LANDMARKS, 2)), random.uniform(0.05, 0.4, LANDMARKS)))
+    observations = project(keyframes, host, landmarks) + random.normal(0, noise_px, (LANDMARKS, KEYFRAMES, 4))
+    observations[np.arange(KEYFRAMES) < host[:, None]] = np.nan
+    observations[::7, -1, 2:] = np.nan
+    root = random.normal(0, 0.1, (LANDMARKS, KEYFRAMES, 2, 2, 2))
+    full = root @ root.swapaxes(-1, -2) + noise_px**2 * np.eye(2)
+    variance = np.stack((full[..., 0, 0], full[..., 0, 1], full[..., 1, 1]), axis=-1)
+    return BundleProblem(keyframes, host, landmarks, observations, variance, CAMERA)
+
+
+def moved(base: BundleProblem, step: np.ndarray) -> tuple[Poses, np.ndarray, float]:
+    """Apply a step of poses, right-image offset and landmarks."""
+    poses = step[: UNKNOWNS - 1].reshape(-1, 6)
+    rotations = np.stack(
+        [matrix_from_rotvec(w) @ r for w, r in zip(poses[:, 3:], base.keyframes.rotations, strict=True)]
+    )
+    keyframes = Poses(rotations, base.keyframes.positions + poses[:, :3])
+    return keyframes, base.uv_inverse_depth + step[UNKNOWNS:].reshape(-1, 3), step[UNKNOWNS - 1]
+
+
+def residuals(base: BundleProblem, step: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return residuals `(N, K, 2, 2)` of the landmarks `rows`, 0 where not observed, after a step."""
+    keyframes, landmarks, offset = moved(base, step)
+    predicted = project(keyframes, base.host, landmarks) + offset * np.array([0.0, 0.0, 1.0, 0.0])
+    difference = np.where(rows[:, None, None], base.observations - predicted, np.nan)
+    return np.nan_to_num(difference).reshape(LANDMARKS, KEYFRAMES, 2, 2)
+
+
+def dense(base: BundleProblem, rows: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the normal equations of all unknowns by central differences."""
+    rows = np.ones(LANDMARKS, np.bool_) if rows is None else rows
+    uu, uv, vv = np.moveaxis(base.variance, -1, 0)
+    information = np.linalg.inv(np.stack((np.stack((uu, uv), -1), np.stack((uv, vv), -1)), -2))
+    size, step = UNKNOWNS + 3 * LANDMARKS, 1e-6
+    now = residuals(base, np.zeros(size), rows)
+    chi2 = np.einsum("nksi,nksij,nksj->nks", now, information, now)
+    weighted = information / ((1.0 + chi2 / KERNEL_CHI2) ** 2)[..., None, None]
+    columns = [(residuals(base, -e, rows) - residuals(base, e, rows)) / (2 * step) for e in step * np.eye(size)]
+    jacobian = np.stack(columns, axis=-1)
+    h = np.einsum("nksia,nksij,nksjb->ab", jacobian, weighted, jacobian, optimize=True)
+    h[np.arange(UNKNOWNS + 2, size, 3), np.arange(UNKNOWNS + 2, size, 3)] += 1e-6
+    return h, np.einsum("nksia,nksij,nksj->a", jacobian, weighted, now, optimize=True)
+
+
+def eliminate(h: np.ndarray, g: np.ndarray, kept: slice, gone: slice) -> tuple[np.ndarray, np.ndarray]:
+    gain = np.linalg.solve(h[gone, gone], h[gone, kept]).T
+    return h[kept, kept] - gain @ h[gone, kept], g[kept] - gain @ g[gone]
+
+
+def known_first_pose() -> Prior:
+    information = np.zeros((6 * KEYFRAMES, 6 * KEYFRAMES))
+    information[:6, :6] = 1e8 * np.eye(6)
+    return Prior(information, np.zeros(6 * KEYFRAMES), problem().keyframes)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_elimination_of_the_landmarks_is_the_schur_complement_of_the_dense_system(seed: int) -> None:
+    base = problem(seed)
+    h, g = dense(base)
+    wanted_h, wanted_g = eliminate(h, g, slice(UNKNOWNS), slice(UNKNOWNS, None))
+    found_h, found_g, _ = linearise(base)
+    scale = np.sqrt(np.diag(wanted_h))
+    np.testing.assert_allclose(found_h / np.outer(scale, scale), wanted_h / np.outer(scale, scale), atol=1e-6)
+    np.testing.assert_allclose(found_g / scale, wanted_g / scale, atol=1e-4)
+
+
+def test_one_step_is_that_of_the_dense_system() -> None:
+    base, prior = problem(2), known_first_pose()
+    prior = Prior(prior.information, prior.information_vector, base.keyframes)
+    result = adjust(base, prior, 1)
+    h, g = dense(base)
+    own = np.delete(np.arange(len(g)), UNKNOWNS - 1)  # the offset is no unknown of an adjustment
+    h, g = h[np.ix_(own, own)], g[own]
+    h[:6, :6] += 1e8 * np.eye(6)
+    step = np.insert(np.linalg.solve(h, g), UNKNOWNS - 1, 0.0)
+    keyframes, landmarks, _ = moved(base, step)
+    np.testing.assert_allclose(result.keyframes.positions, keyframes.positions, atol=1e-6)
+    np.testing.assert_allclose(result.keyframes.rotations, keyframes.rotations, atol=1e-6)
+    np.testing.assert_allclose(result.uv_inverse_depth, landmarks, atol=1e-4)
+    np.testing.assert_allclose(result.pose_covariance, np.linalg.inv(h)[: 6 * KEYFRAMES, : 6 * KEYFRAMES], atol=1e-8)
+
+
+def test_marginalisation_is_the_joint_system_without_the_oldest_keyframe_and_its_landmarks() -> None:
+    base = problem(3)
+    prior = Prior(known_first_pose().information, np.zeros(6 * KEYFRAMES), base.keyframes)
+    h, g = dense(base, base.host == 0)
+    poses = 6 * KEYFRAMES
+    own = np.delete(np.arange(len(g)), UNKNOWNS - 1)
+    h, g = h[np.ix_(own, own)], g[own]
+    h[:poses, :poses] += prior.information
+    used = np.concatenate((np.arange(poses), poses + np.flatnonzero(np.repeat(base.host == 0, 3))))
+    h, g = h[np.ix_(used, used)], g[used]
+    gone = np.concatenate((np.arange(6), np.arange(poses, len(g))))
+    kept = np.arange(6, poses)
+    gain = np.linalg.solve(h[np.ix_(gone, gone)], h[np.ix_(gone, kept)]).T
+    found = marginalise_oldest(base, prior)
+    wanted = h[np.ix_(kept, kept)] - gain @ h[np.ix_(gone, kept)]
+    scale = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(found.information / np.outer(scale, scale), wanted / np.outer(scale, scale), atol=1e-5)
+    np.testing.assert_allclose(found.information_vector / scale, (g[kept] - gain @ g[gone]) / scale, atol=1e-3)
+    np.testing.assert_array_equal(found.keyframes.positions, base.keyframes.positions[1:])
+
+
+def test_exact_observations_are_a_fixed_point_that_is_found_again() -> None:
+    base = problem(4)
+    exact = project(base.keyframes, base.host, base.uv_inverse_depth)
+    base = base._replace(observations=np.where(np.isnan(base.observations), np.nan, exact))
+    prior = Prior(known_first_pose().information, np.zeros(6 * KEYFRAMES), base.keyframes)
+    off = Poses(base.keyframes.rotations, base.keyframes.positions + np.array([[0.0], [0.002], [-0.002]]))
+    result = adjust(base._replace(keyframes=off), prior, 8)
+    np.testing.assert_allclose(result.keyframes.positions, base.keyframes.positions, atol=1e-6)
+    np.testing.assert_allclose(result.right_offset.px, 0.0, atol=1e-6)
+
+
+def test_prior_pulls_back_to_where_it_was_linearised() -> None:
+    prior = Prior(np.eye(6), np.zeros(6), Poses(np.eye(3)[None], np.zeros((1, 3))))
+    turned = Poses(matrix_from_rotvec([0.0, 0.0, 1e-3])[None], np.array([[0.1, 0.0, 0.0]]))
+    np.testing.assert_allclose(pose_difference(turned, prior.keyframes), [0.1, 0, 0, 0, 0, 1e-3], atol=1e-9)
+    np.testing.assert_allclose(prior.rhs(turned), [-0.1, 0, 0, 0, 0, -1e-3], atol=1e-9)
+
+
+def test_offset_of_right_images_is_one_unknown_of_the_dense_system() -> None:
+    h, g, _ = linearise(problem(5))
+    offset = right_image_offset(h, g)
+    information, rhs = eliminate(h + 1e-9 * np.diag(np.append(1 + np.diag(h)[:-1], 0.0)), g, slice(-1, None), slice(-1))
+    assert offset.px == pytest.approx(float(rhs[0] / information[0, 0]), rel=1e-6)
+    assert offset.variance == pytest.approx(float(1.0 / information[0, 0]), rel=1e-6)
+    assert right_image_offset(np.zeros((7, 7)), np.zeros(7)).variance == np.inf
+
+
+def test_landmarks_in_the_host_alone_say_nothing_of_poses() -> None:
+    base = problem(6)
+    observations = base.observations.copy()
+    observations[np.arange(KEYFRAMES) != base.host[:, None]] = np.nan
+    h, g, _ = linearise(base._replace(observations=observations))
+    assert not h.any()
+    assert not g.any()

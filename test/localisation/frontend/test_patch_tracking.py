@@ -1,0 +1,112 @@
+"""Patches: sampling against scipy, gradients against differences, tracking of a known subpixel shift."""
+
+import numpy as np
+import pytest
+from numba import njit
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, cut_patches, half_width, normalise, sample
+from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, track_patches
+
+RANDOM = np.random.default_rng(0)
+IMAGE = gaussian_filter(RANDOM.normal(128.0, 400.0, (120, 160)), 2.0).astype(np.float32)
+UV = RANDOM.integers(25, 95, (30, 2)).astype(float)
+
+
+@njit
+def sampled(image, x, y):  # noqa: ANN001, ANN201
+    return sample(image, x, y)
+
+
+@njit
+def normalised(values):  # noqa: ANN001, ANN201
+    return normalise(values)
+
+
+def shifted(dx: float, dy: float, gain: float = 1.0, offset: float = 0.0) -> np.ndarray:
+    """Return the image with its content moved by (dx, dy)."""
+    y, x = np.mgrid[0:120, 0:160].astype(float)
+    moved = map_coordinates(IMAGE.astype(float), [y - dy, x - dx], order=5, mode="nearest")
+    return (gain * moved + offset).astype(np.float32)
+
+
+def track(image: np.ndarray, homographies: np.ndarray | None = None, max_shift: float = 2.5) -> PatchTracks:
+    homographies = np.tile(np.eye(3), (len(UV), 1, 1)) if homographies is None else homographies
+    return track_patches(image, cut_patches(IMAGE, UV, HALF), UV, homographies, max_shift, 20)
+
+
+def test_samples_are_bilinear() -> None:
+    x, y = RANDOM.uniform(0, 158.9, 200), RANDOM.uniform(0, 118.9, 200)
+    expected = map_coordinates(IMAGE.astype(float), [y, x], order=1)
+    np.testing.assert_allclose([sampled(IMAGE, *place) for place in zip(x, y, strict=True)], expected, atol=2e-3)
+
+
+def test_patches_hold_values_and_central_differences() -> None:
+    patches = cut_patches(IMAGE, UV, HALF)
+    assert patches.shape == (len(UV), 3, SIDE * SIDE)
+    assert half_width(SIDE * SIDE) == HALF
+    for patch, (u, v) in zip(patches, UV.astype(int), strict=True):
+        rows, columns = slice(v - HALF, v + HALF + 1), slice(u - HALF, u + HALF + 1)
+        dy, dx = np.gradient(IMAGE.astype(float))
+        for values, whole in zip(patch, (IMAGE, dx, dy), strict=True):
+            np.testing.assert_allclose(values.reshape(SIDE, SIDE), whole[rows, columns], atol=1e-3)
+
+
+def test_normalisation_takes_the_mean_and_returns_the_power() -> None:
+    values = RANDOM.normal(50, 20, 121).astype(np.float32)
+    expected = values - values.mean()
+    assert normalised(values) == pytest.approx(float((expected.astype(float) ** 2).sum()), rel=1e-5)
+    np.testing.assert_allclose(values, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(0.0, 0.0), (0.4, -0.7), (-1.6, 1.2)])
+def test_a_subpixel_shift_is_found_whatever_the_contrast(dx: float, dy: float) -> None:
+    tracks = track(shifted(dx, dy, gain=0.6, offset=30.0))
+    found = np.isfinite(tracks.uv[:, 0])
+    assert found.mean() > 0.9
+    np.testing.assert_allclose((tracks.uv - UV)[found], np.tile([dx, dy], (found.sum(), 1)), atol=0.05)
+    assert tracks.correlation[found].min() > 0.99
+
+
+def test_a_shift_that_the_homography_predicts_is_no_shift() -> None:
+    predicted = np.tile(np.array([[1.0, 0.0, 7.3], [0.0, 1.0, -4.6], [0.0, 0.0, 1.0]]), (len(UV), 1, 1))
+    tracks = track(shifted(7.3, -4.6), predicted, max_shift=0.2)
+    found = np.isfinite(tracks.uv[:, 0])
+    assert found.mean() > 0.9
+    np.testing.assert_allclose((tracks.uv - UV)[found], np.tile([7.3, -4.6], (found.sum(), 1)), atol=0.05)
+
+
+def test_a_patch_that_is_rotated_and_scaled_is_found() -> None:
+    c, s = 1.1 * np.cos(0.3), 1.1 * np.sin(0.3)
+    linear, centre = np.array([[c, -s], [s, c]]), np.array([80.0, 60.0])
+    y, x = np.mgrid[0:120, 0:160].astype(float)
+    back = np.einsum("ij,jhw->ihw", np.linalg.inv(linear), np.stack((x - 80.5, y - 59.6)))
+    image = map_coordinates(IMAGE.astype(float), [back[1] + 60, back[0] + 80], order=5).astype(np.float32)
+    h = np.eye(3)
+    h[:2, :2], h[:2, 2] = linear, centre - linear @ centre  # without the shift of (0.5, -0.4)
+    near = np.abs(UV - centre).max(axis=1) < 25
+    tracks = track(image, np.tile(h, (len(UV), 1, 1)))
+    expected = (UV - centre) @ linear.T + centre + [0.5, -0.4]
+    found = near & np.isfinite(tracks.uv[:, 0])
+    assert found.sum() > 0.8 * near.sum() > 3
+    np.testing.assert_allclose(tracks.uv[found], expected[found], atol=0.06)
+
+
+def test_covariance_is_that_of_many_noisy_images() -> None:
+    sigma, count = 2.0, 200
+    tracks = [track(IMAGE + RANDOM.normal(0, sigma, IMAGE.shape).astype(np.float32)) for _ in range(count)]
+    uv, predicted = np.stack([t.uv for t in tracks]), np.stack([t.covariance for t in tracks])
+    error = uv - UV
+    for n in range(5):
+        measured = np.cov(error[:, n].T) / sigma**2
+        ratio = measured[[0, 1], [0, 1]] / predicted[:, n, [0, 2]].mean(axis=0)
+        # bilinear samples between pixels average the noise: less than that of whole pixels, and never more
+        assert (ratio > 0.3).all()
+        assert (ratio < 1.5).all()
+
+
+def test_patches_without_texture_or_outside_are_not_tracked() -> None:
+    assert np.isnan(track(np.full_like(IMAGE, 50.0)).uv).all()
+    away = np.tile(np.array([[1.0, 0.0, 200.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), (len(UV), 1, 1))
+    assert np.isnan(track(IMAGE, away).uv).all()
+    assert np.isnan(track(shifted(1.5, 0.0), max_shift=0.5).uv).mean() > 0.9

@@ -1,0 +1,123 @@
+"""Photometric alignment: its gradient against central differences, and a known pose found from a textured plane."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
+from sfr_loc_map.localisation.frontend import photometric_alignment as alignment
+from sfr_loc_map.localisation.frontend.homography import LocalPlanes, plane_homographies
+from sfr_loc_map.localisation.frontend.image_pyramid import ImageLevel
+from sfr_loc_map.localisation.frontend.patch import cut_patches
+
+CAMERA = StereoCamera(200.0, 210.0, 119.5, 89.5, 0.1)
+HEIGHT, WIDTH, DEPTH, HALF = 180, 240, 2.0, 3
+RANDOM = np.random.default_rng(0)
+IMAGE = gaussian_filter(RANDOM.normal(128.0, 600.0, (HEIGHT, WIDTH)), 4.0)
+START = Pose(np.eye(3), np.zeros(3))
+UV = RANDOM.integers((40, 40), (200, 140), (60, 2)).astype(float)
+
+
+def planes(uv: np.ndarray = UV) -> LocalPlanes:
+    """A wall at 2 m in front of the host, which is the world."""
+    count = len(uv)
+    hosts = Poses(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
+    return LocalPlanes(hosts, uv, np.full(count, 1.0 / DEPTH), np.zeros((count, 2)))
+
+
+def view(pose: Pose) -> np.ndarray:
+    """Render the wall from another pose: each pixel looks up the host image."""
+    v, u = np.mgrid[0:HEIGHT, 0:WIDTH]
+    pixels = np.column_stack((u.ravel(), v.ravel())).astype(float)
+    rays = np.column_stack((CAMERA.normalised(pixels), np.ones(len(pixels)))) @ pose.rotation.T
+    points = pose.position + rays * ((DEPTH - pose.position[2]) / rays[:, 2])[:, None]
+    x = CAMERA.fx * points[:, 0] / DEPTH + CAMERA.cx
+    y = CAMERA.fy * points[:, 1] / DEPTH + CAMERA.cy
+    return map_coordinates(IMAGE, [y, x], order=3, mode="nearest").reshape(HEIGHT, WIDTH).astype(np.float32)
+
+
+def system() -> alignment._System:
+    size = (2 * HALF + 1) ** 2
+    return alignment._System(np.zeros((6, 6)), np.zeros(6), np.empty((2, 6)), np.empty(size, np.float32))
+
+
+def moved(pose: Pose, change: np.ndarray) -> Pose:
+    return Pose(matrix_from_rotvec(change[3:]) @ pose.rotation, pose.position + change[:3])
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_jacobian_of_the_pixel_is_that_of_central_differences(scale: float) -> None:
+    pose, out, step = Pose(matrix_from_rotvec([0.1, -0.2, 0.05]), np.array([0.1, 0.2, -0.3])), np.zeros((2, 6)), 1e-6
+    point = alignment._project(planes(), 0, pose, CAMERA)
+    alignment._fill_jacobian(point, 1.0 / DEPTH, pose.rotation, CAMERA, scale, out)
+
+    def pixel(change: np.ndarray) -> np.ndarray:
+        point = alignment._project(planes(), 0, moved(pose, change), CAMERA)
+        return np.array([CAMERA.fx * point.x, CAMERA.fy * point.y]) / scale
+
+    expected = np.stack([(pixel(e) - pixel(-e)) / (2 * step) for e in step * np.eye(6)], axis=-1)
+    np.testing.assert_allclose(out, expected, rtol=1e-6, atol=1e-5)
+
+
+def test_right_hand_side_is_the_descent_of_the_squared_differences() -> None:
+    """The half sum of squared differences of one patch, whose weight is constant, against its gradient."""
+    image, step = view(Pose(np.eye(3), np.array([0.004, -0.003, 0.0]))), 2e-4
+    level, one = ImageLevel(image, 1.0), planes(UV[:1])
+    patches = cut_patches(IMAGE.astype(np.float32), UV[:1], HALF)
+    shapes = np.eye(2)[None].copy()
+    templates, work = alignment._prepare(patches, shapes), system()
+    count, _ = alignment._linearise(level, templates, one, START, CAMERA, work)
+    assert count == 1
+
+    def cost(change: np.ndarray) -> float:
+        point = alignment._project(one, 0, moved(START, change), CAMERA)
+        u, v = CAMERA.fx * point.x + CAMERA.cx, CAMERA.fy * point.y + CAMERA.cy
+        y, x = np.mgrid[-HALF : HALF + 1, -HALF : HALF + 1]
+        values = map_coordinates(image.astype(float), [v + y, u + x], order=1).ravel()
+        values -= values.mean()
+        template = templates.values[0]
+        gain = np.sqrt(templates.power[0] / (values**2).sum())
+        return float(0.5 * ((gain * values - template) ** 2).sum())
+
+    gradient = np.array([(cost(e) - cost(-e)) / (2 * step) for e in step * np.eye(6)])
+    cosine = -gradient @ work.rhs / np.linalg.norm(gradient) / np.linalg.norm(work.rhs)
+    assert cosine > 0.98
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0, -1.0])
+def test_a_known_pose_is_found(size: float) -> None:
+    truth = moved(START, size * np.array([0.012, -0.01, 0.02, 0.006, -0.004, 0.01]))
+    patches = cut_patches(IMAGE.astype(np.float32), UV, HALF)
+    found = alignment.align_pose(ImageLevel(view(truth), 1.0), patches, planes(), START, CAMERA, 15)
+    assert found.correlation > 0.99
+    np.testing.assert_allclose(found.pose.position, truth.position, atol=4e-3)
+    np.testing.assert_allclose(rotvec_from_matrix(found.pose.rotation @ truth.rotation.T), 0.0, atol=1e-3)
+
+
+def test_levels_are_aligned_in_their_own_pixels() -> None:
+    truth = moved(START, np.array([0.03, -0.02, 0.0, 0.0, 0.0, 0.01]))
+
+    def halved(image: np.ndarray) -> np.ndarray:
+        return image.reshape(HEIGHT // 2, 2, WIDTH // 2, 2).mean(axis=(1, 3)).astype(np.float32)
+
+    patches = cut_patches(halved(IMAGE), (UV + 0.5) / 2 - 0.5, HALF)
+    found = alignment.align_pose(ImageLevel(halved(view(truth)), 2.0), patches, planes(), START, CAMERA, 15)
+    np.testing.assert_allclose(found.pose.position, truth.position, atol=4e-3)
+    np.testing.assert_allclose(rotvec_from_matrix(found.pose.rotation), [0.0, 0.0, 0.01], atol=2e-3)
+
+
+def test_too_few_patches_in_view_give_the_start_without_correlation() -> None:
+    patches = cut_patches(IMAGE.astype(np.float32), UV[:7], HALF)
+    found = alignment.align_pose(ImageLevel(view(START), 1.0), patches, planes(UV[:7]), START, CAMERA, 5)
+    assert found.correlation == -1.0
+    np.testing.assert_array_equal(found.pose.position, START.position)
+
+
+def test_shapes_are_the_derivatives_of_the_homographies() -> None:
+    pose = Pose(matrix_from_rotvec([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 0.5]))
+    shapes = alignment._shapes(plane_homographies(pose, planes(), CAMERA, 0.0), UV)
+    zoom = DEPTH / (DEPTH - 0.5)  # the wall is nearer, the camera rolled: the image is turned the other way
+    c, s = zoom * np.cos(0.1), zoom * np.sin(0.1)
+    expected = [[c, s * CAMERA.fx / CAMERA.fy], [-s * CAMERA.fy / CAMERA.fx, c]]
+    np.testing.assert_allclose(shapes, np.tile(expected, (len(UV), 1, 1)), atol=1e-9)
