@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.jit import jit_fast_ir_inline
-
-TARGET, HOST, LANDMARK, UNKNOWNS = 0, 6, 12, 15
-"""Columns of the Jacobian of a projection."""
 
 
 class Projection(NamedTuple):
@@ -19,17 +18,49 @@ class Projection(NamedTuple):
 
     Attributes:
         uv: `(4,)` pixels.
-        jacobian: `(4, 15)`: from column `TARGET` on by position and rotation of the target camera, from `HOST` on by
-            those of the host camera, from `LANDMARK` on by host pixel u, v and inverse depth.
+        by_target: `(4, 6)` derivative by position and rotation of the target camera.
+        by_host: `(4, 6)` by those of the host camera.
+        by_landmark: `(4, 3)` by host pixel u, v and inverse depth.
     """
 
     uv: FloatArray
-    jacobian: FloatArray
+    by_target: FloatArray
+    by_host: FloatArray
+    by_landmark: FloatArray
+
+
+class Intrinsics(NamedTuple):
+    """Camera of both images, in arrays by axis (u, v).
+
+    What is read from an array is a value of its own for the compiler, which sums in any order: with the scalars of
+    `StereoCamera` in their place the results would differ by rounding.
+
+    Attributes:
+        focal: `(2,)` focal lengths, pixels.
+        centre: `(2,)` principal point, pixels.
+        baseline_m: Distance between the optical centres, metres.
+    """
+
+    focal: FloatArray
+    centre: FloatArray
+    baseline_m: float
+
+
+@jit_fast_ir_inline
+def intrinsics(camera: StereoCamera) -> Intrinsics:
+    """Return the intrinsics of a camera."""
+    return Intrinsics(np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy]), camera.baseline_m)
+
+
+@jit_fast_ir_inline
+def new_projection() -> Projection:
+    """Return a projection to be filled."""
+    return Projection(np.zeros(4), np.zeros((4, 6)), np.zeros((4, 6)), np.zeros((4, 3)))
 
 
 @jit_fast_ir_inline
 def linearise_landmark(
-    target: Pose, hosts: Poses, k: int, ray: FloatArray, inverse_depth: float, camera: StereoCamera, out: Projection
+    target: Pose, hosts: Poses, k: int, ray: FloatArray, inverse_depth: float, camera: Intrinsics, out: Projection
 ) -> float:
     """Project a landmark into both images, with Jacobians.
 
@@ -51,29 +82,25 @@ def linearise_landmark(
         return 0.0
     x = (r_cw[0, 0] * wx + r_cw[1, 0] * wy + r_cw[2, 0] * wz) / z
     y = (r_cw[0, 1] * wx + r_cw[1, 1] * wy + r_cw[2, 1] * wz) / z
-    uv, j = out.uv, out.jacobian
+    focal, centre, baseline = camera.focal, camera.centre, camera.baseline_m
+    uv, j_pose, j_host, j_mark = out.uv, out.by_target, out.by_host, out.by_landmark
     for i in range(4):
         axis = i % 2
-        focal, centre = (camera.fx, camera.cx) if axis == 0 else (camera.fy, camera.cy)
-        f = focal / z
-        s = (x if i == 0 else x - camera.baseline_m * inverse_depth / z) if axis == 0 else y
-        uv[i] = focal * s + centre
+        f = focal[axis] / z
+        s = (x if i == 0 else x - baseline * inverse_depth / z) if axis == 0 else y
+        uv[i] = focal[axis] * s + centre[axis]
         # derivative by the point in world axes
         a = f * (r_cw[0, axis] - s * r_cw[0, 2])
         b = f * (r_cw[1, axis] - s * r_cw[1, 2])
         c = f * (r_cw[2, axis] - s * r_cw[2, 2])
-        j[i, TARGET + 0], j[i, TARGET + 1], j[i, TARGET + 2] = (
-            -inverse_depth * a,
-            -inverse_depth * b,
-            -inverse_depth * c,
-        )
+        j_pose[i, 0], j_pose[i, 1], j_pose[i, 2] = -inverse_depth * a, -inverse_depth * b, -inverse_depth * c
         # rotating the camera by theta rotates the point by -theta: d y = R_wc [w]x theta
-        j[i, TARGET + 3], j[i, TARGET + 4], j[i, TARGET + 5] = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
-        j[i, HOST + 0], j[i, HOST + 1], j[i, HOST + 2] = inverse_depth * a, inverse_depth * b, inverse_depth * c
-        j[i, HOST + 3], j[i, HOST + 4], j[i, HOST + 5] = c * ty - b * tz, a * tz - c * tx, b * tx - a * ty
-        j[i, LANDMARK + 0] = (a * r_wh[0, 0] + b * r_wh[1, 0] + c * r_wh[2, 0]) / camera.fx
-        j[i, LANDMARK + 1] = (a * r_wh[0, 1] + b * r_wh[1, 1] + c * r_wh[2, 1]) / camera.fy
-        j[i, LANDMARK + 2] = a * bx + b * by + c * bz
+        j_pose[i, 3], j_pose[i, 4], j_pose[i, 5] = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
+        j_host[i, 0], j_host[i, 1], j_host[i, 2] = inverse_depth * a, inverse_depth * b, inverse_depth * c
+        j_host[i, 3], j_host[i, 4], j_host[i, 5] = c * ty - b * tz, a * tz - c * tx, b * tx - a * ty
+        j_mark[i, 0] = (a * r_wh[0, 0] + b * r_wh[1, 0] + c * r_wh[2, 0]) / focal[0]
+        j_mark[i, 1] = (a * r_wh[0, 1] + b * r_wh[1, 1] + c * r_wh[2, 1]) / focal[1]
+        j_mark[i, 2] = a * bx + b * by + c * bz
         if i == 2:
-            j[i, LANDMARK + 2] -= f * camera.baseline_m
+            j_mark[i, 2] -= f * baseline
     return z

@@ -8,16 +8,18 @@ from numba import njit
 
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.projection import HOST, LANDMARK, TARGET, UNKNOWNS, Projection, linearise_landmark
+from sfr_loc_map.localisation.projection import Projection, intrinsics, linearise_landmark, new_projection
 
 CAMERA = StereoCamera(400.0, 420.0, 256.0, 240.0, 0.15)
 STEP = 1e-6
+TARGET, HOST, LANDMARK, UNKNOWNS = 0, 6, 12, 15
+"""Unknowns: the poses of target and host, the landmark."""
 
 
 @njit
 def _project(target, host, landmark, out):  # noqa: ANN001, ANN202
     ray = np.array([(landmark[0] - CAMERA.cx) / CAMERA.fx, (landmark[1] - CAMERA.cy) / CAMERA.fy, 1.0])
-    return linearise_landmark(target, host, 0, ray, landmark[2], CAMERA, out)
+    return linearise_landmark(target, host, 0, ray, landmark[2], intrinsics(CAMERA), out)
 
 
 def project(unknowns: np.ndarray, poses: list[Pose], landmark: np.ndarray) -> tuple[float, Projection]:
@@ -26,7 +28,7 @@ def project(unknowns: np.ndarray, poses: list[Pose], landmark: np.ndarray) -> tu
     for pose, first in zip(poses, (TARGET, HOST), strict=True):
         change = unknowns[first : first + 6]
         moved.append(Pose(matrix_from_rotvec(change[3:]) @ pose.rotation, pose.position + change[:3]))
-    out = Projection(np.zeros(4), np.zeros((4, UNKNOWNS)))
+    out = new_projection()
     host = Poses(moved[1].rotation[None].copy(), moved[1].position[None].copy())
     return _project(moved[0], host, landmark + unknowns[LANDMARK:], out), out
 
@@ -42,9 +44,10 @@ def scene(seed: int) -> tuple[list[Pose], np.ndarray]:
 def test_jacobians_are_central_differences(seed: int) -> None:
     poses, landmark = scene(seed)
     _, out = project(np.zeros(UNKNOWNS), poses, landmark)
+    jacobian = np.hstack(out[1:])
     for column, step in enumerate(STEP * np.eye(UNKNOWNS)):
         difference = project(step, poses, landmark)[1].uv - project(-step, poses, landmark)[1].uv
-        np.testing.assert_allclose(out.jacobian[:, column], difference / (2 * STEP), rtol=1e-6, atol=2e-5)
+        np.testing.assert_allclose(jacobian[:, column], difference / (2 * STEP), rtol=1e-6, atol=2e-5)
 
 
 @settings(max_examples=25, deadline=None)
@@ -64,5 +67,4 @@ def test_behind_the_camera_nothing_is_filled() -> None:
     behind = Pose(np.eye(3), np.array([0.0, 0.0, 10.0]))
     depth, out = project(np.zeros(UNKNOWNS), [behind, pose], np.array([250.0, 250.0, 0.5]))
     assert depth == 0.0
-    assert not out.uv.any()
-    assert not out.jacobian.any()
+    assert not any(array.any() for array in out)

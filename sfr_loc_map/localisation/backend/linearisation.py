@@ -13,9 +13,9 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.small_linalg import inverse
-from sfr_loc_map.jit import jit_fast, jit_fast_inline
+from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 from sfr_loc_map.localisation.parallel import both
-from sfr_loc_map.localisation.projection import HOST, LANDMARK, TARGET, UNKNOWNS, Projection, linearise_landmark
+from sfr_loc_map.localisation.projection import Intrinsics, Projection, intrinsics, linearise_landmark, new_projection
 
 KERNEL_CHI2 = 6.0
 """Squared Mahalanobis residual of a position at which its weight has fallen to a quarter (Geman-McClure)."""
@@ -63,12 +63,19 @@ class _System(NamedTuple):
     rhs: FloatArray
 
 
+class _LandmarkBlock(NamedTuple):
+    """Information `(3, 3)` of one landmark, right-hand side `(3,)`, and coupling `(3, S)` to the other unknowns."""
+
+    information: FloatArray
+    rhs: FloatArray
+    coupling: FloatArray
+
+
 class _Residual(NamedTuple):
-    """Residual of one position, its information, and its robust weight; `row` is its first row in the projection."""
+    """Residual `(2,)` of one position, its information, and robust weight; `row` is its first in the projection."""
 
     row: int
-    u: float
-    v: float
+    px: FloatArray
     uu: float
     uv: float
     vv: float
@@ -76,82 +83,90 @@ class _Residual(NamedTuple):
 
 
 class _Workspace(NamedTuple):
-    """Projection, information of a landmark `(3, 3)` and of the offset `(2,)`, columns `(S,)`, `(3, S)`, ray `(3,)`."""
+    """Arrays that all landmarks share: residual `(2,)`, weighted Jacobian `(2, 3)`, columns `(S,)`, ray `(3,)`.
+
+    `reduced` `(3, S)` is a landmark's covariance times its coupling. What is read from an array the compiler takes as
+    it is: scalars in place of `residual` and `weighted` would be summed in another order.
+    """
 
     projection: Projection
-    landmark: FloatArray
-    offset: FloatArray
+    residual: FloatArray
+    weighted: FloatArray
     columns: IntArray
     reduced: FloatArray
     ray: FloatArray
 
 
-@jit_fast_inline
-def _residual(observed: FloatArray, variance: FloatArray, n: int, k: int, side: int, uv: FloatArray) -> _Residual:
+@jit_fast_ir_inline
+def _residual(problem: BundleProblem, n: int, k: int, side: int, work: _Workspace) -> _Residual:
     """Return the residual of the left (0) or right (1) position of landmark n in keyframe k."""
+    observed, variance, out, residual = problem.observations, problem.variance, work.projection.uv, work.residual
     i = 2 * side
-    u, v = observed[n, k, i] - uv[i], observed[n, k, i + 1] - uv[i + 1]
-    var_u, cov, var_v = variance[n, k, side, 0], variance[n, k, side, 1], variance[n, k, side, 2]
-    det = var_u * var_v - cov * cov
-    i00, i01, i11 = var_v / det, -cov / det, var_u / det
-    chi2 = i00 * u**2 + 2.0 * i01 * u * v + i11 * v**2
-    return _Residual(i, u, v, i00, i01, i11, 1.0 / (1.0 + chi2 / KERNEL_CHI2) ** 2)
+    residual[0], residual[1] = observed[n, k, i] - out[i], observed[n, k, i + 1] - out[i + 1]
+    uu, uv, vv = variance[n, k, side, 0], variance[n, k, side, 1], variance[n, k, side, 2]
+    det = uu * vv - uv * uv
+    i00, i01, i11 = vv / det, -uv / det, uu / det
+    chi2 = i00 * residual[0] ** 2 + 2.0 * i01 * residual[0] * residual[1] + i11 * residual[1] ** 2
+    return _Residual(i, residual, i00, i01, i11, 1.0 / (1.0 + chi2 / KERNEL_CHI2) ** 2)
 
 
-@jit_fast_inline
-def _add_to_landmark(r: _Residual, j: FloatArray, information: FloatArray, rhs: FloatArray) -> None:
-    i = r.row
+@jit_fast_ir_inline
+def _add_to_landmark(r: _Residual, j: FloatArray, weighted: FloatArray, own: _LandmarkBlock) -> None:
+    i, residual, information, rhs = r.row, r.px, own.information, own.rhs
     for a in range(3):
-        p, q = r.weight * j[i, LANDMARK + a], r.weight * j[i + 1, LANDMARK + a]
-        wu, wv = r.uu * p + r.uv * q, r.uv * p + r.vv * q
-        rhs[a] += wu * r.u + wv * r.v
+        p, q = r.weight * j[i, a], r.weight * j[i + 1, a]
+        weighted[0, a], weighted[1, a] = r.uu * p + r.uv * q, r.uv * p + r.vv * q
+        rhs[a] += weighted[0, a] * residual[0] + weighted[1, a] * residual[1]
         for b in range(3):
-            information[a, b] += wu * j[i, LANDMARK + b] + wv * j[i + 1, LANDMARK + b]
+            information[a, b] += weighted[0, a] * j[i, b] + weighted[1, a] * j[i + 1, b]
 
 
-@jit_fast_inline
+@jit_fast_ir_inline
 def _add_offset(
-    r: _Residual, j: FloatArray, k: int, hk: int, h: FloatArray, coupling: FloatArray, offset: FloatArray
-) -> None:
-    """Add a right position to the terms of the right-image offset, the last unknown."""
-    i, last = r.row, len(h) - 1
+    r: _Residual, projection: Projection, k: int, hk: int, h: FloatArray, coupling: FloatArray
+) -> tuple[float, float]:
+    """Add a right position to the coupling of the right-image offset; return the offset's information and rhs."""
+    i, last, residual = r.row, len(h) - 1, r.px
+    j_pose, j_host, j_mark = projection.by_target, projection.by_host, projection.by_landmark
     p, q = r.weight * r.uu, r.weight * r.uv
-    offset[0] += p
-    offset[1] += p * r.u + q * r.v
     for b in range(3):
-        coupling[b, last] += p * j[i, LANDMARK + b] + q * j[i + 1, LANDMARK + b]
+        coupling[b, last] += p * j_mark[i, b] + q * j_mark[i + 1, b]
     if k != hk:
         for b in range(6):
-            h[6 * k + b, last] += p * j[i, TARGET + b] + q * j[i + 1, TARGET + b]
-            h[6 * hk + b, last] += p * j[i, HOST + b] + q * j[i + 1, HOST + b]
+            h[6 * k + b, last] += p * j_pose[i, b] + q * j_pose[i + 1, b]
+            h[6 * hk + b, last] += p * j_host[i, b] + q * j_host[i + 1, b]
+    return p, p * residual[0] + q * residual[1]
 
 
-@jit_fast_inline
-def _add_poses(
-    r: _Residual, j: FloatArray, k: int, hk: int, h: FloatArray, g: FloatArray, coupling: FloatArray
-) -> None:
+@jit_fast_ir_inline
+def _add_pose_row(
+    r: _Residual, a: int, j: FloatArray, k: int, j_mark: FloatArray, system: _System, coupling: FloatArray
+) -> tuple[float, float]:
+    """Add a position to the terms of unknown a of keyframe k alone; return its weighted Jacobian by that unknown."""
+    i, h, g, residual = r.row, system.information, system.rhs, r.px
+    p, q = r.weight * j[i, a], r.weight * j[i + 1, a]
+    p, q = r.uu * p + r.uv * q, r.uv * p + r.vv * q
+    g[6 * k + a] += p * residual[0] + q * residual[1]
+    for b in range(3):
+        coupling[b, 6 * k + a] += p * j_mark[i, b] + q * j_mark[i + 1, b]
+    for b in range(a, 6):
+        h[6 * k + a, 6 * k + b] += p * j[i, b] + q * j[i + 1, b]
+    return p, q
+
+
+@jit_fast_ir_inline
+def _add_poses(r: _Residual, projection: Projection, k: int, hk: int, system: _System, coupling: FloatArray) -> None:
     """Add a position to the terms of the target keyframe k and the host keyframe hk."""
-    i = r.row
+    j_pose, j_host, j_mark = projection.by_target, projection.by_host, projection.by_landmark
+    i, h = r.row, system.information
     for a in range(6):
-        p, q = r.weight * j[i, TARGET + a], r.weight * j[i + 1, TARGET + a]
-        p, q = r.uu * p + r.uv * q, r.uv * p + r.vv * q
-        g[6 * k + a] += p * r.u + q * r.v
-        for b in range(3):
-            coupling[b, 6 * k + a] += p * j[i, LANDMARK + b] + q * j[i + 1, LANDMARK + b]
-        for b in range(a, 6):
-            h[6 * k + a, 6 * k + b] += p * j[i, TARGET + b] + q * j[i + 1, TARGET + b]
-        p, q = r.weight * j[i, HOST + a], r.weight * j[i + 1, HOST + a]
-        p, q = r.uu * p + r.uv * q, r.uv * p + r.vv * q
-        g[6 * hk + a] += p * r.u + q * r.v
-        for b in range(3):
-            coupling[b, 6 * hk + a] += p * j[i, LANDMARK + b] + q * j[i + 1, LANDMARK + b]
-        for b in range(a, 6):
-            h[6 * hk + a, 6 * hk + b] += p * j[i, HOST + b] + q * j[i + 1, HOST + b]
+        _add_pose_row(r, a, j_pose, k, j_mark, system, coupling)
+        p, q = _add_pose_row(r, a, j_host, hk, j_mark, system, coupling)
         for b in range(6):
-            h[6 * hk + a, 6 * k + b] += p * j[i, TARGET + b] + q * j[i + 1, TARGET + b]
+            h[6 * hk + a, 6 * k + b] += p * j_pose[i, b] + q * j_pose[i + 1, b]
 
 
-@jit_fast_inline
+@jit_fast_ir_inline
 def _add_columns(columns: IntArray, used: int, k: int) -> int:
     """Append the columns of keyframe k; return the number of columns."""
     for a in range(6):
@@ -159,53 +174,54 @@ def _add_columns(columns: IntArray, used: int, k: int) -> int:
     return used + 6
 
 
-@jit_fast_inline
+@jit_fast_ir_inline
 def _add_landmark(
-    problem: BundleProblem, n: int, system: _System, rhs: FloatArray, coupling: FloatArray, work: _Workspace
-) -> int:
-    """Add all observations of a landmark; return the number of its pose unknowns, whose columns are filled."""
-    observed, variance, camera, ray = problem.observations, problem.variance, problem.camera, work.ray
+    problem: BundleProblem, n: int, camera: Intrinsics, system: _System, own: _LandmarkBlock, work: _Workspace
+) -> tuple[int, float, float]:
+    """Add all observations of a landmark; return its number of columns, and the offset's information and rhs."""
+    observed, ray = problem.observations, work.ray
     keyframes, projection, columns, hk = problem.keyframes, work.projection, work.columns, problem.host[n]
-    landmarks, rotations, positions = problem.uv_inverse_depth, keyframes.rotations, keyframes.positions
-    h, g, j, uv = system.information, system.rhs, projection.jacobian, projection.uv
-    information, offset = work.landmark, work.offset
-    ray[0], ray[1] = (landmarks[n, 0] - camera.cx) / camera.fx, (landmarks[n, 1] - camera.cy) / camera.fy
+    landmarks, coupling, h = problem.uv_inverse_depth, own.coupling, system.information
+    rotations, positions = keyframes.rotations, keyframes.positions
+    ray[0], ray[1] = (
+        (landmarks[n, 0] - camera.centre[0]) / camera.focal[0],
+        (landmarks[n, 1] - camera.centre[1]) / camera.focal[1],
+    )
     used = _add_columns(columns, 0, hk)
+    offset_information, offset_rhs = 0.0, 0.0
     for k in range(observed.shape[1]):
         left, right = not np.isnan(observed[n, k, 0]), not np.isnan(observed[n, k, 2])
         if not (left or right):
             continue
-        target = Pose(rotations[k], positions[k])
-        if linearise_landmark(target, keyframes, hk, ray, landmarks[n, 2], camera, projection) <= 0.0:
+        pose = Pose(rotations[k], positions[k])
+        if linearise_landmark(pose, keyframes, hk, ray, landmarks[n, 2], camera, projection) <= 0.0:
             continue
         if k != hk:
             used = _add_columns(columns, used, k)
         for side in range(2):
             if not (left if side == 0 else right):
                 continue
-            r = _residual(observed, variance, n, k, side, uv)
-            _add_to_landmark(r, j, information, rhs)
+            r = _residual(problem, n, k, side, work)
+            _add_to_landmark(r, projection.by_landmark, work.weighted, own)
             if side == 1:
-                _add_offset(r, j, k, hk, h, coupling, offset)
+                p, q = _add_offset(r, projection, k, hk, h, coupling)
+                offset_information += p
+                offset_rhs += q
             if k != hk:  # the host observes its landmarks where they are, wherever it is
-                _add_poses(r, j, k, hk, h, g, coupling)
-    return used
+                _add_poses(r, projection, k, hk, system, coupling)
+    return used, offset_information, offset_rhs
 
 
-@jit_fast_inline
+@jit_fast_ir_inline
 def _eliminate(
-    covariance: FloatArray, rhs: FloatArray, coupling: FloatArray, used: int, system: _System, work: _Workspace
+    li: FloatArray, own: _LandmarkBlock, used: int, columns: IntArray, reduced: FloatArray, system: _System
 ) -> None:
-    """Subtract from the system what the elimination of a landmark leaves, in its first `used` columns."""
-    h, g, columns, reduced = system.information, system.rhs, work.columns, work.reduced
+    """Subtract what the elimination of a landmark of covariance `li` leaves, in its first `used` columns."""
+    h, g, rhs, coupling = system.information, system.rhs, own.rhs, own.coupling
     for m in range(used):
         a = columns[m]
         for i in range(3):
-            reduced[i, a] = (
-                covariance[i, 0] * coupling[0, a]
-                + covariance[i, 1] * coupling[1, a]
-                + covariance[i, 2] * coupling[2, a]
-            )
+            reduced[i, a] = li[i, 0] * coupling[0, a] + li[i, 1] * coupling[1, a] + li[i, 2] * coupling[2, a]
     for m in range(used):
         a = columns[m]
         g[a] -= reduced[0, a] * rhs[0] + reduced[1, a] * rhs[1] + reduced[2, a] * rhs[2]
@@ -224,28 +240,28 @@ def _linearise(problem: BundleProblem, only_host: int, blocks: LandmarkBlocks) -
     last = 6 * problem.observations.shape[1]
     size = last + 1
     h, g = np.zeros((size, size)), np.zeros(size)
-    system = _System(h, g)
-    covariance, rhs, coupling = blocks.covariance, blocks.rhs, blocks.coupling
+    covariance, rhs, coupling, host = blocks.covariance, blocks.rhs, blocks.coupling, problem.host
     covariance[:], rhs[:], coupling[:] = 0.0, 0.0, 0.0
-    projection = Projection(np.zeros(4), np.zeros((4, UNKNOWNS)))
-    landmark, offset, columns = np.zeros((3, 3)), np.zeros(2), np.zeros(size, np.int64)
-    work = _Workspace(projection, landmark, offset, columns, np.zeros((3, size)), np.ones(3))
-    for n in range(len(problem.host)):
-        if only_host >= 0 and problem.host[n] != only_host:
+    projection, camera = new_projection(), intrinsics(problem.camera)
+    columns, reduced = np.zeros(size, np.int64), np.zeros((3, size))
+    work = _Workspace(projection, np.zeros(2), np.zeros((2, 3)), columns, reduced, np.ones(3))
+    system = _System(h, g)
+    for n in range(len(host)):
+        if only_host >= 0 and host[n] != only_host:
             continue
-        landmark[:], offset[:] = 0.0, 0.0
-        landmark[2, 2] = 1e-6  # an unobserved landmark stays where it is
-        used = _add_landmark(problem, n, system, rhs[n], coupling[n], work)
-        li = inverse(landmark)
+        own = _LandmarkBlock(np.zeros((3, 3)), rhs[n], coupling[n])
+        own.information[2, 2] = 1e-6  # an unobserved landmark stays where it is
+        used, offset_information, offset_rhs = _add_landmark(problem, n, camera, system, own, work)
+        li = inverse(own.information)
         for i in range(3):
             for j in range(3):
                 covariance[n, i, j] = li[i, j]
         if used == 6:  # only the host observes it
             continue
         columns[used] = last
-        h[last, last] += offset[0]
-        g[last] += offset[1]
-        _eliminate(li, rhs[n], coupling[n], used + 1, system, work)
+        h[last, last] += offset_information
+        g[last] += offset_rhs
+        _eliminate(li, own, used + 1, columns, reduced, system)
     return h, g
 
 

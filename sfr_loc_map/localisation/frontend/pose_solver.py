@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.small_linalg import inverse, retract, solve
 from sfr_loc_map.jit import jit_fast, jit_fast_inline
-from sfr_loc_map.localisation.projection import LANDMARK, TARGET, UNKNOWNS, Projection, linearise_landmark
+from sfr_loc_map.localisation.projection import intrinsics, linearise_landmark, new_projection
 
 MIN_LANDMARKS = 6
 """Minimum number of observed landmarks."""
@@ -79,7 +79,7 @@ def _covariance(
             s[i, j] = 0.0
             for a in range(3):
                 for b in range(3):
-                    s[i, j] += jacobian[i, LANDMARK + a] * landmark[a, b] * jacobian[j, LANDMARK + b]
+                    s[i, j] += jacobian[i, a] * landmark[a, b] * jacobian[j, b]
     for side in range(2):
         i = 2 * side
         if not np.isnan(uv[i]):
@@ -120,8 +120,8 @@ def _linearise(
 ) -> None:
     """Fill the linearisation at a pose; the whitening is that of the first iteration."""
     s = np.zeros((4, 4))
-    projection = Projection(np.zeros(4), np.zeros((4, UNKNOWNS)))
-    uv, jacobian = projection.uv, projection.jacobian
+    projection, in_arrays = new_projection(), intrinsics(camera)
+    uv, jacobian = projection.uv, projection.by_target
     observed, chi2, residuals, whitening = observations.uv, out.chi2_per_dof, out.residuals, out.whitening
     jacobians = out.jacobians
     rays, inverse_depth = landmarks.rays, landmarks.inverse_depth
@@ -130,15 +130,15 @@ def _linearise(
         left, right = not np.isnan(observed[n, 0]), not np.isnan(observed[n, 2])
         if not (left or right):
             continue
-        z = linearise_landmark(pose, landmarks.hosts, n, rays[n], inverse_depth[n], camera, projection)
+        z = linearise_landmark(pose, landmarks.hosts, n, rays[n], inverse_depth[n], in_arrays, projection)
         if z <= 0.0:
             continue
         for i in range(4):
             for j in range(6):
-                jacobians[n, i, j] = jacobian[i, TARGET + j]
+                jacobians[n, i, j] = jacobian[i, j]
             residuals[n, i] = observed[n, i] - uv[i] if (left if i < 2 else right) else 0.0
         if is_first:
-            _covariance(landmarks.covariance[n], jacobian, observations.variance[n], observed[n], s)
+            _covariance(landmarks.covariance[n], projection.by_landmark, observations.variance[n], observed[n], s)
             _copy(inverse(s), whitening, n)
         chi2[n] = _chi2(residuals, whitening, n) / ((2.0 if left else 0.0) + (2.0 if right else 0.0))
 
