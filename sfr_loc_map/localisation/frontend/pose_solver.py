@@ -9,8 +9,8 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.small_linalg import inverse, retract, solve
-from sfr_loc_map.jit import jit_fast, jit_fast_inline
-from sfr_loc_map.localisation.projection import intrinsics, linearise_landmark, new_projection
+from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
+from sfr_loc_map.localisation.projection import Intrinsics, Projection, intrinsics, linearise_landmark
 
 MIN_LANDMARKS = 6
 """Minimum number of observed landmarks."""
@@ -69,9 +69,18 @@ class _Linearisation(NamedTuple):
     chi2_per_dof: FloatArray
 
 
-@jit_fast_inline
-def _covariance(
-    landmark: FloatArray, jacobian: FloatArray, variance: FloatArray, uv: FloatArray, s: FloatArray
+class _Work(NamedTuple):
+    """Workspaces of one landmark: covariance `(4, 4)` of its residual, and its projection but for the Jacobian."""
+
+    covariance: FloatArray
+    by_host: FloatArray
+    by_landmark: FloatArray
+    uv: FloatArray
+
+
+@jit_fast_ir_inline
+def _fill_covariance(
+    landmark: FloatArray, jacobian: FloatArray, variance: FloatArray, left: bool, right: bool, s: FloatArray
 ) -> None:
     """Fill s `(4, 4)` with `R + J P J^T`: noise of the observation and uncertainty of the landmark."""
     for i in range(4):
@@ -82,7 +91,7 @@ def _covariance(
                     s[i, j] += jacobian[i, a] * landmark[a, b] * jacobian[j, b]
     for side in range(2):
         i = 2 * side
-        if not np.isnan(uv[i]):
+        if left if side == 0 else right:
             s[i, i] += variance[side, 0]
             s[i, i + 1] += variance[side, 1]
             s[i + 1, i] += variance[side, 1]
@@ -92,63 +101,52 @@ def _covariance(
             s[i + 1, i + 1] += UNOBSERVED_VARIANCE
 
 
-@jit_fast_inline
-def _copy(matrix: FloatArray, matrices: FloatArray, n: int) -> None:
-    for i in range(4):
-        for j in range(4):
-            matrices[n, i, j] = matrix[i, j]
-
-
-@jit_fast_inline
-def _chi2(residuals: FloatArray, whitening: FloatArray, n: int) -> float:
-    """Return the squared Mahalanobis residual of an observation."""
-    total = 0.0
-    for i in range(4):
-        for j in range(4):
-            total += residuals[n, i] * whitening[n, i, j] * residuals[n, j]
-    return total
-
-
-@jit_fast_inline
+@jit_fast_ir_inline
 def _linearise(
     pose: Pose,
     landmarks: LandmarkEstimates,
     observations: StereoObservations,
-    camera: StereoCamera,
+    camera: Intrinsics,
     is_first: bool,
     out: _Linearisation,
+    work: _Work,
 ) -> None:
     """Fill the linearisation at a pose; the whitening is that of the first iteration."""
-    s = np.zeros((4, 4))
-    projection, in_arrays = new_projection(), intrinsics(camera)
-    uv, jacobian = projection.uv, projection.by_target
-    observed, chi2, residuals, whitening = observations.uv, out.chi2_per_dof, out.residuals, out.whitening
-    jacobians = out.jacobians
-    rays, inverse_depth = landmarks.rays, landmarks.inverse_depth
-    for n in range(len(inverse_depth)):
+    hosts, rays, rho = landmarks.hosts, landmarks.rays, landmarks.inverse_depth
+    landmark_covariance, observed, variance = landmarks.covariance, observations.uv, observations.variance
+    whitening, jacobians, residuals, chi2 = out.whitening, out.jacobians, out.residuals, out.chi2_per_dof
+    s, by_host, by_landmark, uv = work.covariance, work.by_host, work.by_landmark, work.uv
+    for n in range(len(rho)):
         chi2[n] = np.nan
         left, right = not np.isnan(observed[n, 0]), not np.isnan(observed[n, 2])
         if not (left or right):
             continue
-        z = linearise_landmark(pose, landmarks.hosts, n, rays[n], inverse_depth[n], in_arrays, projection)
+        projection = Projection(uv, jacobians[n], by_host, by_landmark)
+        z = linearise_landmark(pose, hosts, n, rays[n], rho[n], camera, projection)
         if z <= 0.0:
             continue
         for i in range(4):
-            for j in range(6):
-                jacobians[n, i, j] = jacobian[i, j]
             residuals[n, i] = observed[n, i] - uv[i] if (left if i < 2 else right) else 0.0
         if is_first:
-            _covariance(landmarks.covariance[n], projection.by_landmark, observations.variance[n], observed[n], s)
-            _copy(inverse(s), whitening, n)
-        chi2[n] = _chi2(residuals, whitening, n) / ((2.0 if left else 0.0) + (2.0 if right else 0.0))
+            _fill_covariance(landmark_covariance[n], by_landmark, variance[n], left, right, s)
+            white = inverse(s)
+            for i in range(4):
+                for j in range(4):
+                    whitening[n, i, j] = white[i, j]
+        total = 0.0
+        for i in range(4):
+            for j in range(4):
+                total += residuals[n, i] * whitening[n, i, j] * residuals[n, j]
+        chi2[n] = total / ((2.0 if left else 0.0) + (2.0 if right else 0.0))
 
 
-@jit_fast_inline
-def _normal_equations(linearised: _Linearisation, scale: float) -> tuple[FloatArray, FloatArray]:
-    """Return the information `(6, 6)` and the right-hand side `(6,)` with Geman-McClure weights of a scale."""
-    h, g, jw = np.zeros((6, 6)), np.zeros(6), np.zeros(4)
-    jacobians, whitening, residuals = linearised.jacobians, linearised.whitening, linearised.residuals
-    chi2 = linearised.chi2_per_dof
+@jit_fast_ir_inline
+def _add_normal_equations(
+    linearised: _Linearisation, scale: float, jw: FloatArray, h: FloatArray, g: FloatArray
+) -> None:
+    """Add to the information `(6, 6)` and the right-hand side `(6,)`, with Geman-McClure weights of a scale."""
+    chi2, jacobians = linearised.chi2_per_dof, linearised.jacobians
+    whitening, residuals = linearised.whitening, linearised.residuals
     for n in range(len(chi2)):
         if np.isnan(chi2[n]):
             continue
@@ -167,7 +165,6 @@ def _normal_equations(linearised: _Linearisation, scale: float) -> tuple[FloatAr
     for a in range(6):
         for b in range(a):
             h[a, b] = h[b, a]
-    return h, g
 
 
 @jit_fast
@@ -191,19 +188,23 @@ def solve_pose(
         camera: Camera of all pairs.
         iterations: Most Gauss-Newton iterations.
     """
+    in_arrays = intrinsics(camera)
     count = len(landmarks.inverse_depth)
     rotation, position = start.rotation.copy(), start.position.copy()
     linearised = _Linearisation(
         np.zeros((count, 4, 4)), np.zeros((count, 4, 6)), np.zeros((count, 4)), np.full(count, np.nan)
     )
-    h = np.zeros((6, 6))
+    h, g = np.zeros((6, 6)), np.zeros(6)
+    work, jw = _Work(np.zeros((4, 4)), np.zeros((4, 6)), np.zeros((4, 3)), np.zeros(4)), np.zeros(4)
     for iteration in range(iterations):
-        _linearise(Pose(rotation, position), landmarks, observations, camera, iteration == 0, linearised)
+        pose, is_first = Pose(rotation, position), iteration == 0
+        _linearise(pose, landmarks, observations, in_arrays, is_first, linearised, work)
         used = linearised.chi2_per_dof[~np.isnan(linearised.chi2_per_dof)]
         if len(used) < MIN_LANDMARKS:
             break
         scale = max(1.0, np.median(used) * 1.5) * (4.0 if iteration == 0 else 1.0)
-        h, g = _normal_equations(linearised, scale)
+        h, g = np.zeros((6, 6)), np.zeros(6)
+        _add_normal_equations(linearised, scale, jw, h, g)
         update = solve(h, g)
         largest = 0.0
         for i in range(6):
