@@ -10,20 +10,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.small_linalg import retract, solve
-from sfr_loc_map.jit import jit_fast, jit_fast_inline
+from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.homography import (
     LocalPlanes,
-    WarpDerivative,
     plane_homographies,
-    warp_derivative,
+    warp,
 )
 from sfr_loc_map.localisation.frontend.image_pyramid import ImageLevel
 from sfr_loc_map.localisation.frontend.patch import Patch, half_width, normalise, sample
-from sfr_loc_map.localisation.frontend.patch_tracking import MIN_DETERMINANT, MIN_POWER, target_gradients
+from sfr_loc_map.localisation.frontend.patch_tracking import MIN_DETERMINANT, MIN_POWER
 
 MAX_DETERMINANT = 20.0
 """Largest area to which a warp may stretch a pixel, pixels."""
@@ -41,27 +41,19 @@ class Alignment(NamedTuple):
 
 
 class _Templates(NamedTuple):
-    """N patches without mean, their derivatives in the target `(N, S * S)`, shapes, powers and normal matrices."""
+    """N patches as templates.
+
+    Attributes:
+        values: `(N, S * S)` without mean.
+        jacobians: `(N, 2, S * S)` derivatives by the position in the target.
+        shapes: `(N, 4)` derivatives of the warps at the patch centres: xu, xv, yu, yv.
+        normal: `(N, 4)` power and normal matrix xx, xy, yy; power 0 where a patch cannot be aligned.
+    """
 
     values: Patch
-    dx: Patch
-    dy: Patch
+    jacobians: NDArray[np.float32]
     shapes: FloatArray
-    power: FloatArray
-    xx: FloatArray
-    xy: FloatArray
-    yy: FloatArray
-
-
-class _Point(NamedTuple):
-    """A landmark in the target: direction in world axes, scaled depth, normalised image coordinates."""
-
-    wx: float
-    wy: float
-    wz: float
-    z: float
-    x: float
-    y: float
+    normal: FloatArray
 
 
 class _Match(NamedTuple):
@@ -82,61 +74,72 @@ class _System(NamedTuple):
     values: Patch
 
 
-@jit_fast_inline
-def _shape(shapes: FloatArray, n: int) -> WarpDerivative:
-    return WarpDerivative(shapes[n, 0, 0], shapes[n, 0, 1], shapes[n, 1, 0], shapes[n, 1, 1])
+class _Point(NamedTuple):
+    """A landmark in the target: point in world axes and depth, both times the inverse depth; image coordinates."""
+
+    wx: float
+    wy: float
+    wz: float
+    z: float
+    x: float
+    y: float
 
 
 @jit_fast_inline
 def _shapes(homographies: FloatArray, uv: FloatArray) -> FloatArray:
-    """Return the derivatives `(N, 2, 2)` of the warps at the patch centres; zero behind the camera."""
-    out = np.zeros((len(uv), 2, 2))
+    """Return the derivatives `(N, 4)` of the warps at the patch centres; zero behind the camera."""
+    out = np.zeros((len(uv), 4))
     for n in range(len(uv)):
-        warped = warp_derivative(homographies[n], uv[n, 0], uv[n, 1])
-        out[n, 0, 0], out[n, 0, 1], out[n, 1, 0], out[n, 1, 1] = warped.xu, warped.xv, warped.yu, warped.yv
+        h = homographies[n]
+        u, v = uv[n, 0], uv[n, 1]
+        w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
+        if w <= 1e-9:
+            continue
+        x, y = warp(h, u, v)
+        out[n, 0], out[n, 1] = (h[0, 0] - x * h[2, 0]) / w, (h[0, 1] - x * h[2, 1]) / w
+        out[n, 2], out[n, 3] = (h[1, 0] - y * h[2, 0]) / w, (h[1, 1] - y * h[2, 1]) / w
     return out
 
 
 @jit_fast_inline
 def _prepare(patches: Patch, shapes: FloatArray) -> _Templates:
-    """Return the templates; the power is 0 where a patch cannot be aligned."""
+    """Return the templates of patches whose warps have some shapes."""
     count, size = patches.shape[0], patches.shape[2]
-    templates = _Templates(
-        patches[:, 0].copy(),
-        np.zeros((count, size), np.float32),
-        np.zeros((count, size), np.float32),
-        shapes,
-        np.zeros(count),
-        np.zeros(count),
-        np.zeros(count),
-        np.zeros(count),
-    )
+    templates = patches[:, 0].copy()
+    jacobians = np.zeros((count, 2, size), np.float32)
+    normal = np.zeros((count, 4))
     for n in range(count):
-        shape = _shape(shapes, n)
-        det = shape.xu * shape.yv - shape.xv * shape.yu
-        power = normalise(templates.values[n])
+        a00, a01, a10, a11 = shapes[n, 0], shapes[n, 1], shapes[n, 2], shapes[n, 3]
+        det = a00 * a11 - a01 * a10
+        power = normalise(templates[n])
         if power < MIN_POWER or abs(det) < MIN_DETERMINANT or abs(det) > MAX_DETERMINANT:
             continue
-        dx, dy = templates.dx[n], templates.dy[n]
-        target_gradients(patches[n], shape, dx, dy)
+        b00, b01 = np.float32(a11 / det), np.float32(-a10 / det)
+        b10, b11 = np.float32(-a01 / det), np.float32(a00 / det)
+        jx, jy = jacobians[n, 0], jacobians[n, 1]
+        for k in range(size):
+            jx[k] = b00 * patches[n, 1, k] + b01 * patches[n, 2, k]
+            jy[k] = b10 * patches[n, 1, k] + b11 * patches[n, 2, k]
+        normalise(jx)
+        normalise(jy)
         xx, xy, yy = np.float32(0.0), np.float32(0.0), np.float32(0.0)
         for k in range(size):
-            xx += dx[k] * dx[k]
-            xy += dx[k] * dy[k]
-            yy += dy[k] * dy[k]
-        templates.power[n], templates.xx[n], templates.xy[n], templates.yy[n] = power, xx, xy, yy
-    return templates
+            xx += jx[k] * jx[k]
+            xy += jx[k] * jy[k]
+            yy += jy[k] * jy[k]
+        normal[n, 0], normal[n, 1], normal[n, 2], normal[n, 3] = power, xx, xy, yy
+    return _Templates(templates, jacobians, shapes, normal)
 
 
-@jit_fast_inline
+@jit_fast_ir_inline
 def _project(planes: LocalPlanes, n: int, pose: Pose, camera: StereoCamera) -> _Point:
     """Project the centre of a patch; the scaled depth is 0 behind the camera."""
-    rotation, position, rho = pose.rotation, pose.position, planes.inverse_depth[n]
+    rotation, position, rho = pose.rotation, pose.position, planes.inverse_depth
     rx, ry = (planes.uv[n, 0] - camera.cx) / camera.fx, (planes.uv[n, 1] - camera.cy) / camera.fy
     r_wh, p_h = planes.hosts.rotations[n], planes.hosts.positions[n]
-    wx = r_wh[0, 0] * rx + r_wh[0, 1] * ry + r_wh[0, 2] + rho * (p_h[0] - position[0])
-    wy = r_wh[1, 0] * rx + r_wh[1, 1] * ry + r_wh[1, 2] + rho * (p_h[1] - position[1])
-    wz = r_wh[2, 0] * rx + r_wh[2, 1] * ry + r_wh[2, 2] + rho * (p_h[2] - position[2])
+    wx = r_wh[0, 0] * rx + r_wh[0, 1] * ry + r_wh[0, 2] + rho[n] * (p_h[0] - position[0])
+    wy = r_wh[1, 0] * rx + r_wh[1, 1] * ry + r_wh[1, 2] + rho[n] * (p_h[1] - position[1])
+    wz = r_wh[2, 0] * rx + r_wh[2, 1] * ry + r_wh[2, 2] + rho[n] * (p_h[2] - position[2])
     z = rotation[0, 2] * wx + rotation[1, 2] * wy + rotation[2, 2] * wz
     if z < 1e-6:
         return _Point(wx, wy, wz, 0.0, 0.0, 0.0)
@@ -145,43 +148,42 @@ def _project(planes: LocalPlanes, n: int, pose: Pose, camera: StereoCamera) -> _
     return _Point(wx, wy, wz, z, x, y)
 
 
-@jit_fast_inline
-def _cut(image: FloatImage, u: float, v: float, shape: WarpDerivative, values: Patch) -> bool:
-    """Fill the values of a patch of some shape around a pixel; return whether it lies inside the image."""
+@jit_fast_ir_inline
+def _cut(image: FloatImage, u: float, v: float, half: int, shape: FloatArray, values: Patch) -> bool:
+    """Fill the values of a patch of a shape `(4,)` around a pixel; return whether it lies inside the image."""
     height, width = image.shape
-    half = half_width(values.size)
-    reach_x, reach_y = half * (abs(shape.xu) + abs(shape.xv)), half * (abs(shape.yu) + abs(shape.yv))
+    a00, a01, a10, a11 = shape[0], shape[1], shape[2], shape[3]
+    reach_x, reach_y = half * (abs(a00) + abs(a01)), half * (abs(a10) + abs(a11))
     if u < reach_x or v < reach_y or u + reach_x >= width - 1.01 or v + reach_y >= height - 1.01:
         return False
     k = 0
     for j in range(-half, half + 1):
         for i in range(-half, half + 1):
-            x, y = np.float32(u + shape.xu * i + shape.xv * j), np.float32(v + shape.yu * i + shape.yv * j)
-            values[k] = sample(image, x, y)
+            values[k] = sample(image, np.float32(u + a00 * i + a01 * j), np.float32(v + a10 * i + a11 * j))
             k += 1
     return True
 
 
-@jit_fast_inline
-def _compare(templates: _Templates, n: int, target: np.float32, values: Patch) -> _Match:
+@jit_fast_ir_inline
+def _compare(templates: _Templates, n: int, power: float, target: np.float32, values: Patch) -> _Match:
     """Compare a patch with the values at its position, which are without mean and of power `target`."""
-    power = templates.power[n]
+    template, jacobians = templates.values, templates.jacobians
     dot = np.float32(0.0)
     for k in range(values.size):
-        dot += values[k] * templates.values[n, k]
+        dot += values[k] * template[n, k]
     correlation = dot / np.sqrt(power * target)
     gain = np.float32(np.sqrt(power / target))
     bx, by = np.float32(0.0), np.float32(0.0)
     for k in range(values.size):
-        difference = gain * values[k] - templates.values[n, k]
-        bx += templates.dx[n, k] * difference
-        by += templates.dy[n, k] * difference
+        difference = gain * values[k] - template[n, k]
+        bx += jacobians[n, 0, k] * difference
+        by += jacobians[n, 1, k] * difference
     # patches that differ much say little: the weight falls with what the warp leaves unexplained
     weight = 1.0 / (RESIDUAL_FLOOR + 2.0 * power * (1.0 - correlation) / values.size)
     return _Match(bx, by, weight, correlation)
 
 
-@jit_fast_inline
+@jit_fast_ir_inline
 def _fill_jacobian(
     point: _Point, inverse_depth: float, rotation: FloatArray, camera: StereoCamera, scale: float, d: FloatArray
 ) -> None:
@@ -197,50 +199,40 @@ def _fill_jacobian(
         d[i, 3], d[i, 4], d[i, 5] = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
 
 
-@jit_fast_inline
-def _accumulate(system: _System, templates: _Templates, n: int, match: _Match) -> None:
-    """Add a patch to the upper half of the normal equations."""
-    h, g, d, weight = system.information, system.rhs, system.jacobian, match.weight
-    xx, xy, yy = templates.xx[n], templates.xy[n], templates.yy[n]
-    for i in range(6):
-        p, q = weight * (xx * d[0, i] + xy * d[1, i]), weight * (xy * d[0, i] + yy * d[1, i])
-        g[i] -= weight * (d[0, i] * match.x + d[1, i] * match.y)
-        for j in range(i, 6):
-            h[i, j] += p * d[0, j] + q * d[1, j]
-
-
-@jit_fast_inline
+@jit_fast_ir_inline
 def _linearise(
     level: ImageLevel, templates: _Templates, planes: LocalPlanes, pose: Pose, camera: StereoCamera, system: _System
 ) -> tuple[int, float]:
-    """Fill the normal equations at a pose; return the number of patches in view and their mean correlation."""
-    h, g, scale = system.information, system.rhs, level.scale
-    h[:], g[:] = 0.0, 0.0
-    for i in range(6):
-        h[i, i] = 1e-6
-    count, total = 0, 0.0
-    for n in range(len(planes.uv)):
-        if templates.power[n] <= 0.0:
+    """Add to the normal equations at a pose; return the number of patches in view and their summed correlation."""
+    fx, fy, cx, cy, scale = camera.fx, camera.fy, camera.cx, camera.cy, level.scale
+    half, rho, normal = half_width(system.values.size), planes.inverse_depth, templates.normal
+    h, g, d = system.information, system.rhs, system.jacobian
+    seen, total = 0, 0.0
+    for n in range(len(rho)):
+        power, xx, xy, yy = normal[n, 0], normal[n, 1], normal[n, 2], normal[n, 3]
+        if power <= 0.0:
             continue
         point = _project(planes, n, pose, camera)
         if point.z < 1e-6:
             continue
-        u = (camera.fx * point.x + camera.cx + 0.5) / scale - 0.5
-        v = (camera.fy * point.y + camera.cy + 0.5) / scale - 0.5
-        if not _cut(level.image, u, v, _shape(templates.shapes, n), system.values):
+        u = (fx * point.x + cx + 0.5) / scale - 0.5
+        v = (fy * point.y + cy + 0.5) / scale - 0.5
+        if not _cut(level.image, u, v, half, templates.shapes[n], system.values):
             continue
         target = normalise(system.values)
         if target < MIN_POWER:
             continue
-        match = _compare(templates, n, target, system.values)
-        count += 1
+        match = _compare(templates, n, power, target, system.values)
+        seen += 1
         total += match.correlation
-        _fill_jacobian(point, planes.inverse_depth[n], pose.rotation, camera, scale, system.jacobian)
-        _accumulate(system, templates, n, match)
-    for i in range(6):
-        for j in range(i):
-            h[i, j] = h[j, i]
-    return count, total
+        _fill_jacobian(point, rho[n], pose.rotation, camera, scale, d)
+        weight, bx, by = match.weight, match.x, match.y
+        for i in range(6):
+            p, q = weight * (xx * d[0, i] + xy * d[1, i]), weight * (xy * d[0, i] + yy * d[1, i])
+            g[i] -= weight * (d[0, i] * bx + d[1, i] * by)
+            for j in range(i, 6):
+                h[i, j] += p * d[0, j] + q * d[1, j]
+    return seen, total
 
 
 @jit_fast
@@ -254,22 +246,29 @@ def _align(
     iterations: int,
 ) -> Alignment:
     """Align patches whose shapes are those of homographies `(N, 3, 3)`; arguments as `align_pose`."""
-    count = len(planes.uv)
+    rho = planes.inverse_depth
     depth = 0.0
-    for n in range(count):
-        depth += planes.inverse_depth[n]
-    depth /= count
+    for n in range(len(rho)):
+        depth += rho[n]
+    depth /= len(rho)
     templates = _prepare(patches, _shapes(homographies, planes.uv))
-    system = _System(np.zeros((6, 6)), np.zeros(6), np.empty((2, 6)), np.empty(patches.shape[2], np.float32))
+    values, jacobian = np.empty(patches.shape[2], np.float32), np.empty((2, 6))
+    best_rotation, best_position, best = start.rotation.copy(), start.position.copy(), -1.0
     rotation, position = start.rotation.copy(), start.position.copy()
-    best_rotation, best_position, best = rotation, position, -1.0
     for _ in range(iterations + 1):
-        in_view, total = _linearise(level, templates, planes, Pose(rotation, position), camera, system)
-        if in_view < MIN_PATCHES:
+        system = _System(np.zeros((6, 6)), np.zeros(6), jacobian, values)
+        h = system.information
+        for i in range(6):
+            h[i, i] = 1e-6
+        seen, total = _linearise(level, templates, planes, Pose(rotation, position), camera, system)
+        if seen < MIN_PATCHES:
             break
-        if total / in_view > best:
-            best_rotation, best_position, best = rotation, position, total / in_view
-        update = solve(system.information, system.rhs)
+        if total / seen > best:
+            best_rotation, best_position, best = rotation, position, total / seen
+        for i in range(6):
+            for j in range(i):
+                h[i, j] = h[j, i]
+        update = solve(h, system.rhs)
         position = position.copy()
         largest = 0.0
         for i in range(3):

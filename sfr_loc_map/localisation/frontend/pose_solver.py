@@ -102,6 +102,20 @@ def _fill_covariance(
 
 
 @jit_fast_ir_inline
+def _fill_inverse(s: FloatArray, out: FloatArray) -> None:
+    white = inverse(s)
+    for i in range(4):
+        for j in range(4):
+            out[i, j] = white[i, j]
+
+
+@jit_fast_ir_inline
+def _fill_residuals(observed: FloatArray, uv: FloatArray, left: bool, right: bool, out: FloatArray) -> None:
+    for i in range(4):
+        out[i] = observed[i] - uv[i] if (left if i < 2 else right) else 0.0
+
+
+@jit_fast_ir_inline
 def _linearise(
     pose: Pose,
     landmarks: LandmarkEstimates,
@@ -125,14 +139,10 @@ def _linearise(
         z = linearise_landmark(pose, hosts, n, rays[n], rho[n], camera, projection)
         if z <= 0.0:
             continue
-        for i in range(4):
-            residuals[n, i] = observed[n, i] - uv[i] if (left if i < 2 else right) else 0.0
+        _fill_residuals(observed[n], uv, left, right, residuals[n])
         if is_first:
             _fill_covariance(landmark_covariance[n], by_landmark, variance[n], left, right, s)
-            white = inverse(s)
-            for i in range(4):
-                for j in range(4):
-                    whitening[n, i, j] = white[i, j]
+            _fill_inverse(s, whitening[n])
         total = 0.0
         for i in range(4):
             for j in range(4):
