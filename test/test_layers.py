@@ -134,8 +134,6 @@ PACKAGES = sorted(name for name, path in MODULES.items() if path.name == "__init
 
 @pytest.mark.parametrize("folder", PACKAGES)
 def test_no_circle_among_the_rooms_of_a_folder(folder: str) -> None:
-    if folder == "sfr_loc_map.localisation":
-        pytest.xfail("known circle, being removed")
     assert circle(rooms(folder)) == []
 
 
