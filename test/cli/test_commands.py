@@ -67,7 +67,7 @@ def test_help_of_every_command_loads_nothing_heavy_and_takes_less_than_a_second(
     before, commands = spent(), ["", *COMMANDS]
     words = [sys.executable, "-c", HELP % (HEAVY,), *commands]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert spent() - before < 1.0 + 0.05 * len(commands)
+    assert spent() - before < 1.0 + 0.2 * len(commands)
     assert done.stderr.splitlines() == ["0"] * len(commands)
     for command in commands:
         assert f"Usage: sfr {command}".strip() in done.stdout
