@@ -6,6 +6,8 @@ OUT ?= out/demo
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 COMPILED := $(VENV)/.compiled
+TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
+	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
 PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
@@ -61,11 +63,12 @@ $(DEV_STAMP): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,sim,dev]"
 	@touch $@
 
-# Kernels of both tasks compiled side by side; otherwise each of two test processes compiles all of them.
+# All kernels compiled side by side; otherwise each of two test processes compiles all of them.
 $(COMPILED): $(DEV_STAMP)
 	$(BIN)/python -c "from sfr_loc_map.localisation.localiser import Localiser; Localiser.warm_up()" & \
 	$(BIN)/python -c "from sfr_loc_map.mapping import mapper, config; from sfr_loc_map.geometry.stereo import StereoRig; \
-	    mapper.Mapper(StereoRig(64, 64, 50.0, 50.0, 31.5, 31.5, 0.1), config.MappingConfig()).warm_up()" && wait
+	    mapper.Mapper(StereoRig(64, 64, 50.0, 50.0, 31.5, 31.5, 0.1), config.MappingConfig()).warm_up()" & \
+	scratch=$$(mktemp -d) && $(BIN)/python -c "from sfr_loc_map.cli.main import main; raise SystemExit(main())" simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
 	@touch $@
 
 clean:  ## Remove what was made here

@@ -31,6 +31,12 @@ class TerrainConfig:
     rim_radius_m: float = param(0.0, unit="m", doc="Radius of one large crater; 0 for none.", low=0.0)
     rim_x_m: float = param(0.0, unit="m", doc="East coordinate of the large crater's centre in DS.")
     rim_y_m: float = param(0.0, unit="m", doc="North coordinate of the large crater's centre in DS.")
+    coarseness: float = param(
+        1.0,
+        doc="Edge of the ground's triangles over that of full detail: more is a quicker preview.",
+        low=1.0,
+        high=64.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)

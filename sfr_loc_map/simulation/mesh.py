@@ -61,7 +61,7 @@ def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
         path: `(P, 2)` metres, DS, positions of the rover.
     """
     corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
-    leaves = _leaves(corner, path)
+    leaves = _leaves(terrain, corner, path)
     return _tiles(terrain, corner, leaves, path)
 
 
@@ -78,17 +78,17 @@ def path_distance(x: FloatArray, y: FloatArray, path: FloatArray) -> FloatArray:
     return out
 
 
-def cell_size(distance_m: FloatArray, path: FloatArray) -> FloatArray:
+def cell_size(terrain: Terrain, distance_m: FloatArray, path: FloatArray) -> FloatArray:
     """Return the largest cell allowed at distances from a path, metres."""
-    return np.asarray(coarseness(path) * np.maximum(FINEST_M, CELL_PER_DISTANCE * distance_m))
+    return np.asarray(coarseness(terrain, path) * np.maximum(FINEST_M, CELL_PER_DISTANCE * distance_m))
 
 
-def coarseness(path: FloatArray) -> float:
-    """Return how much coarser everything is along a long path, to bound memory; 1 for a short one."""
-    return float(max(1.0, (len(path) / FULL_DETAIL_POINTS) ** 0.5))
+def coarseness(terrain: Terrain, path: FloatArray) -> float:
+    """Return how much coarser everything is: as configured, and along a long path, to bound memory."""
+    return terrain.coarseness * float(max(1.0, (len(path) / FULL_DETAIL_POINTS) ** 0.5))
 
 
-def _leaves(corner: FloatArray, path: FloatArray) -> list[tuple[int, int, int]]:
+def _leaves(terrain: Terrain, corner: FloatArray, path: FloatArray) -> list[tuple[int, int, int]]:
     """Return the tiles `(level, i, j)` whose cells are small enough for their distance from the path."""
     done: list[tuple[int, int, int]] = []
     level, todo = 0, np.zeros((1, 2), np.int64)
@@ -97,7 +97,7 @@ def _leaves(corner: FloatArray, path: FloatArray) -> list[tuple[int, int, int]]:
         low = corner + todo * size
         gap = np.maximum(np.maximum(low[:, None] - path[None], path[None] - low[:, None] - size), 0.0)
         distance = np.sqrt(np.square(gap).sum(axis=2).min(axis=1))
-        split = size / CELLS > cell_size(distance, path)
+        split = size / CELLS > cell_size(terrain, distance, path)
         done += [(level, int(i), int(j)) for i, j in todo[~split]]
         steps = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
         todo = (2 * todo[split][:, None] + steps[None]).reshape(-1, 2)
@@ -117,7 +117,7 @@ def _tiles(terrain: Terrain, corner: FloatArray, leaves: list[tuple[int, int, in
         cell = ROOT_M / 2**level / CELLS
         x = corner[0] + (i * CELLS + ii.ravel()) * cell
         y = corner[1] + (j * CELLS + jj.ravel()) * cell
-        spacing = cell_size(path_distance(x, y, path), path)
+        spacing = cell_size(terrain, path_distance(x, y, path), path)
         z = terrain.height(x, y, spacing).reshape(ii.shape)
         normal = np.stack(
             (

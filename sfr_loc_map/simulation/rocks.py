@@ -76,8 +76,8 @@ def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArra
     distances = path_distance(x, y, path)
     free = (diameters < config.clear_m) | (distances > half_width_m + 0.6 * diameters)
     x, y, diameters, distances = x[free], y[free], diameters[free], distances[free]
-    z = terrain.height(x, y, cell_size(distances, path))
-    pixels = LENS_PX / coarseness(path) * diameters / np.maximum(distances, 0.8)
+    z = terrain.height(x, y, cell_size(terrain, distances, path))
+    pixels = LENS_PX / coarseness(terrain, path) * diameters / np.maximum(distances, 0.8)
     return Rocks(np.column_stack((x, y, z)), diameters, distances, pixels)
 
 

@@ -105,14 +105,16 @@ class Terrain:
 
     Attributes:
         parameters: Its shape.
+        coarseness: Edge of the triangles that stand for it over that of full detail.
     """
 
     parameters: TerrainParameters
+    coarseness: float = 1.0
 
     @classmethod
     def make(cls, seed: int, terrain: TerrainConfig, ground: GroundConfig) -> Terrain:
         """Return the ground of a configuration."""
-        return cls(TerrainParameters.of(seed, terrain, ground))
+        return cls(TerrainParameters.of(seed, terrain, ground), float(terrain.coarseness))
 
     def height(self, x: FloatArray, y: FloatArray, spacing: FloatArray) -> FloatArray:
         """Return heights `(N,)` in DS, metres.

@@ -15,6 +15,7 @@ from sfr_loc_map.io.registry import open_source
 
 TINY = """
 seed: 3
+terrain: {coarseness: 8}
 rocks: {cover: 0.01, smallest_m: 0.2}
 drive: {segments: ["straight 1"], pairs: 3}
 panorama: {enabled: true, pan_deg: [5], tilt_deg: [25]}

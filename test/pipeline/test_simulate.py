@@ -24,6 +24,7 @@ pytestmark = pytest.mark.slow
 pytest.importorskip("embreex")
 
 TINY = {
+    "terrain.coarseness": 8.0,
     "rocks.cover": 0.01,
     "rocks.smallest_m": 0.2,
     "drive.segments": ["straight 1"],

@@ -8,6 +8,7 @@ from sfr_loc_map.config import build
 from sfr_loc_map.simulation.config import SimulationConfig
 
 SMALL = {
+    "terrain.coarseness": 4.0,
     "seed": 5,
     "rocks.smallest_m": 0.06,
     "terrain.hills_m": 0.4,
