@@ -11,6 +11,12 @@ from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import SourceArgument, naming, progress_bar
 from sfr_loc_map.errors import ConfigError
 
+FAULT_HELP = (
+    "KIND[:amount=A,share=S,burst=B,start=N,camera=both|left|right]; repeatable. Kinds: "
+    "dropped, repeated, swapped, identical, frozen, torn; black, start, fade, blinded, saturation, blurred, noisy, "
+    "exposure; body, object, dirt, shadow; late, clock; focal, baseline, roll, pitch, yaw, drift."
+)
+
 
 @app.command()
 def perturb(
@@ -18,11 +24,11 @@ def perturb(
     destination: Annotated[Path, typer.Argument(help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")],
     fault: Annotated[
         list[str] | None,
-        typer.Option("--fault", help="KIND[:amount=A,share=S,burst=B,start=N,camera=both|left|right]; repeatable."),
+        typer.Option("--fault", help=FAULT_HELP),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed that selects the affected pairs.")] = 0,
 ) -> None:
-    """Copy a source and inject faults: missing, duplicate, black, blurred or late frames, wrong calibration."""
+    """Copy a source and inject faults: of single pairs, of the cameras, of the view, of clock and calibration."""
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.pipeline.perturb import perturb as run
     from sfr_loc_map.simulation.faults import KINDS, parse_fault

@@ -14,7 +14,8 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.pipeline.convert import ConvertOptions, convert
-from sfr_loc_map.simulation.faults import Fault, Perturber
+from sfr_loc_map.simulation.faults import Fault
+from sfr_loc_map.simulation.perturber import Perturber
 
 
 def perturb(

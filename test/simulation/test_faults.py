@@ -5,9 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from sfr_loc_map.cli.perturb import FAULT_HELP
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.simulation.faults import KINDS, Fault, FaultKind, Perturber, parse_fault
+from sfr_loc_map.simulation.faults import KINDS, Fault, FaultKind, parse_fault
+from sfr_loc_map.simulation.perturber import Perturber
 
 RIG = StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
 COUNT = 40
@@ -106,6 +108,99 @@ def test_every_kind_has_an_amount_and_changes_something(kind: FaultKind) -> None
         same = same and pair.stamp_ns == source[k].stamp_ns
         same = same and np.array_equal(pair.left, source[k].left) and np.array_equal(pair.right, source[k].right)
     assert not same
-    if kind.value not in ("focal", "baseline", "roll", "pitch", "yaw", "clock"):
+    if kind.value not in ("focal", "baseline", "roll", "pitch", "yaw", "drift", "clock", "start"):
         untouched = dict(Perturber([parse_fault(f"{kind}:share=0")], 1, COUNT, RIG).pairs(pairs()))
         assert all(np.array_equal(untouched[k].left, source[k].left) for k in range(COUNT))
+
+
+def constant(level: int = 120) -> list[StereoPair]:
+    """Return pairs of one grey level: what a fault of the view adds is all there is to see."""
+    image = np.full((48, 64), level, np.uint8)
+    return [StereoPair(k, image, image) for k in range(COUNT)]
+
+
+def perturbed_constant(text: str) -> list[StereoPair]:
+    return [pair for _, pair in Perturber([parse_fault(text)], 3, COUNT, RIG).pairs(constant())]
+
+
+def shift_between(left: np.ndarray, right: np.ndarray, most: int) -> int:
+    """Return by how many columns a patch of the left image lies farther right than in the right one."""
+    columns = slice(most, 64)
+    errors = [np.abs(left[:, columns] - right[:, most - d : 64 - d]).mean() for d in range(most + 1)]
+    return int(np.argmin(errors))
+
+
+def test_body_is_the_same_in_all_pairs_and_nearer_than_the_ground() -> None:
+    found = perturbed_constant("body:amount=0.25")
+    left, right = (np.array([getattr(pair, side) for pair in found], float) for side in ("left", "right"))
+    assert (left[:, :36] == 120).all()
+    assert np.abs(left[:, 36:] - left[0, 36:]).mean() < 2.0  # noise alone
+    assert left[0, 36:].std() > 10.0
+    assert shift_between(left[0, 36:], right[0, 36:], 20) == round(50.0 / 6.0)
+
+
+def test_object_crosses_from_left_to_right_at_one_disparity() -> None:
+    found = perturbed_constant("object:amount=0.2,burst=10,share=0.25")
+    changed = [np.nonzero((pair.left != 120).any(axis=0))[0] for pair in found]
+    present = [k for k, columns in enumerate(changed) if len(columns)]
+    assert len(present) == 10
+    assert np.diff(present).tolist() == [1] * 9
+    centres = [changed[k].mean() for k in present]
+    assert np.diff(centres[1:-1]).min() > 0.0
+    assert (found[present[5]].left != 120).mean() == pytest.approx(0.2, rel=0.15)
+    middle = found[present[5]]
+    rows = np.nonzero((middle.left != 120).any(axis=1))[0]
+    left, right = (image[rows[4] : rows[-4]].astype(float) for image in (middle.left, middle.right))
+    assert abs(shift_between(left, right, 14) - 50.0 / 8.0) < 1.0
+
+
+@pytest.mark.parametrize(("kind", "share"), [("dirt", 0.2), ("shadow", 0.3)])
+def test_dirt_and_shadow_darken_fixed_parts(kind: str, share: float) -> None:
+    found = perturbed_constant(f"{kind}:amount={share}")
+    assert all(np.array_equal(pair.left, found[0].left) for pair in found)
+    assert (found[0].left < 90).mean() == pytest.approx(share, abs=0.08)
+    assert not np.array_equal(found[0].left, found[0].right)
+
+
+def test_torn_and_frozen_images_come_from_a_pair_before() -> None:
+    source = list(pairs())
+    torn = perturbed("torn:share=1,amount=0.25,camera=left")[5]
+    assert np.array_equal(torn.left[:36], source[5].left[:36])
+    assert np.array_equal(torn.left[36:], source[4].left[36:])
+    assert np.array_equal(torn.right, source[5].right)
+    frozen = perturbed("frozen:share=1,amount=0,camera=right,start=3")
+    assert all(np.array_equal(frozen[k].right, source[2].right) for k in range(3, COUNT))
+    assert all(np.array_equal(frozen[k].left, source[k].left) for k in range(COUNT))
+    noise = perturbed("frozen:share=1,amount=2,start=3")[9].left.astype(float) - source[2].left
+    assert noise.std() == pytest.approx(2.0, rel=0.1)
+
+
+def test_start_is_black_for_its_pairs_alone() -> None:
+    assert [bool(pair.left.any()) for pair in perturbed("start:amount=3").values()] == [False] * 3 + [True] * 37
+    right = perturbed("start:amount=3,camera=right")
+    assert right[0].left.any()
+    assert not right[0].right.any()
+
+
+def test_fade_turns_black_and_back() -> None:
+    means = np.array([pair.left.mean() for pair in perturbed_constant("fade:burst=9,share=0.1")])
+    first = int(np.flatnonzero(means < 119)[0])
+    assert means[first : first + 9] == pytest.approx(120.0 * np.abs(np.arange(9) - 4) / 4.5, abs=1.5)
+    assert (means[first + 9 :] == 120).all()
+
+
+def test_saturation_clips_its_share() -> None:
+    bright = perturbed("saturation:share=1,amount=0.4,start=0")[0]
+    assert (bright.left == 255).mean() == pytest.approx(0.4, abs=0.05)
+
+
+def test_identical_and_drift() -> None:
+    source = list(pairs())
+    assert all(np.array_equal(pair.right, pair.left) for pair in perturbed("identical:share=1,start=0").values())
+    drifting, turned = perturbed("drift:amount=5"), perturbed("yaw:amount=1")
+    assert np.array_equal(drifting[0].right, source[0].right)
+    assert np.array_equal(drifting[20].right, turned[20].right)  # 5 deg in 100 pairs
+
+
+def test_help_names_every_kind() -> None:
+    assert all(f" {kind}" in FAULT_HELP for kind in FaultKind)
