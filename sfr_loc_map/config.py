@@ -7,6 +7,7 @@ parameters and YAML files use, `build` makes the dataclass from such names and r
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any, TypeVar, get_type_hints
 
 import yaml
 
+from sfr_loc_map.bounded_input import parse_yaml, read_text
 from sfr_loc_map.errors import ConfigError
 
 C = TypeVar("C")
@@ -35,7 +37,7 @@ def param(
         default: Default value; its type is the parameter's type.
         doc: One sentence that says what it does.
         unit: Unit, empty where it has none.
-        low: Smallest value allowed.
+        low: Smallest value allowed; every number has a range, so that no value leads to a figure that is not finite.
         high: Largest value allowed.
         choices: Allowed words of a text parameter.
         live: Whether it may change while a node runs.
@@ -43,6 +45,8 @@ def param(
     metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "live": live}
     if isinstance(default, (list, dict)):
         raise TypeError("use a tuple: defaults are shared")
+    if _has_numbers(default) and (low is None or high is None or not -math.inf < low <= high < math.inf):
+        raise TypeError(f"a number needs a finite range: low is {low}, high is {high} ({doc})")
     return field(default=default, metadata=metadata)
 
 
@@ -120,9 +124,7 @@ def check_value(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any param
     value = _as_type(info, value)
     for number in value if isinstance(value, tuple) else (value,):
         if not _in_range(info, number):
-            low, high = info.low, info.high
-            bounds = f"{'-inf' if low is None else low} .. {'inf' if high is None else high}"
-            raise ConfigError(f"'{info.name}' is {number}: must lie in {bounds} {info.unit}".rstrip())
+            raise ConfigError(f"'{info.name}' is {number}: must lie in {info.low} .. {info.high} {info.unit}".rstrip())
     if info.choices and value not in info.choices:
         raise ConfigError(f"'{info.name}' is '{value}': must be one of {', '.join(info.choices)}")
     return value
@@ -135,11 +137,10 @@ def load_yaml(path: Path) -> dict[str, Any]:
         ConfigError: If the file is missing, not YAML or not a mapping.
     """
     try:
-        with path.open(encoding="utf-8") as stream:
-            content = yaml.safe_load(stream)
+        content = parse_yaml(read_text(path))
     except OSError as error:
         raise ConfigError(f"cannot read '{path}': {error.strerror}; give an existing YAML file") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:
         detail = " ".join(str(error).split())
         raise ConfigError(f"'{path}' is not valid YAML: {detail}") from error
     if content is None:
@@ -147,6 +148,12 @@ def load_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ConfigError(f"'{path}' holds a {type(content).__name__}: a mapping of names to values is needed")
     return content
+
+
+def _has_numbers(default: object) -> bool:
+    """Tell whether a default is a number or holds some; an empty tuple stands for one of numbers."""
+    values = default if isinstance(default, tuple) else (default,)
+    return not values or any(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
 
 
 def _in_range(info: ParamInfo, number: Any) -> bool:  # noqa: ANN401 - any parameter type
@@ -160,14 +167,19 @@ def _as_type(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any paramete
     if kind is tuple and isinstance(value, (list, tuple)):
         element = type(info.default[0]) if info.default else float
         if all(_is_a(element, item) for item in value):
-            if any(item != item for item in value):
-                raise ConfigError(f"'{info.name}' holds something that is not a number")
-            return tuple(element(item) for item in value)
+            return tuple(_converted(info, element, item) for item in value)
     elif _is_a(kind, value):
-        if value != value:
-            raise ConfigError(f"'{info.name}' is not a number")
-        return kind(value)
+        return _converted(info, kind, value)
     raise ConfigError(f"'{info.name}' is {value!r}: a value of type {kind.__name__} is needed")
+
+
+def _converted(info: ParamInfo, kind: type, value: Any) -> Any:  # noqa: ANN401 - any parameter type
+    if value != value:
+        raise ConfigError(f"'{info.name}' is not a number")
+    try:
+        return kind(value)
+    except OverflowError as error:
+        raise ConfigError(f"'{info.name}' is too large: at most {info.high} {info.unit}".rstrip()) from error
 
 
 def _is_a(kind: type, value: Any) -> bool:  # noqa: ANN401 - any parameter type

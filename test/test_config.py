@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import FrozenInstanceError, dataclass, field, replace
 from pathlib import Path
@@ -13,6 +14,10 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.config import build, flatten, load_yaml, param, parameters
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.simulation.config import SimulationConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,12 +28,15 @@ class Matcher:
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    voxel_m: float = param(0.05, unit="m", doc="Edge of a voxel.", low=0.001)
+    voxel_m: float = param(0.05, unit="m", doc="Edge of a voxel.", low=0.001, high=10.0)
     fill: bool = param(False, doc="Close holes.", live=True)
-    ranges_m: tuple[float, ...] = param((1.0, 2.0), unit="m", doc="Bounds of ranges.", low=0.0)
+    ranges_m: tuple[float, ...] = param((1.0, 2.0), unit="m", doc="Bounds of ranges.", low=0.0, high=100.0)
     labels: tuple[str, ...] = param(("a",), doc="Words.")
     matcher: Matcher = field(default_factory=Matcher)
 
+
+BOMB = "a0: &a0 {x: 1}\n" + "".join(f"a{i + 1}: &a{i + 1} {{x: *a{i}, y: *a{i}}}\n" for i in range(30))
+"""A mapping of 2^30 values in 30 lines."""
 
 DEFAULTS = {
     "voxel_m": 0.05,
@@ -41,9 +49,9 @@ DEFAULTS = {
 
 wholes = st.builds(
     Whole,
-    voxel_m=st.floats(0.001, 1e6),
+    voxel_m=st.floats(0.001, 10.0),
     fill=st.booleans(),
-    ranges_m=st.lists(st.floats(0, 1e3), max_size=4).map(tuple),
+    ranges_m=st.lists(st.floats(0, 100.0), max_size=4).map(tuple),
     labels=st.lists(st.text(max_size=5), max_size=3).map(tuple),
     matcher=st.builds(Matcher, max_disparity=st.integers(1, 256), method=st.sampled_from(["blocks", "pixels"])),
 )
@@ -90,7 +98,7 @@ def test_whole_numbers_and_lists_are_taken_where_they_mean_the_same() -> None:
         ),
         ({"zzz": 1}, "unknown key 'zzz' (known: fill, "),
         ({"matcher": 3}, "unknown key 'matcher'"),
-        ({"voxel_m": 0.0}, "'voxel_m' is 0.0: must lie in 0.001 .. inf m"),
+        ({"voxel_m": 0.0}, "'voxel_m' is 0.0: must lie in 0.001 .. 10.0 m"),
         ({"voxel_m": float("nan")}, "'voxel_m' is not a number"),
         ({"voxel_m": "1.0"}, "'voxel_m' is '1.0': a value of type float is needed"),
         ({"voxel_m": True}, "'voxel_m' is True: a value of type float is needed"),
@@ -100,9 +108,13 @@ def test_whole_numbers_and_lists_are_taken_where_they_mean_the_same() -> None:
         ({"matcher.max_disparity": 2.0}, "a value of type int is needed"),
         ({"matcher.max_disparity": True}, "a value of type int is needed"),
         ({"matcher.method": "block"}, "'matcher.method' is 'block': must be one of blocks, pixels"),
-        ({"ranges_m": [1.0, -1.0]}, "'ranges_m' is -1.0: must lie in 0.0 .. inf m"),
-        ({"ranges_m": [1.0, float("nan")]}, "'ranges_m' holds something that is not a number"),
+        ({"ranges_m": [1.0, -1.0]}, "'ranges_m' is -1.0: must lie in 0.0 .. 100.0 m"),
+        ({"ranges_m": [1.0, float("nan")]}, "'ranges_m' is not a number"),
         ({"ranges_m": [1.0, "2"]}, "a value of type tuple is needed"),
+        ({"voxel_m": float("inf")}, "'voxel_m' is inf: must lie in 0.001 .. 10.0 m"),
+        ({"voxel_m": 10**400}, "'voxel_m' is too large: at most 10.0 m"),
+        ({"ranges_m": [float("inf")]}, "'ranges_m' is inf: must lie in 0.0 .. 100.0 m"),
+        ({"ranges_m": [10**400]}, "'ranges_m' is too large: at most 100.0 m"),
         ({"ranges_m": 1.0}, "a value of type tuple is needed"),
         ({"labels": ["a", 1]}, "a value of type tuple is needed"),
         ({3: 1}, "unknown key '3'"),
@@ -127,6 +139,30 @@ def test_configurations_cannot_be_changed_and_defaults_not_shared() -> None:
         param([1], doc="A list.")
 
 
+@pytest.mark.parametrize("default", [1, 1.0, (1.0, 2.0), ()])
+@pytest.mark.parametrize(
+    "bounds", [{}, {"low": 0}, {"high": 9}, {"low": 0, "high": float("inf")}, {"low": 9, "high": 1}]
+)
+def test_a_number_without_a_finite_range_cannot_be_declared(default: object, bounds: dict[str, float]) -> None:
+    with pytest.raises(TypeError, match="a number needs a finite range"):
+        param(default, doc="A number.", **bounds)
+
+
+@pytest.mark.parametrize("config_type", [LocalisationConfig, MappingConfig, ScoreConfig, SimulationConfig])
+def test_every_number_of_the_suite_has_a_finite_range_and_refuses_infinity(config_type: type) -> None:
+    numbers = [info for info in parameters(config_type) if info.type in (int, float, tuple[float, ...])]
+    assert numbers
+    for info in numbers:
+        assert info.low is not None
+        assert info.high is not None
+        assert math.isfinite(info.low)
+        assert math.isfinite(info.high)
+        for absurd in (math.inf, -math.inf, math.nan, 1e300):
+            value = (absurd,) if isinstance(info.default, tuple) else absurd
+            with pytest.raises(ConfigError, match=f"'{info.name}'"):
+                build(config_type, {info.name: value})
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -136,6 +172,13 @@ def test_configurations_cannot_be_changed_and_defaults_not_shared() -> None:
         (b"- 1\n- 2", "holds a list: a mapping of names to values is needed"),
         (b"text", "holds a str"),
         (b"a: !!python/object:os.system {}", "not valid YAML"),
+        (b"a: 2020-13-45", "not valid YAML: month must be"),
+        (b"a: " + b"9" * 400, "an integer of 400 digits"),
+        (b"[" * 1000, "nested too deeply"),
+        (b"a: " + b"[" * 100 + b"]" * 100, "nested too deeply"),
+        (b"a: &a [*a]", "within its own anchor"),
+        (BOMB.encode(), "aliases stand for more than 100000 values"),
+        (b"#" * 1_000_001, "larger than 1 MB"),
     ],
 )
 def test_files_that_are_no_mapping(tmp_path: Path, content: bytes, words: str) -> None:

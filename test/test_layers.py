@@ -14,7 +14,7 @@ PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 ROOT = "package root"
 
-BASE = {ROOT, "errors", "config", "constants", "jit", "geometry"}
+BASE = {ROOT, "errors", "bounded_input", "config", "constants", "jit", "geometry"}
 MIDDLE = {"localisation", "mapping", "metrics", "simulation", "io"}
 ALLOWED: dict[str, set[str]] = {
     ROOT: set(),
@@ -22,7 +22,8 @@ ALLOWED: dict[str, set[str]] = {
     "jit": {ROOT},
     "errors": {ROOT},
     "tables": {ROOT},
-    "config": {ROOT, "errors"},
+    "bounded_input": {ROOT},
+    "config": {ROOT, "errors", "bounded_input"},
     "geometry": {ROOT, "errors", "config", "constants", "jit"},
     **dict.fromkeys(MIDDLE, BASE),
     "pipeline": BASE | MIDDLE,

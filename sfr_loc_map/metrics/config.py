@@ -18,7 +18,7 @@ class AssociationConfig:
         choices=("auto", "match", "interpolate"),
     )
     tolerance_s: float = param(1e-6, unit="s", doc="Stamps this close are the same.", low=0.0, high=1.0)
-    max_gap_s: float = param(1.0, unit="s", doc="Longest gap of the truth that is interpolated.", low=0.0)
+    max_gap_s: float = param(1.0, unit="s", doc="Longest gap of the truth that is interpolated.", low=0.0, high=3600.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,9 @@ class TrajectoryScoreConfig:
     conditions: tuple[str, ...] = param(
         ("distance=5",), doc="Ends of a sub-trajectory: distance=METRES, time=SECONDS or frames=NUMBER, each scored."
     )
-    spacing: int = param(10, unit="frames", doc="Frames from one start of a sub-trajectory to the next.", low=1)
+    spacing: int = param(
+        10, unit="frames", doc="Frames from one start of a sub-trajectory to the next.", low=1, high=1_000_000
+    )
     rebase: str = param(
         "pose",
         doc="What is taken from the estimate at the start: its whole pose, or its position only.",
@@ -41,10 +43,10 @@ class TrajectoryScoreConfig:
 class MapScoreConfig:
     """Settings of the map score."""
 
-    scored_from_m: float = param(0.0, unit="m", doc="Nearest truth that counts for coverage.", low=0.0)
-    scored_to_m: float = param(10.0, unit="m", doc="Farthest truth that counts for coverage.", low=0.1)
+    scored_from_m: float = param(0.0, unit="m", doc="Nearest truth that counts for coverage.", low=0.0, high=1e6)
+    scored_to_m: float = param(10.0, unit="m", doc="Farthest truth that counts for coverage.", low=0.1, high=1e6)
     range_edges_m: tuple[float, ...] = param(
-        (0.0, 4.0, 10.0, 20.0, 40.0), unit="m", doc="Edges of the range bins.", low=0.0
+        (0.0, 4.0, 10.0, 20.0, 40.0), unit="m", doc="Edges of the range bins.", low=0.0, high=1e6
     )
 
 

@@ -18,11 +18,15 @@ from sfr_loc_map.nodes.messages.pose import tf_message_type
 class ExtrinsicsConfig:
     """Pose of the localisation stereo rig on the rover."""
 
-    translation_m: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", doc="Origin of LOCSB in RB: x, y, z.")
+    translation_m: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), unit="m", doc="Origin of LOCSB in RB: x, y, z.", low=-100.0, high=100.0
+    )
     quat_xyzw: tuple[float, ...] = param(
         (0.0, 0.0, 0.0, 0.0),
         doc="Orientation of LOCSB in RB: x, y, z, w; takes components in LOCSB to RB. All zero: not given, the "
         "extrinsics are then taken from /tf_static (rb_frame to locsb_frame) where tf2_msgs is installed.",
+        low=-10.0,
+        high=10.0,
     )
 
     def transform(self) -> Transform | None:

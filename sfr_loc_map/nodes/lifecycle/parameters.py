@@ -6,7 +6,6 @@ A field of a dataclass is the only declaration of a parameter: ROS gets its name
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
@@ -20,7 +19,6 @@ from sfr_loc_map.errors import ConfigError, SfrError
 C = TypeVar("C")
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Parameters that ROS itself declares on a node."""
-_LARGEST_INTEGER = 2**63 - 1
 
 
 class Parameters(Generic[C]):
@@ -101,21 +99,17 @@ def descriptor(info: ParamInfo, *, live: bool) -> ParameterDescriptor:
     message = ParameterDescriptor(description=text, read_only=not live)
     if info.choices:
         message.additional_constraints = "one of: " + ", ".join(info.choices)
-    if info.low is None and info.high is None:
+    if info.low is None or info.high is None:
         return message
-    if isinstance(info.default, float):
-        low, high = _or(info.low, -sys.float_info.max), _or(info.high, sys.float_info.max)
-        message.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
-    elif isinstance(info.default, int):
-        low, high = _or(info.low, -_LARGEST_INTEGER), _or(info.high, _LARGEST_INTEGER)
-        message.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    if isinstance(info.default, tuple):
+        message.additional_constraints = f"each from {info.low:g} to {info.high:g}"
+    elif isinstance(info.default, float):
+        message.floating_point_range = [FloatingPointRange(from_value=float(info.low), to_value=float(info.high))]
+    else:
+        message.integer_range = [IntegerRange(from_value=int(info.low), to_value=int(info.high), step=1)]
     return message
 
 
 def _as_list(value: Any) -> Any:  # noqa: ANN401 - any parameter type
     """Return arrays of any kind as lists."""
     return list(value) if hasattr(value, "__iter__") and not isinstance(value, (str, bytes)) else value
-
-
-def _or(value: float | None, otherwise: float) -> float:
-    return otherwise if value is None else value

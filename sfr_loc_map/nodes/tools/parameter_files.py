@@ -55,10 +55,8 @@ def _comment(info: ParamInfo) -> str:
         parts.append(f"[{info.unit}]")
     if info.choices:
         parts.append(f"One of: {', '.join(info.choices)}.")
-    if info.low is not None or info.high is not None:
-        parts.append(
-            f"({'' if info.low is None else f'{info.low:g}'} .. {'' if info.high is None else f'{info.high:g}'})"
-        )
+    if info.low is not None and info.high is not None:
+        parts.append(f"({info.low:g} .. {info.high:g})")
     return " ".join(parts)
 
 

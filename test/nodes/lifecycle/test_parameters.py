@@ -28,10 +28,10 @@ class Inner:
 
 @dataclass(frozen=True, slots=True)
 class Outer:
-    count: int = param(3, doc="How many.", low=1)
+    count: int = param(3, doc="How many.", low=1, high=9)
     way: str = param("left", doc="Where to.", choices=("left", "right"))
     live: bool = param(False, doc="Switch.", live=True)
-    axis: tuple[float, ...] = param((0.0, 1.0), doc="Axis.")
+    axis: tuple[float, ...] = param((0.0, 1.0), doc="Axis.", low=-9.0, high=9.0)
     inner: Inner = field(default_factory=Inner)
 
 
@@ -46,7 +46,9 @@ def test_defaults_and_descriptors_come_from_the_fields(ros: None) -> None:
     gain = node.describe_parameter("inner.gain")
     assert gain.description == "How much. [m]"
     assert (gain.floating_point_range[0].from_value, gain.floating_point_range[0].to_value) == (0.0, 2.0)
-    assert node.describe_parameter("count").integer_range[0].from_value == 1
+    count = node.describe_parameter("count").integer_range[0]
+    assert (count.from_value, count.to_value) == (1, 9)
+    assert node.describe_parameter("axis").additional_constraints == "each from -9 to 9"
     assert node.describe_parameter("way").additional_constraints == "one of: left, right"
     assert node.describe_parameter("count").read_only
     assert not node.describe_parameter("live").read_only

@@ -1,0 +1,194 @@
+"""Files, JSON and YAML from outside, with bounds on size, depth and expansion before memory is taken.
+
+Everything that reads a file of another program comes through here. What is refused is raised as the error that the
+parser or the system itself would raise (`OSError`, `ValueError`, `yaml.YAMLError`); each reader says in its own words
+which file it needs.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import stat
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+MB = 1_000_000
+MAX_TEXT_BYTES = MB
+"""Largest settings file, rig or list of topics: a legitimate one has some kilobytes."""
+MAX_JSON_BYTES = 64 * MB
+MAX_TABLE_BYTES = 256 * MB
+"""Largest table of text: a trajectory of 1.5 million poses."""
+MAX_TABLE_LINES = 4_000_000
+MAX_LINE_BYTES = 64_000
+MAX_DEPTH = 64
+"""Deepest nesting of YAML."""
+MAX_NODES = 100_000
+"""Most values of a YAML file once its aliases are written out."""
+MAX_DIGITS = 20
+"""Longest integer of JSON and YAML: 64 bits have 19 digits and a sign."""
+KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def special_kind(mode: int) -> str:
+    """Return what a file is that is neither a regular file nor a folder, in words; empty for these two.
+
+    Args:
+        mode: `st_mode`.
+    """
+    return next((name for is_kind, name in KINDS if is_kind(mode)), "")
+
+
+def read_bytes(path: Path, limit: int) -> bytes:
+    """Return the content of a regular file.
+
+    Args:
+        path: The file.
+        limit: Most bytes that it may have.
+
+    Raises:
+        OSError: If it cannot be read, is no regular file (a named pipe would wait for ever) or is larger.
+    """
+    check_regular(path)
+    with path.open("rb") as stream:
+        size = os.fstat(stream.fileno()).st_size
+        data = stream.read(limit + 1) if size <= limit else b""
+    if max(size, len(data)) > limit:
+        raise OSError(errno.EFBIG, f"it is larger than {limit / MB:g} MB", str(path))
+    return data
+
+
+def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
+    """Return the text of a regular file in UTF-8, with or without a byte order mark.
+
+    Raises:
+        OSError: As `read_bytes`.
+        UnicodeDecodeError: If it is no UTF-8.
+    """
+    return read_bytes(path, limit).decode("utf-8-sig")
+
+
+def read_table(path: Path) -> bytes:
+    """Return the content of a table of text.
+
+    Raises:
+        OSError: As `read_bytes`, or if it has too many lines or one of them is too long.
+    """
+    data = read_bytes(path, MAX_TABLE_BYTES)
+    if data.count(b"\n") + data.count(b"\r") > MAX_TABLE_LINES:
+        raise OSError(errno.EFBIG, f"it has more than {MAX_TABLE_LINES} lines", str(path))
+    begin = 0
+    while len(data) - begin > MAX_LINE_BYTES:
+        window = begin + MAX_LINE_BYTES
+        end = max(data.rfind(b"\n", begin, window), data.rfind(b"\r", begin, window))
+        if end < 0:
+            raise OSError(errno.EFBIG, f"it has a line of more than {MAX_LINE_BYTES} bytes", str(path))
+        begin = end + 1
+    return data
+
+
+def check_regular(path: Path) -> None:
+    """Check that a path is a regular file, or a link to one.
+
+    Raises:
+        OSError: If it is missing or something else.
+    """
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
+    kind = special_kind(mode)
+    if kind:
+        raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
+
+
+def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401 - any JSON
+    """Return the value of a JSON text.
+
+    Args:
+        text: The text.
+        parse_constant: Called with NaN, Infinity and -Infinity, which are not JSON; None: numbers that are not finite.
+
+    Raises:
+        ValueError: If it is no JSON, nested too deeply, or holds an integer of more than 20 digits.
+    """
+    try:
+        return json.loads(text, parse_constant=parse_constant, parse_int=_integer)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+
+
+def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
+    """Return the value of a YAML text of plain types.
+
+    Raises:
+        yaml.YAMLError: If it is no YAML, nested too deeply, or its aliases stand for too many values.
+        ValueError: If a value is none of its kind (a date without such a day, an integer of 5000 digits).
+    """
+    loader = _BoundedLoader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _expanded(node, {}, 0)
+        return loader.construct_document(node)
+    except (AttributeError, TypeError, RecursionError) as error:  # of the library, for keys and tags it does not know
+        raise yaml.YAMLError(f"it cannot be read: {error}") from error
+    finally:
+        loader.dispose()
+
+
+def _integer(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        raise ValueError(f"an integer of {len(text)} digits")
+    return int(text)
+
+
+class _BoundedLoader(yaml.SafeLoader):
+    """Loads plain types; nesting and integers are bounded."""
+
+    depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Count the depth."""
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise yaml.YAMLError("it is nested too deeply")
+        node: yaml.Node | None = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Refuse what has no place in 64 bits."""
+        if len(node.value) > 4 * MAX_DIGITS:
+            raise yaml.YAMLError(f"an integer of {len(node.value)} digits")
+        return int(super().construct_yaml_int(node))
+
+
+_BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.construct_yaml_int)
+
+
+def _expanded(node: yaml.Node, sizes: dict[int, int], depth: int) -> int:
+    """Return how many values a node stands for once its aliases are written out.
+
+    Raises:
+        yaml.YAMLError: If they are too many, or a node holds itself.
+    """
+    if isinstance(node, yaml.ScalarNode):
+        return 1
+    if depth > MAX_DEPTH:
+        raise yaml.YAMLError("an alias stands within its own anchor, or it is nested too deeply")
+    if id(node) not in sizes:
+        pairs = node.value if isinstance(node, yaml.MappingNode) else [node.value]
+        sizes[id(node)] = 1 + sum(_expanded(item, sizes, depth + 1) for pair in pairs for item in pair)
+    if sizes[id(node)] > MAX_NODES:
+        raise yaml.YAMLError(f"its aliases stand for more than {MAX_NODES} values")
+    return sizes[id(node)]
