@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
+SEED ?= 1
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 COMPILED := $(VENV)/.compiled
@@ -11,7 +12,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults lint types config format check clean
+.PHONY: help demo sample test test-fast faults fuzz lint types config format check clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -33,6 +34,9 @@ test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor sec
 faults: $(STAMP)  ## Inject one fault after the other into the nodes; the table goes to out/faults.md
 	mkdir -p out
 	$(BIN)/sfr campaign faults --json out/faults.json --markdown out/faults.md
+
+fuzz: $(COMPILED)  ## Feed 2000 mutated files and messages to all readers (SEED=N); what fails is kept in out/fuzz
+	PYTHONPATH=. $(BIN)/python test/fuzz --seed $(SEED)
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .

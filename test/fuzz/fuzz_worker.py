@@ -1,0 +1,67 @@
+"""A warm process that runs one input after the other, as it is told on standard input (one JSON line each)."""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import os
+import resource
+import shutil
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+import execution
+from targets import all_targets
+
+ADDRESS_SPACE = 8 * 2**30
+"""Bytes that may be reserved beyond what the warm process has: protects the host, not the measure of memory."""
+
+
+def _warm_up(targets: dict[str, object], world: Path, out: Path) -> None:
+    """Use every valid file once, so that imports and compilation are not counted as an input's."""
+    for target in targets.values():
+        content = (world / target.place).read_bytes()  # type: ignore[attr-defined]
+        outcome = execution.run_input(target, content, world, out)  # type: ignore[arg-type]
+        if outcome.kind not in ("accepted", "refused"):
+            print(f"valid input of {target.name}: {outcome.kind}: {outcome.text}", file=sys.stderr)  # type: ignore[attr-defined]
+
+
+def main() -> int:
+    """Answer orders until standard input ends."""
+    faulthandler.enable()
+    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(2, 1)  # whatever a library prints must not be taken for an answer
+    cv2.setNumThreads(1)
+    source = Path(sys.argv[1])
+    scratch = Path(tempfile.mkdtemp(prefix="sfr-fuzz-"))
+    world, out = scratch / "world", scratch / "out"
+    try:
+        shutil.copytree(source, world)
+        os.chdir(scratch)
+        targets = all_targets()
+        _warm_up(targets, world, out)
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        resource.setrlimit(resource.RLIMIT_AS, (used + ADDRESS_SPACE,) * 2)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        print(json.dumps({"ready": True}), file=answers)
+        for line in sys.stdin:
+            order = json.loads(line)
+            target = targets[order["target"]]
+            if "file" in order:
+                content = Path(order["file"]).read_bytes()
+            else:
+                content = execution.make_input(target, source, order["seed"], order["index"])
+            Path(order["keep"]).write_bytes(content)
+            print(json.dumps({"begun": True}), file=answers)
+            outcome = execution.run_input(target, content, world, out)
+            print(json.dumps(asdict(outcome)), file=answers)
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

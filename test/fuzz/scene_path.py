@@ -1,0 +1,6 @@
+"""Makes the made worlds that several folders of tests use importable; imported first."""
+
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "scenes"))

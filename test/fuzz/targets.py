@@ -1,0 +1,227 @@
+"""What is fuzzed: for each format the valid file, its mutations, and the commands or readers that take it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import mutations as m
+from message_mutations import MCAP, SQLITE
+from world import KINDS
+
+from sfr_loc_map.cli.main import main
+from sfr_loc_map.errors import SfrError
+
+Command = tuple[str, ...]
+Reader = Callable[[Path], None]
+"""Takes the mutated file; may raise an `SfrError`."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One format.
+
+    Attributes:
+        name: How it is called.
+        place: The valid file within the world; the mutated one takes its place.
+        mutations: What is done to it.
+        uses: Commands (`{w}` is the world, `{o}` a folder for outputs) and readers; one is taken, by the content.
+    """
+
+    name: str
+    place: str
+    mutations: tuple[m.Mutation, ...]
+    uses: tuple[Command | Reader, ...]
+
+
+def run_command(command: Command, world: Path, out: Path) -> int:
+    """Run a command of `sfr` in this process; return its exit code."""
+    sys.argv = ["sfr", *(word.replace("{w}", str(world)).replace("{o}", str(out)) for word in command)]
+    return main()
+
+
+def _localise(source: str) -> Command:
+    return ("localise", f"{{w}}/{source}", "-o", "{o}/t.csv", "--stats", "{o}/s.csv", "--start", "truth")
+
+
+def _map(source: str) -> Command:
+    return ("map", f"{{w}}/{source}", "-o", "{o}/c.ply")
+
+
+def _convert(source: str, target: str) -> Command:
+    return ("convert", f"{{w}}/{source}", f"{{o}}/{target}")
+
+
+def _bag_uses(name: str) -> tuple[Command, ...]:
+    bag = f"{name}/bag{Path(name).suffix}"
+    return (
+        *(_localise(name), _localise(bag), _convert(name, "t.csv"), _convert(bag, "folder"), _convert(bag, "b.db3")),
+        *(("doctor", f"{{w}}/{name}"), ("score", "{w}/estimate.csv", f"{{w}}/{name}"), _map(bag)),
+        ("perturb", f"{{w}}/{bag}", "{o}/p", "--fault", "noisy"),
+    )
+
+
+SCORE = ("score", "{w}/estimate.csv", "{w}/truth.csv", "--condition", "frames=5", "--spacing", "5")
+SCORE_CLOUDS = {kind: ("score", f"{{w}}/cloud.{kind}", "{w}/panorama") for kind in ("ply", "pcd", "npz")}
+
+
+def _trajectory_uses(name: str) -> tuple[Command, ...]:
+    place = f"{{w}}/{name}"
+    return (
+        ("score", place, "{w}/truth.csv", *SCORE[3:]),
+        ("score", "{w}/truth.csv", place, *SCORE[3:]),
+        ("doctor", place, "{w}/truth.csv"),
+        ("convert", place, "{o}/t.tum"),
+        ("convert", place, "{o}/t.mcap"),
+    )
+
+
+def read_resume_file(path: Path) -> None:
+    from sfr_loc_map.pipeline.online.resume import PoseFile
+
+    known = PoseFile(path, 1e12).load(1_800_000_000_000_000_000)
+    if known is not None:
+        known.after_gap().added_covariance(known.T_ds_rb)
+
+
+def plan_simulation(path: Path) -> None:
+    """Read a scenario as `sfr simulate` does, up to where images are rendered."""
+    from sfr_loc_map.cli.simulate import _flat
+    from sfr_loc_map.config import build, load_yaml
+    from sfr_loc_map.simulation.config import SimulationConfig
+    from sfr_loc_map.simulation.plan import Plan
+
+    Plan.make(build(SimulationConfig, _flat(load_yaml(path)), origin=str(path)))
+
+
+def run_arguments(path: Path) -> None:
+    """Run commands whose inputs have hostile names; what they are called is in the file."""
+    words = [word if isinstance(word, str) else repr(word) for word in json.loads(path.read_bytes())]
+    words = (words + ["x"] * 3)[:3]
+    world, out = path.parent, path.parent.with_name("out")
+    named = world / "named"
+    named.mkdir(exist_ok=True)
+    for old in named.iterdir():
+        old.unlink()
+    with suppress(OSError, ValueError):  # a name that no file can have
+        (named / words[0]).write_text("no trajectory")
+    for command in (
+        ("score", str(named / words[0]), "{w}/truth.csv"),
+        ("score", *SCORE[1:3], "--condition", words[1]),
+        ("convert", "{w}/bag.mcap", "{o}/x.csv", "--remap", words[2]),
+        ("localise", words[0], "-o", "{o}/t.csv"),
+        ("map", "{w}/panorama", "-o", "{o}/c.ply", "--config", words[1]),
+        ("compare", words[0], words[1]),
+        (words[2],),
+    ):
+        code = run_command(command, world, out)
+        if code not in (0, 1, 2, 3):
+            raise RuntimeError(f"exit code {code} of {command[0]}")
+
+
+TARGETS: tuple[Target, ...] = (
+    Target(
+        "rig.json", "drive/rig.json", m.JSON, (_localise("drive"), _convert("drive", "f"), _convert("drive", "b.mcap"))
+    ),
+    Target("rig.json of mapping", "panorama/rig.json", m.JSON, (_map("panorama"), _convert("panorama", "b.mcap"))),
+    Target("pairs.csv", "drive/pairs.csv", m.TEXT + m.BYTES, (_localise("drive"), _convert("drive", "b.mcap"))),
+    Target(
+        "pairs.csv of mapping", "panorama/pairs.csv", m.TEXT + m.BYTES, (_map("panorama"), _convert("panorama", "f"))
+    ),
+    Target(
+        "groundtruth.csv",
+        "drive/groundtruth.csv",
+        m.TEXT + m.BYTES,
+        (_localise("drive"), ("score", "{w}/estimate.csv", "{w}/drive"), _convert("drive", "t.csv")),
+    ),
+    Target("trajectory csv", "estimate.csv", m.TEXT + m.BYTES, _trajectory_uses("estimate.csv")),
+    Target("TUM", "estimate.tum", m.TEXT + m.BYTES, _trajectory_uses("estimate.tum")),
+    Target("KITTI calib.txt", "kitti/calib.txt", m.TEXT + m.BYTES, (_localise("kitti"), _convert("kitti", "b.mcap"))),
+    Target("KITTI times.txt", "kitti/times.txt", m.TEXT + m.BYTES, (_localise("kitti"), _convert("kitti", "f"))),
+    Target("KITTI poses.txt", "kitti/poses.txt", m.TEXT + m.BYTES, (_localise("kitti"), _convert("kitti", "t.csv"))),
+    Target("EuRoC sensor.yaml", "euroc/mav0/cam0/sensor.yaml", m.YAML[4:] + m.TEXT, (_localise("euroc"),)),
+    Target(
+        "EuRoC data.csv", "euroc/mav0/cam1/data.csv", m.TEXT + m.BYTES, (_localise("euroc"), _convert("euroc", "f"))
+    ),
+    Target(
+        "EuRoC truth",
+        "euroc/mav0/state_groundtruth_estimate0/data.csv",
+        m.TEXT + m.BYTES,
+        (_localise("euroc"), _convert("euroc", "t.tum")),
+    ),
+    Target("PNG", "drive/left/000000.png", m.PNG, (_localise("drive"), _convert("drive", "b.mcap"))),
+    *(
+        Target(
+            kind.upper(),
+            f"drive-{kind}/left/000000.{kind}",
+            m.JPEG if kind == "jpg" else m.IMAGE,
+            (_localise(f"drive-{kind}"), _convert(f"drive-{kind}", "b.mcap")),
+        )
+        for kind in KINDS
+    ),
+    Target(
+        "truth .npy",
+        "panorama/truth/000000.npy",
+        m.NPY,
+        (_map("panorama"), SCORE_CLOUDS["ply"], _convert("panorama", "f")),
+    ),
+    Target("NPZ", "cloud.npz", m.NPZ, (SCORE_CLOUDS["npz"],)),
+    Target("PLY", "cloud.ply", m.CLOUD, (SCORE_CLOUDS["ply"],)),
+    Target("PCD", "cloud.pcd", m.CLOUD, (SCORE_CLOUDS["pcd"],)),
+    Target("PCD of text", "text.pcd", m.CLOUD + m.TEXT, (("score", "{w}/text.pcd", "{w}/panorama"),)),
+    Target("mcap", "bag.mcap/bag.mcap", MCAP, _bag_uses("bag.mcap")),
+    Target("mcap of JPEG", "jpeg.mcap/bag.mcap", MCAP, (_localise("jpeg.mcap"), _convert("jpeg.mcap/bag.mcap", "f"))),
+    Target("sqlite3", "bag.db3/bag.db3", SQLITE, _bag_uses("bag.db3")),
+    Target("metadata.yaml", "bag.mcap/metadata.yaml", m.YAML, _bag_uses("bag.mcap")),
+    Target(
+        "localisation config",
+        "localisation.yaml",
+        m.YAML,
+        ((*_localise("drive"), "--config", "{w}/localisation.yaml"),),
+    ),
+    Target("mapping config", "mapping.yaml", m.YAML, ((*_map("panorama"), "--config", "{w}/mapping.yaml"),)),
+    Target("limits", "limits_example.yaml", m.YAML, ((*SCORE, "--limits", "{w}/limits_example.yaml"),)),
+    Target("stats csv", "stats.csv", m.TEXT + m.BYTES, ((*SCORE, "--stats", "{w}/stats.csv"),)),
+    Target(
+        "target timing",
+        "stats.csv",
+        m.TEXT + m.BYTES,
+        ((*SCORE, "--target", "LEON", "--target-timing", "{w}/stats.csv"),),
+    ),
+    Target(
+        "score JSON",
+        "score.json",
+        m.JSON,
+        (
+            *(("report", "{w}/score.json", "-o", f"{{o}}/x.{kind}") for kind in ("html", "md", "csv")),
+            ("report", "{w}/score.json", "--format", "md"),
+            ("compare", "{w}/score.json", "{w}/score2.json", "--html", "{o}/x.html"),
+            ("compare", "{w}/score2.json", "{w}/score.json"),
+        ),
+    ),
+    Target("resume file", "resume.json", m.JSON, (read_resume_file,)),
+    Target("scenario", "scenario.yaml", m.YAML, (plan_simulation,)),
+    Target("arguments", "arguments.json", (m.json_tree,), (run_arguments,)),
+)
+
+
+def all_targets() -> dict[str, Target]:
+    """Return all targets by name; those of ROS messages where ROS can be imported."""
+    targets = list(TARGETS)
+    try:
+        import rclpy.serialization  # noqa: F401 - is it there?
+    except ImportError as error:
+        print(f"ROS messages are left out: {error}", file=sys.stderr)
+    else:
+        from message_targets import MESSAGE_TARGETS
+
+        targets += MESSAGE_TARGETS
+    return {target.name: target for target in targets}
+
+
+def expected_error(error: BaseException) -> bool:
+    return isinstance(error, SfrError)
