@@ -166,11 +166,10 @@ def _run(source: Source, options: ReplayOptions) -> ReplayResult:
     missing = played - len(results.rows)
     if missing > 0:
         typer.echo(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
-    mapped = frozenset(results.published_stamps("nav"))
-    if mapped and not results.clouds:
+    if results.published_stamps("nav") and not results.clouds:
         raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
-    cloud = results.clouds[-1] if results.clouds else None
-    return ReplayResult(results.trajectory, cloud, results.records, results.report, mapped)
+    cloud, mapped_ns = results.last_map()
+    return ReplayResult(results.trajectory, cloud, results.records, results.report, mapped_ns)
 
 
 def _say_where(result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:

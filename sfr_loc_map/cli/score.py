@@ -28,7 +28,8 @@ RangeOption = Annotated[
     tuple[float, float], typer.Option("--range", help="Ranges of the truth that count for coverage, m.")
 ]
 FusedOption = Annotated[
-    bool | None, typer.Option("--fused/--not-fused", help="Whether the cloud is fused; by default found out.")
+    bool | None,
+    typer.Option("--fused/--not-fused", help="Whether the cloud is fused, for a file that does not say so."),
 ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ FIELD_TYPES: dict[str, type[np.generic]] = {
     "pair": np.uint8,
 }
 """Fields of a cloud in the order of the topic `mapping/points` and of the cloud files."""
+COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")
+"""Arrays of a cloud, one row a point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +36,8 @@ class PointCloud:
         u: `(N,)` uint16, column of the left pixel.
         v: `(N,)` uint16, row of the left pixel.
         pair: `(N,)` uint8, index of the stereo pair within its set (0, 1, 2).
+        fused: Whether several pairs were fused to one surface (True), or each pair's points stand as it saw them
+            (False). None where nobody has said so.
     """
 
     xyz: NDArray[np.float32]
@@ -42,6 +46,7 @@ class PointCloud:
     u: NDArray[np.uint16]
     v: NDArray[np.uint16]
     pair: NDArray[np.uint8]
+    fused: bool | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and types.
@@ -52,7 +57,7 @@ class PointCloud:
         count = len(self.xyz)
         if self.xyz.shape != (count, 3) or self.xyz.dtype != np.float32:
             raise GeometryError(f"cloud points are {self.xyz.dtype} {self.xyz.shape}: float32 (N, 3) is needed")
-        for name in ("sigma", "intensity", "u", "v", "pair"):
+        for name in COLUMNS[1:]:
             array = getattr(self, name)
             if array.shape != (count,) or array.dtype != FIELD_TYPES[name]:
                 wanted = f"{FIELD_TYPES[name].__name__} ({count},)"
@@ -63,9 +68,9 @@ class PointCloud:
         return len(self.xyz)
 
     @classmethod
-    def empty(cls) -> PointCloud:
+    def empty(cls, fused: bool | None = None) -> PointCloud:
         """Return a cloud without points."""
-        return cls.from_structured(np.zeros(0, cls.dtype()))
+        return cls.from_structured(np.zeros(0, cls.dtype()), fused)
 
     @staticmethod
     def dtype() -> np.dtype[np.void]:
@@ -77,26 +82,28 @@ class PointCloud:
         records = np.empty(len(self), self.dtype())
         for axis, name in enumerate("xyz"):
             records[name] = self.xyz[:, axis]
-        for name in ("sigma", "intensity", "u", "v", "pair"):
+        for name in COLUMNS[1:]:
             records[name] = getattr(self, name)
         return records
 
     @classmethod
-    def from_structured(cls, records: NDArray[np.void]) -> PointCloud:
+    def from_structured(cls, records: NDArray[np.void], fused: bool | None = None) -> PointCloud:
         """Return the cloud of records that have the fields of `FIELD_TYPES`, in any order and layout."""
         xyz = np.empty((len(records), 3), np.float32)
         for axis, name in enumerate("xyz"):
             xyz[:, axis] = records[name]
-        rest = {n: np.ascontiguousarray(records[n], FIELD_TYPES[n]) for n in ("sigma", "intensity", "u", "v", "pair")}
-        return cls(xyz, **rest)
+        rest = {name: np.ascontiguousarray(records[name], FIELD_TYPES[name]) for name in COLUMNS[1:]}
+        return cls(xyz, **rest, fused=fused)
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
         """Return the chosen points."""
-        return PointCloud(*(getattr(self, item.name)[which] for item in fields(self)))
+        return PointCloud(**{name: getattr(self, name)[which] for name in COLUMNS}, fused=self.fused)
 
     @classmethod
     def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
-        """Return one cloud with the points of all."""
+        """Return one cloud with the points of all; whether it is fused is known where all say the same."""
         if not clouds:
             return cls.empty()
-        return cls(*(np.concatenate([getattr(cloud, item.name) for cloud in clouds]) for item in fields(cls)))
+        said = {cloud.fused for cloud in clouds}
+        columns = {name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in COLUMNS}
+        return cls(**columns, fused=said.pop() if len(said) == 1 else None)

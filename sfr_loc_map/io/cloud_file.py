@@ -2,6 +2,7 @@
 
 Written are all fields of `FIELD_TYPES` in their types: PLY and PCD binary little endian, NPZ one array a field. Read
 are any order and any number type of the fields, text and binary, and clouds of other programs with x, y, z alone.
+Whether the cloud is fused stands in the file: `comment sfr fused true` (PLY), `# sfr fused true` (PCD), `fused` (NPZ).
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.cloud_records import Columns
+from sfr_loc_map.io.cloud_records import CloudRecords
 from sfr_loc_map.io.pcd import pcd_bytes, read_pcd
 from sfr_loc_map.io.ply import ply_bytes, read_ply
 
 SUFFIXES = (".ply", ".pcd", ".npz")
 PIXEL_FIELDS = ("u", "v", "pair")
+FUSED_MEMBER = "fused"
+"""Member of an NPZ file: one truth value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,19 +52,20 @@ def load_cloud(path: Path) -> LoadedCloud:
         InputError: If the file is missing, of another format, broken, or without x, y, z.
     """
     path = Path(path)
-    readers: dict[str, Callable[[bytes], Columns]] = {".ply": read_ply, ".pcd": read_pcd, ".npz": _read_npz}
+    readers: dict[str, Callable[[bytes], CloudRecords]] = {".ply": read_ply, ".pcd": read_pcd, ".npz": _read_npz}
     if path.suffix not in readers:
         raise InputError(f"cloud '{path}' ends in '{path.suffix}': {', '.join(readers)} are read")
     try:
-        columns = readers[path.suffix](path.read_bytes())
+        records = readers[path.suffix](path.read_bytes())
     except OSError as error:
         raise InputError(f"cannot read cloud '{path}': {error.strerror}; give a .ply, .pcd or .npz file") from error
     except (ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"cloud '{path}' cannot be read: {error}; write it again") from error
-    missing = [name for name in "xyz" if name not in columns]
+    missing = [name for name in "xyz" if name not in records.columns]
     if missing:
-        raise InputError(f"cloud '{path}' has no field {', '.join(missing)}: it has {', '.join(columns) or 'none'}")
-    return _loaded(path, columns)
+        found = ", ".join(records.columns) or "none"
+        raise InputError(f"cloud '{path}' has no field {', '.join(missing)}: it has {found}")
+    return _loaded(path, records)
 
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:
@@ -78,7 +82,8 @@ def save_cloud(path: Path, cloud: PointCloud) -> None:
         temporary.write_bytes(writers[path.suffix](cloud))
 
 
-def _loaded(path: Path, columns: Columns) -> LoadedCloud:
+def _loaded(path: Path, content: CloudRecords) -> LoadedCloud:
+    columns = content.columns
     xyz = np.stack([np.asarray(columns[name], np.float64).reshape(-1) for name in "xyz"], axis=1)
     finite = np.isfinite(xyz).all(axis=1)
     if not all(name in columns for name in PIXEL_FIELDS):
@@ -91,19 +96,25 @@ def _loaded(path: Path, columns: Columns) -> LoadedCloud:
             if not (np.all(values >= 0) and np.all(values <= limit) and np.all(values == np.floor(values))):
                 raise InputError(f"cloud '{path}': field {name} must hold whole numbers from 0 to {limit}")
         records[name] = values
-    return LoadedCloud(xyz[finite], PointCloud.from_structured(records))
+    return LoadedCloud(xyz[finite], PointCloud.from_structured(records, content.fused))
 
 
 def _npz_bytes(cloud: PointCloud) -> bytes:
     records, buffer = cloud.to_structured(), io.BytesIO()
-    np.savez(buffer, **{name: np.ascontiguousarray(records[name]) for name in FIELD_TYPES})  # type: ignore[arg-type]
+    members = {name: np.ascontiguousarray(records[name]) for name in FIELD_TYPES}
+    if cloud.fused is not None:
+        members[FUSED_MEMBER] = np.array(cloud.fused)
+    np.savez(buffer, **members)  # type: ignore[arg-type]
     return buffer.getvalue()
 
 
-def _read_npz(data: bytes) -> Columns:
+def _read_npz(data: bytes) -> CloudRecords:
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         columns = {name: arrays[name] for name in arrays.files}
     lengths = {name: len(values) for name, values in columns.items() if name in FIELD_TYPES and values.ndim == 1}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"its arrays differ in length: {lengths}")
-    return {name: columns[name] for name in lengths}
+    fused = columns.get(FUSED_MEMBER)
+    if fused is not None and (fused.shape != () or fused.dtype != np.bool_):
+        raise ValueError(f"its member '{FUSED_MEMBER}' is {fused.dtype} {fused.shape}: one truth value is needed")
+    return CloudRecords({name: columns[name] for name in lengths}, None if fused is None else bool(fused))

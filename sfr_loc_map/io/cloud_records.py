@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,40 @@ from numpy.typing import NDArray
 
 Columns = dict[str, NDArray[Any]]
 """Values of each field, one a point."""
+FUSED_COMMENT = "sfr fused"
+"""Comment of PLY and PCD files that says whether the cloud is fused; `true` or `false` follows."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudRecords:
+    """What a cloud file holds.
+
+    Attributes:
+        columns: Values of each field.
+        fused: Whether the cloud is fused, None where the file does not say so.
+    """
+
+    columns: Columns
+    fused: bool | None = None
+
+
+def fused_comments(cloud_fused: bool | None) -> list[str]:
+    """Return the comments of a cloud file, without the format's sign of a comment: none where it is not known."""
+    return [] if cloud_fused is None else [f"{FUSED_COMMENT} {str(cloud_fused).lower()}"]
+
+
+def fused_by_comments(comments: Iterable[str]) -> bool | None:
+    """Return whether a cloud is fused by the comments of its file, None where none says so.
+
+    Raises:
+        ValueError: If one says neither `true` nor `false`, or two differ.
+    """
+    said = {text[len(FUSED_COMMENT) :].strip() for text in comments if text.startswith(FUSED_COMMENT + " ")}
+    if not said:
+        return None
+    if len(said) > 1 or not said <= {"true", "false"}:
+        raise ValueError(f"its comment '{FUSED_COMMENT} {' '.join(sorted(said))}' must end in true or false")
+    return said == {"true"}
 
 
 def columns_of(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) -> Columns:

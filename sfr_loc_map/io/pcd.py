@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
-from sfr_loc_map.io.cloud_records import Columns, columns_of
+from sfr_loc_map.io.cloud_records import CloudRecords, columns_of, fused_by_comments, fused_comments
 
 
 def pcd_bytes(cloud: PointCloud) -> bytes:
@@ -15,6 +15,7 @@ def pcd_bytes(cloud: PointCloud) -> bytes:
     kinds = [PointCloud.dtype()[name] for name in FIELD_TYPES]
     head = [
         "# .PCD v0.7 - Point Cloud Data file format",
+        *(f"# {text}" for text in fused_comments(cloud.fused)),
         "VERSION 0.7",
         f"FIELDS {' '.join(FIELD_TYPES)}",
         f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
@@ -29,14 +30,17 @@ def pcd_bytes(cloud: PointCloud) -> bytes:
     return ("\n".join(head) + "\n").encode() + cloud.to_structured().tobytes()
 
 
-def read_pcd(data: bytes) -> Columns:
-    """Return the fields of a PCD file; an organised one without u and v gives them by the order of its points.
+def read_pcd(data: bytes) -> CloudRecords:
+    """Return the fields of a PCD file.
+
+    An organised one without u and v gives them by the order of its points: they are one image's, hence not fused.
 
     Raises:
         ValueError: If it is broken or of another form.
         KeyError: If its header misses a line.
     """
-    head, start = _header(data)
+    head, start, comments = _header(data)
+    fused = fused_by_comments(comments)
     if head["DATA"] not in (["ascii"], ["binary"]):
         raise ValueError(f"its data is '{' '.join(head['DATA'])}' where ascii or binary is needed")
     width, height = int(head["WIDTH"][0]), int(head["HEIGHT"][0])
@@ -44,22 +48,27 @@ def read_pcd(data: bytes) -> Columns:
     if height > 1 and "u" not in columns and "v" not in columns:
         v, u = np.divmod(np.arange(width * height), width)
         columns = {**columns, "u": u, "v": v, "pair": columns.get("pair", np.zeros(width * height))}
-    return columns
+        fused = False if fused is None else fused
+    return CloudRecords(columns, fused)
 
 
-def _header(data: bytes) -> tuple[dict[str, list[str]], int]:
-    """Return the words of each line of the header by its first word, and where the data begins."""
+def _header(data: bytes) -> tuple[dict[str, list[str]], int, list[str]]:
+    """Return the words of each line of the header by its first word, where the data begins, and the comments."""
     head: dict[str, list[str]] = {}
+    comments: list[str] = []
     position = 0
     while "DATA" not in head:
         end = data.find(b"\n", position)
         if end < 0:
             raise ValueError("it has no PCD header")
-        words = data[position:end].decode("ascii", "replace").split()
+        line = data[position:end].decode("ascii", "replace").strip()
         position = end + 1
-        if words and not words[0].startswith("#"):
+        words = line.split()
+        if line.startswith("#"):
+            comments.append(line.removeprefix("#").strip())
+        elif words:
             head[words[0]] = words[1:]
-    return head, position
+    return head, position, comments
 
 
 def _record_type(head: dict[str, list[str]]) -> np.dtype[Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
-from sfr_loc_map.io.cloud_records import Columns, columns_of
+from sfr_loc_map.io.cloud_records import CloudRecords, columns_of, fused_by_comments, fused_comments
 
 PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -25,11 +25,13 @@ def ply_bytes(cloud: PointCloud) -> bytes:
     """Return a cloud as a PLY file with all its fields."""
     dtype = PointCloud.dtype()
     properties = [f"property {PLY_NAMES[dtype[name].str[1:]]} {name}" for name in FIELD_TYPES]
-    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}", *properties, "end_header"]
+    comments = [f"comment {text}" for text in fused_comments(cloud.fused)]
+    vertices = [f"element vertex {len(cloud)}", *properties]
+    head = ["ply", "format binary_little_endian 1.0", *comments, *vertices, "end_header"]
     return ("\n".join(head) + "\n").encode() + cloud.to_structured().tobytes()
 
 
-def read_ply(data: bytes) -> Columns:
+def read_ply(data: bytes) -> CloudRecords:
     """Return the fields of the vertices of a PLY file; its first element must be the vertices.
 
     Raises:
@@ -39,9 +41,12 @@ def read_ply(data: bytes) -> Columns:
     if not data.startswith(b"ply") or end < 0:
         raise ValueError("it has no PLY header")
     body = data.index(b"\n", end) + 1
-    order, count, fields = _ply_header(data[:end].decode("ascii", "replace").splitlines())
+    lines = data[:end].decode("ascii", "replace").splitlines()
+    order, count, fields = _ply_header(lines)
     dtype = np.dtype([(name, PLY_ORDERS[order] + kind) for name, kind in fields])
-    return columns_of(data[body:], dtype, count, is_text=order == "ascii")
+    columns = columns_of(data[body:], dtype, count, is_text=order == "ascii")
+    comments = (line.removeprefix("comment ").strip() for line in lines if line.startswith("comment "))
+    return CloudRecords(columns, fused_by_comments(comments))
 
 
 def _ply_header(lines: list[str]) -> tuple[str, int, list[tuple[str, str]]]:

@@ -53,7 +53,7 @@ def cloud_from_disparity(
     )
     pose = Pose(T_lm_left.rotation, T_lm_left.translation)
     _reproject(disparity_px, sigma_px, left, rig.camera, pose, ends, columns)
-    return PointCloud(*columns, np.full(count, index, np.uint8))
+    return PointCloud(*columns, np.full(count, index, np.uint8), fused=False)
 
 
 @jit_rows

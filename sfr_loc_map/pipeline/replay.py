@@ -31,17 +31,17 @@ class ReplayResult:
 
     Attributes:
         estimate: Estimated trajectory, without poses if there was no drive.
-        cloud: Fused cloud, None if there was no mapping.
+        cloud: The last cloud, None if there was no mapping.
         records: All calls of localiser and mapper.
         monitor_report: Report of the monitor (JSON), empty if it gave none.
-        mapped_ns: Stamps of the mapping pairs that were played: the cloud is judged by their truth.
+        mapped_ns: Stamps of the pairs of the cloud, in the order of the points' `pair`: it is judged by their truth.
     """
 
     estimate: Trajectory
     cloud: PointCloud | None
     records: Sequence[CallRecord]
     monitor_report: str
-    mapped_ns: frozenset[int]
+    mapped_ns: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class ReplayFiles:
 
     @property
     def cloud(self) -> Path:
-        """Fused cloud."""
+        """The cloud."""
         return self.folder / "cloud.ply"
 
     @property
@@ -134,11 +134,12 @@ def _drive(source: Source, result: ReplayResult, files: ReplayFiles, stats: Sequ
 
 
 def _cloud(source: Source, result: ReplayResult) -> ScoredCloud | None:
-    """Return the cloud with the truth of the pairs that were played, None where one of both is not there."""
+    """Return the cloud with the truth of its pairs, None where one of both is not there."""
     if source.nav is None or result.cloud is None:
         return None
-    pairs = [pair for pair in source.nav.pairs() if pair.pair.stamp_ns in result.mapped_ns]
-    if not pairs or any(pair.truth is None for pair in pairs):
+    by_stamp = {pair.pair.stamp_ns: pair for pair in source.nav.pairs() if pair.pair.stamp_ns in result.mapped_ns}
+    pairs = [by_stamp[stamp_ns] for stamp_ns in result.mapped_ns if stamp_ns in by_stamp]
+    if not pairs or len(pairs) < len(result.mapped_ns) or any(pair.truth is None for pair in pairs):
         return None
     loaded = LoadedCloud(result.cloud.xyz.astype(np.float64), result.cloud)
-    return ScoredCloud(loaded, truths_of(pairs, source.nav.rig), fused=len(pairs) > 1)
+    return ScoredCloud(loaded, truths_of(pairs, source.nav.rig))

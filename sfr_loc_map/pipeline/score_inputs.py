@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,11 +12,12 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
-from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, is_bag
 from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajectory
+from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import load_trajectory
@@ -110,6 +111,32 @@ def load_truth(path: Path) -> Trajectory:
             f"'{path}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
         )
     return truth
+
+
+def load_scored_cloud(path: Path, fused: bool | None = None) -> LoadedCloud:
+    """Read a cloud that is to be scored: one with pixels must say whether it is fused.
+
+    Args:
+        path: The file.
+        fused: What the user says of a file that does not say so.
+
+    Raises:
+        InputError: If the file cannot be read, or neither says whether the cloud is fused.
+        ConfigError: If the user says otherwise than the file.
+    """
+    loaded = load_cloud(path)
+    if loaded.cloud is None:
+        return loaded
+    said = loaded.cloud.fused
+    if said is None and fused is None:
+        raise InputError(
+            f"cloud '{path}' does not say whether it is fused: give --fused (one surface of several pairs) or "
+            "--not-fused (each pair's own points); coverage is counted differently"
+        )
+    if said is not None and fused is not None and said != fused:
+        option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
+        raise ConfigError(f"'{option}': cloud '{path}' says that it is {word}; leave the option out")
+    return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
 
 
 def load_map_truth(path: Path) -> list[PairTruth]:

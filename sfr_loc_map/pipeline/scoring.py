@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
+from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.metrics.build import ScoreParts, build_score
 from sfr_loc_map.metrics.calls.resource_score import score_calls, score_target
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map, score_nearest
@@ -26,6 +26,7 @@ from sfr_loc_map.pipeline.score_inputs import (
     camera_extrinsics,
     load_estimates,
     load_map_truth,
+    load_scored_cloud,
     load_truth,
     provenance,
 )
@@ -53,12 +54,10 @@ class ScoredCloud:
     Attributes:
         loaded: The cloud.
         truths: Truth of its pairs.
-        fused: Whether it is fused, None to find out.
     """
 
     loaded: LoadedCloud
     truths: Sequence[PairTruth]
-    fused: bool | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +113,7 @@ def score_files(
         inputs: Files.
         config: Settings; conditions that only the limits name are scored as well.
         limits: Limits to judge by.
-        fused: Whether the cloud is fused, None to find out.
+        fused: Whether the cloud is fused, for files that do not say so.
 
     Raises:
         SfrError: If a file cannot be read, or nothing can be scored.
@@ -126,7 +125,7 @@ def score_files(
         estimates, truth = load_estimates(inputs.estimate, stats), load_truth(inputs.truth)
         drive = ScoredDrive(estimates, truth, camera_extrinsics(inputs.truth))
     if inputs.cloud is not None and inputs.map_truth is not None:
-        cloud = ScoredCloud(load_cloud(inputs.cloud), load_map_truth(inputs.map_truth), fused)
+        cloud = ScoredCloud(load_scored_cloud(inputs.cloud, fused), load_map_truth(inputs.map_truth))
     return score_run(Run(inputs, stats, target, drive, cloud), config, limits)
 
 
@@ -151,7 +150,7 @@ def score_cloud(cloud: ScoredCloud, config: ScoreConfig) -> ScoredMap:
     """Return the map's score of a cloud, by pixels where it has them."""
     if cloud.loaded.cloud is None:
         return score_nearest(cloud.loaded.xyz, cloud.truths, config.map)
-    return score_map(cloud.loaded.cloud, cloud.truths, config.map, fused=cloud.fused)
+    return score_map(cloud.loaded.cloud, cloud.truths, config.map)
 
 
 def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:

@@ -81,7 +81,7 @@ def test_point_errors_and_coverage_are_those_of_the_map_score() -> None:
     cloud = cloud_from_disparity(found, sigma, item.pair.left, NAV_RIG, item.T_lm_navsb @ NAV_RIG.T_sb_left, 0)
     pair_truth = PairTruth.of(item, NAV_RIG)
     assert pair_truth is not None
-    score = score_map(cloud, [pair_truth], MapScoreConfig(), fused=False).score
+    score = score_map(cloud, [pair_truth], MapScoreConfig()).score
     assert accuracy.coverage == pytest.approx(score.coverage, abs=1e-9)
     assert score.errors is not None
     for row in score.errors.by_range:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,34 @@ def test_files_are_what_others_expect(tmp_path: Path) -> None:
         assert (arrays["u"].dtype, arrays["pair"].dtype) == (np.uint16, np.uint8)
 
 
+@pytest.mark.parametrize("fused", [True, False, None])
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
+def test_a_cloud_file_says_whether_it_is_fused(tmp_path: Path, suffix: str, fused: bool | None) -> None:
+    path = tmp_path / f"c{suffix}"
+    save_cloud(path, replace(random_cloud(3), fused=fused))
+    cloud = load_cloud(path).cloud
+    assert cloud is not None
+    assert cloud.fused is fused
+    if suffix == ".npz":
+        with np.load(path) as arrays:
+            assert arrays["fused"].tolist() is fused if fused is not None else "fused" not in arrays.files
+    else:
+        sign = b"comment" if suffix == ".ply" else b"#"
+        assert (sign + b" sfr fused " in path.read_bytes()) == (fused is not None)
+
+
+def test_a_file_that_says_something_else_of_fusion_is_refused(tmp_path: Path) -> None:
+    for name, sign in (("c.ply", b"comment"), ("c.pcd", b"#")):
+        path = tmp_path / name
+        save_cloud(path, replace(random_cloud(3), fused=True))
+        path.write_bytes(path.read_bytes().replace(sign + b" sfr fused true", sign + b" sfr fused maybe"))
+        with pytest.raises(InputError, match="must end in true or false"):
+            load_cloud(path)
+    np.savez(tmp_path / "c.npz", x=[1.0], y=[1.0], z=[1.0], u=[1], v=[2], pair=[0], fused=[1.0])
+    with pytest.raises(InputError, match="one truth value is needed"):
+        load_cloud(tmp_path / "c.npz")
+
+
 def test_ply_of_others(tmp_path: Path) -> None:
     path = tmp_path / "c.ply"
     path.write_text(
@@ -85,6 +114,7 @@ def test_ply_of_others(tmp_path: Path) -> None:
         2,
     )
     assert np.isnan(cloud.sigma[0])
+    assert cloud.fused is None
 
 
 def test_pcd_of_others(tmp_path: Path) -> None:
@@ -96,6 +126,7 @@ def test_pcd_of_others(tmp_path: Path) -> None:
     assert cloud is not None
     assert (cloud.u.tolist(), cloud.v.tolist(), cloud.pair.tolist()) == ([0, 1, 0, 1], [0, 0, 1, 1], [0] * 4)
     np.testing.assert_array_equal(cloud.xyz, numbers)
+    assert cloud.fused is False  # one point a pixel of one image
     path.write_bytes(
         (head + "binary\n").encode() + b"".join(row.astype("<f4").tobytes() + b"\0\0\0\0" for row in numbers)
     )

@@ -20,7 +20,9 @@ def wall(distance_m: float = 5.0, shift_m: float = 0.0, rig: StereoRig = RIG) ->
     return PairTruth(points, T_lm_left, rig)
 
 
-def cloud_of(truths: list[PairTruth], stretch: float = 1.0, keep: float = 1.0, sigma: float = 0.05) -> PointCloud:
+def cloud_of(
+    truths: list[PairTruth], stretch: float = 1.0, keep: float = 1.0, sigma: float = 0.05, fused: bool = False
+) -> PointCloud:
     """All true points, their distance from the camera stretched; of each pair a share is kept."""
     rng = np.random.default_rng(1)
     clouds = []
@@ -38,6 +40,7 @@ def cloud_of(truths: list[PairTruth], stretch: float = 1.0, keep: float = 1.0, s
                 u.astype(np.uint16),
                 v.astype(np.uint16),
                 np.full(count, number, np.uint8),
+                fused,
             )
         )
     return PointCloud.concatenate(clouds)

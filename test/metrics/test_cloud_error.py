@@ -1,5 +1,6 @@
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,6 +41,7 @@ def test_agrees_with_loops_on_random_clouds() -> None:
         rng.integers(0, RIG.width, count).astype(np.uint16),
         rng.integers(0, RIG.height, count).astype(np.uint16),
         rng.integers(0, 2, count).astype(np.uint8),
+        fused=False,
     )
     errors, bins, pixels = [], {(0.0, 4.0): [], (4.0, 10.0): [], (10.0, 20.0): [], (20.0, 40.0): []}, set()
     for k in range(count):
@@ -59,7 +61,7 @@ def test_agrees_with_loops_on_random_clouds() -> None:
         for u in range(RIG.width)
         if math.dist(truth.points[v, u].tolist(), truth.T_lm_left.translation) < 10.0  # NaN is not
     }
-    got = score_map(cloud, truths, CONFIG, fused=False).score
+    got = score_map(cloud, truths, CONFIG).score
     assert got.coverage == pytest.approx(len(seen & pixels) / len(seen), abs=1e-12)
     assert errors_of(got).points_without_truth == count - len(errors)
     ranges = [item.point_error_m for item in errors_of(got).by_range]
@@ -84,37 +86,36 @@ def test_coverage_counts_the_pixels_of_the_range_only() -> None:
     near, far = wall(3.0), wall(30.0)
     cloud = cloud_of([near, far])
     only_near = cloud.select(cloud.pair == 0)
-    got = score_map(only_near, [near, far], CONFIG, fused=False).score
+    got = score_map(only_near, [near, far], CONFIG).score
     assert got.coverage == 1.0
     assert [item.coverage for item in errors_of(got).by_range] == [1.0, None, None, 0.0]
 
 
-def test_a_fused_cloud_is_told_from_one_of_single_pairs() -> None:
-    """Two cameras see one wall; the fused cloud holds what both see once."""
+def test_the_kind_of_a_cloud_is_what_it_says_and_is_never_guessed() -> None:
+    """Two cameras see one wall; both clouds hold the same points, all that both see once."""
     truths = [wall(5.0), wall(5.0, shift_m=0.5)]
     both = cloud_of(truths)
     once = both.select((both.pair == 0) | (both.xyz[:, 0] > truths[0].points[-1, -1, 0] + 0.01))
-    whole = score_map(both, truths, CONFIG).score
-    fused = score_map(once, truths, CONFIG).score
-    assert (whole.cloud, fused.cloud) == ("single pairs", "fused")
-    assert whole.coverage == 1.0
+    single, fused = (score_map(replace(once, fused=word), truths, CONFIG).score for word in (False, True))
+    assert (single.cloud, fused.cloud) == ("single pairs", "fused")
+    assert single.coverage is not None
+    assert single.coverage < 0.7
     assert fused.coverage == 1.0  # each true point has a cloud point within two footprints
-    assert score_map(once, truths, CONFIG, fused=False).score.coverage < 0.7
+    with pytest.raises(MetricsError, match="does not say whether it is fused"):
+        score_map(replace(once, fused=None), truths, CONFIG)
 
 
 def test_footprint_coverage_by_loops() -> None:
     truth = wall(5.0)
     cloud = cloud_of([truth], keep=0.1)
-    shifted = PointCloud(
-        cloud.xyz + np.float32(0.07), *(getattr(cloud, n) for n in ("sigma", "intensity", "u", "v", "pair"))
-    )
+    shifted = replace(cloud, xyz=cloud.xyz + np.float32(0.07), fused=True)
     have = total = 0
     points = shifted.xyz.astype(float)
     for true in truth.points.reshape(-1, 3).astype(float):
         if np.isfinite(true).all():
             total += 1
             have += np.sqrt(((points - true) ** 2).sum(axis=1)).min() < 2 * true[2] / 60.0
-    got = score_map(shifted, [truth], CONFIG, fused=True).score
+    got = score_map(shifted, [truth], CONFIG).score
     assert got.coverage == pytest.approx(have / total)
     assert 0 < have < total
 
@@ -126,10 +127,9 @@ def test_sigma_that_is_right_is_found_consistent_and_a_small_one_not() -> None:
     cloud = cloud_of([truth])
     ray = cloud.xyz / np.linalg.norm(cloud.xyz, axis=1, keepdims=True)
     noisy = (cloud.xyz + ray * rng.normal(0, 0.05, (len(cloud), 1))).astype(np.float32)
-    parts = [getattr(cloud, n) for n in ("sigma", "intensity", "u", "v", "pair")]
     right, small = (
-        errors_of(score_map(PointCloud(noisy, sigma, *parts[1:]), [truth], CONFIG).score).sigma_nees
-        for sigma in (parts[0], parts[0] / 3)
+        errors_of(score_map(replace(cloud, xyz=noisy, sigma=sigma), [truth], CONFIG).score).sigma_nees
+        for sigma in (cloud.sigma, cloud.sigma / 3)
     )
     assert right is not None
     assert small is not None
@@ -147,7 +147,7 @@ def test_a_cloud_without_pixels_gets_a_figure_of_another_name() -> None:
 
 
 def test_the_empty_cloud_has_no_figures_and_no_coverage() -> None:
-    scored = score_map(PointCloud.empty(), [wall()], CONFIG)
+    scored = score_map(PointCloud.empty(fused=False), [wall()], CONFIG)
     assert scored.score.coverage == 0.0
     assert errors_of(scored.score).point_error_m.mean is None
     assert "NaN" not in json.dumps(to_plain(scored.score))
@@ -158,4 +158,4 @@ def test_points_of_another_data_set_are_refused(field: str, value: int) -> None:
     records = cloud_of([wall()]).to_structured()
     records[field][3] = value
     with pytest.raises(MetricsError, match="source that the cloud was made from"):
-        score_map(PointCloud.from_structured(records), [wall()], CONFIG)
+        score_map(PointCloud.from_structured(records, fused=False), [wall()], CONFIG)

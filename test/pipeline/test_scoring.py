@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -159,7 +160,7 @@ def nav_set(tmp_path: Path) -> tuple[Path, PointCloud]:
     records["x"] += np.float32(0.1)
     records["sigma"] = 0.1
     records["u"], records["v"] = u.ravel(), v.ravel()
-    return folder, PointCloud.from_structured(records)
+    return folder, PointCloud.from_structured(records, fused=False)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
@@ -171,6 +172,28 @@ def test_score_of_cloud_files(
     part = scored(monkeypatch, tmp_path, tmp_path / f"cloud{suffix}", folder)["map"]
     assert (part["pairs"], part["points"], part["coverage"]) == (1, WIDTH * HEIGHT, 1.0)
     assert part["point_error_m"]["mean"] == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_contradicted(
+    nav_set: tuple[Path, PointCloud],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder, cloud = nav_set
+    silent, path = tmp_path / "silent.ply", tmp_path / "cloud.ply"
+    save_cloud(silent, replace(cloud, fused=None))
+    save_cloud(path, cloud)
+    assert run(monkeypatch, "score", silent, folder) == 2
+    assert "does not say whether it is fused: give --fused" in capsys.readouterr().err
+    kinds = [
+        scored(monkeypatch, tmp_path, silent, folder, option)["map"]["cloud"] for option in ("--fused", "--not-fused")
+    ]
+    assert kinds == ["fused", "single pairs"]
+    assert scored(monkeypatch, tmp_path, path, folder, "--not-fused")["map"]["cloud"] == "single pairs"
+    capsys.readouterr()
+    assert run(monkeypatch, "score", path, folder, "--fused") == 2
+    assert "says that it is not fused" in capsys.readouterr().err
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(

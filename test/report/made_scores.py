@@ -83,6 +83,7 @@ def cloud(side: int, pairs: int) -> tuple[PointCloud, list[PairTruth]]:
                 columns.astype(np.uint16),
                 rows.astype(np.uint16),
                 np.full(count, number, np.uint8),
+                fused=False,
             )
         )
     return PointCloud.concatenate(parts), truths
@@ -96,7 +97,7 @@ def whole_score(frames: int = 300, side: int = 96, pairs: int = 2, conditions: i
     points, truths = cloud(side, pairs)
     parts = ScoreParts(
         trajectory=score_trajectory(estimates, truth, TrajectoryScoreConfig(conditions=named)),
-        map=score_map(points, truths, MapScoreConfig(), fused=False),
+        map=score_map(points, truths, MapScoreConfig()),
         calls=[score_calls(calls(frames, pairs))],
         provenance=Provenance(
             version="0.1.0",

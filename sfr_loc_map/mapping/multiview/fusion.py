@@ -12,7 +12,7 @@ the same sample the one with the larger weight stays.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class Fusion:
     """A fused cloud and how well its parts agreed.
 
     Attributes:
-        cloud: Points in LM.
+        cloud: Points in LM; of one view they are its own, not fused.
         statistics: Figures by name.
         warnings: What is suspicious, one line each.
     """
@@ -69,8 +69,8 @@ def fuse_views(views: Sequence[View], rig: StereoRig) -> Fusion:
         clouds.append(accumulator.cloud())
         statistics["merged"] += accumulator.merged
         statistics["dropped_conflict"] += accumulator.conflicts
-    cloud = PointCloud.concatenate(clouds)
-    statistics["points"] = float(len(cloud))
+    cloud = replace(PointCloud.concatenate(clouds), fused=len(views) > 1)
+    statistics |= {"points": float(len(cloud)), "pairs": float(len(views)), "fused": float(len(views) > 1)}
     for agreement in agreements:
         statistics |= agreement.statistics()
     return Fusion(cloud, statistics, tuple(line for agreement in agreements for line in agreement.warnings()))

@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 FOOTPRINTS = 2.0
-SEEN_TWICE_STEP = 4
-"""Every n-th pixel each way is looked at to find out whether a cloud is fused."""
-SEEN_TWICE_MIN = 100
-FUSED_BELOW = 0.5
 BATCH = 262144
 
 
@@ -68,28 +64,3 @@ def _near(tree: cKDTree, points: FloatArray, radius: FloatArray) -> NDArray[np.b
         distance, _ = tree.query(points[batch], distance_upper_bound=float(radius[batch[-1]]), workers=-1)
         near[batch] = distance < radius[batch]
     return near
-
-
-def looks_fused(covered: Sequence[Mask], truths: Sequence[PairTruth]) -> bool:
-    """Tell whether points that two pairs see are in the cloud only once.
-
-    Of the pixels that have a point and whose surface another pair sees as well, a cloud of single pairs has the other
-    pair's point too for nearly all, a fused cloud for few.
-    """
-    twice, both = 0, 0
-    for number, truth in enumerate(truths):
-        step = slice(None, None, SEEN_TWICE_STEP)
-        points = truth.points[step, step][covered[number][step, step]].astype(np.float64)
-        points = points[np.isfinite(points).all(axis=1)]
-        for other, (there, seen) in enumerate(zip(truths, covered, strict=True)):
-            if other == number:
-                continue
-            u, v, depth = there.pixels(points)
-            size_v, size_u = seen.shape
-            inside = (depth > 0) & (u > -0.5) & (u < size_u - 0.5) & (v > -0.5) & (v < size_v - 0.5)
-            column, row = np.rint(u[inside]).astype(int), np.rint(v[inside]).astype(int)
-            apart = np.sqrt(np.square(points[inside] - there.points[row, column]).sum(axis=1))
-            same = apart < FOOTPRINTS * depth[inside] / there.rig.fx
-            twice += int(np.count_nonzero(same))
-            both += int(np.count_nonzero(seen[row[same], column[same]]))
-    return twice >= SEEN_TWICE_MIN and both < FUSED_BELOW * twice

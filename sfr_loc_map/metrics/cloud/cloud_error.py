@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics.cloud.cloud_coverage import footprint_coverage, looks_fused, pixel_coverage
+from sfr_loc_map.metrics.cloud.cloud_coverage import footprint_coverage, pixel_coverage
 from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 from sfr_loc_map.metrics.config import MapScoreConfig
 from sfr_loc_map.metrics.modes import CloudKind
@@ -86,27 +86,26 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
     return PointErrors(index[order], *(column[order] for column in rest))
 
 
-def score_map(
-    cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig, *, fused: bool | None = None
-) -> ScoredMap:
+def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
     """Return the score of a cloud whose points' pixels are known.
 
     Args:
-        cloud: Points in LM with pixel and pair.
+        cloud: Points in LM with pixel and pair; it says whether it is fused.
         truths: Truth of the pairs 0, 1, ... of the cloud.
         config: Settings.
-        fused: Whether the cloud is fused; None to find out from points that two pairs see.
 
     Raises:
-        MetricsError: If a point names a pair or pixel that is not there, or a point is not finite.
+        MetricsError: If a point names a pair or pixel that is not there, a point is not finite, or the cloud does not
+            say whether it is fused.
     """
+    if cloud.fused is None:
+        raise MetricsError("the cloud does not say whether it is fused: set `fused`, coverage depends on it")
     errors = point_errors(cloud, truths)
     ranges = [truth.ranges_m() for truth in truths]
-    covered = pixel_coverage(cloud, truths)
-    fused = looks_fused(covered, truths) if fused is None else fused
-    if fused:
-        farthest = max(config.scored_to_m, *config.range_edges_m)
-        covered = footprint_coverage(cloud, truths, ranges, farthest)
+    if cloud.fused:
+        covered = footprint_coverage(cloud, truths, ranges, max(config.scored_to_m, *config.range_edges_m))
+    else:
+        covered = pixel_coverage(cloud, truths)
     by_pixels = PointErrorScore(
         points_without_truth=len(cloud) - len(errors.index),
         point_error_m=sample_statistic(errors.error_m),
@@ -118,7 +117,7 @@ def score_map(
     score = MapScore(
         pairs=len(truths),
         points=len(cloud),
-        cloud=CloudKind.FUSED if fused else CloudKind.SINGLE_PAIRS,
+        cloud=CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS,
         coverage=_coverage(covered, ranges, config.scored_from_m, config.scored_to_m),
         coverage_range_m=(config.scored_from_m, config.scored_to_m),
         nearest_only=False,

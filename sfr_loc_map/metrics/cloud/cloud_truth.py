@@ -55,12 +55,6 @@ class PairTruth:
         """Return the depth `(...)` along the left optical axis of points `(..., 3)` in LM."""
         return np.asarray((points - self.T_lm_left.translation) @ self.T_lm_left.rotation[:, 2])
 
-    def pixels(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return columns, rows (not rounded) and depths at which points `(N, 3)` in LM are seen."""
-        x, y, z = ((points - self.T_lm_left.translation) @ self.T_lm_left.rotation).T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return self.rig.fx * x / z + self.rig.cx, self.rig.fy * y / z + self.rig.cy, z
-
 
 def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTruth]:
     """Return the truth of every pair of a set.

@@ -126,7 +126,7 @@ class ResultCollector:
                 self.results.mapping[found.record.state, found.record.stamp_ns] = found.record
 
     def _on_cloud(self, message: PointCloud2) -> None:
-        self.results.clouds.append(cloud_from_msg(message))
+        self.results.clouds.append((stamp_of(message), cloud_from_msg(message)))
 
     def _on_report(self, message: String) -> None:
         self.results.report = message.data

@@ -11,6 +11,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.pipeline.online.pair_sets import PairSets
 
 
 @dataclass(slots=True)
@@ -22,7 +23,7 @@ class ReplayResults:
         covariances: Covariance `(6, 6)` of the pose by stamp.
         localisation: Calls of the localiser by stamp.
         mapping: Calls of the mapper by state and stamp.
-        clouds: Fused clouds.
+        clouds: Stamp and points of each published cloud.
         report: Last report of the monitor (JSON), empty where there is none.
         input_error: What a node reports of input that it cannot use, empty if none does.
         published: Task and stamp of each pair that was published to the nodes.
@@ -32,7 +33,7 @@ class ReplayResults:
     covariances: dict[int, FloatArray] = field(default_factory=dict)
     localisation: dict[int, CallRecord] = field(default_factory=dict)
     mapping: dict[tuple[str, int], CallRecord] = field(default_factory=dict)
-    clouds: list[PointCloud] = field(default_factory=list)
+    clouds: list[tuple[int, PointCloud]] = field(default_factory=list)
     report: str = ""
     input_error: str = ""
     published: set[tuple[str, int]] = field(default_factory=set)
@@ -61,6 +62,22 @@ class ReplayResults:
     def count(self) -> int:
         """How many results there are."""
         return len(self.rows) + len(self.localisation) + len(self.mapping) + len(self.clouds)
+
+    def last_map(self) -> tuple[PointCloud | None, tuple[int, ...]]:
+        """Return the last published cloud and the stamps of its pairs, in the order of the points' `pair`.
+
+        Of a mapper that publishes no calls all played pairs are taken to be in it, fused as the topic's contract says.
+        """
+        if not self.clouds:
+            return None, ()
+        stamp_ns, cloud = self.clouds[-1]
+        sets = PairSets()
+        known = {record.stamp_ns: sets.add(record) for record in self.mapping.values()}
+        pairs = known.get(stamp_ns)
+        if pairs is None:
+            stamps = tuple(self.published_stamps("nav"))
+            return replace(cloud, fused=len(stamps) > 1), stamps
+        return replace(cloud, fused=pairs.fused), pairs.stamps_ns
 
     def published_stamps(self, task: str) -> list[int]:
         """Return the stamps of the pairs of a task (`loc` or `nav`) that were published."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TypeVar
 
 from sfr_loc_map.geometry.arrays import PointImage
@@ -12,6 +13,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
+from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.pipeline.online.pair_sets import PairSet, PairSets
 
 T = TypeVar("T")
 MAX_KEPT = 2 * MAX_PAIRS
@@ -30,8 +33,8 @@ class MapInputs:
         self.rig: StereoRig | None = None
         self._points: OrderedDict[int, PointImage] = OrderedDict()
         self._poses: OrderedDict[int, Transform] = OrderedDict()
-        self._mapped_ns: list[int] = []
-        self._sets_ns: OrderedDict[int, list[int]] = OrderedDict()
+        self._pair_sets = PairSets()
+        self._sets: OrderedDict[int, PairSet] = OrderedDict()
         self._clouds: OrderedDict[int, PointCloud] = OrderedDict()
 
     def add_true_points(self, stamp_ns: int, points: PointImage) -> None:
@@ -42,27 +45,26 @@ class MapInputs:
         """Add the pose of a pair."""
         _keep(self._poses, stamp_ns, T_lm_navsb)
 
-    def add_mapped(self, stamp_ns: int) -> None:
-        """Add a pair that was mapped: it belongs to the next cloud."""
-        self._mapped_ns.append(stamp_ns)
-
-    def add_fused(self, stamp_ns: int) -> None:
-        """Add a fusion of the pairs mapped since the one before."""
-        _keep(self._sets_ns, stamp_ns, self._mapped_ns)
-        self._mapped_ns = []
+    def add_call(self, record: CallRecord) -> None:
+        """Add a call; those of the mapper say which pairs a cloud is made of."""
+        pairs = self._pair_sets.add(record)
+        if pairs is not None:
+            _keep(self._sets, record.stamp_ns, pairs)
 
     def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
-        """Add a fused cloud; its stamp is that of its last pair."""
+        """Add a published cloud; its stamp is that of its last pair."""
         _keep(self._clouds, stamp_ns, cloud)
 
     def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth]]]:
         """Yield, and forget, the clouds whose pairs and truth are known, with the truth of each pair."""
         for stamp_ns in list(self._clouds):
-            stamps = self._sets_ns.get(stamp_ns)
-            truths = [self._truth_of(stamp) for stamp in stamps or ()]
+            pairs = self._sets.get(stamp_ns)
+            if pairs is None:
+                continue
+            truths = [self._truth_of(stamp) for stamp in pairs.stamps_ns]
             known = [truth for truth in truths if truth is not None]
-            if stamps is not None and len(known) == len(stamps):
-                yield self._clouds.pop(stamp_ns), known
+            if len(known) == len(truths):
+                yield replace(self._clouds.pop(stamp_ns), fused=pairs.fused), known
 
     def _truth_of(self, stamp_ns: int) -> PairTruth | None:
         points, pose = self._points.get(stamp_ns), self._poses.get(stamp_ns)

@@ -12,7 +12,6 @@ from sfr_loc_map.metrics.build import ScoreParts, build_score
 from sfr_loc_map.metrics.calls.resource_score import score_calls
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.trajectory.online_score import LiveTrajectoryScore
 from sfr_loc_map.metrics.verdicts.limits import Limits
@@ -77,10 +76,7 @@ class MonitorScore:
     def add_call(self, record: CallRecord) -> None:
         """Add a call; calls of the mapper say which pairs a cloud is made of."""
         self._calls.add(record)
-        if record.state == MappingState.MAPPED:
-            self.map_inputs.add_mapped(record.stamp_ns)
-        elif record.state == MappingState.FUSED:
-            self.map_inputs.add_fused(record.stamp_ns)
+        self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:
         """Score the clouds whose inputs are complete; the last one counts. Return whether there was one.
@@ -90,7 +86,7 @@ class MonitorScore:
         """
         scored = False
         for cloud, truths in self.map_inputs.take_complete():
-            self._map_score = score_map(cloud, truths, self._config.map, fused=len(truths) > 1)
+            self._map_score = score_map(cloud, truths, self._config.map)
             scored = True
         return scored
 

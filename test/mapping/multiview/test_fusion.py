@@ -126,9 +126,11 @@ def test_one_pair_stays_as_it_is(two_views: Any) -> None:
     fused = fuse_views([view], two_views.rig)
     np.testing.assert_array_equal(fused.cloud.xyz, view.cloud.xyz)
     np.testing.assert_array_equal(fused.cloud.sigma, view.cloud.sigma)
+    assert fused.cloud.fused is False
     assert fused.statistics == {
-        "points_in": len(view.cloud), "merged": 0.0, "dropped_conflict": 0.0, "points": len(view.cloud)
-    }  # fmt: skip
+            "points_in": len(view.cloud), "merged": 0.0, "dropped_conflict": 0.0, "points": len(view.cloud),
+            "pairs": 1.0, "fused": 0.0
+        }  # fmt: skip
 
 
 def test_pairs_that_do_not_overlap_are_kept_whole(two_views: Any) -> None:

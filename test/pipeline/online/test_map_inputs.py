@@ -11,11 +11,21 @@ import pytest
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.online.map_inputs import MAX_KEPT, MapInputs
+from sfr_loc_map.pipeline.online.pair_sets import PairSet, PairSets
 
 RIG = StereoRig(4, 3, 10.0, 10.0, 1.5, 1.0, 0.1)
 CLOUD = PointCloud.from_structured(np.zeros(2, PointCloud.dtype()))
 POINTS = np.zeros((3, 4, 3), np.float32)
+
+
+def mapped(stamp_ns: int) -> CallRecord:
+    return CallRecord(stamp_ns, 0.1, "mapped", None, None)
+
+
+def fused(stamp_ns: int, pairs: int) -> CallRecord:
+    return CallRecord(stamp_ns, 0.1, "fused", None, None, {"pairs": float(pairs), "fused": float(pairs > 1)})
 
 
 def pose(x: float) -> Transform:
@@ -23,9 +33,8 @@ def pose(x: float) -> Transform:
 
 
 def calls(inputs: MapInputs) -> None:
-    inputs.add_mapped(1)
-    inputs.add_mapped(2)
-    inputs.add_fused(2)
+    for record in (mapped(1), mapped(2), fused(2, 2)):
+        inputs.add_call(record)
 
 
 def set_rig(inputs: MapInputs) -> None:
@@ -49,7 +58,8 @@ def test_a_cloud_is_complete_with_the_last_part_in_any_order(order: tuple[int, .
         assert list(inputs.take_complete()) == []
     PARTS[order[-1]](inputs)
     ((cloud, truths),) = inputs.take_complete()
-    assert cloud is CLOUD
+    assert cloud.xyz is CLOUD.xyz
+    assert cloud.fused is True
     assert len(truths) == 2
     assert list(inputs.take_complete()) == []
 
@@ -58,13 +68,27 @@ def test_pairs_mapped_after_a_fusion_belong_to_the_next_cloud() -> None:
     inputs = MapInputs()
     set_rig(inputs)
     calls(inputs)
-    inputs.add_mapped(3)
-    inputs.add_fused(3)
+    inputs.add_call(mapped(3))
+    inputs.add_call(fused(3, 1))
     inputs.add_true_points(3, POINTS)
     inputs.add_pose(3, pose(3))
     inputs.add_cloud(3, CLOUD)
-    ((_, truths),) = inputs.take_complete()
+    ((cloud, truths),) = inputs.take_complete()
     assert len(truths) == 1
+    assert cloud.fused is False
+
+
+def test_pairs_of_a_map_that_was_given_up_are_not_taken_for_the_next_ones() -> None:
+    """The mapper was reset after pair 1: its next cloud is of pairs 2 and 3."""
+    sets = PairSets()
+    assert [sets.add(record) for record in (mapped(1), mapped(2), mapped(3))] == [None] * 3
+    assert sets.add(fused(3, 2)) == PairSet((2, 3), True)
+    assert sets.add(mapped(4)) is None
+    assert sets.add(fused(5, 2)) is None  # the call of one pair is missing: better no score than one of other pairs
+    for record in (mapped(6), mapped(7)):
+        sets.add(record)
+    foreign = CallRecord(7, 0.1, "fused", None, None)
+    assert sets.add(foreign) == PairSet((6, 7), True)
 
 
 def test_what_is_kept_is_bounded() -> None:

@@ -1,0 +1,78 @@
+"""Live, replay and `sfr score` give one map score, to the last digit, for fused and single-pair clouds."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_scene import write_folder
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.cloud_file import save_cloud
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.score_json import to_dict
+from sfr_loc_map.pipeline.offline import MapRun, map_pairs
+from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
+from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult, save_replay, score_replay
+from sfr_loc_map.pipeline.score_inputs import ScoreInputs
+from sfr_loc_map.pipeline.scoring import score_files
+
+SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
+
+
+def mapped(path: Path) -> tuple[Source, MapRun]:
+    source = open_source(path, {})
+    assert source.nav is not None
+    return source, map_pairs(source.nav, MappingConfig())
+
+
+def live_map(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]:
+    """Return the map's score as the monitor makes it of what is published."""
+    assert source.nav is not None
+    monitor = MonitorScore(ScoreConfig(), None)
+    monitor.map_inputs.rig = source.nav.rig
+    for item in source.nav.pairs():
+        assert item.truth is not None
+        monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
+        monitor.map_inputs.add_true_points(item.pair.stamp_ns, item.truth)
+    for record in run.records:
+        says = {"fused": float(cloud.fused is True)} if record.state == "fused" else {}
+        monitor.add_call(replace(record, statistics={**record.statistics, **says}))
+    monitor.map_inputs.add_cloud(run.maps[-1].stamp_ns, replace(cloud, fused=None))  # the message does not say it
+    assert monitor.score_maps()
+    return dict(to_dict(monitor.result())["map"])
+
+
+def scores(source: Source, run: MapRun, cloud: PointCloud, path: Path) -> list[dict[str, Any]]:
+    """Return the map's score of a replay, of the file that it wrote, and of the monitor."""
+    stamps = tuple(item.stamp_ns for item in run.maps)
+    result, files = ReplayResult(Trajectory.empty(), cloud, run.records, "", stamps), ReplayFiles(path)
+    save_replay(result, files)
+    replayed = to_dict(score_replay(source, result, files, ScoreConfig(), None))["map"]
+    filed = to_dict(score_files(ScoreInputs.of(files.cloud, source.path), ScoreConfig()))["map"]
+    return [replayed, filed, live_map(source, run, cloud)]
+
+
+@pytest.mark.slow
+def test_live_replay_and_score_of_the_sample_are_equal_to_the_last_digit(tmp_path: Path) -> None:
+    source, run = mapped(SAMPLE)
+    replayed, filed, live = scores(source, run, run.fused.cloud, tmp_path)
+    assert replayed == filed == live
+    assert replayed["cloud"] == "fused"
+    assert [row["coverage"] for row in replayed["by_range"]][:2] != [None, None]
+
+
+@pytest.mark.parametrize("fused", [True, False])
+def test_every_path_and_file_format_takes_a_cloud_for_what_it_says(tmp_path: Path, fused: bool) -> None:
+    source, run = mapped(write_folder(tmp_path / "source", 0, 3))
+    cloud = run.fused.cloud if fused else run.unfused
+    replayed, filed, live = scores(source, run, cloud, tmp_path)
+    assert replayed == filed == live
+    assert replayed["cloud"] == ("fused" if fused else "single pairs")
+    for name in ("cloud.pcd", "cloud.npz"):
+        save_cloud(tmp_path / name, cloud)
+        assert to_dict(score_files(ScoreInputs.of(tmp_path / name, source.path), ScoreConfig()))["map"] == replayed
