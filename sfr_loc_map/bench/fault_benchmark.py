@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from sfr_loc_map.bench.figures import JsonObject
+from sfr_loc_map.bench.honesty import LIMIT, Honesty, StatedErrors, stated_errors
 from sfr_loc_map.bench.results import SCHEMA
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -41,6 +42,18 @@ FAULTS: Final = (
     "roll:amount=0.1",
     "pitch:amount=0.06",
     "yaw:amount=0.03",
+    "drift",
+    "start",
+    "fade",
+    "frozen",
+    "frozen:camera=right",
+    "torn",
+    "identical",
+    "saturation:share=0.3",
+    "body",
+    "object:share=0.2",
+    "dirt",
+    "shadow",
 )
 """Faults of real rovers; 0.06 deg of rotation of the right camera is about half a pixel at 512 px and 60 deg."""
 JUMP_SIGMA: Final = 3.0
@@ -61,6 +74,7 @@ class FaultFigures:
         largest_jump_sigma: Largest such error over that standard deviation.
         vertical_offset_px: Vertical disparity at the end, as the online calibration estimates it.
         disparity_offset_px: Disparity offset at the end, likewise.
+        stated: Errors of single poses over what is stated.
     """
 
     pairs: int
@@ -72,6 +86,13 @@ class FaultFigures:
     largest_jump_sigma: float | None
     vertical_offset_px: float | None
     disparity_offset_px: float | None
+    stated: StatedErrors
+
+    def to_json(self) -> JsonObject:
+        """Return the JSON object."""
+        figures: JsonObject = asdict(self)
+        del figures["stated"]
+        return figures | asdict(self.stated) | {"honesty": self.stated.honesty.value}
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +111,14 @@ class FaultComparison:
 
     def to_json(self) -> JsonObject:
         """Return the JSON object."""
-        entries = {name: asdict(figures) for name, figures in self.entries.items()}
+        entries = {name: figures.to_json() for name, figures in self.entries.items()}
         head: JsonObject = {"schema": SCHEMA, "kind": "faults", "condition": self.condition, "seed": self.seed}
-        return head | {"entries": entries, "missing": {}}
+        return head | {"limit": LIMIT, "entries": entries, "missing": {}}
+
+    @property
+    def silent(self) -> list[str]:
+        """Faults with a pair beyond the limit that was called tracking."""
+        return [name for name, figures in self.entries.items() if figures.stated.honesty is Honesty.SILENT]
 
 
 def benchmark_faults(
@@ -134,19 +160,20 @@ def fault_figures(
     assert truth is not None
     lost = [estimate.state is TrackingState.LOST for estimate in estimates]
     known = [estimate for estimate, gone in zip(estimates, lost, strict=True) if not gone]
-    scored = score_trajectory(Estimates.of(trajectory_of(known)), truth, scoring).score.first
+    scored = score_trajectory(Estimates.of(trajectory_of(known)), truth, scoring).score.first if known else None
     jumps = jump_sigmas(known, truth)
     last = estimates[-1].statistics
     return FaultFigures(
         pairs=len(estimates),
-        position_m=scored.position_m.mean_plus_3sigma,
-        heading_deg=scored.heading_deg.mean_plus_3sigma,
+        position_m=None if scored is None else scored.position_m.mean_plus_3sigma,
+        heading_deg=None if scored is None else scored.heading_deg.mean_plus_3sigma,
         lost=sum(lost),
         longest_lost=max((len(list(run)) for gone, run in groupby(lost) if gone), default=0),
         silent_jumps=int(np.count_nonzero(jumps > JUMP_SIGMA)),
         largest_jump_sigma=float(jumps.max()) if len(jumps) else None,
         vertical_offset_px=last.vertical_offset_px,
         disparity_offset_px=last.disparity_offset_px,
+        stated=stated_errors(estimates, truth),
     )
 
 

@@ -57,13 +57,31 @@ FAULTS = (
     Figure("pairs", NONE, ("pairs",)),
     Figure("position", MILLIMETRE, ("position_m",)),
     Figure("heading", DEGREE, ("heading_deg",)),
+    Figure("tracking", NONE, ("tracking",)),
+    Figure("degraded", NONE, ("degraded",)),
     Figure("lost", NONE, ("lost",)),
-    Figure("longest", NONE, ("longest_lost",)),
-    Figure("silent jumps", NONE, ("silent_jumps",)),
-    Figure("largest step error / sigma", NONE, ("largest_jump_sigma",)),
+    Figure("position error / 3 sigma", NONE, ("position_ratio",)),
+    Figure("attitude error / 3 sigma", NONE, ("attitude_ratio",)),
+    Figure("beyond 5 times", PERCENT, ("beyond_share",)),
     Figure("vertical disparity", PIXEL, ("vertical_offset_px",)),
     Figure("disparity bias", PIXEL, ("disparity_offset_px",)),
 )
+CAMPAIGN = (
+    Figure("drives", NONE, ("drives",)),
+    Figure("silent", NONE, ("silent",)),
+    Figure("said", NONE, ("said",)),
+    Figure("stated", NONE, ("stated",)),
+    Figure("tracking pairs", NONE, ("tracking_pairs",)),
+    Figure("degraded pairs", NONE, ("degraded_pairs",)),
+    Figure("lost pairs", NONE, ("lost_pairs",)),
+    Figure("largest error / 3 sigma", NONE, ("worst_ratio",)),
+)
+DRIVES = (
+    Figure("pairs", NONE, ("pairs",)),
+    *FAULTS[3:9],
+    Figure("largest error", MILLIMETRE, ("largest_error_m",)),
+)
+WORST_DRIVES = 15
 SCORE = (
     Figure("sub-trajectories of 5 m", NONE, ("sub_trajectories_of_5_m",)),
     Figure("time", SECOND, ("time_s", "wall")),
@@ -78,8 +96,10 @@ def benchmark_tables(result: Json) -> list[Table]:
         title = f"Score of {result['poses']} poses, reading included; host times"
         return [_table("score", title, result, SCORE, word="what")]
     if result["kind"] == "faults":
-        title = f"Localisation with faults, {result['condition']}: mean + 3 sigma"
-        return [_table("faults", title, result, FAULTS, word="fault")]
+        title = f"Localisation with faults, {result['condition']}: mean + 3 sigma; largest errors of tracking pairs"
+        return [_table("faults", title, result, FAULTS, word="honesty")]
+    if result["kind"] == "fault-campaign":
+        return _campaign_tables(result)
     tables = []
     for size in result["sizes"]:
         tables += _localise_tables(result, size) if result["kind"] == "localise" else _map_tables(size)
@@ -97,6 +117,19 @@ def _localise_tables(result: Json, size: Json) -> list[Table]:
             errors.append(Figure(f"{condition} {name}", unit, ("accuracy", condition, key)))
     title = f"Localisation, {size['width']} x {size['height']}: mean + 3 sigma; host times"
     return [_table("localise", title, size, (*errors, Figure("lost", NONE, ("lost",)), *COSTS))]
+
+
+def _campaign_tables(result: Json) -> list[Table]:
+    title = "Drives with random faults; silent: a tracking pair beyond 5 times its stated 3 sigma"
+    worst = {
+        f"{drive['source']} {drive['first']}: {drive['faults']}, seed {drive['seed']}": drive
+        for drive in result["drives"][:WORST_DRIVES]
+    }
+    listed = {"entries": worst}
+    return [
+        _table("campaign", title, result, CAMPAIGN),
+        _table("drives", "Drives with the largest errors over the stated 3 sigma", listed, DRIVES, word="honesty"),
+    ]
 
 
 def _map_tables(size: Json) -> list[Table]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import help_without_command
+from sfr_loc_map.cli import bench_faults
+from sfr_loc_map.cli.bench_common import app, present
 from sfr_loc_map.cli.common import (
     ConditionOption,
     ConfigOption,
@@ -18,11 +19,9 @@ from sfr_loc_map.cli.common import (
     progress_bar,
     read_config,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, check_json, show
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.cli.output import JsonOption, check_json
 
-app = typer.Typer(help="Benchmarks beside other tools: same input, same run, own processes.")
-app.callback(invoke_without_command=True)(help_without_command)
+assert bench_faults  # its import adds `sfr bench faults`
 
 PeerPythonOption = Annotated[
     Path | None, typer.Option("--peer-python", help="Interpreter that has the optional reference methods.")
@@ -69,7 +68,7 @@ def localise(
     with progress_bar("calls") as bar:
         task = bar.add_task("measuring", total=len(sequence) * len(methods.present) * repeat * sizes)
         result = benchmark_localisation(sequence, parameters, methods, settings, lambda name: bar.advance(task))
-    _present({"source": str(source)} | result.to_json(), json_path)
+    present({"source": str(source)} | result.to_json(), json_path)
 
 
 @app.command(name="map")
@@ -96,7 +95,7 @@ def map_(
         result = benchmark_mapping(
             sequence, parameters, methods, repeat=repeat, sizes=sizes, progress=lambda name: bar.advance(task)
         )
-    _present({"source": str(source)} | result.to_json(), json_path)
+    present({"source": str(source)} | result.to_json(), json_path)
 
 
 @app.command()
@@ -118,51 +117,4 @@ def score(
         result = benchmark_score(
             poses, peer_python, repeat=repeat, all_pairs=all_pairs, progress=lambda name: bar.advance(task)
         )
-    _present(result.to_json(), json_path)
-
-
-@app.command()
-def faults(
-    source: SourceArgument,
-    fault: Annotated[
-        list[str] | None,
-        typer.Option("--fault", help="As for `sfr perturb`, several joined by +; repeatable. Default: common faults."),
-    ] = None,
-    condition: Annotated[str, typer.Option("--condition", help="End of a sub-trajectory.")] = "distance=5",
-    spacing: SpacingOption = 10,
-    seed: Annotated[int, typer.Option(min=0, help="Seed that selects the affected pairs.")] = 0,
-    json_path: JsonOption = None,
-    config: ConfigOption = None,
-    remap: RemapOption = None,
-) -> None:
-    """Our localiser on a drive with one fault at a time: errors, lost pairs, silent jumps."""
-    from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
-    from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-
-    check_json(json_path)
-    parameters = read_config(LocalisationConfig, config, "localisation")
-    sequence = open_drive(source, remap)
-    if sequence.ground_truth is None:
-        raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
-    wanted = tuple(fault) if fault else FAULTS
-    with progress_bar("faults") as bar:
-        task = bar.add_task("localising", total=len(wanted) + 1)
-        scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
-        result = benchmark_faults(sequence, wanted, parameters, scoring, seed, lambda name: bar.advance(task))
-    _present({"source": str(source)} | result.to_json(), json_path)
-
-
-def _present(result: dict[str, Any], json_path: str | None) -> None:
-    """Print tables, reference methods left out and failures, and write the JSON; with `--json -` the JSON alone."""
-    from sfr_loc_map.bench.tables import benchmark_tables
-    from sfr_loc_map.metrics.records.json_records import json_line
-
-    show(json_line(result), json_path, benchmark_tables(result))
-    if json_path == STANDARD_OUTPUT:
-        return
-    for name, reason in result["missing"].items():
-        typer.echo(f"left out: {name}: {reason}")
-    for part in (result, *result.get("sizes", ())):
-        for name, reason in part.get("failed", {}).items():
-            typer.echo(f"failed: {name}: {reason}")
+    present(result.to_json(), json_path)

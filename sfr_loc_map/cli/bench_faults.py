@@ -1,0 +1,134 @@
+"""`sfr bench faults`: does the localiser ever give a wrong pose without saying so."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sfr_loc_map.cli.bench_common import app, present
+from sfr_loc_map.cli.common import ConfigOption, RemapOption, open_drive, progress_bar, read_config
+from sfr_loc_map.cli.output import JsonOption, check_json, check_output
+from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
+
+if TYPE_CHECKING:
+    from sfr_loc_map.io.sequence import LocSequence
+
+SourcesArgument = Annotated[
+    list[Path], typer.Argument(metavar="SRC...", help="Drives with ground truth; more than one only with --random.")
+]
+
+
+@app.command()
+def faults(
+    sources: SourcesArgument,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option("--fault", help="As for `sfr perturb`, several joined by +; repeatable. Default: common faults."),
+    ] = None,
+    random: Annotated[
+        int | None, typer.Option("--random", min=1, help="This many drives with random faults, over all sources.")
+    ] = None,
+    pairs: Annotated[int, typer.Option(min=10, help="Most pairs of a drive with random faults.")] = 100,
+    condition: Annotated[str, typer.Option("--condition", help="End of a sub-trajectory.")] = "distance=5",
+    spacing: Annotated[int, typer.Option(min=1, help="Frames from one start to the next.")] = 10,
+    seed: Annotated[int, typer.Option(min=0, help="Seed that selects the affected pairs.")] = 0,
+    json_path: JsonOption = None,
+    markdown_path: Annotated[Path | None, typer.Option("--markdown", help="The tables as Markdown.")] = None,
+    config: ConfigOption = None,
+    remap: RemapOption = None,
+) -> None:
+    """Our localiser on drives with faults: errors beside stated sigmas; exit 1 if one is wrong without saying so."""
+    check_json(json_path)
+    check_output(markdown_path)
+    if random is not None and fault:
+        raise ConfigError("--random draws the faults: leave out --fault")
+    if random is None and len(sources) > 1:
+        raise ConfigError(f"{len(sources)} sources: give one, or --random N for random faults over all of them")
+    drives = {str(source): _with_truth(source, remap) for source in sources}
+    if random is not None:
+        _run_random(drives, random, seed, pairs, (json_path, markdown_path), config)
+    else:
+        _run_each(drives, tuple(fault or ()), (condition, spacing, seed), (json_path, markdown_path), config)
+
+
+def _run_each(
+    drives: dict[str, LocSequence],
+    fault: tuple[str, ...],
+    scoring: tuple[str, int, int],
+    outputs: tuple[str | None, Path | None],
+    config: Path | None,
+) -> None:
+    """Run one drive with one fault at a time; scoring: condition, spacing, seed."""
+    from sfr_loc_map.bench.fault_benchmark import FAULTS, benchmark_faults
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+
+    parameters = read_config(LocalisationConfig, config, "localisation")
+    ((name, sequence),) = drives.items()
+    condition, spacing, seed = scoring
+    wanted = fault or FAULTS
+    with progress_bar("faults") as bar:
+        task = bar.add_task("localising", total=len(wanted) + 1)
+        score_config = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
+        result = benchmark_faults(sequence, wanted, parameters, score_config, seed, lambda name: bar.advance(task))
+    present({"source": name} | result.to_json(), *outputs)
+    _judge(result.silent)
+
+
+def _run_random(
+    drives: dict[str, LocSequence],
+    count: int,
+    seed: int,
+    pairs: int,
+    outputs: tuple[str | None, Path | None],
+    config: Path | None,
+) -> None:
+    """Run many drives with random faults; interrupted, show what was finished."""
+    from sfr_loc_map.bench.fault_campaign import FaultCampaign, plan_drives, run_campaign
+    from sfr_loc_map.localisation.config import LocalisationConfig
+
+    parameters = read_config(LocalisationConfig, config, "localisation")
+    plans, outcomes = plan_drives(drives, count, seed, pairs), []
+    interrupted = False
+    with progress_bar("drives") as bar:
+        task = bar.add_task("localising", total=len(plans))
+        report = _reporter(len(plans))
+        try:
+            for outcome in run_campaign(drives, plans, parameters):
+                outcomes.append(outcome)
+                bar.advance(task)
+                report(len(outcomes))
+        except KeyboardInterrupt:
+            interrupted = True
+    campaign = FaultCampaign(seed, outcomes)
+    present({"sources": list(drives)} | campaign.to_json(), *outputs)
+    if interrupted:
+        raise KeyboardInterrupt
+    _judge([f"{outcome.plan.source}: {outcome.plan.faults}" for outcome in campaign.silent])
+
+
+def _with_truth(source: Path, remap: list[str] | None) -> LocSequence:
+    sequence = open_drive(source, remap)
+    if sequence.ground_truth is None:
+        raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
+    return sequence
+
+
+def _reporter(total: int) -> Callable[[int], None]:
+    """Return what says each tenth on standard error where no progress bar is drawn."""
+
+    def report(done: int) -> None:
+        if not sys.stderr.isatty() and done * 10 // total > (done - 1) * 10 // total:
+            typer.echo(f"{done} of {total} drives", err=True)
+
+    return report
+
+
+def _judge(silent: list[str]) -> None:
+    if silent:
+        shown = ", ".join(silent[:5]) + (f" and {len(silent) - 5} more" if len(silent) > 5 else "")
+        raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {shown}")
