@@ -19,7 +19,32 @@ class TrackingState(StrEnum):
 
     INITIALISING = "initialising"
     TRACKING = "tracking"
+    DEGRADED = "degraded"
+    """A pose with an honest, larger covariance, for a reason."""
     LOST = "lost"
+
+
+class StateReason(StrEnum):
+    """Why a pose is degraded or lost."""
+
+    UNSEEN_MOTION = "unseen_motion"
+    """The images of a stretch before this pair showed nothing, or nothing that was known."""
+    REPEATED_IMAGES = "repeated_images"
+    """One or both images are those of the pair before."""
+    UNTEXTURED_IMAGES = "untextured_images"
+    """An image shows nothing: black, white, blinded."""
+    TORN_IMAGES = "torn_images"
+    """Parts of the images are of different moments."""
+    NO_STEREO = "no_stereo"
+    """The two images are no stereo pair of the rig: equal, swapped, or of different moments."""
+    FEW_LANDMARKS = "few_landmarks"
+    """Too few landmarks were found again, or they do not agree on a pose."""
+    MOVING_REGIONS = "moving_regions"
+    """Large parts of the images do not move with the ground."""
+    CALIBRATION_DRIFT = "calibration_drift"
+    """The right camera moves against the left one."""
+    IMPLAUSIBLE_MOTION = "implausible_motion"
+    """The pose that was found is not finite, or no rover moves like that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +61,7 @@ class TrackingStatistics:
         disparity_offset_px: Error of all disparities, pixels (yawed); 0 while it is not significant.
         roll_offset_px: Vertical disparity at a distance of the focal length beside the image centre (rolled), pixels.
         repeated: 1 where both images equal those of the pair before.
+        masked_share: Share of the image that is left out because it does not move with the ground.
     """
 
     features: int | None = None
@@ -47,6 +73,7 @@ class TrackingStatistics:
     disparity_offset_px: float | None = None
     roll_offset_px: float | None = None
     repeated: int | None = None
+    masked_share: float | None = None
 
     def as_dict(self) -> dict[str, float]:
         """Return the figures that the call has, by name."""
@@ -67,6 +94,7 @@ class PoseEstimate:
         statistics: Figures of this call.
         stage_s: Seconds of each stage by name, read-only: `wait` for the keyframe of the call before, which took
             `keyframe` in the background; `pyramid`, `align`, `refine`, and `relocate` where tracking failed.
+        reason: Why the state is degraded or lost, None otherwise.
     """
 
     stamp_ns: int
@@ -75,10 +103,16 @@ class PoseEstimate:
     state: TrackingState
     statistics: TrackingStatistics = TrackingStatistics()
     stage_s: Mapping[str, float] = field(default_factory=dict)
+    reason: StateReason | None = None
 
     def __post_init__(self) -> None:
         """Keep the stage times as they are now, whatever the timer adds later."""
         object.__setattr__(self, "stage_s", MappingProxyType(dict(self.stage_s)))
+
+    @property
+    def reason_text(self) -> str:
+        """The reason in one word, empty without one."""
+        return "" if self.reason is None else self.reason.value
 
     @property
     def figures(self) -> dict[str, float]:

@@ -17,6 +17,7 @@ NOT_FOUND = (150, 150, 150)
 STATES = {
     TrackingState.INITIALISING: (0, 190, 255),
     TrackingState.TRACKING: (120, 220, 120),
+    TrackingState.DEGRADED: (0, 215, 255),
     TrackingState.LOST: (60, 60, 255),
 }
 FIGURES = {"inliers": "in", "features": "of", "keyframes": "kf", "chi_median": "chi", "residual_px": "px"}
@@ -81,4 +82,5 @@ def _fixed(uv: FloatArray) -> tuple[int, int]:
 def _caption(estimate: PoseEstimate) -> str:
     statistics = estimate.statistics.as_dict()
     figures = [f"{word} {statistics[name]:.3g}" for name, word in FIGURES.items() if name in statistics]
-    return "  ".join([f"{estimate.stamp_ns / 1e9:.3f} s", estimate.state.value, *figures])
+    state = " ".join(filter(None, (estimate.state.value, estimate.reason_text)))
+    return "  ".join([f"{estimate.stamp_ns / 1e9:.3f} s", state, *figures])

@@ -47,6 +47,7 @@ DEBUG_DEPTH = 2
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,
+    TrackingState.DEGRADED: Level.WARN,
     TrackingState.LOST: Level.ERROR,
 }
 
@@ -224,7 +225,9 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
         times = latencies(received.times, pair.stamp_ns, time.time_ns(), now_ns) | {"conversion_s": conversion_s}
         statistics = estimate.figures | ({} if motion is None else {"motion_prior": 1.0})
         level = LEVELS[estimate.state]
-        call = Call(estimate.stamp_ns, usage, estimate.state.value, level, statistics, times)
+        call = Call(
+            estimate.stamp_ns, usage, estimate.state.value, level, statistics, times, reason=estimate.reason_text
+        )
         self.status.note_call(call, self._calls.publish(call, self.counts()))
 
     def _count_unprocessed(self) -> None:

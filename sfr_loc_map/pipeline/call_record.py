@@ -15,11 +15,12 @@ class CallRecord:
     Attributes:
         stamp_ns: Stamp of the pair.
         processing_time_s: Wall-clock time of the call on this host.
-        state: State after the call: initialising, tracking, lost; mapped, fused.
+        state: State after the call: initialising, tracking, degraded, lost; mapped, fused.
         peak_rss_bytes: Peak resident memory of the process during the call, None where it cannot be measured.
         above_idle_bytes: The same above the idle process, None where it cannot be measured.
         statistics: Figures of the call by name.
         covariance: `(6, 6)` of the pose (ROS order), None for mapping.
+        reason: Why it is degraded or lost, in one word; empty otherwise.
     """
 
     stamp_ns: int
@@ -29,3 +30,4 @@ class CallRecord:
     above_idle_bytes: int | None
     statistics: Mapping[str, float] = field(default_factory=dict)
     covariance: FloatArray | None = None
+    reason: str = ""

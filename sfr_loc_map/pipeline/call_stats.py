@@ -10,6 +10,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.resource_score import Calls, stage_of
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), strict=True))
@@ -29,8 +30,15 @@ class CallStats:
 
     def lost_at(self, stamps_ns: IntArray) -> Mask:
         """Return for each stamp whether the state of its call is lost."""
+        return self._state_at(stamps_ns, TrackingState.LOST)
+
+    def degraded_at(self, stamps_ns: IntArray) -> Mask:
+        """Return for each stamp whether the state of its call is degraded."""
+        return self._state_at(stamps_ns, TrackingState.DEGRADED)
+
+    def _state_at(self, stamps_ns: IntArray, state: str) -> Mask:
         states = dict(zip(self.calls.stamps_ns.tolist(), self.calls.states, strict=True))
-        return np.array([states.get(stamp) == "lost" for stamp in stamps_ns.tolist()], np.bool_)
+        return np.array([states.get(stamp) == state for stamp in stamps_ns.tolist()], np.bool_)
 
     def covariance_at(self, stamps_ns: IntArray) -> FloatArray | None:
         """Return the covariance `(N, 21)` of each stamp, NaN where there is none; None if the file has none."""

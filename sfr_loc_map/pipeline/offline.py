@@ -64,6 +64,7 @@ def localise(
                 call.above_idle_bytes,
                 estimate.figures,
                 estimate.covariance,
+                estimate.reason_text,
             ),
         )
 
@@ -143,13 +144,13 @@ def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
 
 
 def save_stats(path: Path, records: list[CallRecord]) -> None:
-    """Write one row a call: costs, state, statistics, and the upper triangle of the covariance where there is one."""
+    """Write one row a call: costs, state, reason, statistics, upper triangle of the covariance where there is one."""
     names = sorted({name for record in records for name in record.statistics})
     with_covariance = any(record.covariance is not None for record in records)
     covariance_names = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)] if with_covariance else []
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        header = ["stamp_ns", "processing_time_s", "state", "peak_rss_bytes", "above_idle_bytes"]
+        header = ["stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes"]
         writer.writerow([*header, *names, *covariance_names])
         writer.writerows(_stats_row(record, names) for record in records)
 
@@ -162,6 +163,7 @@ def _stats_row(record: CallRecord, names: list[str]) -> list[str | int]:
         record.stamp_ns,
         repr(record.processing_time_s),
         record.state,
+        record.reason,
         *("" if item is None else item for item in memory),
         *("" if value is None else repr(float(value)) for value in statistics),
         *map(repr, covariance),

@@ -73,7 +73,8 @@ def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
     for item in stats:
         if stamps & set(item.calls.stamps_ns.tolist()):
             stamps_ns = trajectory.stamps_ns
-            return Estimates.of(trajectory, item.lost_at(stamps_ns), item.covariance_at(stamps_ns))
+            states = item.lost_at(stamps_ns), item.degraded_at(stamps_ns)
+            return Estimates.of(trajectory, *states, item.covariance_at(stamps_ns))
     return Estimates.of(trajectory)
 
 
@@ -90,7 +91,8 @@ def _bag_estimates(path: Path) -> Estimates:
     odometry = read_odometry(bag, topic)
     trajectory, covariance = odometry.trajectory, odometry.covariance[:, *UPPER]
     known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan)
-    return Estimates.of(trajectory, lost_by_covariance(covariance), known if covariance.any() else None)
+    lost = lost_by_covariance(covariance)
+    return Estimates.of(trajectory, lost, covariance=known if covariance.any() else None)
 
 
 def load_truth(path: Path) -> Trajectory:

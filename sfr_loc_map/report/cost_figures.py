@@ -16,6 +16,7 @@ from sfr_loc_map.tables.numbers import MIB
 STATES = {
     "initialising": ("@two", "diamond"),
     "tracking": ("@one", "circle"),
+    "degraded": ("@three", "triangle-up"),
     "lost": ("@bad", "x"),
     "mapped": ("@one", "circle"),
     "fused": ("@three", "square"),

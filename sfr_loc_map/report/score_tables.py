@@ -130,5 +130,5 @@ def frames_text(score: Score) -> str:
     part = score.trajectory
     if part is None:
         return ""
-    frames = f"{part.matched} frames of {part.estimate_poses} estimates, {part.lost} lost"
+    frames = f"{part.matched} frames of {part.estimate_poses} estimates, {part.lost} lost, {part.degraded} degraded"
     return f"{frames}; re-based by {part.first.rebase}. "

@@ -55,9 +55,13 @@ def _top_view(path: PathRows, parts: list[Part]) -> Plot:
         data.append(line(name, drawn, "@two", dash="dot", width=1.5, hoverinfo="skip"))
     if path.sigma_x_m:
         data.append(_covariances(path, drawn, factor))
-    lost = [k for k, value in enumerate(path.lost) if value]
-    if lost:
-        data.append(marks("lost", [[column[k] for k in lost] for column in estimate], "@bad", symbol="x", size=8))
+    for name, flags, colour, symbol in (
+        ("degraded", path.degraded, "@three", "triangle-up"),
+        ("lost", path.lost, "@bad", "x"),
+    ):
+        rows = [k for k, value in enumerate(flags) if value]
+        if rows:
+            data.append(marks(name, [[column[k] for k in rows] for column in estimate], colour, symbol=symbol, size=8))
     if parts:
         data.append(_ends(path, parts[0]))
     data.append(line("chosen sub-trajectory", ([], []), "@chosen", width=7, opacity=0.5, hoverinfo="skip"))

@@ -106,6 +106,7 @@ def association_table(score: Score) -> Table | None:
         ("true poses", counts.truth_poses, f"{key}.truth_poses"),
         ("frames: estimates with a truth", part.matched, "trajectory.matched"),
         ("of them marked lost (scored with the last pose)", part.lost, "trajectory.lost"),
+        ("of them degraded (a pose in doubt)", part.degraded, "trajectory.degraded"),
         ("truth of the very stamp", counts.exact, f"{key}.exact"),
         (f"truth within {tolerance} s", counts.near, f"{key}.near"),
         (f"truth interpolated, in gaps up to {gap} s", counts.interpolated, f"{key}.interpolated"),

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, TrackingStatistics, lost_covariance
+from sfr_loc_map.localisation.estimate import (
+    PoseEstimate,
+    StateReason,
+    TrackingState,
+    TrackingStatistics,
+    lost_covariance,
+)
 
 
 def estimate(**parts: object) -> PoseEstimate:
@@ -36,3 +42,8 @@ def test_stage_times_are_a_copy_and_read_only() -> None:
 
 def test_a_lost_pose_has_a_variance_of_9999() -> None:
     np.testing.assert_array_equal(lost_covariance(), 9999.0 * np.eye(6))
+
+
+def test_a_state_gives_its_reason_in_a_word() -> None:
+    assert estimate().reason_text == ""
+    assert estimate(reason=StateReason.UNSEEN_MOTION).reason_text == "unseen_motion"

@@ -49,7 +49,7 @@ def odometry(frames: int, seed: int, *, offset: bool = False) -> tuple[Trajector
 
 def nees(truth: Trajectory, estimate: Trajectory, covariance: Any) -> Any:
     config = TrajectoryScoreConfig(conditions=("distance=2",))
-    return score_trajectory(Estimates.of(estimate, None, covariance), truth, config).score.first.nees
+    return score_trajectory(Estimates.of(estimate, covariance=covariance), truth, config).score.first.nees
 
 
 @pytest.mark.slow

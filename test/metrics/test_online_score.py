@@ -126,9 +126,26 @@ def test_live_equals_offline_with_covariances_and_lost_stretches() -> None:
         score.add_estimate(int(estimate[0][k]), estimate[1][k], estimate[2][k], covariance[k], bool(lost[k]))
         score.add_truth(int(truth[0][k]), truth[1][k], truth[2][k])
     upper = covariance[:, *np.triu_indices(6)]
-    whole = score_trajectory(Estimates.of(trajectory(estimate), lost, upper), trajectory(truth), CONFIG)
+    whole = score_trajectory(Estimates.of(trajectory(estimate), lost, covariance=upper), trajectory(truth), CONFIG)
     assert as_json(score.result()) == as_json(whole)
     assert whole.score.lost == 60
     assert whole.score.first.nees is not None
     assert whole.details is not None
     assert len(whole.details.path.sigma_x_m) == 600
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+def test_live_equals_offline_with_degraded_poses(*, ahead: bool) -> None:
+    truth, estimate = drive(15, 400)
+    degraded = np.random.default_rng(15).random(400) < 0.1
+    score = LiveTrajectoryScore(CONFIG)
+    for k in range(400):
+        if degraded[k] and ahead:
+            score.note_degraded(int(estimate[0][k]))
+        score.add_estimate(int(estimate[0][k]), estimate[1][k], estimate[2][k])
+        score.add_truth(int(truth[0][k]), truth[1][k], truth[2][k])
+        if degraded[k] and not ahead:
+            score.note_degraded(int(estimate[0][k]))
+    offline_score = score_trajectory(Estimates.of(trajectory(estimate), None, degraded), trajectory(truth), CONFIG)
+    assert score.result().score == offline_score.score
+    assert offline_score.score.degraded == np.count_nonzero(degraded)

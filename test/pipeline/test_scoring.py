@@ -78,15 +78,16 @@ def test_exit_code_is_the_verdict(
     assert score["trajectory"]["condition"] == {"distance_m": 5.0}
 
 
-def test_statistics_bring_lost_flags_times_and_memory(
+def test_statistics_bring_states_times_and_memory(
     files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stats = tmp_path / "stats.csv"
-    lines = ["stamp_ns,processing_time_s,state,peak_rss_bytes"]
-    lines += [f"{k * 100_000_000},0.0{k % 3 + 1},{'lost' if 50 <= k < 60 else 'tracking'},1000" for k in range(300)]
+    lines = ["stamp_ns,processing_time_s,state,reason,peak_rss_bytes"]
+    states = ["lost,few_landmarks"] * 10 + ["degraded,unseen_motion"] * 3 + ["tracking,"] * 287
+    lines += [f"{k * 100_000_000},0.0{k % 3 + 1},{state},1000" for k, state in enumerate(states)]
     stats.write_text("\n".join(lines) + "\n")
     score = scored(monkeypatch, tmp_path, *files, "--stats", stats)
-    assert score["trajectory"]["lost"] == 10
+    assert (score["trajectory"]["lost"], score["trajectory"]["degraded"]) == (10, 3)
     assert score["timing"]["localisation_s"]["max"] == 0.03
     assert score["memory"]["localisation_peak_bytes"] == 1000
     assert score["memory"]["localisation_above_idle_bytes"] is None

@@ -44,7 +44,9 @@ def drive(frames: int) -> tuple[Estimates, Trajectory]:
     covariance[:, [0, 6, 11, 15, 18, 20]] = 1e-6 * np.arange(1, frames + 1)[:, None]
     lost = np.zeros(frames, np.bool_)
     lost[frames // 2 : frames // 2 + 3] = True
-    return Estimates.of(Trajectory(stamps, truth + wander, quats), lost, covariance), Trajectory(stamps, truth, quats)
+    return Estimates.of(Trajectory(stamps, truth + wander, quats), lost, covariance=covariance), Trajectory(
+        stamps, truth, quats
+    )
 
 
 def calls(frames: int, pairs: int) -> Calls:

@@ -34,7 +34,7 @@ class Calls:
     Attributes:
         stamps_ns: `(N,)` int64, stamp of the pair.
         seconds: `(N,)` float64, wall-clock time, NaN where not measured.
-        states: `(N,)` state of each call: initialising, tracking, lost; mapped, fused.
+        states: `(N,)` state of each call: initialising, tracking, degraded, lost; mapped, fused.
         peak_bytes: `(N,)` float64, peak resident memory, NaN where not measured.
         above_idle_bytes: `(N,)` float64, the same above the idle process.
         stage_s: `(N,)` float64 by name, time of each stage, NaN where a call had none of that name.

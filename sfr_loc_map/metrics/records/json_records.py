@@ -2,8 +2,9 @@
 
 The type of a field is the only declaration. A field is written under its own name or the one given by `Key`; a field
 annotated with `Inline` is written into the object of its owner. A field whose default is None or empty is left out
-while it has that value, every other field is always written, None as null. Numbers that are not finite are undefined:
-null. A class with methods `to_plain` and `from_plain` writes and reads itself; `object` stands for any JSON.
+while it has that value, every other field is always written, None as null. A field with any default may be absent:
+files of versions that did not have it are read. Numbers that are not finite are undefined: null. A class with methods
+`to_plain` and `from_plain` writes and reads itself; `object` stands for any JSON.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ class _Field:
     name: str
     key: str
     inline: Inline | None
-    optional: bool
+    left_out_if_empty: bool
+    has_default: bool
     record: type | None
     decode: Decode
 
@@ -59,7 +61,7 @@ class _Field:
 
     def left_out_of(self, content: Mapping[str, Any]) -> bool:
         """Tell whether the field has its default because no key of it is there."""
-        return self.optional and not any(key in content for key in self.names())
+        return self.has_default and not any(key in content for key in self.names())
 
 
 def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
@@ -100,7 +102,7 @@ def _record_to_plain(record: Any) -> dict[str, Any]:  # noqa: ANN401 - any datac
     plain: dict[str, Any] = {}
     for item in _fields_of(cast(Any, type(record))):
         value = getattr(record, item.name)
-        if item.optional and (value is None or (isinstance(value, (tuple, Mapping)) and not value)):
+        if item.left_out_if_empty and (value is None or (isinstance(value, (tuple, Mapping)) and not value)):
             continue
         if item.inline is None:
             plain[item.key] = to_plain(value)
@@ -112,7 +114,7 @@ def _record_to_plain(record: Any) -> dict[str, Any]:  # noqa: ANN401 - any datac
 @cache
 def _fields_of(record: type) -> tuple[_Field, ...]:
     hints = get_type_hints(record, include_extras=True)
-    return tuple(_field(item.name, hints[item.name], _omitted(item)) for item in fields(record))
+    return tuple(_field(item, hints[item.name]) for item in fields(record))
 
 
 def _omitted(item: Any) -> bool:  # noqa: ANN401 - dataclasses.Field of any type
@@ -120,12 +122,15 @@ def _omitted(item: Any) -> bool:  # noqa: ANN401 - dataclasses.Field of any type
     return item.default is None or item.default == () or item.default_factory is not MISSING
 
 
-def _field(name: str, hint: Any, optional: bool) -> _Field:  # noqa: ANN401 - any type expression
+def _field(item: Any, hint: Any) -> _Field:  # noqa: ANN401 - dataclasses.Field of any type, any type expression
     kind, notes = (get_args(hint)[0], get_args(hint)[1:]) if get_origin(hint) is Annotated else (hint, ())
     keys = [note.name for note in notes if isinstance(note, Key)]
     inline = next((note for note in notes if isinstance(note, Inline)), None)
     record = next((part for part in (kind, *get_args(kind)) if is_dataclass(part)), None)
-    return _Field(name, keys[0] if keys else name, inline, optional, cast("type | None", record), _decoder(kind))
+    omitted = _omitted(item)
+    has_default = omitted or item.default is not MISSING
+    key = keys[0] if keys else item.name
+    return _Field(item.name, key, inline, omitted, has_default, cast("type | None", record), _decoder(kind))
 
 
 @cache

@@ -99,6 +99,7 @@ class PathRows:
         estimate_y_m: Estimated position.
         estimate_z_m: Estimated position.
         lost: Whether the localiser was lost.
+        degraded: Whether it had a reason to doubt the pose; empty in scores that do not know.
         sigma_x_m: Sigma of x by the covariance published; empty where none was.
         sigma_y_m: Sigma of y.
         sigma_z_m: Sigma of z.
@@ -114,6 +115,7 @@ class PathRows:
     estimate_y_m: Column
     estimate_z_m: Column
     lost: tuple[bool, ...]
+    degraded: tuple[bool, ...] = ()
     sigma_x_m: Column = ()
     sigma_y_m: Column = ()
     sigma_z_m: Column = ()

@@ -133,6 +133,7 @@ class AssociationCounts:
         near: Frames whose stamps differ within the tolerance.
         interpolated: Frames with interpolated truth.
         lost: Frames at which the localiser was lost.
+        degraded: Frames at which it gave a pose that it has a reason to doubt.
         largest_difference_ns: Of stamps of one frame.
         largest_gap_ns: Of the truth interpolated.
     """
@@ -148,6 +149,7 @@ class AssociationCounts:
     near: int = 0
     interpolated: int = 0
     lost: int = 0
+    degraded: int = 0
     largest_difference_ns: int = 0
     largest_gap_ns: int = 0
 
@@ -190,6 +192,7 @@ class TrajectoryScore:
         matched: Frames: poses of the truth that have an estimate.
         estimate_poses: Estimates given.
         lost: Frames at which the localiser was lost: they count like any other.
+        degraded: Frames at which it gave a pose that it has a reason to doubt: they count like any other.
         path_length_m: Length of the truth's path over the frames.
         duration_s: From the first to the last frame.
         discarded_starts: Starts that waited for their end through too many others.
@@ -202,6 +205,7 @@ class TrajectoryScore:
     matched: int
     estimate_poses: int
     lost: int
+    degraded: int = 0
     path_length_m: float
     duration_s: float | None
     discarded_starts: Annotated[int, Key("starts_given_up")]

@@ -47,12 +47,14 @@ class Estimates:
     Attributes:
         trajectory: Estimated poses of RB in DS, in any order.
         lost: `(N,)` bool, pose was repeated because the localiser was lost.
+        degraded: `(N,)` bool, the localiser had a reason to doubt the pose.
         covariance: `(N, 21)` float64, upper triangle of the covariance, ROS order (m^2, rad^2), NaN where not known;
             None if it is known of none.
     """
 
     trajectory: Trajectory
     lost: Mask
+    degraded: Mask
     covariance: FloatArray | None
 
     @classmethod
@@ -60,22 +62,24 @@ class Estimates:
         cls,
         trajectory: Trajectory,
         lost: Mask | None = None,
+        degraded: Mask | None = None,
         covariance: FloatArray | None = None,
     ) -> Estimates:
-        """Return estimates, by default none of them lost and without covariances.
+        """Return estimates, by default none of them lost or degraded and without covariances.
 
         Raises:
             MetricsError: If the numbers of rows differ.
         """
         count = len(trajectory)
-        lost = np.zeros(count, np.bool_) if lost is None else np.asarray(lost, np.bool_)
+        nowhere = np.zeros(count, np.bool_)
+        lost, degraded = (nowhere if flags is None else np.asarray(flags, np.bool_) for flags in (lost, degraded))
         shape = (count, COVARIANCE_SIZE) if covariance is None else covariance.shape
-        if lost.shape != (count,) or shape != (count, COVARIANCE_SIZE):
+        if {lost.shape, degraded.shape} != {(count,)} or shape != (count, COVARIANCE_SIZE):
             raise MetricsError(
-                f"{count} estimates need as many lost flags and covariances of {COVARIANCE_SIZE} numbers: "
-                f"got {lost.shape} and {shape}"
+                f"{count} estimates need as many flags and covariances of {COVARIANCE_SIZE} numbers: "
+                f"got {lost.shape}, {degraded.shape} and {shape}"
             )
-        return cls(trajectory, lost, covariance)
+        return cls(trajectory, lost, degraded, covariance)
 
 
 def lost_by_covariance(covariance: FloatArray) -> Mask:
@@ -95,6 +99,7 @@ class Frames:
         est_pos: `(N, 3)` float64, metres, DS.
         est_quat: `(N, 4)` float64.
         lost: `(N,)` bool.
+        degraded: `(N,)` bool.
         covariance: `(N, 21)` float64, or None.
     """
 
@@ -104,6 +109,7 @@ class Frames:
     est_pos: FloatArray
     est_quat: FloatArray
     lost: Mask
+    degraded: Mask
     covariance: FloatArray | None
 
     def __len__(self) -> int:
@@ -119,6 +125,7 @@ class Frames:
             self.est_pos[which],
             self.est_quat[which],
             self.lost[which],
+            self.degraded[which],
             None if self.covariance is None else self.covariance[which],
         )
 
@@ -168,7 +175,8 @@ def join(
         frames = _merge(frames, _interpolated(estimates, est_rows[between], truth, *rows))
         gaps = truth.stamps_ns[rows[1]] - truth.stamps_ns[rows[0]]
         counts = replace(counts, interpolated=len(between), largest_gap_ns=int(gaps.max(initial=0)))
-    return frames, replace(counts, lost=int(np.count_nonzero(frames.lost)))
+    lost, degraded = (int(np.count_nonzero(flags)) for flags in (frames.lost, frames.degraded))
+    return frames, replace(counts, lost=lost, degraded=degraded)
 
 
 def _side_by_side(
@@ -182,6 +190,7 @@ def _side_by_side(
         est.positions[est_rows],
         unit_quats(est.quats_xyzw[est_rows]),
         estimates.lost[est_rows],
+        estimates.degraded[est_rows],
         None if estimates.covariance is None else estimates.covariance[est_rows],
     )
 
@@ -211,6 +220,7 @@ def _merge(first: Frames, second: Frames) -> Frames:
         np.concatenate((first.est_pos, second.est_pos)),
         np.concatenate((first.est_quat, second.est_quat)),
         np.concatenate((first.lost, second.lost)),
+        np.concatenate((first.degraded, second.degraded)),
         np.concatenate(covariances) if covariances else None,
     )
     return both.rows(np.argsort(both.stamps_ns, kind="stable"))

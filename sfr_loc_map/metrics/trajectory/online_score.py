@@ -83,6 +83,7 @@ class LiveTrajectoryScore:
         self._mode: AssociationMode | None = None
         self._settled_until: int | None = None
         self._truth_before: tuple[int, Row] | None = None
+        self._degraded: set[int] = set()
 
     def add_truth(self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
         """Add a true pose of RB in DS.
@@ -117,6 +118,12 @@ class LiveTrajectoryScore:
         triangle = [np.nan] * COVARIANCE_SIZE if covariance is None else covariance[np.triu_indices(6)].tolist()
         row = (*map(float, position), *map(float, quat_xyzw), float(lost), *triangle)
         self._add(self._estimates, stamp_ns, row)
+
+    def note_degraded(self, stamp_ns: int) -> None:
+        """Note that the localiser doubts its pose of a stamp, which may come before or after this."""
+        late = self._settled_until is not None and stamp_ns <= self._settled_until
+        if not late and len(self._degraded) < MAX_WAITING_POSES:
+            self._degraded.add(stamp_ns)
 
     def result(self, *, details: bool = True) -> ScoredTrajectory:
         """Return what `score_trajectory` returns for all poses so far; the run goes on unchanged.
@@ -166,6 +173,7 @@ class LiveTrajectoryScore:
         self._estimates.drop(est_count)
         self._truth.drop(gt_count)
         self._settled_until = until
+        self._degraded = {stamp for stamp in self._degraded if stamp > until}
 
     def _first_stamps_settled(self, est_count: int, gt_count: int) -> bool:
         if not est_count or not gt_count:
@@ -192,7 +200,8 @@ class LiveTrajectoryScore:
         trajectory = Trajectory(est_stamps, est[:, :3], est[:, 3:7])
         extra = est[:, 8:] if len(est) else np.empty((0, COVARIANCE_SIZE))
         lost = est[:, 7] > 0 if len(est) else np.empty(0, np.bool_)
-        estimates = Estimates.of(trajectory, lost, extra)
+        degraded = np.array([stamp in self._degraded for stamp in est_stamps.tolist()], np.bool_)
+        estimates = Estimates.of(trajectory, lost, degraded, extra)
         truth = Trajectory(gt_stamps, gt[:, :3], gt[:, 3:])
         est_rows, gt_rows = unique_rows(est_stamps), unique_rows(gt_stamps)
         frames, counts = join(estimates, est_rows, truth, gt_rows, self._config.association, mode)

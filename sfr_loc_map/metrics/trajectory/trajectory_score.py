@@ -70,7 +70,7 @@ class TrajectoryScorer:
         self._span_ns: tuple[int, int] | None = None
         self._path = Decimated(11, PATH_ROWS)
         self._path_stamps = Decimated(1, PATH_ROWS, np.int64)
-        self._path_lost = Decimated(1, PATH_ROWS, np.bool_)
+        self._path_states = Decimated(2, PATH_ROWS, np.bool_)
 
     def copy(self) -> TrajectoryScorer:
         """Return a scorer that goes on independently from here."""
@@ -91,7 +91,7 @@ class TrajectoryScorer:
         self._span_ns = first_ns, int(frames.stamps_ns[-1])
         self._path.push(np.column_stack((frames.gt_pos, frames.est_pos, lengths, _position_sigmas(frames))))
         self._path_stamps.push(frames.stamps_ns[:, None])
-        self._path_lost.push(frames.lost[:, None])
+        self._path_states.push(np.column_stack((frames.lost, frames.degraded)))
 
     def result(self, counts: AssociationCounts, mode: AssociationMode, *, details: bool = True) -> ScoredTrajectory:
         """Return the score of all frames so far.
@@ -113,6 +113,7 @@ class TrajectoryScorer:
             matched=counts.matched,
             estimate_poses=counts.estimate_poses,
             lost=counts.lost,
+            degraded=counts.degraded,
             path_length_m=float(self._length[0] + self._length[1]),
             duration_s=None if self._span_ns is None else (self._span_ns[1] - self._span_ns[0]) / NS_PER_S,
             discarded_starts=sum(scorer.discarded_starts for scorer in self._conditions),
@@ -137,7 +138,8 @@ class TrajectoryScorer:
             estimate_x_m=estimate[0],
             estimate_y_m=estimate[1],
             estimate_z_m=estimate[2],
-            lost=tuple(self._path_lost.rows[:, 0].tolist()),
+            lost=tuple(self._path_states.rows[:, 0].tolist()),
+            degraded=tuple(self._path_states.rows[:, 1].tolist()),
             sigma_x_m=sigmas[0],
             sigma_y_m=sigmas[1],
             sigma_z_m=sigmas[2],

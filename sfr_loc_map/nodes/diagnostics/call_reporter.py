@@ -46,10 +46,11 @@ class Call:
     Attributes:
         stamp_ns: Stamp of the pair.
         usage: Its time and memory.
-        state: Its result in one word (tracking, lost, mapped, ...).
+        state: Its result in one word (tracking, degraded, lost, mapped, ...).
         level: How good that is.
         statistics: Its figures by name.
         times: Times around it, seconds, by name.
+        reason: Why it is degraded or lost, in one word; empty otherwise.
     """
 
     stamp_ns: int
@@ -58,6 +59,12 @@ class Call:
     level: Level
     statistics: Mapping[str, float]
     times: Mapping[str, float] = field(default_factory=dict)
+    reason: str = ""
+
+    @property
+    def result(self) -> str:
+        """The state with its reason."""
+        return f"{self.state}: {self.reason}" if self.reason else self.state
 
 
 class CallReporter:
@@ -96,6 +103,7 @@ class CallReporter:
             "task": self._task,
             "stamp_ns": call.stamp_ns,
             "state": call.state,
+            "reason": call.reason,
             "memory_method": self._meter.method,
             **took,
         }
@@ -103,7 +111,7 @@ class CallReporter:
         values |= dict(counts)
         name = call_name(self._node.get_fully_qualified_name())
         self._publisher.publish(
-            array_msg(header_msg(call.stamp_ns, ""), status_msg(name, call.level, call.state, values))
+            array_msg(header_msg(call.stamp_ns, ""), status_msg(name, call.level, call.result, values))
         )
         return took
 
@@ -128,6 +136,7 @@ def task_record(status: DiagnosticStatus) -> TaskRecord | None:
             peak_rss_bytes=_optional(values, "peak_rss_bytes"),
             above_idle_bytes=_optional(values, "above_idle_bytes"),
             statistics=statistics,
+            reason=values.get("reason", ""),
         )
         return TaskRecord(values["task"], record, values.get("memory_method", ""))
     except (KeyError, ValueError) as error:

@@ -155,7 +155,7 @@ class Health:
 
         Args:
             level: How good its result is.
-            state: The result in one word.
+            state: The result in one word, with its reason.
             values: Its times and memory; names that begin with `latency_` are summarised.
             statistics: Its figures; those of `OFFSETS` are watched.
         """

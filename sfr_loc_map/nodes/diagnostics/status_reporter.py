@@ -61,7 +61,7 @@ class StatusReporter:
 
     def note_call(self, call: Call, took: Mapping[str, Value]) -> None:
         """Note a call in the health, with its times and memory by name."""
-        self.health.note_call(call.level, call.state, took, call.statistics)
+        self.health.note_call(call.level, call.result, took, call.statistics)
         self.publish_health(only_changes=True)
 
     def publish_health(self, *, only_changes: bool = False) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.build import ScoreParts, build_score
 from sfr_loc_map.metrics.calls.resource_score import score_calls
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map
@@ -76,6 +77,8 @@ class MonitorScore:
     def add_call(self, record: CallRecord) -> None:
         """Add a call; calls of the mapper say which pairs a cloud is made of."""
         self._calls.add(record)
+        if record.state == TrackingState.DEGRADED:
+            self._trajectory.note_degraded(record.stamp_ns)
         self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:

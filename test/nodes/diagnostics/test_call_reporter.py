@@ -22,7 +22,7 @@ def published(usage: CallUsage) -> DiagnosticStatus:
     taken: list[DiagnosticArray] = []
     reporter = CallReporter(node, "localisation", type("P", (), {"publish": staticmethod(taken.append)}))
     statistics = {"inliers": np.float64(1 / 3), "features": 12}
-    reporter.publish(Call(5, usage, "lost", Level.ERROR, statistics), {"dropped_stale": 4})
+    reporter.publish(Call(5, usage, "lost", Level.ERROR, statistics, reason="few_landmarks"), {"dropped_stale": 4})
     node.destroy_node()
     return deserialize_message(serialize_message(taken[0]), DiagnosticArray).status[0]
 
@@ -30,13 +30,14 @@ def published(usage: CallUsage) -> DiagnosticStatus:
 def test_a_call_comes_back_to_the_last_bit(ros: None) -> None:
     status = published(CallUsage(0.1 + 0.2, 123456789, 1000))
     assert status.name == "rover/tried: call"
-    assert level_of(status) is Level.ERROR
+    assert (level_of(status), status.message) == (Level.ERROR, "lost: few_landmarks")
     assert values_of(status)["dropped_stale"] == "4"
     found = task_record(status)
     assert found is not None
     assert found.task == "localisation"
     record = found.record
-    assert (record.stamp_ns, record.processing_time_s, record.state) == (5, 0.1 + 0.2, "lost")
+    assert (record.stamp_ns, record.processing_time_s) == (5, 0.1 + 0.2)
+    assert (record.state, record.reason) == ("lost", "few_landmarks")
     assert (record.peak_rss_bytes, record.above_idle_bytes) == (123456789, 1000)
     assert record.statistics == {"inliers": 1 / 3, "features": 12.0}
 
