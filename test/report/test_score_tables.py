@@ -112,7 +112,7 @@ def test_all_rows_are_as_long_as_the_head() -> None:
 def test_the_terminal_ends_with_the_verdicts() -> None:
     names = [item.name for item in summary_tables(whole_score())]
     assert names == ["headline", "map", "time", "memory", "verdicts"]
-    assert "300 frames of 300 estimates, 3 lost; re-based by pose." in table(whole_score(), "headline").note
+    assert "300 frames of 300 estimates, 3 lost, 0 degraded; re-based by pose." in table(whole_score(), "headline").note
 
 
 def test_csv_holds_the_exact_figures() -> None:
