@@ -14,14 +14,15 @@ PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 ROOT = "package root"
 
-BASE = {ROOT, "errors", "bounded_input", "config", "constants", "jit", "geometry"}
+BASE = {ROOT, "errors", "bounded_input", "config", "constants", "jit", "geometry", "printable"}
 MIDDLE = {"localisation", "mapping", "metrics", "simulation", "io"}
 ALLOWED: dict[str, set[str]] = {
     ROOT: set(),
     "constants": {ROOT},
     "jit": {ROOT},
     "errors": {ROOT},
-    "tables": {ROOT},
+    "printable": {ROOT},
+    "tables": {ROOT, "printable"},
     "bounded_input": {ROOT},
     "config": {ROOT, "errors", "bounded_input"},
     "geometry": {ROOT, "errors", "config", "constants", "jit"},

@@ -8,6 +8,7 @@ otherwise.
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import sys
 
@@ -15,6 +16,7 @@ import typer
 
 from sfr_loc_map.cli.app import app
 from sfr_loc_map.errors import FailedVerdictError, SfrError
+from sfr_loc_map.printable import one_line
 
 COMMANDS = (
     "localise",
@@ -42,8 +44,17 @@ for _name in GROUPS:
     app.add_typer(importlib.import_module(f"sfr_loc_map.cli.{_name}").app, name=_name)
 
 
+class _LineFormatter(logging.Formatter):
+    """Writes a warning of the library as one printable line."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return f"sfr: {record.levelname.lower()}: {one_line(record.getMessage())}"
+
+
 def main() -> int:
     """Run the command line; return the exit code."""
+    if logging.lastResort is not None:  # what writes where no program has set up logging
+        logging.lastResort.setFormatter(_LineFormatter())
     try:
         code = app(standalone_mode=False, prog_name="sfr")
     except SystemExit:  # whoever read the output has closed it
@@ -74,5 +85,5 @@ def _line(error: Exception) -> str:
 
 
 def _say(message: str, code: int) -> int:
-    print("sfr: " + " ".join(message.split()), file=sys.stderr)
+    print(f"sfr: {one_line(message)}", file=sys.stderr)
     return code

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.io.image_header import FORMATS, JPEG_MAGIC, PNG_MAGIC, claimed_size
 
 ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     "mono8": (np.uint8, 1),
@@ -29,8 +30,10 @@ ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     "8UC3": (np.uint8, 3),
 }
 """Encodings of sensor_msgs/Image that are read: type of a sample and samples per pixel."""
-PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
-JPEG_MAGIC = b"\xff\xd8"
+MAX_PIXELS = 8192 * 8192
+"""Largest image file that is decoded: its header may claim any size."""
+SILENT = 0
+"""Level of OpenCV's log."""
 
 
 def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImage:
@@ -73,22 +76,24 @@ def read_grey(path: Path) -> GreyImage:
 
 
 def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
-    """Decode the bytes of an image file (PNG, JPEG and what OpenCV reads) to 8-bit grey `(H, W)`.
+    """Decode the bytes of an image file (PNG, JPEG, PGM, PPM, BMP) to 8-bit grey `(H, W)`.
 
     PNG checksums are verified, and a JPEG stream that the decoder could only guess at is refused.
 
     Raises:
-        InputError: If the data is broken.
+        InputError: If it is of another format, larger than 8192 x 8192 or broken.
     """
     raw = bytes(data)
+    size = claimed_size(raw)
+    if size is None:
+        raise InputError(f"its data is broken or of another format; {FORMATS} is needed: restore or convert it")
+    if not 0 < size[0] * size[1] <= MAX_PIXELS:
+        raise InputError(f"it claims {size[0]} x {size[1]}; images of up to {MAX_PIXELS} pixels are read")
     if raw.startswith(JPEG_MAGIC):
         return _decode_jpeg(raw)
     if raw.startswith(PNG_MAGIC):
         _check_png(raw)
-    image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
-    if image is None:
-        raise InputError("its data is broken or no image; restore the original")
-    return grey8(image)
+    return grey8(_decode_by_opencv(raw))
 
 
 def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/Image of any library
@@ -143,6 +148,20 @@ def encode_png(image: GreyImage) -> bytes:
 def encode_jpeg(image: GreyImage, quality: int) -> bytes:
     """Return the bytes of a grey JPEG file, quality 1 to 100."""
     return bytes(simplejpeg.encode_jpeg(image[:, :, None], quality, "GRAY", "GRAY"))
+
+
+def _decode_by_opencv(raw: bytes) -> NDArray[Any]:
+    """Decode an image file; what the library has to say of a broken one goes into the error, not to the terminal."""
+    level = cv2.utils.logging.setLogLevel(SILENT)
+    try:
+        image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise InputError(f"its data is broken ({error.err}); restore the original") from error
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if image is None:
+        raise InputError("its data is broken; restore the original")
+    return np.asarray(image)
 
 
 def _decode_jpeg(raw: bytes) -> GreyImage:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from sfr_loc_map.printable import printable
 from sfr_loc_map.tables.numbers import ABSENT, NONE, UNKNOWN, Unit, number
 
 VERDICT_ICONS = {"pass": "✔", "fail": "✖"}
@@ -36,6 +37,10 @@ class Column:
     unit: Unit = NONE
     words: bool = False
 
+    def __post_init__(self) -> None:
+        """Make the title fit for a terminal: it may be the name of a file."""
+        object.__setattr__(self, "title", printable(self.title))
+
     @property
     def heading(self) -> str:
         """Title with unit: `mean, m`."""
@@ -58,6 +63,10 @@ class Cell:
     value: float | int | tuple[float, float] | None = None
     key: str = ""
     kind: CellKind = CellKind.PLAIN
+
+    def __post_init__(self) -> None:
+        """Make the text fit for a terminal: it may come from a file."""
+        object.__setattr__(self, "text", printable(self.text))
 
     @classmethod
     def head(cls, text: str) -> Cell:
@@ -125,3 +134,8 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     note: str = ""
+
+    def __post_init__(self) -> None:
+        """Make the texts fit for a terminal: they may come from a file."""
+        object.__setattr__(self, "title", printable(self.title))
+        object.__setattr__(self, "note", printable(self.note))

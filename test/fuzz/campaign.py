@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import select
@@ -130,14 +131,14 @@ class Worker:
         self.process.wait()
         for stream in (self.process.stdin, self.process.stdout, self._log):
             if stream is not None:
-                stream.close()
+                with contextlib.suppress(OSError):
+                    stream.close()
 
     @property
     def grown(self) -> bool:
         return self.process.poll() is not None or self._memory() > self.idle + WORKER_GROWTH
 
     def last_words(self) -> str:
-        self._log.flush()
         return self.log.read_text(encoding="utf-8", errors="replace")[-3000:]
 
     def _memory(self) -> int:

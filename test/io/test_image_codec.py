@@ -106,3 +106,38 @@ def test_colour_jpeg_gives_its_luma() -> None:
     colour = np.zeros((32, 32, 3), np.uint8)
     colour[..., 2] = 200  # red in BGR: 0.299 * 200 = 60
     assert np.abs(decode_grey(bytes(cv2.imencode(".jpg", colour)[1])).astype(int) - 60).max() <= 2
+
+
+def test_images_of_formats_whose_size_is_known_beforehand_are_read() -> None:
+    grey = smooth_image()
+    colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    for ending, image in ((".pgm", grey), (".ppm", colour), (".bmp", grey), (".bmp", colour)):
+        np.testing.assert_array_equal(decode_grey(bytes(cv2.imencode(ending, image)[1])), grey)
+    commented = b"P5\n# made by hand\n2 1\n#x\n255\n\x07\x09"
+    np.testing.assert_array_equal(decode_grey(commented), [[7, 9]])
+
+
+BROKEN = {
+    "EXR": (b"v/1\x01\x02\0\0\0" + bytes(200), "another format; PNG, JPEG"),
+    "HDR": (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n" + bytes(99), "another format"),
+    "GIF": (b"GIF89a" + bytes(99), "another format"),
+    "TIFF": (b"II*\0" + bytes(99), "another format"),
+    "PGM of a size with a sign": (b"P5\n-1 2\n255\n" + bytes(9), "another format"),
+    "PGM that claims the world": (b"P5\n999999 999999\n255\n" + bytes(9), "claims 999999 x 999999"),
+    "PGM of 70000 grey levels": (b"P5\n2 2\n70000\n" + bytes(9), "broken"),
+    "PGM that ends": (b"P5\n20 20\n255\n" + bytes(9), "broken"),
+    "PPM of text": (b"P3\n2 2\n255\n1 2 x", "broken"),
+    "BMP of no size": (b"BM" + bytes(12) + (40).to_bytes(4, "little") + bytes(200), "claims 0 x 0"),
+    "BMP that ends": (bytes(cv2.imencode(".bmp", np.zeros((9, 9), np.uint8))[1])[:60], "broken"),
+    "PNG of 20000 x 20000": (
+        b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + (20_000).to_bytes(4, "big") * 2 + b"\x08\0\0\0\0" + bytes(99),
+        "claims 20000 x 20000",
+    ),
+}
+
+
+@pytest.mark.parametrize(("data", "words"), BROKEN.values(), ids=BROKEN)
+def test_broken_images_are_refused_in_silence(data: bytes, words: str, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match=words):
+        decode_grey(data)
+    assert capfd.readouterr() == ("", "")

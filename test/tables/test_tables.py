@@ -108,3 +108,15 @@ def test_the_terminal_shows_texts_without_markup() -> None:
     shown = capture.get()
     for text in ("Time | of [bold]calls", HOSTILE, "12.35", "1 to 2.5", "A * note."):
         assert text in shown
+
+
+def test_no_renderer_lets_controls_and_surrogates_through() -> None:
+    escape = "\x1b]0;title\x07\udc80"
+    cells = (Cell.head(escape), Cell(escape, 1.0, "key"), Cell.verdict(escape))
+    table = Table("t", escape, (Column(escape), Column("b"), Column(escape)), (cells,), escape)
+    console = Console(file=io.StringIO(), width=200)
+    console.print(to_rich(table))
+    assert isinstance(console.file, io.StringIO)
+    for text in (console.file.getvalue(), to_markdown([table]), to_html(table), to_csv([table])):
+        assert r"\x1b" in text
+        assert not {"\x1b", "\x07", "\udc80"} & set(text)

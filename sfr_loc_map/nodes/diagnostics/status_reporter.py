@@ -14,11 +14,11 @@ from sfr_loc_map.nodes.diagnostics.call_reporter import Call
 from sfr_loc_map.nodes.diagnostics.health import Health, HealthConfig, NodeActivity
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, status_msg
 from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.printable import one_line
 
 QUEUE_DEPTH = 1000
 """Statuses that are kept for a slow subscriber."""
 WARN_PERIOD_S = 5.0
-MAX_LETTERS = 500
 
 
 class StatusReporter:
@@ -46,7 +46,7 @@ class StatusReporter:
 
     def error(self, text: str) -> None:
         """Report something that keeps the node from working: log, /diagnostics, health."""
-        text = _short(text)
+        text = one_line(text)
         self._node.get_logger().error(text, throttle_duration_sec=WARN_PERIOD_S)
         self.health.note_problem(Level.ERROR, text)
         self._publish("input", Level.ERROR, text, {"task": self._task, **self._activity().counts})
@@ -54,7 +54,7 @@ class StatusReporter:
 
     def warn(self, text: str) -> None:
         """Report something that is not as it should be, though the node works: log, health."""
-        text = _short(text)
+        text = one_line(text)
         self._node.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
         self.health.note_problem(Level.WARN, text)
         self.publish_health(only_changes=True)
@@ -75,8 +75,3 @@ class StatusReporter:
     def _publish(self, name: str, level: Level, message: str, values: Mapping[str, Value]) -> None:
         status = status_msg(f"{self._node.get_fully_qualified_name().lstrip('/')}: {name}", level, message, values)
         self.publisher.publish(array_msg(header_msg(self._node.get_clock().now().nanoseconds, ""), status))
-
-
-def _short(text: str) -> str:
-    """Return a text cut to a length that a log bears: it may quote a message of any length."""
-    return text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} ... ({len(text)} letters)"

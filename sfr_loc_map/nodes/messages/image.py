@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import simplejpeg
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image, RegionOfInterest
 from std_msgs.msg import Header
@@ -12,13 +11,8 @@ from stereo_msgs.msg import DisparityImage
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.io.image_codec import (
-    JPEG_MAGIC,
-    PNG_MAGIC,
-    image_from_compressed_message,
-    image_from_message,
-    stamp_of,
-)
+from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, stamp_of
+from sfr_loc_map.io.image_header import JPEG_MAGIC, PNG_MAGIC, claimed_size
 from sfr_loc_map.nodes.messages.fields import byte_array
 
 
@@ -65,15 +59,7 @@ def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None
 
 def compressed_size(data: bytes) -> tuple[int, int] | None:
     """Return width and height that the header of a PNG or JPEG file claims, None where there is no such header."""
-    if data.startswith(PNG_MAGIC) and len(data) >= 24:
-        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
-    if data.startswith(JPEG_MAGIC):
-        try:
-            height, width, *_ = simplejpeg.decode_jpeg_header(data)
-        except ValueError:
-            return None
-        return int(width), int(height)
-    return None
+    return claimed_size(data) if data.startswith((PNG_MAGIC, JPEG_MAGIC)) else None
 
 
 def image_msg(image: NDArray[np.uint8], header: Header) -> Image:

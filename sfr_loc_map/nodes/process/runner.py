@@ -16,6 +16,7 @@ from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
+from sfr_loc_map.printable import one_line
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
@@ -44,7 +45,7 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except SfrError as error:
-        print(f"{_name(node)}: " + " ".join(str(error).split()), file=sys.stderr)
+        print(f"{_name(node)}: {one_line(str(error))}", file=sys.stderr)
         return 2
     except Exception:
         if ok():
