@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.camera import StereoCamera
+from sfr_loc_map.geometry.plausibility import check_baseline, check_camera, check_extrinsics
 from sfr_loc_map.geometry.transform import Transform
 
 
@@ -44,14 +45,12 @@ class StereoRig:
         """Check the values.
 
         Raises:
-            GeometryError: If a size, focal length or the baseline is not positive and finite.
+            GeometryError: If one cannot be that of a camera or a rover.
         """
-        numbers = (self.width, self.height, self.fx, self.fy, self.baseline_m)
-        if not all(np.isfinite(n) and n > 0 for n in numbers) or not np.isfinite([self.cx, self.cy]).all():
-            raise GeometryError(
-                f"rig needs sizes, focal lengths and a baseline > 0: got {self.width} x {self.height}, "
-                f"f ({self.fx}, {self.fy}), c ({self.cx}, {self.cy}), baseline {self.baseline_m} m"
-            )
+        check_camera((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy))
+        check_baseline(self.baseline_m)
+        if self.T_rb_sb is not None:
+            check_extrinsics(self.T_rb_sb.translation)
 
     @property
     def camera_matrix(self) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.transform import Transform
 
@@ -29,10 +30,11 @@ class Trajectory:
     quats_xyzw: FloatArray
 
     def __post_init__(self) -> None:
-        """Check shapes and finiteness.
+        """Check shapes and values.
 
         Raises:
-            GeometryError: If the shapes do not agree, a number is not finite or a quaternion has no length.
+            GeometryError: If the shapes do not agree, a number is not finite, a position is absurd or a quaternion is
+                not of unit length.
         """
         count = len(self.stamps_ns)
         if (
@@ -42,13 +44,13 @@ class Trajectory:
         ):
             shapes = f"{self.stamps_ns.shape}, {self.positions.shape}, {self.quats_xyzw.shape}"
             raise GeometryError(f"a trajectory needs shapes (N,), (N, 3), (N, 4): got {shapes}")
-        bad = ~(np.isfinite(self.positions).all(axis=1) & np.isfinite(self.quats_xyzw).all(axis=1))
-        bad |= np.square(self.quats_xyzw).sum(axis=1) < 1e-12
+        bad = ~(plausible_positions(self.positions) & plausible_quats(self.quats_xyzw))
         if bad.any():
             first = int(np.argmax(bad))
             raise GeometryError(
-                f"pose {first} (stamp {int(self.stamps_ns[first])}) is not finite or its quaternion has no length "
-                f"({int(bad.sum())} of {count} such poses): correct or leave out these poses"
+                f"pose {first} (stamp {int(self.stamps_ns[first])}) is none: {self.positions[first].tolist()} m, "
+                f"{self.quats_xyzw[first].tolist()} ({int(bad.sum())} of {count} such poses): finite positions below "
+                f"{MAX_POSITION_M:g} m and unit quaternions are needed; correct or leave out these poses"
             )
 
     def __len__(self) -> int:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, check_rotation, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix, skew
 
 
@@ -28,10 +29,10 @@ class Transform:
     given_quat_xyzw: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and finiteness.
+        """Check shapes and values.
 
         Raises:
-            GeometryError: If a shape is wrong or a number is not finite.
+            GeometryError: If a shape is wrong, a number is not finite or the translation is absurdly long.
         """
         if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
             raise GeometryError(
@@ -39,6 +40,10 @@ class Transform:
             )
         if not (np.all(np.isfinite(self.rotation)) and np.all(np.isfinite(self.translation))):
             raise GeometryError("a transform has a number that is not finite")
+        if not plausible_positions(self.translation):
+            raise GeometryError(
+                f"a position is {self.translation.tolist()} m: up to {MAX_POSITION_M:g} m are possible, in metres"
+            )
 
     @classmethod
     def identity(cls) -> Transform:
@@ -51,13 +56,25 @@ class Transform:
 
         Args:
             translation: `(3,)`, metres.
-            quat_xyzw: `(4,)`, takes components in b to a; normalised here.
+            quat_xyzw: `(4,)`, takes components in b to a; of unit length within 1e-2, normalised here.
 
         Raises:
-            GeometryError: If a number is not finite or the quaternion has no length.
+            GeometryError: If a number is not finite, the quaternion is not of unit length or the position is absurd.
         """
         quat = np.array(quat_xyzw, dtype=np.float64)
+        if quat.shape != (4,) or not plausible_quats(quat):
+            raise GeometryError(f"the quaternion {quat.tolist()} is no rotation: a unit quaternion is needed")
         return cls(matrix_from_quat(quat), np.array(translation, dtype=np.float64), quat)
+
+    @classmethod
+    def from_matrix(cls, matrix: FloatArray) -> Transform:
+        """Return `T_a_b` of a matrix `(3, 4)` or `(4, 4)` that comes from outside.
+
+        Raises:
+            GeometryError: If its left part is no rotation, or the position is absurd.
+        """
+        check_rotation(matrix[:3, :3])
+        return cls(matrix[:3, :3].copy(), matrix[:3, 3].copy())
 
     @classmethod
     def from_origin_and_attitude(cls, origin: ArrayLike, att_q: ArrayLike) -> Transform:

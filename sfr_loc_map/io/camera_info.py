@@ -77,16 +77,16 @@ def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | 
     p_left, p_right = _matrix(left.p), _matrix(right.p)
     keep = np.ones(12, bool)
     keep[3] = False
-    if np.abs(p_left - p_right)[keep].max() > TOLERANCE:
+    if not np.abs(p_left - p_right)[keep].max() <= TOLERANCE:
         raise InputError(f"{name}: the P of left and right differ in more than P[3]: rectify both to one camera matrix")
     shift = float(p_right[3] - p_left[3])
-    if shift >= 0:
+    if not shift < 0:
         raise InputError(
             f"{name}: P[3] of the right camera is {p_right[3]:g}, so the baseline is {-shift / p_left[0]:g} m: it must "
             f"be -fx * baseline < 0; are left and right swapped?"
         )
-    baseline = baseline_from_projection(float(p_left[0]), shift)
     fx, cx, fy, cy = (float(p_left[i]) for i in (0, 2, 5, 6))
+    baseline = baseline_from_projection(fx, shift)
     try:
         return StereoRig(int(left.width), int(left.height), fx, fy, cx, cy, baseline, T_rb_sb)
     except GeometryError as error:
@@ -96,14 +96,14 @@ def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | 
 def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraInfo of any library
     p, k, r = _matrix(info.p), _matrix(info.k), _matrix(info.r)
     found = []
-    if np.abs(_matrix(info.d)).max(initial=0.0) > TOLERANCE:
+    if not np.abs(_matrix(info.d)).max(initial=0.0) <= TOLERANCE:
         found.append("distortion d is not zero")
-    if np.abs(r.reshape(3, 3) - np.eye(3)).max() > TOLERANCE and r.any():
+    if not np.abs(r.reshape(3, 3) - np.eye(3)).max() <= TOLERANCE and r.any():
         found.append("rotation r is not the identity")
     p_matrix = p.reshape(3, 4)
     if not np.isfinite(p).all() or p_matrix[0, 0] <= 0:
         found.append("projection p is empty")
-    elif k.any() and np.abs(k.reshape(3, 3) - p_matrix[:, :3]).max() > TOLERANCE:
+    elif k.any() and not np.abs(k.reshape(3, 3) - p_matrix[:, :3]).max() <= TOLERANCE:
         found.append("k and p differ")
     elif np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
         found.append("projection p is not that of a rectified camera side by side with the other")

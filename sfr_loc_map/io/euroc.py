@@ -18,14 +18,17 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from sfr_loc_map.bounded_input import parse_yaml
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.camera_info import baseline_from_projection
 from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.text_numbers import parse_stamp_ns
 from sfr_loc_map.io.trajectory_file import check_order
 
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -71,7 +74,7 @@ def open_euroc(path: Path) -> Source:
 
 def _load_camera(path: Path) -> _Camera:
     try:
-        content: dict[str, Any] = yaml.safe_load("\n".join(line for line in read_lines(path) if line[:1] != "%"))
+        content: dict[str, Any] = parse_yaml("\n".join(line for line in read_lines(path) if line[:1] != "%"))
         values = {
             "resolution": (2, content["resolution"]),
             "intrinsics": (4, content["intrinsics"]),
@@ -79,18 +82,25 @@ def _load_camera(path: Path) -> _Camera:
             "T_BS": (16, content["T_BS"]["data"]),
         }
         models = (content["camera_model"], content["distortion_model"])
-    except (yaml.YAMLError, KeyError, TypeError) as error:
+    except (yaml.YAMLError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"'{path}' is no sensor.yaml of an EuRoC camera: {' '.join(str(error).split())}") from error
     if models not in (("pinhole", "radial-tangential"), ("pinhole", "radtan")):
         raise InputError(f"'{path}' has the camera model {models}: pinhole with radial-tangential distortion is read")
     numbers = {name: numbers_of([str(v) for v in item], n, f"'{path}' {name}") for name, (n, item) in values.items()}
     fx, fy, cx, cy = numbers["intrinsics"]
-    pose = np.array(numbers["T_BS"]).reshape(4, 4)
+    width, height = numbers["resolution"]
+    try:
+        check_camera((width, height), (fx, fy), (cx, cy))
+        check_distortion(numbers["distortion_coefficients"])
+        pose = Transform.from_matrix(np.array(numbers["T_BS"]).reshape(4, 4))
+        check_extrinsics(pose.translation)
+    except GeometryError as error:
+        raise InputError(f"'{path}': {error}; correct the file") from error
     return _Camera(
-        (int(numbers["resolution"][0]), int(numbers["resolution"][1])),
+        (int(width), int(height)),
         np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
         np.array(numbers["distortion_coefficients"]),
-        Transform(pose[:3, :3].copy(), pose[:3, 3].copy()),
+        pose,
     )
 
 
@@ -167,6 +177,6 @@ def _load_truth(path: Path) -> Trajectory | None:
 
 def _stamp(text: str, where: str) -> int:
     try:
-        return int(text)
+        return parse_stamp_ns(text)
     except ValueError as error:
         raise InputError(f"{where}: stamp '{text[:40]}' is not whole nanoseconds") from error

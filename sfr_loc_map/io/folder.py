@@ -10,7 +10,7 @@ A folder with both tasks holds the two as `loc/` and `nav/`.
 from __future__ import annotations
 
 import csv
-import math
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
@@ -26,6 +27,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.rig_file import load_rig
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.io.text_numbers import parse_number, parse_stamp_ns
 from sfr_loc_map.io.trajectory_file import check_order, load_trajectory
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
@@ -190,8 +192,8 @@ def _header(path: Path) -> list[str]:
 
 def _read_rows(path: Path) -> list[list[str]]:
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [[word.strip() for word in row] for row in csv.reader(stream)]
+        text = io.StringIO(read_table(path).decode("utf-8-sig"), newline="")
+        rows = [[word.strip() for word in row] for row in csv.reader(text)]
     except (OSError, ValueError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot read '{path}': {reason}; a data set folder needs its pairs.csv") from error
@@ -225,15 +227,13 @@ def _headers(allowed: tuple[tuple[str, ...], ...]) -> str:
 
 def _entry(folder: Path, where: str, row: dict[str, str]) -> _Entry:
     try:
-        stamp = int(row["stamp_ns"])
+        stamp = parse_stamp_ns(row["stamp_ns"])
     except ValueError as error:
         raise InputError(f"{where}: stamp '{row['stamp_ns']}' is not whole nanoseconds") from error
     pose = None
     if NAV_COLUMNS[3] in row:
         try:
-            numbers = [float(row[name]) for name in NAV_COLUMNS[3:]]
-            if not all(map(math.isfinite, numbers)):
-                raise InputError(f"{where}: the pose has a number that is not finite; correct or leave out the pair")
+            numbers = [parse_number(row[name]) for name in NAV_COLUMNS[3:]]
             pose = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
         except (ValueError, GeometryError) as error:
             raise InputError(f"{where}: {error}; correct or leave out the pair") from error

@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.image_codec import read_grey
+from sfr_loc_map.io.text_numbers import parse_number
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +71,7 @@ def read_lines(path: Path) -> list[str]:
         InputError: If it is missing or no text.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = read_table(path).decode("utf-8-sig").splitlines()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot read '{path}': {reason}; the data set needs it") from error
@@ -83,9 +85,9 @@ def numbers_of(words: Sequence[str], count: int, where: str) -> list[float]:
         InputError: If there are more or fewer, or one is no finite number.
     """
     try:
-        values = [float(word) for word in words]
+        values = [parse_number(word) for word in words]
     except ValueError as error:
         raise InputError(f"{where}: {error}; correct the file") from error
-    if len(values) != count or not all(abs(value) < float("inf") for value in values):
+    if len(values) != count:
         raise InputError(f"{where}: {count} finite numbers are needed, found '{' '.join(words)[:60]}'")
     return values

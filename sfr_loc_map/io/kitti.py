@@ -108,7 +108,10 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
     if len(rows) != len(stamps):
         raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one for each is needed")
     T_cam0_left = Transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))
-    matrices = [np.array(row).reshape(3, 4) for row in rows]
-    poses = [T_cam0_left.inverse() @ Transform(m[:, :3], m[:, 3]) @ T_cam0_left for m in matrices]
+    try:
+        matrices = [Transform.from_matrix(np.array(row).reshape(3, 4)) for row in rows]
+    except GeometryError as error:
+        raise InputError(f"'{file}': {error}; correct the file") from error
+    poses = [T_cam0_left.inverse() @ pose @ T_cam0_left for pose in matrices]
     start, T_left_sb = rig.T_sb_left @ poses[0].inverse(), rig.T_sb_left.inverse()
     return Trajectory.from_poses((stamp, start @ pose @ T_left_sb) for stamp, pose in zip(stamps, poses, strict=True))

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from sfr_loc_map.bounded_input import parse_json, read_text
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -71,7 +72,11 @@ def _extrinsics(path: Path, content: dict[str, Any]) -> Transform | None:
             f"'{path}': {EXTRINSICS} is {extrinsics!r}; an object with translation_m and quat_xyzw is needed"
         )
     translation = _numbers(path, f"{EXTRINSICS}.translation_m", extrinsics["translation_m"], 3)
-    return Transform.from_quat(translation, _numbers(path, f"{EXTRINSICS}.quat_xyzw", extrinsics["quat_xyzw"], 4))
+    quat = _numbers(path, f"{EXTRINSICS}.quat_xyzw", extrinsics["quat_xyzw"], 4)
+    try:
+        return Transform.from_quat(translation, quat)
+    except GeometryError as error:
+        raise InputError(f"'{path}': {EXTRINSICS}: {error}; correct the file") from error
 
 
 def _numbers(path: Path, name: str, value: Any, count: int) -> list[float]:  # noqa: ANN401 - any JSON value
@@ -83,7 +88,7 @@ def _numbers(path: Path, name: str, value: Any, count: int) -> list[float]:  # n
 
 def _load_json(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_text(path))
     except OSError as error:
         raise InputError(f"cannot read '{path}': {error.strerror}; a data set folder needs its rig.json") from error
     except ValueError as error:

@@ -9,25 +9,26 @@ Stamps go to and from integer nanoseconds by integer arithmetic, never through a
 
 from __future__ import annotations
 
-import math
 from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.text_numbers import fitting, is_decimal, parse_number, parse_stamp_ns
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
 )
 TUM_HEADER = "# t x y z qx qy qz qw"
 TUM_SUFFIXES = (".txt", ".tum")
-STAMP_LIMIT = 2**63
 COLUMNS = 8
 
 
@@ -96,11 +97,13 @@ def parse_seconds(text: str) -> int:
         ValueError: If it is not a finite decimal number, or does not fit 64 bit.
         decimal.InvalidOperation: The same.
     """
+    if not is_decimal(text):
+        raise ValueError("it is not a decimal number")
     whole, _, fraction = text.partition(".")
     if whole.isdigit() and len(fraction) <= 9 and (fraction or "0").isdigit():
-        return _fitting(int(whole) * NS_PER_S + int(fraction.ljust(9, "0")))
+        return fitting(int(whole) * NS_PER_S + int(fraction.ljust(9, "0")))
     stamp = Decimal(text).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN)
-    return _fitting(int(stamp))
+    return fitting(int(stamp))
 
 
 def check_order(stamps_ns: list[int], name: str, *, strict: bool) -> None:
@@ -132,7 +135,7 @@ def check_stamp(stamp_ns: int) -> None:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_table(path)
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"cannot read trajectory '{path}': {reason}; give a csv or TUM file") from error
@@ -148,11 +151,18 @@ def _has_csv_header(path: Path, first: bytes) -> bool:
 def _parse(rows: list[bytes], is_csv: bool) -> Trajectory:
     separator = b"," if is_csv else None
     first = [row.split(separator, 1)[0] for row in rows]
-    stamps = np.array([_fitting(int(text)) for text in first], np.int64) if is_csv else _parse_stamps(first)
+    stamps = _whole_stamps(first) if is_csv else _parse_stamps(first)
     values = _floats(rows, "," if is_csv else None)
     positions, quats = np.ascontiguousarray(values[:, :3]), np.ascontiguousarray(values[:, 3:])
     _check_values(positions, quats)
     return Trajectory(stamps, positions, quat_conjugate(quats) if is_csv else quats)
+
+
+def _whole_stamps(texts: list[bytes]) -> IntArray:
+    """Return the nanoseconds of whole numbers; what is not plain digits takes the strict, slower way."""
+    return np.array(
+        [int(text) if text.isdigit() and len(text) < 19 else parse_stamp_ns(text.decode()) for text in texts], np.int64
+    )
 
 
 def _parse_stamps(texts: list[bytes]) -> IntArray:
@@ -179,15 +189,8 @@ def _floats(rows: list[bytes], separator: str | None) -> FloatArray:
 
 
 def _check_values(positions: FloatArray, quats: FloatArray) -> None:
-    lengths = np.square(quats).sum(axis=1)
-    if not (np.isfinite(positions).all() and np.isfinite(lengths).all() and (lengths >= 1e-12).all()):
-        raise ValueError("a number is not finite or a quaternion has no length")
-
-
-def _fitting(stamp_ns: int) -> int:
-    if not -STAMP_LIMIT <= stamp_ns < STAMP_LIMIT:
-        raise ValueError("the stamp does not fit 64 bit")
-    return stamp_ns
+    if not (plausible_positions(positions).all() and plausible_quats(quats).all()):
+        raise ValueError("a number is not finite, a position absurd or a quaternion not of unit length")
 
 
 def _explain(path: Path, rows: list[bytes], numbers: list[int], is_csv: bool) -> InputError:
@@ -205,16 +208,15 @@ def _problem(row: str, is_csv: bool) -> str:
         form = CSV_HEADER if is_csv else TUM_HEADER.lstrip("# ")
         return f"{len(words)} columns found where {COLUMNS} ({form}) are needed"
     try:
-        _fitting(int(words[0])) if is_csv else parse_seconds(words[0])
+        parse_stamp_ns(words[0]) if is_csv else parse_seconds(words[0])
     except (ValueError, ArithmeticError):
         return f"stamp '{words[0]}' is not {'whole nanoseconds' if is_csv else 'a number of seconds'}"
-    for word in words[1:]:
-        try:
-            value = float(word)
-        except ValueError:
-            return f"'{word}' is not a number"
-        if not math.isfinite(value):
-            return f"'{word.strip()}' is not a finite number"
-    if sum(float(word) ** 2 for word in words[4:]) < 1e-12:
-        return "the quaternion has no length"
+    try:
+        values = np.array([parse_number(word) for word in words[1:]])
+    except ValueError as error:
+        return str(error)
+    if not plausible_positions(values[:3]):
+        return f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
+    if not plausible_quats(values[3:]):
+        return f"the quaternion {values[3:].tolist()} is no rotation: a unit quaternion is needed"
     return ""

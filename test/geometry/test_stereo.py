@@ -51,20 +51,27 @@ def test_place_on_the_rover_must_be_known() -> None:
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("changes", "words"),
     [
-        {"width": 0},
-        {"height": -1},
-        {"fx": 0.0},
-        {"fy": float("nan")},
-        {"cx": float("inf")},
-        {"baseline_m": 0.0},
-        {"baseline_m": -0.1},
-        {"baseline_m": float("inf")},
+        ({"width": 0}, "image is 0 x 480"),
+        ({"height": -1}, "image is 640 x -1"),
+        ({"width": 640.5}, "whole numbers of pixels"),
+        ({"width": float("nan")}, "image is nan"),
+        ({"width": 20_000, "height": 20_000}, "up to 67108864 in all"),
+        ({"fx": 0.0}, "focal lengths"),
+        ({"fx": 1e9}, "6.4 to 64000 px are possible"),
+        ({"fy": float("nan")}, "focal lengths"),
+        ({"cx": float("inf")}, "principal point"),
+        ({"cy": 1e300}, "far outside"),
+        ({"baseline_m": 0.0}, "baseline is 0 m"),
+        ({"baseline_m": -0.1}, "baseline is -0.1 m"),
+        ({"baseline_m": 1e9}, "baseline is 1e\\+09 m"),
+        ({"baseline_m": float("nan")}, "baseline is nan m"),
+        ({"T_rb_sb": Transform(np.eye(3), np.array([0, 2e3, 0]))}, "in RB: up to 100 m"),
     ],
 )
-def test_rigs_that_cannot_be(changes: dict[str, Any]) -> None:
-    with pytest.raises(GeometryError, match="rig needs"):
+def test_rigs_that_cannot_be(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(GeometryError, match=words):
         replace(RIG, **changes)
 
 

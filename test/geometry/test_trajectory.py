@@ -11,14 +11,18 @@ from hypothesis import strategies as st
 from strategies import transforms
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.rotation import matrix_from_quat
+from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 
 
 def made(count: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(1)
-    return np.arange(count, dtype=np.int64) * 10, rng.normal(size=(count, 3)), rng.normal(size=(count, 4))
+    return (
+        np.arange(count, dtype=np.int64) * 10,
+        rng.normal(size=(count, 3)),
+        quat_normalised(rng.normal(size=(count, 4))),
+    )
 
 
 @given(st.lists(st.tuples(st.integers(-(2**63), 2**63 - 1), transforms), max_size=5))

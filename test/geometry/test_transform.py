@@ -81,7 +81,7 @@ def test_golden_unequal_angles() -> None:
 
 
 def test_quaternion_given_is_written_again_and_none_is_made_up() -> None:
-    given_quat = [0.1, -0.2, 0.3, -2.0]
+    given_quat = [0.1, -0.2, 0.3, -0.93]
     assert Transform.from_quat([0, 0, 0], given_quat).file_quat_xyzw.tolist() == given_quat
     att = Transform.from_origin_and_attitude([0, 0, 0], given_quat)
     assert quat_conjugate(att.file_quat_xyzw).tolist() == given_quat
@@ -105,6 +105,7 @@ def test_values_are_not_shared_with_the_caller() -> None:
         (np.eye(3), np.zeros(4), r"\(4,\)"),
         (np.full((3, 3), np.nan), np.zeros(3), "not finite"),
         (np.eye(3), np.array([0, np.inf, 0]), "not finite"),
+        (np.eye(3), np.array([0, 0, -1e308]), "up to 1e\\+09 m are possible"),
     ],
 )
 def test_what_is_no_transform_is_refused(rotation: np.ndarray, translation: np.ndarray, words: str) -> None:
@@ -113,7 +114,8 @@ def test_what_is_no_transform_is_refused(rotation: np.ndarray, translation: np.n
 
 
 def test_from_quat_refuses_what_is_no_rotation() -> None:
-    with pytest.raises(GeometryError, match="no length"):
-        Transform.from_quat([0, 0, 0], [0, 0, 0, 0])
+    for quat in ([0, 0, 0, 0], [0, 0, 0, 2], [0, 0, 0, 1e300], [np.nan, 0, 0, 1], [0, 0, 1]):
+        with pytest.raises(GeometryError, match="is no rotation"):
+            Transform.from_quat([0, 0, 0], quat)
     with pytest.raises(GeometryError, match="not finite"):
         Transform.from_quat([0, np.nan, 0], [0, 0, 0, 1])

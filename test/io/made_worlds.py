@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.geometry.rotation import quat_normalised
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -29,7 +30,7 @@ class World:
 
 
 def random_pose(rng: np.random.Generator) -> Transform:
-    return Transform.from_quat(rng.normal(size=3), rng.normal(size=4))
+    return Transform.from_quat(rng.normal(size=3), quat_normalised(rng.normal(size=4)))
 
 
 def random_pair(rng: np.random.Generator, stamp_ns: int, shape: tuple[int, int]) -> StereoPair:
@@ -49,7 +50,9 @@ def make_world(count: int = 4, seed: int = 0, width: int = 24, height: int = 16)
         truth[0] = np.nan
         pair = random_pair(rng, START_NS + i * 500_000_000, (height, width + 2))
         navs.append(PosedStereoPair(pair, random_pose(rng), truth if i == 0 else None))
-    trajectory = Trajectory(np.array(stamps, np.int64), rng.normal(size=(count, 3)), rng.normal(size=(count, 4)))
+    trajectory = Trajectory(
+        np.array(stamps, np.int64), rng.normal(size=(count, 3)), quat_normalised(rng.normal(size=(count, 4)))
+    )
     return World(loc_rig, nav_rig, pairs, tuple(navs), trajectory)
 
 

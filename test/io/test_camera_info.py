@@ -21,7 +21,7 @@ def test_baselines_in_micrometres_are_exact(fx: float, micrometres: int) -> None
 
 @given(focal, focal, st.floats(0.001, 10))
 def test_rigs_of_files_come_through_messages_unchanged(fx: float, fy: float, baseline: float) -> None:
-    rig = message_baseline(StereoRig(8, 6, fx, fy, 3.3, 2.2, baseline))
+    rig = message_baseline(StereoRig(80, 60, fx, fy, 33.3, 22.2, baseline))
     assert abs(rig.baseline_m - baseline) <= 4e-16 * baseline
     infos = [camera_info(START_NS, rig, "loc", side) for side in ("left", "right")]
     assert rig_from_camera_info(*infos, "loc").same_cameras(rig)

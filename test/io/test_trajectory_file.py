@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from made_worlds import assert_same_trajectory
 
 from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.rotation import quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.trajectory_file import (
     CSV_HEADER,
@@ -24,7 +25,7 @@ from sfr_loc_map.io.trajectory_file import (
     trajectory_text,
 )
 
-finite = st.floats(allow_nan=False, allow_infinity=False, width=64).filter(lambda v: abs(v) < 1e100)
+finite = st.floats(allow_nan=False, allow_infinity=False, width=64).filter(lambda v: abs(v) <= 1e9)
 unit = st.floats(0.1, 1.0)
 poses = st.lists(
     st.tuples(st.integers(-(2**62), 2**63 - 1), st.tuples(finite, finite, finite), unit), min_size=1, max_size=5
@@ -34,7 +35,7 @@ poses = st.lists(
 def trajectory_of(items: list[tuple[int, tuple[float, float, float], float]]) -> Trajectory:
     stamps = np.array([s for s, _, _ in items], np.int64)
     return Trajectory(
-        stamps, np.array([p for _, p, _ in items]), np.array([[q, -0.0, q / 3, 1 - q] for *_, q in items])
+        stamps, np.array([p for _, p, _ in items]), quat_normalised([[q, -0.0, q / 3, 1 - q] for *_, q in items])
     )
 
 
@@ -107,19 +108,26 @@ GOOD = "1.0 1 2 3 0 0 0 1"
         (f"{GOOD}\n\n2.0 1 2 3 0 0 0\n", "line 3: 7 columns"),
         ("2.0 1 2 3 0 0 0 1 9\n", "line 1: 9 columns"),
         ("1 0 0 5 0 1 0 6 0 0 1 7\n", "12 columns"),
-        (f"{GOOD}\n2.0 1 2 x 0 0 0 1\n", "line 2: 'x' is not a number"),
+        (f"{GOOD}\n2.0 1 2 x 0 0 0 1\n", "line 2: 'x' is not a finite number"),
         (f"{GOOD}\nt 1 2 3 0 0 0 1\n", "line 2: stamp 't'"),
         (f"{GOOD}\nnan 1 2 3 0 0 0 1\n", "line 2: stamp 'nan'"),
         (f"{GOOD}\n9999999999.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
         ("9999999999.0 1 2 3 0 0 0 1\n", "line 1: stamp"),
         ("1.0/ 1 2 3 0 0 0 1\n", "line 1: stamp"),
         (f"{GOOD}\n99999999999.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
-        (f"{GOOD}\n2.0 1 2 3 0 0 0 0\n", "line 2: the quaternion has no length"),
-        ("\x00\xff\xfe binary", "line 1: "),
+        (f"{GOOD}\n2.0 1 2 3 0 0 0 0\n", "line 2: the quaternion .* is no rotation"),
+        (f"{GOOD}\n2.0 1e308 2 3 0 0 0 1\n", "line 2: the position is absurd"),
+        (f"{GOOD}\n2.0 1 2 3 0 0 0 2\n", "line 2: the quaternion .* is no rotation"),
+        (f"{GOOD}\n2_0.0 1 2 3 0 0 0 1\n", "line 2: stamp '2_0.0'"),
+        (f"{GOOD}\n\u0662.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
+        (f"{GOOD}\n2.0 1_0 2 3 0 0 0 1\n", "line 2: '1_0' is not a finite number"),
+        (f"{'9' * 5000} 1 2 3 0 0 0 1\n", "line 1: stamp"),
+        ("9" * 100_000, "a line of more than 64000 bytes"),
+        ("\x00\udcff\udcfe binary", "line 1: "),
     ],
 )
 def test_broken_tum(tmp_path: Path, text: str, words: str) -> None:
-    (tmp_path / "t.txt").write_text(text, encoding="latin-1")
+    (tmp_path / "t.txt").write_text(text, encoding="utf-8", errors="surrogateescape")
     with pytest.raises(InputError, match=words) as caught:
         load_trajectory(tmp_path / "t.txt")
     assert "\n" not in str(caught.value)
@@ -133,8 +141,11 @@ def test_broken_tum(tmp_path: Path, text: str, words: str) -> None:
         (f"{CSV_HEADER}\n", "no pose"),
         (f"{CSV_HEADER}\n1.5,1,2,3,0,0,0,1\n", "line 2: stamp '1.5' is not whole"),
         (f"{CSV_HEADER}\n1,1,2,3,0,0,0,1\n2,1,2,3,0,0,0\n", "line 3: 7 columns"),
-        (f"{CSV_HEADER}\n1,1,,3,0,0,0,1\n", "line 2: '' is not a number"),
+        (f"{CSV_HEADER}\n1,1,,3,0,0,0,1\n", "line 2: '' is not a finite number"),
         (f"{CSV_HEADER}\n1,1,nan,3,0,0,0,1\n", "line 2: 'nan'"),
+        (f"{CSV_HEADER}\n1_0,1,2,3,0,0,0,1\n", "line 2: stamp '1_0' is not whole"),
+        (f"{CSV_HEADER}\n{'9' * 400},1,2,3,0,0,0,1\n", "line 2: stamp '9+' is not whole"),
+        (f"{CSV_HEADER}\n1,-1e308,2,3,0,0,0,1\n", "line 2: the position is absurd"),
         (GOOD, "the header"),
     ],
 )
@@ -153,7 +164,7 @@ def test_windows_lines_and_tabs(tmp_path: Path) -> None:
 
 def test_estimates_come_as_they_are(tmp_path: Path) -> None:
     stamps = np.array([3, 1, 1], np.int64)
-    unordered = Trajectory(stamps, np.arange(9.0).reshape(3, 3), np.tile([0.0, 0, 0, 2], (3, 1)))
+    unordered = Trajectory(stamps, np.arange(9.0).reshape(3, 3), np.tile([0.0, 0, 0, 1.001], (3, 1)))
     save_trajectory(tmp_path / "t.csv", unordered)
     assert_same_trajectory(load_trajectory(tmp_path / "t.csv"), unordered)
 
@@ -169,7 +180,7 @@ def test_order() -> None:
 def test_missing_file_and_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nope.txt"):
         load_trajectory(tmp_path / "nope.txt")
-    with pytest.raises(InputError, match="directory"):
+    with pytest.raises(InputError, match="it is a folder"):
         load_trajectory(tmp_path)
     with pytest.raises(OutputError, match="no folder"):
         save_trajectory(tmp_path / "nope" / "t.csv", Trajectory.empty())
@@ -179,7 +190,9 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
 def test_long_files_keep_every_bit(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     count = 100_000
-    long = Trajectory(np.arange(count) * 10**8, rng.normal(size=(count, 3)), rng.normal(size=(count, 4)))
+    long = Trajectory(
+        np.arange(count) * 10**8, rng.normal(size=(count, 3)), quat_normalised(rng.normal(size=(count, 4)))
+    )
     (tmp_path / "t.txt").write_text(trajectory_text(long, tum=True))
     read = load_trajectory(tmp_path / "t.txt")
     assert np.array_equal(read.stamps_ns, long.stamps_ns)

@@ -50,7 +50,7 @@ def spoilt(poses: Poses, seed: int, *, keep: float = 0.9, duplicates: int = 3, s
     stamps, positions, quats = rows(poses, np.concatenate((which, twice)))
     positions = positions + np.where(np.arange(len(stamps)) < len(which), 0.0, 0.1)[:, None]
     order = rng.permutation(len(stamps)) if shuffle else np.argsort(stamps, kind="stable")
-    return stamps[order], positions[order], quats[order] * rng.choice([-1.0, 1.0, 2.5], len(order))[:, None]
+    return stamps[order], positions[order], quats[order] * rng.choice([-1.0, 1.0, 1.004], len(order))[:, None]
 
 
 def trajectory(poses: Poses) -> Any:

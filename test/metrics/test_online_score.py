@@ -109,7 +109,7 @@ def test_estimates_without_truth_do_not_pile_up(monkeypatch: pytest.MonkeyPatch)
 
 def test_poses_that_are_none_are_refused() -> None:
     score = LiveTrajectoryScore(CONFIG)
-    with pytest.raises(GeometryError, match="not finite"):
+    with pytest.raises(GeometryError, match=r"pose 0 \(stamp 1\) is none"):
         score.add_truth(1, [0.0, float("nan"), 0], [0.0, 0, 0, 1])
 
 

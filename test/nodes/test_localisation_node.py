@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from made_scene import LOC_RIG, PERIOD_NS, START_NS, loc_pair, true_pose
+from made_scene import LOC_RIG, PERIOD_NS, START_NS, forged, loc_pair, true_pose
 from nav_msgs.msg import Odometry
 from peers import Capture, LocalNode, Manager
 from processes import Peer, node_process
@@ -163,9 +163,9 @@ def test_another_rig_is_a_restart_and_says_so(ros: None, capfd: Capture) -> None
         node.wait_for("camera_info has changed: localisation restarts at its last pose")
         assert peer.play(2) == pytest.approx(at, abs=1e-12)
         assert not [s for array in peer.diagnostics for s in array.status if s.name.endswith(": input")]
-        huge = replace(LOC_RIG, width=65_536, height=65_536)
+        huge = forged(LOC_RIG, width=65_536, height=65_536)
         send_infos(peer, "loc", huge)
-        node.wait_for("camera_info of loc says 65536 x 65536: images of up to")
+        node.wait_for("camera_info of loc: image is 65536 x 65536: whole numbers")
         peer.play(3)  # the rig known stays
 
 

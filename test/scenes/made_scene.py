@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -20,6 +21,14 @@ PERIOD_NS = 100_000_000
 T_RB_LOCSB = Transform.from_quat([0.3, 0.01, 0.2], [0.01, -0.02, 0.03, 0.9993])
 LOC_RIG = StereoRig(WIDTH, HEIGHT, 150.0, 150.0, 79.5, 59.5, 0.12, T_RB_LOCSB)
 NAV_RIG = StereoRig(WIDTH, HEIGHT, 150.0, 150.0, 79.5, 59.5, 0.12)
+
+
+def forged(rig: StereoRig, **changes: float) -> StereoRig:
+    """Return a rig with values that it would refuse, to make messages of."""
+    made = replace(rig)
+    for name, value in changes.items():
+        object.__setattr__(made, name, value)
+    return made
 
 
 def _texture() -> np.ndarray:

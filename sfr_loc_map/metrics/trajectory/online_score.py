@@ -89,7 +89,7 @@ class LiveTrajectoryScore:
         """Add a true pose of RB in DS.
 
         Raises:
-            GeometryError: If it is not finite or the quaternion has no length.
+            GeometryError: If it is not finite, absurd or the quaternion not of unit length.
         """
         _check(stamp_ns, position, quat_xyzw)
         self._add(self._truth, stamp_ns, (*map(float, position), *map(float, quat_xyzw)))
@@ -112,7 +112,7 @@ class LiveTrajectoryScore:
             lost: Whether the pose was repeated because the localiser was lost.
 
         Raises:
-            GeometryError: If the pose is not finite or the quaternion has no length.
+            GeometryError: If the pose is not finite, absurd or the quaternion not of unit length.
         """
         _check(stamp_ns, position, quat_xyzw)
         triangle = [np.nan] * COVARIANCE_SIZE if covariance is None else covariance[np.triu_indices(6)].tolist()

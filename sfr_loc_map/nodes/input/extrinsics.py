@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.nodes.input.static_transforms import StaticTransforms
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
@@ -41,9 +39,10 @@ class ExtrinsicsConfig:
             if any(self.translation_m):
                 raise ConfigError("T_rb_locsb.translation_m is given but quat_xyzw is not: give both")
             return None
-        if abs(float(np.linalg.norm(self.quat_xyzw)) - 1.0) > 1e-3:
-            raise ConfigError(f"T_rb_locsb.quat_xyzw is {list(self.quat_xyzw)}: a unit quaternion is needed")
-        return Transform.from_quat(self.translation_m, self.quat_xyzw)
+        try:
+            return Transform.from_quat(self.translation_m, self.quat_xyzw)
+        except GeometryError as error:
+            raise ConfigError(f"T_rb_locsb: {error}") from error
 
 
 class Extrinsics:

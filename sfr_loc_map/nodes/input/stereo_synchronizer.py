@@ -19,9 +19,6 @@ from sfr_loc_map.nodes.messages.image import check_image
 from sfr_loc_map.pipeline.online.stamp_order import jumped_back
 from sfr_loc_map.pipeline.online.stamp_pairing import StampPairing
 
-MAX_PIXELS = 8192 * 8192
-"""Largest image that is accepted: a header may claim any size, and every allocation follows from it."""
-
 
 @dataclass(slots=True)
 class DropCounts:
@@ -117,11 +114,6 @@ class StereoSynchronizer:
     def _update_rig(self) -> None:
         try:
             rig = rig_from_camera_info(self._infos["left"], self._infos["right"], self._name)
-            if rig.width * rig.height > MAX_PIXELS:
-                raise InputError(
-                    f"camera_info of {self._name} says {rig.width} x {rig.height}: images of up to {MAX_PIXELS} "
-                    f"pixels are accepted; publish the size of the images"
-                )
         except InputError as error:
             self._report(str(error))
             return

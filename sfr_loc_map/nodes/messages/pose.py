@@ -14,15 +14,12 @@ from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
 
 from sfr_loc_map.constants import LOST_VARIANCE
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.nodes.messages.fields import header_msg
-
-MAX_POSITION_M = 1e9
-"""Positions beyond it are refused: their squares would swamp every sum."""
 
 
 def pose_msg(pose: Transform, quat_xyzw: FloatArray) -> Pose:
@@ -40,20 +37,14 @@ def transform_from_pose(pose: Pose, name: str) -> Transform:
         name: What it is, for the message of an error.
 
     Raises:
-        InputError: If a number is not finite, the position is absurd or the quaternion is not of unit length within
-            1e-3 (an empty message has none).
+        InputError: If a number is not finite, the position is absurd or the quaternion is not of unit length (an empty
+            message has none).
     """
-    position = np.array([pose.position.x, pose.position.y, pose.position.z])
-    q = pose.orientation
-    quat = np.array([q.x, q.y, q.z, q.w])
-    if not (np.isfinite(position).all() and np.isfinite(quat).all()):
-        raise InputError(f"{name} has a number that is not finite: a position and a unit quaternion are needed")
-    if np.abs(position).max() > MAX_POSITION_M:
-        raise InputError(f"{name} lies more than {MAX_POSITION_M:g} m away: a position in metres is needed")
-    length = float(np.hypot(np.hypot(q.x, q.y), np.hypot(q.z, q.w)))
-    if abs(length - 1.0) > 1e-3:
-        raise InputError(f"{name} has a quaternion of length {length:.4g}: a unit quaternion is needed")
-    return Transform.from_quat(position, quat)
+    p, q = pose.position, pose.orientation
+    try:
+        return Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+    except GeometryError as error:
+        raise InputError(f"{name}: {error}") from error
 
 
 def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:

@@ -1,6 +1,7 @@
 """Pairs that fit their rig: what is handed over in which order, and what is dropped and counted."""
 
 # ruff: noqa: E402 - ROS may be absent
+import math
 from dataclasses import replace
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
-from made_scene import LOC_RIG, START_NS
+from made_scene import LOC_RIG, START_NS, forged
 from rclpy.serialization import deserialize_message
 from scenes import raw
 from sensor_msgs.msg import CameraInfo, Image
@@ -83,11 +84,21 @@ def test_a_rig_is_made_of_one_new_camera_info_of_each_side() -> None:
     assert stereo.events == [150.0, 151.0]
 
 
-def test_a_rig_of_absurd_size_is_refused_and_the_present_one_stays() -> None:
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"width": 65_536, "height": 65_536}, "image is 65536 x 65536: whole numbers of pixels > 0, up to"),
+        ({"fx": 1e9, "fy": 1e9}, "focal lengths are 1e+09"),
+        ({"cy": 1e300}, "principal point"),
+        ({"cx": math.nan}, "projection p is empty"),
+        ({"baseline_m": 1e9}, "baseline is 1e+09 m"),
+    ],
+)
+def test_an_absurd_rig_is_refused_and_the_present_one_stays(changes: dict[str, float], words: str) -> None:
     stereo = Input()
     stereo.infos()
-    stereo.infos(replace(LOC_RIG, width=65_536, height=65_536))
-    assert "65536 x 65536: images of up to" in stereo.problems[0]
+    stereo.infos(forged(LOC_RIG, **changes))
+    assert words in stereo.problems[0]
     stereo.pair(0)
     assert stereo.events == [150.0, 0]
 

@@ -1,0 +1,138 @@
+"""What a camera or a pose of the real world can be: one table of bounds for files, topics and parameters.
+
+Rigs, transforms and trajectories check themselves by it when they are made, so that nothing absurd reaches compiled
+code, which does not check its indices. A bound is far from any rover; it stops wrong units, swapped columns and broken
+messages, not unusual rigs. Comparisons are written so that NaN fails them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
+
+MAX_IMAGE_PIXELS = 8192 * 8192
+"""Largest image: a header may claim any size, and every allocation follows from it."""
+MAX_IMAGE_SIDE = 32_768
+FOCAL_SHARE = (0.01, 100.0)
+"""Focal length over the longer side of the image: fields of view from 178 to 0.6 degrees."""
+MAX_CENTRE_SHARE = 10.0
+"""Distance of the principal point from the image centre over the longer side; images may be crops."""
+BASELINE_M = (1e-4, 100.0)
+MAX_DISTORTION = 100.0
+"""Largest coefficient of lens distortion."""
+MAX_EXTRINSICS_M = 100.0
+"""Farthest that a camera may be from the origin of its rover."""
+MAX_POSITION_M = 1e9
+"""Farthest position: the squares of those beyond it would swamp every sum."""
+QUATERNION_TOLERANCE = 1e-2
+"""How far the length of a quaternion may be from 1: those of files are rounded."""
+MAX_VARIANCE = 1e6
+"""Largest variance of a pose that is known at all: 1 km (m^2, rad^2)."""
+
+
+def check_image_size(width: float, height: float, name: str = "image") -> None:
+    """Check the size of an image, before anything is allocated for it.
+
+    Raises:
+        GeometryError: If it cannot be that of an image.
+    """
+    sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in (width, height))
+    if not (sides_ok and width * height <= MAX_IMAGE_PIXELS):
+        raise GeometryError(
+            f"{name} is {width} x {height}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed"
+        )
+
+
+def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float]) -> None:
+    """Check the intrinsics of one camera.
+
+    Args:
+        size: Width and height, pixels.
+        focal: Focal lengths along rows and columns, pixels.
+        centre: Principal point, pixels.
+
+    Raises:
+        GeometryError: If they cannot be those of a camera.
+    """
+    check_image_size(*size)
+    side = max(size)
+    low, high = (share * side for share in FOCAL_SHARE)
+    if not all(low <= f <= high for f in focal):
+        raise GeometryError(
+            f"focal lengths are {focal[0]:g} and {focal[1]:g} px: {low:g} to {high:g} px are possible for images of "
+            f"{size[0]} x {size[1]}"
+        )
+    if not all(abs(c - 0.5 * n) <= MAX_CENTRE_SHARE * side for c, n in zip(centre, size, strict=True)):
+        raise GeometryError(
+            f"principal point is ({centre[0]:g}, {centre[1]:g}): it lies far outside an image of {size[0]} x {size[1]}"
+        )
+
+
+def check_baseline(baseline_m: float) -> None:
+    """Check the distance of the cameras.
+
+    Raises:
+        GeometryError: If it cannot be that of a stereo rig.
+    """
+    low, high = BASELINE_M
+    if not low <= baseline_m <= high:
+        raise GeometryError(f"baseline is {baseline_m:g} m: {low:g} to {high:g} m are possible")
+
+
+def check_extrinsics(position_m: FloatArray) -> None:
+    """Check the position `(3,)` of a stereo rig on its rover, metres.
+
+    Raises:
+        GeometryError: If it is not on the rover.
+    """
+    if not (np.abs(position_m) <= MAX_EXTRINSICS_M).all():
+        raise GeometryError(
+            f"the stereo rig is at {position_m.tolist()} m in RB: up to {MAX_EXTRINSICS_M:g} m are possible"
+        )
+
+
+def check_distortion(coefficients: ArrayLike) -> None:
+    """Check the coefficients of lens distortion.
+
+    Raises:
+        GeometryError: If one is absurd or not finite.
+    """
+    values = np.asarray(coefficients, dtype=np.float64)
+    if not (np.abs(values) <= MAX_DISTORTION).all():
+        raise GeometryError(f"distortion is {values.tolist()}: finite numbers up to {MAX_DISTORTION:g} are possible")
+
+
+def check_rotation(rotation: FloatArray) -> None:
+    """Check a rotation matrix `(3, 3)` that came from outside.
+
+    Raises:
+        GeometryError: If it is not orthonormal with determinant +1, within the rounding of files.
+    """
+    defect = np.abs(rotation @ rotation.T - np.eye(3)).max() if (np.abs(rotation) <= 2.0).all() else np.inf
+    if not (defect <= QUATERNION_TOLERANCE and np.linalg.det(rotation) > 0):
+        raise GeometryError("a rotation matrix is not orthonormal with determinant +1")
+
+
+def plausible_positions(positions: FloatArray) -> Mask:
+    """Tell of each position `(..., 3)`, metres, whether it is finite and not absurdly far: `(...,)`."""
+    return np.asarray((np.abs(positions) <= MAX_POSITION_M).all(axis=-1))
+
+
+def plausible_quats(quats_xyzw: FloatArray) -> Mask:
+    """Tell of each quaternion `(..., 4)` whether it has the length of a rotation: `(...,)`."""
+    bounded = (np.abs(quats_xyzw) <= 2.0).all(axis=-1)
+    squares = np.square(np.where(bounded[..., None], quats_xyzw, 0.0)).sum(axis=-1)
+    low, high = (1.0 - QUATERNION_TOLERANCE) ** 2, (1.0 + QUATERNION_TOLERANCE) ** 2
+    return np.asarray((low <= squares) & (squares <= high))
+
+
+def is_plausible_covariance(covariance: FloatArray) -> bool:
+    """Tell whether `(6, 6)` can be the covariance of a pose: finite, bounded, symmetric, no negative variance."""
+    if not (np.abs(covariance) <= MAX_VARIANCE).all():
+        return False
+    largest = max(float(np.diag(covariance).max()), 1e-30)
+    symmetric = np.abs(covariance - covariance.T).max() <= 1e-6 * largest
+    return bool(symmetric and np.linalg.eigvalsh(covariance).min() >= -1e-6 * largest)
