@@ -13,6 +13,7 @@ from setuptools import find_packages, setup
 PACKAGE = "sfr_loc_map"
 ROOT = Path(__file__).resolve().parent  # `colcon build --symlink-install` runs a link to this file in another folder
 VERSION = re.search(r'__version__ = "(.+)"', (ROOT / PACKAGE / "__init__.py").read_text(encoding="utf-8")).group(1)
+PROFILES = glob(PACKAGE + "/nodes/process/profiles/*.xml")  # in share/ for other programs: camera drivers need it
 NODES = ("localisation_node", "mapping_node", "monitor_node")
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
 
@@ -43,7 +44,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + PACKAGE]),
         ("share/" + PACKAGE, ["package.xml"]),
         ("share/" + PACKAGE + "/launch_scripts", glob("launch_scripts/*.launch.py")),
-        ("share/" + PACKAGE + "/config", [*glob("config/*.yaml"), *glob("config/*.xml")]),
+        ("share/" + PACKAGE + "/config", [*glob("config/*.yaml"), *glob("config/*.xml"), *PROFILES]),
         ("share/" + PACKAGE + "/config/simulation", glob("config/simulation/*.yaml")),
         ("lib/" + PACKAGE, [f"scripts/{name}" for name in NODES]),  # for `ros2 run` after pip install
     ],

@@ -27,6 +27,7 @@ from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.fault_injection.waiting import wait_until
 from sfr_loc_map.nodes.process.node_process import NodeProcess
 from sfr_loc_map.nodes.process.supervisor import end_processes
+from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
 
 LOCALISATION, MAPPING, MONITOR = "localisation_node", "mapping_node", "monitor_node"
 NODES = (LOCALISATION, MAPPING, MONITOR)
@@ -115,7 +116,7 @@ class Harness:
         self.node.destroy_node()
 
     def _process(self, name: str, more: Sequence[str]) -> NodeProcess:
-        arguments = ["--ros-args", "-p", "health.period_s:=0.2"]
+        arguments = ["--ros-args", "-p", "health.period_s:=0.2", "-p", f"{RELIABLE_INPUT[name]}:=reliable"]
         if name == LOCALISATION:
             arguments += [*EXTRINSICS_ARGUMENTS, "-p", f"resume_file:={self.saved_pose}"]
         if name == MONITOR:

@@ -22,6 +22,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.frontend.feature_detection import read_mask
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter
@@ -108,8 +109,10 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
         self.teardown()
 
     def check_config(self, config: LocalisationNodeConfig) -> None:
-        """Try whether a localiser can be made with the parameters and the rig, where that is known."""
+        """Try whether a localiser can be made with the parameters and the rig; where that is not known, read masks."""
         T_rb_sb = config.T_rb_locsb.transform()
+        for mask in filter(None, (config.localisation.left_mask, config.localisation.right_mask)):
+            read_mask(mask)
         if self._stereo is not None and self._stereo.rig is not None:
             rig = replace(self._stereo.rig, T_rb_sb=T_rb_sb or Transform.identity())
             Localiser(rig, config.localisation, Transform.identity())
@@ -220,7 +223,7 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
             return
         estimate = self._session.accept(estimate)
         self.publish_estimate(estimate)
-        self._publish_debug_image(pair, localiser, estimate)
+        self._publish_debug_image(pair, localiser, estimate, received.frame_id)
         now_ns = self.get_clock().now().nanoseconds
         times = latencies(received.times, pair.stamp_ns, time.time_ns(), now_ns) | {"conversion_s": conversion_s}
         statistics = estimate.figures | ({} if motion is None else {"motion_prior": 1.0})
@@ -234,11 +237,13 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
         if self._stereo is not None:
             self._stereo.count_unprocessed()
 
-    def _publish_debug_image(self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate) -> None:
+    def _publish_debug_image(
+        self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate, frame_id: str
+    ) -> None:
         """Publish the left image with its tracked features, if there is a subscriber."""
         if self._debug_image.get_subscription_count():
             image = draw_tracks(pair.left, localiser.last_result, estimate)
-            self._debug_image.publish(image_msg(image, header_msg(pair.stamp_ns, "")))
+            self._debug_image.publish(image_msg(image, header_msg(pair.stamp_ns, frame_id)))
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry, and tf where wanted and tracked; in the worker's thread, in the order of the pairs."""

@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
@@ -34,6 +33,7 @@ from sfr_loc_map.nodes.input.stereo_subscriber import StereoSubscriber
 from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.node_config import PairNodeConfig
+from sfr_loc_map.nodes.lifecycle.qos import profile
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.image import disparity_msg
 from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
@@ -44,6 +44,7 @@ from sfr_loc_map.pipeline.online.mapping_session import MappingSession
 from sfr_loc_map.pipeline.online.pose_matching import PoseMatching
 
 NAME = "mapping_node"
+POSE_DEPTH = 100
 ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)
 """To load compiled code and to check parameters with, before the rig is known."""
 
@@ -59,7 +60,9 @@ class MappingNodeConfig(PairNodeConfig):
     pose_wait_s: float = param(
         5.0, unit="s", doc="How long a pair waits for the nav/pose of its stamp.", low=0.0, high=600.0
     )
-    output_depth: int = param(10, unit="messages", doc="Depth of the queues of cloud and disparity.", low=1, high=1000)
+    output_depth: int = param(
+        10, unit="messages", doc="Depth of the queue of the disparity; the cloud is latched.", low=1, high=1000
+    )
     input: StereoInputConfig = field(default_factory=StereoInputConfig)
     mapping: MappingConfig = field(default_factory=MappingConfig)
 
@@ -93,12 +96,13 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         Mapper(ANY_RIG, config.mapping).warm_up()
         self._session = MappingSession(config.mapping)
         self._calls = CallReporter(self, self.task, self.status.publisher)
-        self._cloud = self.endpoints.add_publisher(PointCloud2, "mapping/points", config.output_depth)
+        self._cloud = self.endpoints.add_publisher(PointCloud2, "mapping/points", 1, latched=True)
         self._disparity = self.endpoints.add_publisher(DisparityImage, "mapping/disparity", config.output_depth)
 
     def subscribe(self) -> None:
         """Subscribe and offer services."""
-        self.endpoints.add_subscription(PoseStamped, "nav/pose", self._on_pose, QoSProfile(depth=100))
+        poses = profile(self.config.input.reliability, POSE_DEPTH)
+        self.endpoints.add_subscription(PoseStamped, "nav/pose", self._on_pose, poses)
         handlers = PairHandlers(self._on_pair, self._on_rig, lambda: self._restart("stamps have gone back"))
         self._stereo = StereoSubscriber("nav", self.config.input, handlers, self.endpoints, self.status)
         self.add_service("~/finish", self._finish)

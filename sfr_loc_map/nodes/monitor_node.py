@@ -38,6 +38,7 @@ from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level
 from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.node_config import NodeConfig
+from sfr_loc_map.nodes.lifecycle.qos import RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, transform_from_pose
@@ -66,6 +67,13 @@ class MonitorNodeConfig(NodeConfig):
         "one that exists at the start is kept as *.before.json. 0: only by ~/save.",
         low=0.0,
         high=3600.0,
+    )
+    input_reliability: str = param(
+        "best_effort",
+        doc="Reliability requested from the publishers of ground_truth/odometry, nav/pose and camera_info; best_effort "
+        "matches both kinds. Results and clouds are requested reliably. One subscription alone: "
+        "qos_overrides.TOPIC.subscription.reliability.",
+        choices=RELIABILITIES,
     )
     input_depth: int = param(1000, unit="messages", doc="Depth of the queues of poses and calls.", low=1, high=100000)
     score: ScoreConfig = field(default_factory=ScoreConfig)
@@ -108,13 +116,14 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Subscribe and offer services."""
         config = self.config
         deep, shallow = QoSProfile(depth=config.input_depth), QoSProfile(depth=10)
+        of_rover, info = (profile(config.input_reliability, depth) for depth in (config.input_depth, 10))
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._receive(Odometry, "localisation/odometry", self._on_estimate, deep)
-        self._receive(Odometry, "ground_truth/odometry", self._on_truth, deep)
+        self._receive(Odometry, "ground_truth/odometry", self._on_truth, of_rover)
         self._receive(DiagnosticArray, TOPIC, self._on_calls, deep)
-        self._receive(PoseStamped, "nav/pose", self._on_pose, deep)
-        self._receive(CameraInfo, "nav/left/camera_info", partial(self._on_camera_info, "left"), shallow)
-        self._receive(CameraInfo, "nav/right/camera_info", partial(self._on_camera_info, "right"), shallow)
+        self._receive(PoseStamped, "nav/pose", self._on_pose, of_rover)
+        self._receive(CameraInfo, "nav/left/camera_info", partial(self._on_camera_info, "left"), info)
+        self._receive(CameraInfo, "nav/right/camera_info", partial(self._on_camera_info, "right"), info)
         self._receive(PointCloud2, "ground_truth/points", self._on_true_points, shallow)
         self._receive(PointCloud2, "mapping/points", self._on_cloud, shallow)
         for task in ("localisation", "mapping"):

@@ -44,7 +44,9 @@ class Rover:
             kinds["loc/right/image_rect"] = String
         left_out = "loc/right/image_rect" if what == "no publisher" else ""
         self.publishers = {
-            name: node.create_publisher(kind, name, best_effort if what == "qos" and "image" in name else reliable)
+            name: node.create_publisher(
+                kind, name, best_effort if what == "best effort" and "image" in name else reliable
+            )
             for name, kind in kinds.items()
             if name != left_out
         }

@@ -14,14 +14,16 @@ import broken_sources as broken
 import numpy as np
 import pytest
 from cli_result import Sfr
-from made_scene import write_bag
+from made_scene import LOC_RIG, write_bag
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from processes import Process, wait_until
 
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE
 from sfr_loc_map.pipeline.doctor.checks import examine
-from sfr_loc_map.pipeline.doctor.observation import HostMemory, Observation, ObservedNode, ObservedTopic
+from sfr_loc_map.pipeline.doctor.observation import HostMemory, Observation, ObservedNode, ObservedTopic, Reliability
 
 Edit = broken.Edit
 
@@ -183,6 +185,12 @@ def test_what_only_a_host_or_a_graph_can_have_wrong() -> None:
             "wrong_type",
         }
         assert found == causes
+    strict = ObservedTopic("/loc/left/image_rect", (IMAGE,), (Reliability.BEST_EFFORT,), requests={})
+    for requested, causes in ((Reliability.RELIABLE, ["qos"]), (Reliability.BEST_EFFORT, [])):
+        topic = replace(strict, requests={"/localisation_node": requested})
+        findings = [f for f in examine(replace(seen, topics=good | {"loc/left/image_rect": topic})) if f.cause == "qos"]
+        assert [f.cause for f in findings] == causes
+        assert all("qos_overrides./loc/left/image_rect.subscription.reliability" in f.fix for f in findings)
     asleep = replace(seen, nodes=(replace(nodes[0], state="inactive"),))
     (finding,) = [f for f in examine(asleep) if f.cause == "inactive"]
     assert finding.fix == "ros2 lifecycle set /localisation_node activate"
@@ -193,6 +201,32 @@ def test_what_only_a_host_or_a_graph_can_have_wrong() -> None:
         ambiguous={"loc/left/image_rect": ("/a/loc/left/image_rect", "/b/loc/left/image_rect")},
     )
     assert [f.cause for f in examine(two)] == ["ambiguous"]
+
+
+def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None:
+    """A camera driver with the 0.5 MB of shared memory that Fast DDS has unless told otherwise."""
+    every, period_ns = np.arange(100, dtype=np.int64), 100_000_000
+    kept = {side: np.delete(every, np.s_[first::5]) for side, first in (("left", 1), ("right", 3))}
+
+    def found(lost: int) -> list[tuple[str, bool, str]]:
+        topics = {}
+        for side, stamps in kept.items():
+            image = bag_messages.image(0, np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8), "loc", side)
+            info = bag_messages.camera_info(0, LOC_RIG, "loc", side)
+            offers = (Reliability.BEST_EFFORT,)
+            topics |= {
+                f"loc/{side}/image_rect": ObservedTopic("x", (IMAGE,), offers, stamps * period_ns, (image,), lost=lost),
+                f"loc/{side}/camera_info": ObservedTopic("y", (CAMERA_INFO,), offers, stamps, (info,)),
+            }
+        memory = HostMemory(profile="/there/fastdds_shm.xml")
+        seen = Observation("graph", live=True, topics=topics, extrinsics_given=True, memory=memory)
+        return [(f.cause.value, f.is_blocking, f"{f.text} {f.fix}") for f in examine(seen) if f.cause != "truth"]
+
+    ((cause, blocks, text),) = found(lost=20)
+    assert (cause, blocks) == ("transport", True)
+    assert "20% of the images are lost" in text
+    assert "export FASTRTPS_DEFAULT_PROFILES_FILE=/there/fastdds_shm.xml" in text
+    assert [found(lost=n)[0][:2] for n in (2, 0)] == [("transport", False), ("unpaired", False)]
 
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
@@ -208,7 +242,7 @@ GRAPHS = {
     "good": [],
     "no publisher": [("no_publisher", True)],
     "silent": [("silent", True)],
-    "qos": [("qos", True), ("qos", True)],
+    "best effort": [],
     "wrong type": [("wrong_type", True)],
     "unsynchronised": [("unsynchronised", True)],
     "clocks apart": [("clocks_apart", False)],

@@ -18,7 +18,10 @@ from sfr_loc_map.io.bag import TYPESTORE
 if TYPE_CHECKING:
     from processes import Peer
 
+RELIABLE = ["-p", "input.reliability:=reliable"]
+"""For nodes in a process of their own: by best effort the first message after discovery may be lost."""
 MOUNT = [
+    *RELIABLE,
     "-p",
     f"T_rb_locsb.translation_m:={T_RB_LOCSB.translation.tolist()}",
     "-p",

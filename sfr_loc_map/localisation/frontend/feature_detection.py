@@ -68,11 +68,23 @@ def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
     """
     if not path:
         return None
-    mask = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
-    if mask is None or mask.shape != (rig.height, rig.width):
-        found = "nothing that can be read" if mask is None else f"{mask.shape[1]} x {mask.shape[0]} pixels"
+    mask = read_mask(path)
+    if mask.shape != (rig.height, rig.width):
+        found = f"{mask.shape[1]} x {mask.shape[0]} pixels"
         raise ConfigError(f"mask '{path}': {found}; give a grey image of {rig.width} x {rig.height} pixels")
     return np.asarray(cv2.erode(mask, np.ones((2 * BLOCK + 1, 2 * BLOCK + 1), np.uint8)), dtype=np.uint8)
+
+
+def read_mask(path: str) -> NDArray[np.uint8]:
+    """Read the image `(H, W)` of a mask, of whatever size.
+
+    Raises:
+        ConfigError: If it cannot be read.
+    """
+    mask = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+    if mask is None:
+        raise ConfigError(f"mask '{path}': nothing that can be read; give a grey image of the size of the images")
+    return np.asarray(mask, dtype=np.uint8)
 
 
 def _strength(image: FloatImage) -> FloatImage:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from threading import Lock
@@ -107,12 +107,14 @@ class NodeActivity:
         counts: What was dropped since the start, by name.
         waiting: Jobs that wait for the worker.
         expects_input: Whether messages should be coming in, so that silence makes an active node stale.
+        findings: What is not as it should be around the node, with its level.
     """
 
     lifecycle: str
     counts: Mapping[str, int]
     waiting: int
     expects_input: bool
+    findings: Sequence[tuple[Level, str]] = ()
 
 
 class Health:
@@ -129,6 +131,11 @@ class Health:
         self._lock = Lock()
         self._process = psutil.Process()
         self.reset()
+
+    def set_config(self, config: HealthConfig) -> None:
+        """Judge by other limits from now on."""
+        with self._lock:
+            self._config = config
 
     def reset(self) -> None:
         """Forget what happened: the node has become active or inactive."""
@@ -206,7 +213,7 @@ class Health:
         return [(level, text) for text, (_, level) in reversed(self._problems.items())]
 
     def _findings(self, now: float, memory: int, activity: NodeActivity) -> list[tuple[Level, str]]:
-        found: list[tuple[Level, str]] = []
+        found = list(activity.findings)
         if memory > self._config.memory_warn_mb * MB:
             found.append((Level.WARN, f"more than {self._config.memory_warn_mb} MB of memory in use"))
         if activity.lifecycle != State.ACTIVE:
@@ -235,6 +242,9 @@ class Health:
             moments.popleft()
 
     def _rate(self, moments: deque[float], now: float) -> float:
-        """Return how many a second there were in the window, or since the begin where that is later."""
-        span = min(self._config.window_s, now - self._since)
-        return sum(now - moment <= span for moment in moments) / span if span > 0 else 0.0
+        """Return how many a second there were in the window, or since the begin where that is later.
+
+        The first second after the begin counts as a whole one: two messages within a microsecond of it are no rate.
+        """
+        span = min(self._config.window_s, max(now - self._since, 1.0))
+        return sum(now - moment <= span for moment in moments) / span

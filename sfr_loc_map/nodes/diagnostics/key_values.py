@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Mapping
 from enum import IntEnum
 
@@ -9,6 +10,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 Value = str | bool | int | float
+HARDWARE_ID = socket.gethostname()
+"""Of each status: the host that the node runs on, whose time and memory it tells."""
 TOPIC = "/diagnostics"
 CALL = "call"
 """Name, after the node's, of the status that describes one call."""
@@ -26,7 +29,7 @@ class Level(IntEnum):
 def status_msg(name: str, level: Level, message: str, values: Mapping[str, Value]) -> DiagnosticStatus:
     """Return one status; numbers are written in the shortest form that reads back to the same bits."""
     pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
-    return DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs)
+    return DiagnosticStatus(level=bytes([level]), name=name, message=message, hardware_id=HARDWARE_ID, values=pairs)
 
 
 def array_msg(header: Header, *statuses: DiagnosticStatus) -> DiagnosticArray:

@@ -9,6 +9,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.timer import Timer
 
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call
 from sfr_loc_map.nodes.diagnostics.health import Health, HealthConfig, NodeActivity
@@ -42,7 +43,13 @@ class StatusReporter:
         self._last_kind: tuple[str, ...] = ()
         self.health = Health(config)
         self.publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
-        node.create_timer(config.period_s, self.publish_health, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = self._start_timer(config.period_s)
+
+    def set_config(self, config: HealthConfig) -> None:
+        """Judge the health by other limits, and publish it with another period."""
+        self.health.set_config(config)
+        self._node.destroy_timer(self._timer)
+        self._timer = self._start_timer(config.period_s)
 
     def error(self, text: str) -> None:
         """Report something that keeps the node from working: log, /diagnostics, health."""
@@ -71,6 +78,9 @@ class StatusReporter:
             return
         self._last_kind = status.kind
         self._publish("health", status.level, status.message, status.values)
+
+    def _start_timer(self, period_s: float) -> Timer:
+        return self._node.create_timer(period_s, self.publish_health, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _publish(self, name: str, level: Level, message: str, values: Mapping[str, Value]) -> None:
         status = status_msg(f"{self._node.get_fully_qualified_name().lstrip('/')}: {name}", level, message, values)

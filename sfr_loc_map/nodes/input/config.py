@@ -19,8 +19,9 @@ class StereoInputConfig:
         choices=("raw", "compressed", "auto"),
     )
     reliability: str = param(
-        "reliable",
-        doc="Reliability requested from the publishers of images and camera_info; best_effort matches both kinds.",
+        "best_effort",
+        doc="Reliability requested from the publishers of images, camera_info and nav/pose; best_effort matches both "
+        "kinds. One subscription alone: qos_overrides.TOPIC.subscription.reliability.",
         choices=RELIABILITIES,
     )
     queue_depth: int = param(

@@ -16,8 +16,9 @@ from sfr_loc_map.nodes.input.received_pair import ReceivedImage
 from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers, StereoSynchronizer
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.lifecycle.qos import profile
+from sfr_loc_map.nodes.process.environment import PROFILE
 from sfr_loc_map.pipeline.online.latency import MessageTimes
-from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
+from sfr_loc_map.pipeline.online.transport_gaps import LossWatch, TransportGaps
 
 
 class StereoSubscriber:
@@ -43,6 +44,7 @@ class StereoSubscriber:
         self._status = status
         self._gaps: list[TransportGaps] = []
         self._unprocessed = 0
+        self._losses = LossWatch(f"images of '{name}'", str(PROFILE), status.warn)
         self._synchronizer = StereoSynchronizer(name, config, handlers, status.error)
         qos = profile(config.reliability, config.queue_depth)
         topics: list[tuple[str, type[Any]]] = []
@@ -89,7 +91,7 @@ class StereoSubscriber:
         self._gaps.append(gaps)
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - Image or CompressedImage
-            gaps.add(info)
+            self._losses.add(gaps.add(info))
             self._status.health.note_arrival()
             self._synchronizer.add_image(side, ReceivedImage(message, MessageTimes.of(info)))
 

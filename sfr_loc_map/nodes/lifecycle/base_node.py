@@ -6,11 +6,14 @@ import traceback
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
+from rclpy.clock import ROSClock
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import String
 
-from sfr_loc_map.errors import NodeError
+from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.nodes.diagnostics.health import NodeActivity, State
+from sfr_loc_map.nodes.diagnostics.key_values import Level
 from sfr_loc_map.nodes.diagnostics.status_reporter import StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Answer, Endpoints
 from sfr_loc_map.nodes.lifecycle.node_config import NodeConfig
@@ -19,6 +22,8 @@ from sfr_loc_map.nodes.lifecycle.services import answer_by
 from sfr_loc_map.nodes.lifecycle.worker import Worker
 
 C = TypeVar("C", bound=NodeConfig)
+FIXED = ("autostart",)
+"""Parameters that are read once, when the node starts."""
 
 
 class BaseNode(LifecycleNode, Generic[C]):
@@ -47,15 +52,27 @@ class BaseNode(LifecycleNode, Generic[C]):
             name: Name of the node.
             task: One word.
             config_type: Its parameters.
-            live: Beginnings of names of parameters that may change while the node runs.
+            live: Beginnings of names of parameters that may change while the node is active; the others may as long as
+                it is unconfigured.
             options: Of `rclpy.node.Node` (namespace, parameter_overrides, ...).
 
         Raises:
             ConfigError: If a parameter is unknown or not valid.
         """
-        super().__init__(name, **options)
+        try:
+            super().__init__(name, **options)
+        except InvalidParameterTypeException as error:  # of a parameter that ROS itself declares
+            raise ConfigError(f"parameters of {name}: {error}") from error
         self.task = task
-        self._settings = Parameters(self, config_type, live=live, check=self.check_config, changed=self._on_change)
+        self._settings = Parameters(
+            self,
+            config_type,
+            live=live,
+            fixed=FIXED,
+            state=lambda: self.state,
+            check=self.check_config,
+            changed=self._on_change,
+        )
         self._worker: Worker | None = None
         self._config_publisher: Any = None
         self.status = StatusReporter(self, task, self.config.health, self._activity)
@@ -141,7 +158,21 @@ class BaseNode(LifecycleNode, Generic[C]):
 
     def _activity(self) -> NodeActivity:
         waiting = self._worker.waiting if self._worker is not None else 0
-        return NodeActivity(self.state, self.counts(), waiting, self.expects_input())
+        return NodeActivity(self.state, self.counts(), waiting, self.expects_input(), self._surroundings())
+
+    def _surroundings(self) -> list[tuple[Level, str]]:
+        """Return what of the graph and the clock keeps the node from being of use."""
+        found: list[tuple[Level, str]] = []
+        if self.get_node_names_and_namespaces().count((self.get_name(), self.get_namespace())) > 1:
+            text = (
+                f"another node of the name {self.get_fully_qualified_name()} is in this ROS domain and publishes, too: "
+                f"end one, or give it a namespace (one that was killed shows for up to 20 s)"
+            )
+            found.append((Level.WARN, text))
+        clock = self.get_clock()
+        if isinstance(clock, ROSClock) and clock.ros_time_is_active and not clock.now().nanoseconds:
+            found.append((Level.WARN, "use_sim_time is on but nothing was received on /clock: its time stands still"))
+        return found
 
     def _on_fault(self, error: Exception) -> None:
         """Survive an exception that was not foreseen: report it and restart."""
@@ -153,6 +184,8 @@ class BaseNode(LifecycleNode, Generic[C]):
 
     def _on_change(self, config: C) -> None:
         self.get_logger().info(f"parameters have changed; configuration {self.config_json()}")
+        self.endpoints.reliability = config.output_reliability
+        self.status.set_config(config.health)
         if self._worker is not None:
             self.apply_config(config)
             self._publish_config()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from copy import copy
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -12,10 +13,18 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-from sfr_loc_map.nodes.lifecycle.qos import profile, publisher_events, subscription_events
+from sfr_loc_map.nodes.lifecycle.qos import (
+    overriding_options,
+    profile,
+    publisher_events,
+    subscription_events,
+    unused_overrides,
+)
 
 Answer = tuple[bool, str]
 """Success and message of a std_srvs/Trigger."""
+WAITING_REQUESTS = 1000
+"""Requests of a service that wait behind the jobs of the worker; the 10 of ROS are gone within a long call."""
 
 
 class Endpoints:
@@ -23,6 +32,9 @@ class Endpoints:
 
     Publishers belong to the configured node, subscriptions and timers to the active one. A service, once created,
     stays: an answer may be under way.
+
+    Attributes:
+        reliability: Offered by all publishers; one of `qos.RELIABILITIES`.
     """
 
     def __init__(self, node: LifecycleNode, reliability: str, warn: Callable[[str], None]) -> None:
@@ -33,7 +45,8 @@ class Endpoints:
             reliability: Offered by all publishers; one of `qos.RELIABILITIES`.
             warn: Called when a peer has an incompatible quality of service.
         """
-        self._node, self._reliability, self._warn = node, reliability, warn
+        self.reliability = reliability
+        self._node, self._warn = node, warn
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._service_group = MutuallyExclusiveCallbackGroup()
         self._at_deactivate: list[Callable[[], object]] = []
@@ -44,7 +57,7 @@ class Endpoints:
 
     def add_publisher(self, kind: type[Any], topic: str, depth: int, *, latched: bool = False) -> Any:  # noqa: ANN401
         """Return a publisher that sends only while the node is active."""
-        qos = profile(self._reliability, depth)
+        qos = profile(self.reliability, depth)
         if latched:
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
         events = publisher_events(self._node.resolve_topic_name(topic), self._warn)
@@ -54,9 +67,20 @@ class Endpoints:
         return publisher
 
     def add_subscription(self, kind: type[Any], topic: str, callback: Callable[..., None], qos: QoSProfile) -> None:
-        """Subscribe until the node is deactivated."""
-        events = subscription_events(self._node.resolve_topic_name(topic), self._warn)
-        subscription = self._node.create_subscription(kind, topic, callback, qos, event_callbacks=events)
+        """Subscribe until the node is deactivated; parameters of the node may override the quality of service.
+
+        Raises:
+            ConfigError: If such a parameter is not valid.
+        """
+        full_name = self._node.resolve_topic_name(topic)
+        subscription = self._node.create_subscription(
+            kind,
+            topic,
+            callback,
+            copy(qos),  # which the overrides are written into
+            event_callbacks=subscription_events(full_name, self._warn),
+            qos_overriding_options=overriding_options(self._node, full_name),
+        )
         self._at_deactivate.append(lambda: self._node.destroy_subscription(subscription))
         self._subscribed.append(subscription.topic_name)
 
@@ -76,7 +100,8 @@ class Endpoints:
             response.success, response.message = await answer()
             return response
 
-        self._node.create_service(Trigger, name, serve, callback_group=self._service_group)
+        qos = QoSProfile(depth=WAITING_REQUESTS)
+        self._node.create_service(Trigger, name, serve, qos_profile=qos, callback_group=self._service_group)
 
     def at_deactivate(self, action: Callable[[], object]) -> None:
         """Do something when the node is deactivated."""
@@ -96,6 +121,10 @@ class Endpoints:
             action()
         self._at_cleanup.clear()
         self._published.clear()
+
+    def unused_overrides(self) -> list[str]:
+        """Return the parameters of quality of service that belong to no subscription."""
+        return unused_overrides(self._node, self._subscribed)
 
     def summary(self, *always_published: str) -> str:
         """Return all names in one line."""

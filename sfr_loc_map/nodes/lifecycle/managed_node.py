@@ -94,7 +94,9 @@ class ManagedNode(BaseNode[C]):
         super().destroy_node()
 
     def _configure(self) -> None:
+        self.check_config(self.config)  # again: a file that it names may be gone
         self.get_logger().info(f"configuration {self.config_json()}")
+        self.teardown()  # begin with the parameters that were set meanwhile
         self._worker = Worker(self.task, *self.config.queue(), self._on_fault)
         self._config_publisher = self.endpoints.add_publisher(String, f"{self.task}/configuration", 1, latched=True)
         self.setup()
@@ -102,6 +104,8 @@ class ManagedNode(BaseNode[C]):
     def _activate(self) -> None:
         self.status.health.reset()
         self.subscribe()
+        for name in self.endpoints.unused_overrides():
+            self.get_logger().warning(f"parameter {name} is of no subscription of this node: ignored")
         jump = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-JUMP_BACK_NS), on_clock_change=False)
         handle = self.get_clock().create_jump_callback(jump, post_callback=lambda _: self.clock_jumped_back())
         self.endpoints.at_deactivate(handle.unregister)

@@ -1,12 +1,13 @@
 """ROS parameters from configuration dataclasses.
 
 A field of a dataclass is the only declaration of a parameter: ROS gets its name, type, default, text, unit and range.
+All but the fixed ones may be set while the node is unconfigured, the live ones always.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -15,9 +16,11 @@ from rclpy.parameter import Parameter
 
 from sfr_loc_map.config import ParamInfo, build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, SfrError
+from sfr_loc_map.nodes.diagnostics.health import State
+from sfr_loc_map.nodes.lifecycle.qos import OVERRIDES
 
 C = TypeVar("C")
-BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+BUILT_IN = ("use_sim_time", "start_type_description_service", OVERRIDES)
 """Parameters that ROS itself declares on a node."""
 
 
@@ -34,6 +37,8 @@ class Parameters(Generic[C]):
         config_type: type[C],
         *,
         live: tuple[str, ...] = (),
+        fixed: Collection[str] = (),
+        state: Callable[[], str] = lambda: State.ACTIVE,
         check: Callable[[C], None] = lambda config: None,
         changed: Callable[[C], None] = lambda config: None,
     ) -> None:
@@ -43,6 +48,8 @@ class Parameters(Generic[C]):
             node: A node that has declared none of them yet.
             config_type: A frozen dataclass with fields by `sfr_loc_map.config.param`.
             live: Beginnings of names that may change while the node runs, beside those whose fields say so.
+            fixed: Names that never change.
+            state: Returns the state of the managed node.
             check: Raises an `SfrError` where values that are each valid do not fit together.
             changed: Called with the configuration after each live change.
 
@@ -50,7 +57,7 @@ class Parameters(Generic[C]):
             ConfigError: For an unknown name, a wrong type or a value out of range.
             SfrError: What `check` raises.
         """
-        self._type, self._check, self._changed = config_type, check, changed
+        self._type, self._state, self._check, self._changed = config_type, state, check, changed
         self._origin = f"parameters of {node.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(config_type)}
         given = {n: _as_list(p.value) for n, p in node._parameter_overrides.items() if not n.startswith(BUILT_IN)}
@@ -58,9 +65,10 @@ class Parameters(Generic[C]):
         self.config = build(config_type, given, origin=self._origin)
         check(self.config)
         values = flatten(self.config)
+        self._live = {name for name, info in self._infos.items() if info.live or name.startswith(live or ("\0",))}
         for name, info in self._infos.items():
-            is_live = info.live or name.startswith(live or ("\0",))
-            node.declare_parameter(name, _as_list(values[name]), descriptor(info, live=is_live), ignore_override=True)
+            text = descriptor(info, live=name in self._live, fixed=name in fixed)
+            node.declare_parameter(name, _as_list(values[name]), text, ignore_override=True)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_changed)
 
@@ -80,6 +88,11 @@ class Parameters(Generic[C]):
         return build(self._type, values, origin=self._origin)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        state = self._state()
+        held = sorted({change.name for change in changes} & (self._infos.keys() - self._live))
+        if held and state != State.UNCONFIGURED:
+            reason = f"'{held[0]}' is read-only while the node is {state}: deactivate and clean it up first"
+            return SetParametersResult(successful=False, reason=reason)
         try:
             self._check(self._with(changes))
         except SfrError as error:
@@ -93,17 +106,18 @@ class Parameters(Generic[C]):
             self._changed(config)
 
 
-def descriptor(info: ParamInfo, *, live: bool) -> ParameterDescriptor:
-    """Return what ROS tools show of a parameter: text with unit, range, choices, whether it may change."""
+def descriptor(info: ParamInfo, *, live: bool, fixed: bool) -> ParameterDescriptor:
+    """Return what ROS tools show of a parameter: text with unit, range, choices, when it may change."""
     text = f"{info.doc} [{info.unit}]" if info.unit else info.doc
-    message = ParameterDescriptor(description=text, read_only=not live)
-    if info.choices:
-        message.additional_constraints = "one of: " + ", ".join(info.choices)
-    if info.low is None or info.high is None:
+    message = ParameterDescriptor(description=text, read_only=fixed)
+    constraints = [f"one of: {', '.join(info.choices)}"] if info.choices else []
+    if isinstance(info.default, tuple) and info.low is not None:
+        constraints.append(f"each from {info.low:g} to {info.high:g}")
+    constraints += [] if live or fixed else ["read-only unless the node is unconfigured"]
+    message.additional_constraints = "; ".join(constraints)
+    if info.low is None or info.high is None or isinstance(info.default, tuple):
         return message
-    if isinstance(info.default, tuple):
-        message.additional_constraints = f"each from {info.low:g} to {info.high:g}"
-    elif isinstance(info.default, float):
+    if isinstance(info.default, float):
         message.floating_point_range = [FloatingPointRange(from_value=float(info.low), to_value=float(info.high))]
     else:
         message.integer_range = [IntegerRange(from_value=int(info.low), to_value=int(info.high), step=1)]

@@ -18,6 +18,12 @@ from sfr_loc_map.metrics.config import ScoreConfig
 
 REPLAY_PARAMETERS = {"autostart": True, "output_reliability": "reliable"}
 """Parameters that a replay sets for each node, whatever a parameter file says."""
+RELIABLE_INPUT = {
+    "localisation_node": "input.reliability",
+    "mapping_node": "input.reliability",
+    "monitor_node": "input_reliability",
+}
+"""Parameter of each node that a replay sets to reliable: in lock step each message is awaited."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +101,7 @@ def _changed(prefix: str, config: Any) -> dict[str, Any]:  # noqa: ANN401 - any 
 
 def _arguments(folder: Path, node: str, parameters: dict[str, Any], user_file: Path | None) -> list[str]:
     path = folder / f"{node}.yaml"
-    content = {f"/**/{node}": {"ros__parameters": parameters | REPLAY_PARAMETERS}}
+    content = {f"/**/{node}": {"ros__parameters": parameters | REPLAY_PARAMETERS | {RELIABLE_INPUT[node]: "reliable"}}}
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     arguments = ["--ros-args"]
     for file in (user_file, path):

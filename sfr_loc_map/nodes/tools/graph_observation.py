@@ -39,6 +39,7 @@ from sfr_loc_map.pipeline.doctor.observation import (
     ObservedTopic,
     Reliability,
 )
+from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
 
 QUIET_S = 1.5
 """Discovery counts as complete when there are images and the graph has not changed for so long,"""
@@ -49,7 +50,7 @@ ANSWER_S = 2.0
 DEPTH = 100
 SUITE_NODES = (*TASK_OF_NODE, "monitor_node")
 SHARED_MEMORY = Path("/dev/shm")
-PARAMETERS = ("use_sim_time", "input.reliability", "input.stamp_tolerance_s", "T_rb_locsb.quat_xyzw")
+PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "T_rb_locsb.quat_xyzw")
 
 
 def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
@@ -85,6 +86,7 @@ class _GraphObserver:
         self._remap = {new.strip("/"): found for found, new in self._renamed.items()}
         self._stamps: dict[str, list[int]] = {}
         self._messages: dict[str, list[Any]] = {}
+        self._gaps: dict[str, TransportGaps] = {}
         self._frames = StaticTransforms()
 
     def observe(self, seconds: float, *, extrinsics_given: bool) -> Observation:
@@ -108,7 +110,7 @@ class _GraphObserver:
             nodes=nodes,
             has_clock=bool(self._node.get_publishers_info_by_topic("/clock")),
             now_ns=time.time_ns(),
-            memory=HostMemory(shared_memory_bytes(), segment_bytes()),
+            memory=HostMemory(shared_memory_bytes(), segment_bytes(), str(environment.PROFILE)),
         )
 
     def _full_name(self, name: str) -> str:
@@ -128,14 +130,17 @@ class _GraphObserver:
         if set(types) - set(EXPECTED[name]):
             return
         stamps, messages = self._stamps.setdefault(name, []), self._messages.setdefault(name, [])
+        gaps = self._gaps.setdefault(name, TransportGaps())
 
-        def received(message: Any) -> None:  # noqa: ANN401 - any stamped message
+        def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any stamped message
+            gaps.add(info)
             stamps.append(stamp_of(message))
             if len(messages) < MESSAGES_KEPT:
                 messages.append(message)
 
+        callback: Any = received  # rclpy's types do not know of the information beside a message
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._node.create_subscription(message_type(types[0]), full_name, received, qos)
+        self._node.create_subscription(message_type(types[0]), full_name, callback, qos)
 
     def _subscribe_tf(self) -> bool:
         """Subscribe to /tf_static; return whether its type is installed."""
@@ -149,7 +154,20 @@ class _GraphObserver:
         infos = self._node.get_publishers_info_by_topic(full_name)
         stamps = np.array(self._stamps.get(name, []), np.int64)
         messages = tuple(self._messages.get(name, ()))
-        return ObservedTopic(full_name, tuple(types), tuple(_reliability(info) for info in infos), stamps, messages)
+        listeners = self._node.get_subscriptions_info_by_topic(full_name)
+        return ObservedTopic(
+            full_name,
+            tuple(types),
+            tuple(_reliability(info) for info in infos),
+            stamps,
+            messages,
+            requests={
+                f"{i.node_namespace.rstrip('/')}/{i.node_name}": _reliability(i)
+                for i in listeners
+                if i.node_name in SUITE_NODES
+            },
+            lost=self._gaps[name].lost if name in self._gaps else 0,
+        )
 
     def _ask(self, name: str, space: str) -> ObservedNode:
         """Ask one of the suite's nodes for its state and parameters."""
@@ -158,12 +176,11 @@ class _GraphObserver:
         request = GetParameters.Request(names=list(PARAMETERS))
         answer = self._call(GetParameters, f"{full_name}/get_parameters", request)
         values = [parameter_value_to_python(value) for value in answer.values] if answer is not None else []
-        sim_time, reliability, tolerance_s, quat = (*values, None, None, None, None)[:4]
+        sim_time, tolerance_s, quat = (*values, None, None, None)[:3]
         return ObservedNode(
             full_name,
             TASK_OF_NODE.get(name, ""),
             state=str(state.current_state.label) if state is not None else "",
-            reliability=Reliability(reliability) if reliability in tuple(Reliability) else Reliability.RELIABLE,
             use_sim_time=bool(sim_time),
             extrinsics_given=any(quat) if quat is not None else False,
             stamp_tolerance_ns=round((tolerance_s or 0.0) * NS_PER_S),

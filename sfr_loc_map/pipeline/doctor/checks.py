@@ -9,9 +9,9 @@ from sfr_loc_map.pipeline.doctor.observation import Observation
 from sfr_loc_map.pipeline.doctor.stamp_checks import check_host_clock, check_pairs, check_poses, check_truth
 from sfr_loc_map.pipeline.doctor.stereo_checks import check_stereo
 from sfr_loc_map.pipeline.doctor.system_checks import check_extrinsics, check_nodes, check_shared_memory
-from sfr_loc_map.pipeline.doctor.topic_checks import check_camera_topics, check_names, check_readable
+from sfr_loc_map.pipeline.doctor.topic_checks import check_camera_topics, check_names, check_readable, check_transport
 
-IMAGE_CHECKS: tuple[Callable[[Observation, str], Iterator[Finding]], ...] = (check_pairs, check_stereo)
+IMAGE_CHECKS: tuple[Callable[[Observation, str], Iterator[Finding]], ...] = (check_transport, check_pairs, check_stereo)
 """Checks of a task with images of both sides."""
 CHECKS: tuple[Callable[[Observation], Iterator[Finding]], ...] = (
     check_extrinsics,

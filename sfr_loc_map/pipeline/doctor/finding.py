@@ -25,6 +25,7 @@ class Cause(StrEnum):
     WRONG_TYPE = "wrong_type"
     QOS = "qos"
     SILENT = "silent"
+    TRANSPORT = "transport"
     CAMERA_INFO = "camera_info"
     ENCODING = "encoding"
     IMAGE_SIZE = "picture_size"

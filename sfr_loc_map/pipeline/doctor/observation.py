@@ -50,6 +50,8 @@ class ObservedTopic:
         offers: Reliability that each publisher offers; of a bag, one publisher.
         stamps_ns: Stamps of the headers of its messages `(N,)`, in the order of reception.
         messages: The first of them; for readers by attributes.
+        requests: Reliability that each node of the suite requests of its publishers, by the node.
+        lost: Messages that were published between the received ones and not received.
     """
 
     found: str
@@ -57,6 +59,8 @@ class ObservedTopic:
     offers: tuple[Reliability, ...] = (Reliability.RELIABLE,)
     stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     messages: tuple[Any, ...] = ()
+    requests: Mapping[str, Reliability] = field(default_factory=dict)
+    lost: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +71,6 @@ class ObservedNode:
         name: With its namespace.
         task: `loc`, `nav`, or empty for the monitor.
         state: Of the managed node; empty where it did not answer.
-        reliability: Reliability that it requests of image publishers.
         use_sim_time: Whether it follows /clock.
         extrinsics_given: Whether its parameters have the extrinsics of the stereo rig.
         stamp_tolerance_ns: Largest difference of stamps of a pair.
@@ -76,7 +79,6 @@ class ObservedNode:
     name: str
     task: str
     state: str = "active"
-    reliability: Reliability = Reliability.RELIABLE
     use_sim_time: bool = False
     extrinsics_given: bool = False
     stamp_tolerance_ns: int = 0
@@ -89,10 +91,12 @@ class HostMemory:
     Attributes:
         size_bytes: Size of /dev/shm; None where there is none.
         segment_bytes: What each process reserves of it.
+        profile: File that gives a process so much.
     """
 
     size_bytes: int | None = None
     segment_bytes: int = 0
+    profile: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +155,12 @@ class Observation:
         """Return the stamps of the images of a side, `(N,)`."""
         topic = self.images(task, side)
         return topic.stamps_ns if topic is not None else np.zeros(0, np.int64)
+
+    def lost_share(self, task: str) -> float:
+        """Return the share of the images of a task that were lost on the way from their publishers."""
+        topics = [topic for side in SIDES if (topic := self.images(task, side)) is not None]
+        lost = sum(topic.lost for topic in topics)
+        return lost / max(lost + sum(len(topic.stamps_ns) for topic in topics), 1)
 
     def has_images(self, task: str) -> bool:
         """Tell whether there are images of both sides."""

@@ -27,6 +27,7 @@ def check_pairs(seen: Observation, task: str) -> Iterator[Finding]:
     node = seen.node(task)
     tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
     share, typical_ns = _paired(seen.image_stamps(task, "left"), seen.image_stamps(task, "right"), tolerance_ns)
+    share = min(share / (1.0 - seen.lost_share(task)), 1.0)  # of those whose partner was not lost in transport
     if share >= COMPLETE:
         return
     where = f"{task}/left/image_rect, {task}/right/image_rect"
@@ -47,7 +48,7 @@ def check_poses(seen: Observation) -> Iterator[Finding]:
     if "nav" not in seen.tasks:
         return
     topic = seen.topics.get("nav/pose")
-    yield from check_topic(seen, "", "nav/pose", topic)
+    yield from check_topic(seen, "nav/pose", topic)
     images = seen.image_stamps("nav")
     if topic is None or not len(topic.stamps_ns) or not len(images):
         return
@@ -71,7 +72,7 @@ def check_truth(seen: Observation) -> Iterator[Finding]:
         if topic is None or not topic.offers or not len(topic.stamps_ns):
             yield warning(Cause.TRUTH, name, "there is no truth: nothing can be scored", "record or publish it")
         elif set(topic.types) - set(EXPECTED[name]):
-            yield from check_topic(seen, "", name, topic)
+            yield from check_topic(seen, name, topic)
         elif len(images) and not _overlap(topic.stamps_ns, images):
             off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images))) / NS_PER_S
             yield warning(

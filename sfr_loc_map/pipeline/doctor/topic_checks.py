@@ -6,8 +6,12 @@ from collections.abc import Iterator
 
 from sfr_loc_map.constants import SIDES
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
-from sfr_loc_map.pipeline.doctor.finding import Cause, Finding, blocking, warning
+from sfr_loc_map.pipeline.doctor.finding import Cause, Finding, Severity, blocking, warning
 from sfr_loc_map.pipeline.doctor.observation import Observation, ObservedTopic, Reliability, allowed_types
+from sfr_loc_map.pipeline.online.transport_gaps import MUCH_LOST, loss_fix
+
+FEW_LOST = 0.01
+"""Share of images lost in transport above which there is a warning."""
 
 
 def check_readable(seen: Observation) -> Iterator[Finding]:
@@ -46,17 +50,29 @@ def check_names(seen: Observation) -> Iterator[Finding]:
 def check_camera_topics(seen: Observation, task: str) -> Iterator[Finding]:
     """Yield issues of the topics of images and camera_info of a task."""
     for side in SIDES:
-        yield from check_topic(seen, task, f"{task}/{side}/image_rect", seen.images(task, side))
+        yield from check_topic(seen, f"{task}/{side}/image_rect", seen.images(task, side))
         name = f"{task}/{side}/camera_info"
-        yield from check_topic(seen, task, name, seen.topics.get(name))
+        yield from check_topic(seen, name, seen.topics.get(name))
 
 
-def check_topic(seen: Observation, task: str, name: str, topic: ObservedTopic | None) -> Iterator[Finding]:
+def check_transport(seen: Observation, task: str) -> Iterator[Finding]:
+    """Yield whether images of a task are lost on the way from their publishers."""
+    share = seen.lost_share(task)
+    if share > FEW_LOST:
+        yield Finding(
+            Cause.TRANSPORT,
+            Severity.BLOCKING if share > MUCH_LOST else Severity.WARNING,
+            f"{task}/left/image_rect, {task}/right/image_rect",
+            f"{share:.0%} of the images are lost between their publisher and this process",
+            loss_fix(seen.memory.profile),
+        )
+
+
+def check_topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Iterator[Finding]:
     """Yield issues of one topic that a task needs.
 
     Args:
         seen: What was observed.
-        task: Task whose node subscribes to it; empty for none.
         name: The suite's name of the topic.
         topic: The topic, None where it is absent.
     """
@@ -67,12 +83,14 @@ def check_topic(seen: Observation, task: str, name: str, topic: ObservedTopic | 
     elif set(topic.types) - set(allowed_types(name)):
         yield _wrong_type(name, topic)
     else:
-        if seen.live and _requested(seen, task) is Reliability.RELIABLE and Reliability.BEST_EFFORT in topic.offers:
+        strict = [node for node, requested in topic.requests.items() if requested is Reliability.RELIABLE]
+        if strict and Reliability.BEST_EFFORT in topic.offers:
             yield blocking(
                 Cause.QOS,
                 topic.found,
-                "its publisher offers best_effort, reliable is requested: nothing is received",
-                "set input.reliability to best_effort, or the publisher's to reliable",
+                f"its publisher offers best_effort, {', '.join(strict)} requests reliable: nothing is received",
+                f"set qos_overrides.{topic.found}.subscription.reliability of the node to best_effort (or "
+                f"input.reliability), or the publisher's to reliable",
             )
         if not topic.messages:
             yield _silent(seen, topic)
@@ -100,8 +118,3 @@ def _silent(seen: Observation, topic: ObservedTopic) -> Finding:
     if seen.live:
         return blocking(Cause.SILENT, topic.found, "no message was received", "check its publisher")
     return blocking(Cause.SILENT, topic.found, "it has no message", "record it again")
-
-
-def _requested(seen: Observation, task: str) -> Reliability:
-    node = seen.node(task)
-    return node.reliability if node is not None else Reliability.RELIABLE

@@ -1,8 +1,14 @@
-"""Messages lost in transport, from the sequence numbers of their publishers."""
+"""Messages lost in transport, from the sequence numbers of their publishers, and what to do about them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
+
+LOSS_WINDOW = 40
+"""Messages of which the share lost is taken."""
+MUCH_LOST = 0.1
+"""Share lost above which the transport is not set up for the messages."""
 
 
 class TransportGaps:
@@ -18,13 +24,51 @@ class TransportGaps:
         """Start with a topic of which nothing was received."""
         self.lost = self._last = 0
 
-    def add(self, info: dict[str, Any]) -> None:
-        """Count the gap before a message.
+    def add(self, info: dict[str, Any]) -> int:
+        """Count the gap before a message, and return it.
 
         Args:
             info: Its message info of rclpy; without a sequence number no loss is counted.
         """
-        number = int(info.get("publication_sequence_number") or 0)
-        if self._last and number > self._last:
-            self.lost += number - self._last - 1
+        number, last = int(info.get("publication_sequence_number") or 0), self._last
         self._last = number
+        gap = number - last - 1 if last and number > last else 0
+        self.lost += gap
+        return gap
+
+
+class LossWatch:
+    """Says when a large share of the messages of a transport is lost."""
+
+    def __init__(self, what: str, profile: str, warn: Callable[[str], None]) -> None:
+        """Begin.
+
+        Args:
+            what: What the messages are, in the plural.
+            profile: File with the profile that the publisher should have.
+            warn: Called with the share and what to do.
+        """
+        self._what, self._profile, self._warn = what, profile, warn
+        self._lost = self._sent = 0
+
+    def add(self, gap: int) -> None:
+        """Count a message that was received, and those lost before it."""
+        self._lost += gap
+        self._sent += gap + 1
+        if self._sent < LOSS_WINDOW:
+            return
+        share, self._lost, self._sent = self._lost / self._sent, 0, 0
+        if share > MUCH_LOST:
+            self._warn(f"{share:.0%} of the {self._what} are lost in transport: {loss_fix(self._profile)}")
+
+
+def loss_fix(profile: str) -> str:
+    """Return what to do about messages that are lost between two processes of a host.
+
+    Args:
+        profile: File with the profile of Fast DDS.
+    """
+    return (
+        f"start the process that publishes them (the camera driver) with "
+        f"`export FASTRTPS_DEFAULT_PROFILES_FILE={profile}`: its shared memory counts, and holds 0.5 MB unless set"
+    )

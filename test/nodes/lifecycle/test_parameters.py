@@ -46,12 +46,13 @@ def test_defaults_and_descriptors_come_from_the_fields(ros: None) -> None:
     gain = node.describe_parameter("inner.gain")
     assert gain.description == "How much. [m]"
     assert (gain.floating_point_range[0].from_value, gain.floating_point_range[0].to_value) == (0.0, 2.0)
+    held = "read-only unless the node is unconfigured"
     count = node.describe_parameter("count").integer_range[0]
     assert (count.from_value, count.to_value) == (1, 9)
-    assert node.describe_parameter("axis").additional_constraints == "each from -9 to 9"
-    assert node.describe_parameter("way").additional_constraints == "one of: left, right"
-    assert node.describe_parameter("count").read_only
-    assert not node.describe_parameter("live").read_only
+    assert node.describe_parameter("axis").additional_constraints == f"each from -9 to 9; {held}"
+    assert node.describe_parameter("way").additional_constraints == f"one of: left, right; {held}"
+    assert node.describe_parameter("count").additional_constraints == held
+    assert node.describe_parameter("live").additional_constraints == ""
     assert node.get_parameter("inner.names").value == ["a", "b"]
     node.destroy_node()
 

@@ -25,8 +25,9 @@ def test_every_common_stamp_is_paired_whatever_the_interleaving(left: set[int], 
         order.append((side, queues[side].pop(0)))
     found, pairing = run(order)
     assert found == [(stamp, stamp) for stamp in sorted(left & right)]
-    last = max(left & right, default=-1)
-    lonely = [stamp for stamp in left ^ right if stamp < last]
+    lonely = [s for s in left - right if s < max(right, default=-1)] + [
+        s for s in right - left if s < max(left, default=-1)
+    ]
     assert pairing.unpaired == len(lonely)
     assert pairing.overflowed == 0
 
@@ -34,9 +35,28 @@ def test_every_common_stamp_is_paired_whatever_the_interleaving(left: set[int], 
 def test_waiting_items_are_bounded_and_overflow_is_counted() -> None:
     found, pairing = run([("left", i) for i in range(10)] + [("right", i) for i in range(10)], depth=3)
     assert found == [(7, 7), (8, 8), (9, 9)]
-    # 7 of the left fell out; of the right, 0 to 6 wait in vain: 4 overflow, the last 3 are older than the pair of 7.
-    assert pairing.overflowed == 7 + 4
-    assert pairing.unpaired == 3
+    # 7 of the left fell out; of the right, 0 to 6 come when the left has gone past them.
+    assert pairing.overflowed == 7
+    assert pairing.unpaired == 7
+
+
+def test_what_can_have_no_partner_any_more_is_counted_at_once() -> None:
+    order = [(side, stamp) for stamp in range(0, 500, 100) for side in ("left", "right")]
+    found, pairing = run([(side, stamp + (side == "right")) for side, stamp in order])
+    assert found == []
+    assert pairing.unpaired == 9  # all but the last right one, whose partner may be on its way
+    assert pairing.overflowed == 0
+
+
+@given(st.randoms(), st.integers(1, 6))
+def test_a_new_run_loses_no_pair_though_one_stream_begins_it_first(random, count: int) -> None:  # noqa: ANN001
+    queues = {side: [*range(10, 10 + count), *range(count), *range(20, 20 + count)] for side in ("left", "right")}
+    order = []
+    while any(queues.values()):
+        side = random.choice([name for name, queue in queues.items() if queue])
+        order.append((side, queues[side].pop(0)))
+    found, _ = run(order)
+    assert sorted(found) == sorted((s, s) for s in [*range(10, 10 + count), *range(count), *range(20, 20 + count)])
 
 
 def test_within_the_tolerance_the_nearest_is_taken() -> None:
