@@ -78,7 +78,7 @@ def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None) -> No
 
     @dataclass(frozen=True, slots=True)
     class OurConfig(LocalisationNodeConfig):
-        far_m: float = param(3.0, unit="m", doc="What is far.", low=0.0)
+        far_m: float = param(3.0, unit="m", doc="What is far.", low=0.0, high=100.0)
 
     class WithParameter(OurLocalisation):
         config_type = OurConfig

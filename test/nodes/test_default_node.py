@@ -48,7 +48,7 @@ class Camera:
 
     def send(self, index: int) -> None:
         pair = loc_pair(index)
-        for side, pixels in (("left", pair.left), ("right", pair.right)):
+        for side in ("left", "right"):
             info = bag_messages.camera_info(pair.stamp_ns, LOC_RIG, "loc", side)
             self.publishers[f"loc/{side}/camera_info"].publish(raw(info))
         for side, pixels in (("left", pair.left), ("right", pair.right)):

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from sfr_loc_map.config import ParamInfo, build, flatten, parameters
-from sfr_loc_map.errors import ConfigError, SfrError
+from sfr_loc_map.errors import SfrError
 from sfr_loc_map.nodes.diagnostics.health import State
 from sfr_loc_map.nodes.lifecycle.qos import OVERRIDES
 
@@ -61,7 +61,6 @@ class Parameters(Generic[C]):
         self._origin = f"parameters of {node.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(config_type)}
         given = {n: _as_list(p.value) for n, p in node._parameter_overrides.items() if not n.startswith(BUILT_IN)}
-        self._refuse_unknown(given)
         self.config = build(config_type, given, origin=self._origin)
         check(self.config)
         values = flatten(self.config)
@@ -75,12 +74,6 @@ class Parameters(Generic[C]):
     def to_json(self) -> str:
         """Return the active configuration by dotted names."""
         return json.dumps({name: _as_list(value) for name, value in flatten(self.config).items()})
-
-    def _refuse_unknown(self, given: dict[str, Any]) -> None:
-        unknown = sorted(set(given) - set(self._infos))
-        if unknown:
-            known = ", ".join(sorted(self._infos))
-            raise ConfigError(f"{self._origin}: unknown key {', '.join(map(repr, unknown))}; known are: {known}")
 
     def _with(self, changes: Sequence[Parameter]) -> C:
         """Return the configuration with changes."""

@@ -69,7 +69,7 @@ def test_overrides_reach_the_configuration(ros: None) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("inner.gian", 1.0, "/tried: unknown key 'inner.gian'; known are: axis, count"),
+        ("inner.gian", 1.0, "/tried: unknown key 'inner.gian' (did you mean 'inner.gain'?)"),
         ("inner.gain", 2.5, "'inner.gain' is 2.5: must lie in 0.0 .. 2.0 m"),
         ("inner.gain", "much", "'inner.gain' is 'much': a value of type float is needed"),
         ("count", 1.5, "'count' is 1.5: a value of type int is needed"),
