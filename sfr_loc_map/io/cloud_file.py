@@ -8,7 +8,6 @@ Whether the cloud is fused stands in the file: `comment sfr fused true` (PLY), `
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,8 @@ import numpy as np
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
+from sfr_loc_map.io.array_file import parse_npz
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_records import CloudRecords
 from sfr_loc_map.io.pcd import pcd_bytes, read_pcd
@@ -59,7 +60,7 @@ def load_cloud(path: Path) -> LoadedCloud:
         records = readers[path.suffix](path.read_bytes())
     except OSError as error:
         raise InputError(f"cannot read cloud '{path}': {error.strerror}; give a .ply, .pcd or .npz file") from error
-    except (ValueError, KeyError, IndexError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, KeyError, IndexError, TypeError) as error:
         raise InputError(f"cloud '{path}' cannot be read: {error}; write it again") from error
     missing = [name for name in "xyz" if name not in records.columns]
     if missing:
@@ -84,8 +85,14 @@ def save_cloud(path: Path, cloud: PointCloud) -> None:
 
 def _loaded(path: Path, content: CloudRecords) -> LoadedCloud:
     columns = content.columns
-    xyz = np.stack([np.asarray(columns[name], np.float64).reshape(-1) for name in "xyz"], axis=1)
+    xyz = np.empty((len(columns["x"]), 3))
+    with np.errstate(invalid="ignore"):  # a NaN that signals is one like the others
+        for axis, name in enumerate("xyz"):
+            xyz[:, axis] = columns[name]
     finite = np.isfinite(xyz).all(axis=1)
+    farthest = float(np.abs(xyz[finite]).max(initial=0.0))
+    if farthest > MAX_POSITION_M:
+        raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: up to {MAX_POSITION_M:g} m are read")
     if not all(name in columns for name in PIXEL_FIELDS):
         return LoadedCloud(xyz[finite], None)
     records = np.zeros(int(finite.sum()), PointCloud.dtype())
@@ -95,7 +102,8 @@ def _loaded(path: Path, content: CloudRecords) -> LoadedCloud:
             limit = np.iinfo(np.dtype(kind)).max
             if not (np.all(values >= 0) and np.all(values <= limit) and np.all(values == np.floor(values))):
                 raise InputError(f"cloud '{path}': field {name} must hold whole numbers from 0 to {limit}")
-        records[name] = values
+        with np.errstate(invalid="ignore", over="ignore"):  # what is too large for the type becomes infinite
+            records[name] = values
     return LoadedCloud(xyz[finite], PointCloud.from_structured(records, content.fused))
 
 
@@ -109,8 +117,7 @@ def _npz_bytes(cloud: PointCloud) -> bytes:
 
 
 def _read_npz(data: bytes) -> CloudRecords:
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        columns = {name: arrays[name] for name in arrays.files}
+    columns = parse_npz(data, (*FIELD_TYPES, FUSED_MEMBER))
     lengths = {name: len(values) for name, values in columns.items() if name in FIELD_TYPES and values.ndim == 1}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"its arrays differ in length: {lengths}")

@@ -18,12 +18,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.bounded_input import read_table
+from sfr_loc_map.bounded_input import read_bytes, read_table
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.rig_file import load_rig
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
@@ -169,13 +170,15 @@ def _load_pair(entry: _Entry, rig: StereoRig) -> StereoPair:
 
 def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
     try:
-        points = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+        points = parse_npy(read_bytes(path, 24 * rig.height * rig.width + 2 * MAX_HEADER))
+    except (OSError, ValueError) as error:
         raise InputError(f"cannot read truth '{path}': {error}; a .npy file is needed") from error
-    if not isinstance(points, np.ndarray) or points.shape != (rig.height, rig.width, 3) or points.dtype.kind != "f":
-        found = f"{points.dtype} {points.shape}" if isinstance(points, np.ndarray) else type(points).__name__
-        raise InputError(f"truth '{path}' is {found}: float32 ({rig.height}, {rig.width}, 3) is needed")
-    return points.astype(np.float32, copy=False)
+    if points.shape != (rig.height, rig.width, 3) or points.dtype.kind != "f":
+        raise InputError(
+            f"truth '{path}' is {points.dtype} {points.shape}: float32 ({rig.height}, {rig.width}, 3) is needed"
+        )
+    with np.errstate(invalid="ignore", over="ignore"):  # what is too large for the type becomes infinite
+        return points.astype(np.float32, copy=False)
 
 
 def _load_truth(path: Path) -> Trajectory | None:

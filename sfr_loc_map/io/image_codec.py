@@ -16,8 +16,9 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.io.image_header import FORMATS, JPEG_MAGIC, PNG_MAGIC, claimed_size
 
 ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
@@ -30,8 +31,6 @@ ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     "8UC3": (np.uint8, 3),
 }
 """Encodings of sensor_msgs/Image that are read: type of a sample and samples per pixel."""
-MAX_PIXELS = 8192 * 8192
-"""Largest image file that is decoded: its header may claim any size."""
 SILENT = 0
 """Level of OpenCV's log."""
 
@@ -87,12 +86,14 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
     size = claimed_size(raw)
     if size is None:
         raise InputError(f"its data is broken or of another format; {FORMATS} is needed: restore or convert it")
-    if not 0 < size[0] * size[1] <= MAX_PIXELS:
-        raise InputError(f"it claims {size[0]} x {size[1]}; images of up to {MAX_PIXELS} pixels are read")
+    try:
+        check_image_size(*size, "it")
+    except GeometryError as error:
+        raise InputError(str(error)) from error
     if raw.startswith(JPEG_MAGIC):
         return _decode_jpeg(raw)
     if raw.startswith(PNG_MAGIC):
-        _check_png(raw)
+        raw = _critical_chunks(raw)
     return grey8(_decode_by_opencv(raw))
 
 
@@ -171,9 +172,14 @@ def _decode_jpeg(raw: bytes) -> GreyImage:
         raise InputError(f"its JPEG data is broken ({error}); restore the original") from error
 
 
-def _check_png(raw: bytes) -> None:
-    """Verify the chunks of a PNG (ISO/IEC 15948, 5.3): each ends in the CRC-32 of its type and data."""
-    offset, kind = len(PNG_MAGIC), b""
+def _critical_chunks(raw: bytes) -> bytes:
+    """Verify the chunks of a PNG (ISO/IEC 15948, 5.3): each ends in the CRC-32 of its type and data.
+
+    Returns:
+        The file with critical chunks alone: the pixels do not depend on others (texts, profiles, transparency), which
+        may unpack to anything.
+    """
+    offset, kind, kept = len(PNG_MAGIC), b"", [PNG_MAGIC]
     while kind != b"IEND":
         head = raw[offset : offset + 8]
         if len(head) < 8:
@@ -182,4 +188,7 @@ def _check_png(raw: bytes) -> None:
         end = offset + 8 + length
         if len(raw) < end + 4 or zlib.crc32(raw[offset + 4 : end]) != struct.unpack(">I", raw[end : end + 4])[0]:
             raise InputError("its PNG data is broken (checksum or length wrong); restore the original")
+        if not kind[0] & 0x20:  # an upper case letter: critical (5.4)
+            kept.append(raw[offset : end + 4])
         offset = end + 4
+    return b"".join(kept)

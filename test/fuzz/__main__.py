@@ -8,8 +8,11 @@ kept as a file beside the command that repeats it alone. The inputs depend on th
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from pathlib import Path
+
+os.environ["OPENCV_LOG_LEVEL"] = "SILENT"  # of what writes the valid files; the workers hear everything
 
 from campaign import MAX_CPU_S, MAX_GROWTH, Campaign, Summary, again
 from made_score import make_made_files

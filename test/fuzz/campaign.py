@@ -27,6 +27,7 @@ KILL_GROWTH = 1_500_000_000
 MAX_CPU_S = 10.0
 MAX_WALL_S = 60.0
 """Of one input: time of the processor, so that a busy host changes nothing, and of the clock for what only waits."""
+MAX_START_S = 600.0
 WORKER_GROWTH = 400_000_000
 """A worker that has grown by this over many inputs is replaced."""
 TICK_S = 0.05
@@ -75,23 +76,26 @@ class Worker:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
-            text=True,
             start_new_session=True,
         )
         self.log = log
-        ready = self._answer(600.0)
-        if ready is None:
-            raise SystemExit(f"a worker does not start: {self.last_words()}")
+        self._received = b""
+        begin = time.monotonic()
+        while self._answer(1.0) is None:
+            if self.process.poll() is not None or time.monotonic() - begin > MAX_START_S:
+                raise RuntimeError(f"a worker does not start: {self.last_words()}")
         self.idle = self._memory()
 
     def run(self, order: dict[str, Any]) -> Outcome:
         """Return the outcome of an input; the process is gone after one that says so."""
         assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps(order) + "\n")
+        self.process.stdin.write(json.dumps(order).encode() + b"\n")
         self.process.stdin.flush()
-        begun = self._answer(120.0)
-        if begun is None:
-            return Outcome("no input", self.last_words())
+        begin = time.monotonic()
+        while self._answer(TICK_S) is None:
+            if self.process.poll() is not None or time.monotonic() - begin > MAX_WALL_S:
+                self.close()
+                return Outcome("no input was made", self.last_words())
         answer = self._watched()
         return Outcome(**answer) if isinstance(answer, dict) else answer
 
@@ -120,10 +124,13 @@ class Worker:
     def _answer(self, timeout_s: float) -> dict[str, Any] | None:
         stream = self.process.stdout
         assert stream is not None
-        if not select.select([stream], [], [], timeout_s)[0]:
+        if b"\n" not in self._received and select.select([stream], [], [], timeout_s)[0]:
+            self._received += os.read(stream.fileno(), 1 << 20)
+        line, end, rest = self._received.partition(b"\n")
+        if not end:
             return None
-        line = stream.readline()
-        return dict(json.loads(line)) if line else None
+        self._received = rest
+        return dict(json.loads(line))
 
     def close(self) -> None:
         if self.process.poll() is None:
@@ -176,6 +183,7 @@ class Campaign:
         self.summary = Summary()
         self._world, self._out, self._seed, self._workers = world, out, seed, workers
         self._lock = threading.Lock()
+        self._broken: Exception | None = None
 
     def run(self, targets: Sequence[str], inputs: int, seconds: float) -> Summary:
         """Run the inputs; each worker is driven by a thread."""
@@ -187,9 +195,17 @@ class Campaign:
             thread.start()
         for thread in threads:
             thread.join()
+        if self._broken is not None:
+            raise self._broken
         return self.summary
 
     def _drive(self, number: int, orders: Iterator[tuple[str, int]]) -> None:
+        try:
+            self._run_all(number, orders)
+        except Exception as error:
+            self._broken = error
+
+    def _run_all(self, number: int, orders: Iterator[tuple[str, int]]) -> None:
         worker: Worker | None = None
         keep = self._out / f"worker-{number}.input"
         while True:

@@ -30,12 +30,14 @@ class Target:
         place: The valid file within the world; the mutated one takes its place.
         mutations: What is done to it.
         uses: Commands (`{w}` is the world, `{o}` a folder for outputs) and readers; one is taken, by the content.
+        readable: Whether the valid file is accepted; formats that are refused by name are fuzzed too.
     """
 
     name: str
     place: str
     mutations: tuple[m.Mutation, ...]
     uses: tuple[Command | Reader, ...]
+    readable: bool = True
 
 
 def run_command(command: Command, world: Path, out: Path) -> int:
@@ -100,7 +102,8 @@ def plan_simulation(path: Path) -> None:
 
 def run_arguments(path: Path) -> None:
     """Run commands whose inputs have hostile names; what they are called is in the file."""
-    words = [word if isinstance(word, str) else repr(word) for word in json.loads(path.read_bytes())]
+    names = json.loads(path.read_bytes())
+    words = [word if isinstance(word, str) else repr(word) for word in (names if isinstance(names, list) else [names])]
     words = (words + ["x"] * 3)[:3]
     world, out = path.parent, path.parent.with_name("out")
     named = world / "named"
@@ -160,6 +163,7 @@ TARGETS: tuple[Target, ...] = (
             f"drive-{kind}/left/000000.{kind}",
             m.JPEG if kind == "jpg" else m.IMAGE,
             (_localise(f"drive-{kind}"), _convert(f"drive-{kind}", "b.mcap")),
+            readable=kind in ("jpg", "pgm", "ppm", "bmp"),
         )
         for kind in KINDS
     ),

@@ -60,7 +60,7 @@ def _bags(world: Path) -> None:
     write_bag(world / "bag.mcap", 2, 1)
     write_bag(world / "jpeg.mcap", 2, 0, jpeg_quality=90)
     with BagWriter(world / "bag.db3", "sqlite3") as writer:
-        fill(writer, 2, 0)
+        fill(writer, 2, 1)
     for name in ("bag.mcap", "jpeg.mcap", "bag.db3"):  # files of one name, in folders as `ros2 bag` has them
         file = next((world / name).glob(f"*{Path(name).suffix}"))
         file.rename(file.with_name(f"bag{file.suffix}"))
@@ -92,7 +92,7 @@ def _cloud(world: Path) -> None:
         records[name] = truth[v, u, axis]
     records["sigma"], records["intensity"], records["u"], records["v"] = 0.01, 100, u, v
     for suffix in ("ply", "pcd", "npz"):
-        save_cloud(world / f"cloud.{suffix}", PointCloud.from_structured(records))
+        save_cloud(world / f"cloud.{suffix}", PointCloud.from_structured(records, False))
     text = (f"{x} {y} {z} {s} {i} {a} {b} {p}" for x, y, z, s, i, a, b, p in records[:50].tolist())
     head = (world / "cloud.pcd").read_bytes().split(b"DATA")[0].decode().replace(str(len(u)), "50")
     (world / "text.pcd").write_text(head + "DATA ascii\n" + "\n".join(text) + "\n")

@@ -123,15 +123,15 @@ BROKEN = {
     "GIF": (b"GIF89a" + bytes(99), "another format"),
     "TIFF": (b"II*\0" + bytes(99), "another format"),
     "PGM of a size with a sign": (b"P5\n-1 2\n255\n" + bytes(9), "another format"),
-    "PGM that claims the world": (b"P5\n999999 999999\n255\n" + bytes(9), "claims 999999 x 999999"),
+    "PGM that claims the world": (b"P5\n999999 999999\n255\n" + bytes(9), "it is 999999 x 999999"),
     "PGM of 70000 grey levels": (b"P5\n2 2\n70000\n" + bytes(9), "broken"),
     "PGM that ends": (b"P5\n20 20\n255\n" + bytes(9), "broken"),
     "PPM of text": (b"P3\n2 2\n255\n1 2 x", "broken"),
-    "BMP of no size": (b"BM" + bytes(12) + (40).to_bytes(4, "little") + bytes(200), "claims 0 x 0"),
+    "BMP of no size": (b"BM" + bytes(12) + (40).to_bytes(4, "little") + bytes(200), "it is 0 x 0"),
     "BMP that ends": (bytes(cv2.imencode(".bmp", np.zeros((9, 9), np.uint8))[1])[:60], "broken"),
     "PNG of 20000 x 20000": (
         b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + (20_000).to_bytes(4, "big") * 2 + b"\x08\0\0\0\0" + bytes(99),
-        "claims 20000 x 20000",
+        "it is 20000 x 20000",
     ),
 }
 
