@@ -2,12 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sfr_loc_map.config import param
 
 MAX_PAIRS = 3
 """Most stereo pairs of one map [1.3]."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationUncertainty:
+    """Standard deviations of the calibration: an error that all points share, in each point's stated sigma.
+
+    The defaults are those of a careful calibration after some use. All 0: sigma is that of noise and smoothing alone.
+    """
+
+    yaw_deg: float = param(
+        0.01,
+        unit="deg",
+        doc="Standard deviation of the right camera's yaw; unequal principal points along rows act likewise.",
+        low=0.0,
+        high=5.0,
+    )
+    pitch_deg: float = param(0.01, unit="deg", doc="Standard deviation of the right camera's pitch.", low=0.0, high=5.0)
+    roll_deg: float = param(0.01, unit="deg", doc="Standard deviation of the right camera's roll.", low=0.0, high=5.0)
+    focal_share: float = param(
+        0.001, doc="Standard deviation of the focal length, as a share of it.", low=0.0, high=0.5
+    )
+    baseline_share: float = param(0.001, doc="Standard deviation of the baseline, as a share of it.", low=0.0, high=0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,3 +41,4 @@ class MappingConfig:
     refine_poses: bool = param(
         False, doc="Move the poses of the second and third pair (up to 2 degrees, 0.1 m) to fit where pairs overlap."
     )
+    calibration: CalibrationUncertainty = field(default_factory=CalibrationUncertainty)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatImage
@@ -14,6 +16,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.checks import check_images, check_matches, matched_share
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.disparity.camera_rotation import CameraRotation, camera_rotation, without_roll
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import valid_mask
@@ -22,6 +25,7 @@ from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import Registration, register_views
 from sfr_loc_map.mapping.multiview.view import View
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
+from sfr_loc_map.mapping.systematic import CalibrationSigma, check_calibration, total_sigma, widest
 
 F = np.float32
 
@@ -32,20 +36,24 @@ class PairMap:
 
     Attributes:
         stamp_ns: The pair's stamp.
-        view: Its points in LM, with `pair` as given to `process`, its disparities and pose.
+        cloud: Its points in LM, with `pair` as given to `process`. Sigma has the part of the calibration.
+        view: Points with the sigma of noise and smoothing alone, by which pairs are fused; disparities and pose.
+        calibration: Standard deviations of the calibration, widened by what the pair shows.
         statistics: Figures of this call by name.
         warnings: What is suspicious, one line each.
     """
 
     stamp_ns: int
+    cloud: PointCloud
     view: View
+    calibration: CalibrationSigma
     statistics: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
     @property
-    def cloud(self) -> PointCloud:
-        """Its points in LM."""
-        return self.view.cloud
+    def random_sigma(self) -> NDArray[np.float32]:
+        """Part of each point's sigma `(N,)` that differs from point to point, metres: noise and smoothing."""
+        return self.view.cloud.sigma
 
     @property
     def disparity_px(self) -> FloatImage:
@@ -58,13 +66,15 @@ class FusedMap:
     """The map of up to three pairs.
 
     Attributes:
-        cloud: Points in LM, each on the ray of its pair and pixel.
+        cloud: Points in LM, each on the ray of its pair and pixel. Sigma has the part of the calibration.
+        random_sigma: `(N,)`, metres, the part of sigma that differs from point to point: noise and smoothing.
         T_lm_left: Poses of the pairs' left cameras that it was made with: those given, or as registered.
         statistics: Figures of the fusion by name (overlap and disagreement per pair, ...).
         warnings: What is suspicious, one line each.
     """
 
     cloud: PointCloud
+    random_sigma: NDArray[np.float32]
     T_lm_left: tuple[Transform, ...] = ()
     statistics: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
@@ -81,6 +91,7 @@ class Mapper:
         """
         self._rig = rig
         self._refine_poses = config.refine_poses
+        self._calibration = config.calibration
         self._search = search_range(rig, config)
 
     def warm_up(self) -> None:
@@ -94,6 +105,7 @@ class Mapper:
         sigma = disparity_sigma(refined)
         valid_mask(left.astype(F), refined, initial, sigma)
         cloud = cloud_from_disparity(initial, sigma, left, self._rig, self._rig.T_sb_left, 0)
+        total_sigma(cloud, [self._rig.T_sb_left], self._rig, CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0))
         view = View(cloud, initial, self._rig.T_sb_left, refined.noise)
         fuse_views([view, view], self._rig)
 
@@ -116,14 +128,21 @@ class Mapper:
         initial = semi_global_matching(pair.left, pair.right, self._search.count)
         refined = refine(left, right, initial)
         sigma = disparity_sigma(refined)
-        valid = valid_mask(left, refined, initial, sigma) & (refined.disparity_px >= self._search.min_disparity_px)
+        valid = valid_mask(left, refined, initial, sigma)
+        rotation = camera_rotation(left, refined, valid, self._rig)
+        found = without_roll(refined.disparity_px, rotation, self._rig)
+        valid &= found >= self._search.min_disparity_px
         share = matched_share(left, valid)
         warnings = check_matches(pair, share, refined.correction, self._search.count)
-        disparity = np.where(valid, refined.disparity_px, F(np.nan))
+        disparity = np.where(valid, found, F(np.nan))
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
         view = View(cloud, disparity, T_lm_left, refined.noise)
-        return PairMap(pair.stamp_ns, view, _statistics(view, refined, share), warnings)
+        check = check_calibration(self._calibration, rotation, self._rig)
+        sigma_m = total_sigma(cloud, [T_lm_left] * (index + 1), self._rig, check.sigma)
+        statistics = _statistics(view, refined, share) | _rotation_statistics(rotation)
+        warnings += check.warnings
+        return PairMap(pair.stamp_ns, replace(cloud, sigma=sigma_m), view, check.sigma, statistics, warnings)
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
         """Return one cloud of up to three pairs.
@@ -136,9 +155,12 @@ class Mapper:
         views = [item.view for item in maps]
         registered = register_views(views, self._rig) if self._refine_poses else Registration(views)
         fused = fuse_views(registered.views, self._rig)
+        T_lm_left = tuple(view.T_lm_left for view in registered.views)
+        sigma_m = total_sigma(fused.cloud, T_lm_left, self._rig, widest([item.calibration for item in maps]))
         return FusedMap(
-            fused.cloud,
-            tuple(view.T_lm_left for view in registered.views),
+            replace(fused.cloud, sigma=sigma_m),
+            fused.cloud.sigma,
+            T_lm_left,
             {**fused.statistics, **registered.statistics},
             (*fused.warnings, *registered.warnings),
         )
@@ -155,4 +177,14 @@ def _statistics(view: View, refined: RefinedDisparity, share: float) -> dict[str
         "vertical_offset_px": refined.correction.vertical_px[0],
         "vertical_offset_largest_px": refined.correction.max_vertical_px,
         "matched_share": share,
+    }
+
+
+def _rotation_statistics(rotation: CameraRotation) -> dict[str, float]:
+    """Return the rotation of the right camera by name, degrees; a yaw that could not be measured is NaN."""
+    known = math.isfinite(rotation.yaw_sigma_rad)
+    return {
+        "right_yaw_deg": math.degrees(rotation.yaw_rad) if known else math.nan,
+        "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if known else math.nan,
+        "right_roll_deg": math.degrees(rotation.roll_rad),
     }

@@ -60,14 +60,16 @@ def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
     if not beside:
         return cloud
     T_lm_left = run.fused.T_lm_left if outputs.fuse else tuple(item.view.T_lm_left for item in run.maps)
+    random_sigma = run.fused.random_sigma if outputs.fuse else run.unfused_random_sigma
     if outputs.dem_cell_m is not None:
-        model = elevation_from_cloud(cloud, T_lm_left, outputs.dem_cell_m)
+        model = elevation_from_cloud(cloud, T_lm_left, outputs.dem_cell_m, random_sigma)
         map_products.save_elevation(beside["dem.npz"], model)
         map_products.save_elevation_figure(beside["dem.png"], model)
     if outputs.colour:
         map_products.save_coloured_ply(beside["colour.ply"], cloud)
     if outputs.covariance:
-        map_products.save_covariances(beside["covariance.npz"], point_covariances(cloud, T_lm_left, focal_px))
+        covariances = point_covariances(cloud, T_lm_left, focal_px)
+        map_products.save_covariances(beside["covariance.npz"], covariances, random_sigma)
     return cloud
 
 

@@ -123,11 +123,14 @@ def save_coloured_ply(path: Path, cloud: PointCloud) -> None:
         temporary.write_bytes(("\n".join(head) + "\n").encode() + records.tobytes())
 
 
-def save_covariances(path: Path, covariance_m2: NDArray[np.float32]) -> None:
-    """Write the covariances `(N, 3, 3)` of a cloud's points, in its order, as NPZ with the array `covariance_m2`.
+def save_covariances(path: Path, covariance_m2: NDArray[np.float32], random_sigma_m: NDArray[np.float32]) -> None:
+    """Write the uncertainty of a cloud's points, in its order, as NPZ.
+
+    Its arrays: `covariance_m2` `(N, 3, 3)`, and `random_sigma_m` `(N,)`, the part of sigma along the ray that differs
+    from point to point.
 
     Raises:
         OutputError: If the file cannot be written.
     """
     with atomic_path(path) as temporary:
-        np.savez_compressed(temporary, covariance_m2=covariance_m2)
+        np.savez_compressed(temporary, covariance_m2=covariance_m2, random_sigma_m=random_sigma_m)

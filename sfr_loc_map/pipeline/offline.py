@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -109,6 +110,11 @@ class MapRun:
     def unfused(self) -> PointCloud:
         """The points of every pair."""
         return PointCloud.concatenate([item.cloud for item in self.maps])
+
+    @property
+    def unfused_random_sigma(self) -> NDArray[np.float32]:
+        """The random part of the sigma of the points of every pair `(N,)`, metres."""
+        return np.concatenate([item.random_sigma for item in self.maps])
 
 
 def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress = lambda done: None) -> MapRun:

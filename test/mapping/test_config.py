@@ -8,7 +8,16 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 
 
 def test_names_and_defaults() -> None:
-    assert flatten(MappingConfig()) == {"min_range_m": 0.9, "max_range_m": 40.0, "refine_poses": False}
+    assert flatten(MappingConfig()) == {
+        "min_range_m": 0.9,
+        "max_range_m": 40.0,
+        "refine_poses": False,
+        "calibration.yaw_deg": 0.01,
+        "calibration.pitch_deg": 0.01,
+        "calibration.roll_deg": 0.01,
+        "calibration.focal_share": 0.001,
+        "calibration.baseline_share": 0.001,
+    }
     assert MAX_PAIRS == 3
 
 

@@ -54,6 +54,17 @@ def test_heights_are_weighed_by_the_variance_of_height_not_of_range() -> None:
     assert model.sigma_m[0, 0] == pytest.approx(np.sqrt(2.0 / weights.sum() + spread / 2.0), rel=0.01)
 
 
+def test_an_error_that_points_share_has_no_say_in_weights_and_no_mean_removes_it() -> None:
+    xyz = [[0.05, 0.05, 0.0], [0.06, 0.05, 0.01], [0.07, 0.05, 0.02]]
+    random = np.array([0.01, 0.02, 0.01], np.float32)
+    plain = elevation_from_cloud(cloud_of(xyz, random.tolist(), [0] * 3), POSES, 1.0)
+    common = elevation_from_cloud(cloud_of(xyz, np.hypot(random, 0.3).tolist(), [0] * 3), POSES, 1.0, random)
+    assert common.height_m[0, 0] == plain.height_m[0, 0]
+    slant = rays(cloud_of(xyz[:1], [0.01], [0]), POSES)[0, 2]
+    expected = np.sqrt(plain.sigma_m[0, 0] ** 2 + 0.3**2 * (slant**2 + SLOPE**2))
+    assert common.sigma_m[0, 0] == pytest.approx(expected, rel=0.01)
+
+
 @pytest.mark.parametrize(("cell", "message"), [(0.0, "more than 0"), (-1.0, "more than 0"), (1e-4, "million")])
 def test_cells_that_cannot_be_are_refused(cell: float, message: str) -> None:
     cloud = cloud_of([[0.0, 0.0, 0.0], [9.0, 9.0, 0.0]], [0.01] * 2, [0] * 2)

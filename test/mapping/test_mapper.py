@@ -63,7 +63,7 @@ def test_sigma_is_calibrated_on_hills(world: Any, hills_field: Any, noise: float
     rays = np.hypot(np.hypot((cloud.u - made.rig.cx) / made.rig.fx, (cloud.v - made.rig.cy) / made.rig.fy), 1.0)
     along = (scale / result.disparity_px - scale / made.disparity)[cloud.v, cloud.u] * rays
     inner = (cloud.u > 48) & (cloud.u < 496) & (cloud.v > 16) & (cloud.v < 368)
-    size = np.abs(along / cloud.sigma)[inner]
+    size = np.abs(along / result.random_sigma)[inner]
     assert 0.60 < (size < 1).mean() < 0.93
     assert (size < 2).mean() > 0.90
     assert (size < 3).mean() > 0.97
@@ -232,7 +232,7 @@ def test_development_ground(shared_data: Path) -> None:
         wrong = wrong[np.isfinite(wrong) & (distance < 10.0)]
         assert 1.4826 * np.median(np.abs(wrong - np.median(wrong))) < 0.08
         assert abs(np.median(wrong)) < 0.005
-        within = [(error[near | far] < m * cloud.sigma[near | far]).mean() for m in (1, 2, 3)]
+        within = [(error[near | far] < m * result.random_sigma[near | far]).mean() for m in (1, 2, 3)]
         np.testing.assert_allclose(within, [0.683, 0.954, 0.997], atol=0.06)
         maps.append(result)
         singles.append(error[near | far].mean())

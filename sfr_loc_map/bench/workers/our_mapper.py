@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map import __version__
+from sfr_loc_map.config import build
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -24,7 +25,9 @@ class OurMapper:
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
         """Prepare for the rig."""
-        self._mapper = Mapper(StereoRig(**{name: setup[name] for name in CAMERA}), MappingConfig(**setup["config"]))
+        self._mapper = Mapper(
+            StereoRig(**{name: setup[name] for name in CAMERA}), build(MappingConfig, setup["config"])
+        )
         self._mapper.warm_up()
 
     def prepare(self, left: GreyImage, right: GreyImage, order: Mapping[str, Any]) -> Callable[[], PairMap]:
