@@ -124,7 +124,7 @@ def plausible_positions(positions: FloatArray) -> Mask:
 def plausible_quats(quats_xyzw: FloatArray) -> Mask:
     """Tell of each quaternion `(..., 4)` whether it has the length of a rotation: `(...,)`."""
     bounded = (np.abs(quats_xyzw) <= 2.0).all(axis=-1)
-    squares = np.square(np.where(bounded[..., None], quats_xyzw, 0.0)).sum(axis=-1)
+    squares = np.square(np.where(np.expand_dims(bounded, -1), quats_xyzw, 0.0)).sum(axis=-1)
     low, high = (1.0 - QUATERNION_TOLERANCE) ** 2, (1.0 + QUATERNION_TOLERANCE) ** 2
     return np.asarray((low <= squares) & (squares <= high))
 

@@ -16,6 +16,7 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
 
+from sfr_loc_map.bounded_input import check_regular
 from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.io.mcap_recovery import RecoveringReader, is_unfinished
@@ -79,6 +80,7 @@ class Bag:
         self.path = path
         self._files = _reader_paths(path)
         for file in _storage_files(path) if path.is_dir() else [path]:
+            _require_regular(file)
             if file.suffix == ".db3":
                 check_whole(file)
         self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
@@ -222,6 +224,13 @@ class Bag:
             raise InputError(
                 f"bag '{self.path}' cannot be read: {_line(error)}; it is broken or cut off: record or copy it again"
             ) from error
+
+
+def _require_regular(file: Path) -> None:
+    try:
+        check_regular(file)
+    except OSError as error:
+        raise InputError(f"bag '{file}' cannot be read: {error.strerror}; give a .mcap or .db3 file") from error
 
 
 def _storage_files(folder: Path) -> list[Path]:

@@ -1,23 +1,34 @@
-"""Reads mcap files that were not closed: what was written whole is there, only the index at the end is missing.
+"""Readers of bags that are bounded, and take mcap files that were not closed.
+
+Of such a file what was written whole is there, only the index at the end is missing. Whatever is compressed is bounded
+before it is unpacked.
 
 Records and their order: the mcap specification (mcap.dev/spec), sections "Records" and "Data Section".
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Generator
 from io import BytesIO
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import MappingProxyType
 
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.errors import ReaderError
-from rosbags.rosbag2.storage_mcap import McapReader, decompress
+from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, decompress
+
+from sfr_loc_map.bounded_input import check_regular, parse_yaml, read_text
+from sfr_loc_map.io.decompression import check_zstd_file, decompress_lz4, decompress_zstd, expansion_limit
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, CHUNK, DATA_END = 0x01, 0x06, 0x0F
 RECORD_HEAD = 9
 """Opcode and length."""
 NEVER = 2**63 - 1
+METADATA = "rosbag2_bagfile_information"
+DECOMPRESSORS.update(zstd=decompress_zstd, lz4=decompress_lz4)  # the library's own take any amount of memory
 
 
 def is_unfinished(path: Path) -> bool:
@@ -32,7 +43,25 @@ def is_unfinished(path: Path) -> bool:
         return False
 
 
-class _RecoveringMcapReader(McapReader):
+class _BoundedMcapReader(McapReader):
+    """Reads a file whose chunks fit the memory."""
+
+    def _open(self) -> None:
+        super()._open()
+        self._check_overlap()
+
+    def _check_overlap(self) -> None:
+        """Check that chunks whose times overlap, which are unpacked at the same time, fit the memory."""
+        edges = [(c.message_start_time, c.uncompressed_size) for c in self.chunks]
+        edges += [(c.message_end_time, -c.uncompressed_size) for c in self.chunks]
+        at_once, limit = 0, max([2 * expansion_limit(0), *(c.uncompressed_size for c in self.chunks)])
+        for _, size in sorted(edges):
+            at_once += size
+            if at_once > limit:
+                raise ReaderError(f"chunks of more than {limit} bytes overlap in time")
+
+
+class _RecoveringMcapReader(_BoundedMcapReader):
     """Reads a file without an end up to its last whole record."""
 
     def _open(self) -> None:
@@ -92,7 +121,41 @@ def _whole(chunk: bytes) -> bool:
     return True
 
 
-class RecoveringReader(Reader):
-    """Reader of bags that also takes mcap files without an end."""
+class _BoundedDirectoryReader(DirectoryReader):
+    """Reads the folder of a bag: its metadata and compressed parts are bounded."""
 
-    STORAGE_PLUGINS = MappingProxyType({**Reader.STORAGE_PLUGINS, ".mcap": _RecoveringMcapReader})
+    STORAGE_PLUGINS = MappingProxyType({**DirectoryReader.STORAGE_PLUGINS, "mcap": _BoundedMcapReader})
+    _messages_compressed = False
+
+    def open(self) -> None:
+        """Check the metadata and the files before they are read."""
+        path = Path(str(self.path))
+        content = parse_yaml(read_text(path / "metadata.yaml"))
+        information = content.get(METADATA) if isinstance(content, dict) else None
+        if not isinstance(information, dict) or not isinstance(information.get("relative_file_paths"), list):
+            raise ReaderError("metadata.yaml does not name the files of the bag")
+        mode = str(information.get("compression_mode", "")).lower()
+        for name in information["relative_file_paths"]:
+            file = path / PurePath(str(name)).name
+            if file.exists():  # the library says which are missing
+                check_regular(file)
+                if mode == "file":
+                    check_zstd_file(file)
+        super().open()
+        self._messages_compressed = self.metadata.compression_mode == "message"
+        self.metadata = self.metadata._replace(compression_mode=None)
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Yield connection, time and bytes of messages."""
+        for connection, time_ns, data in super().messages(connections, start, stop):
+            yield connection, time_ns, decompress_zstd(data) if self._messages_compressed else data
+
+
+class RecoveringReader(Reader):
+    """Reader of bags that also takes mcap files without an end; compressed parts are bounded."""
+
+    STORAGE_PLUGINS = MappingProxyType(
+        {**Reader.STORAGE_PLUGINS, "dir": _BoundedDirectoryReader, ".mcap": _RecoveringMcapReader}
+    )
