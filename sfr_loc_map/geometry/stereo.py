@@ -101,6 +101,11 @@ class StereoPair:
     left: GreyImage
     right: GreyImage
 
+    @property
+    def identical_images(self) -> bool:
+        """Whether both images are one and the same: then it is no stereo pair."""
+        return np.array_equal(self.left, self.right)
+
     def __post_init__(self) -> None:
         """Check type and size.
 

@@ -2,9 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sfr_loc_map.config import param
+
+
+@dataclass(frozen=True, slots=True)
+class MotionBounds:
+    """How a rover may move."""
+
+    unseen_speed_m_s: float = param(
+        1.0,
+        unit="m/s",
+        doc="Standard deviation of the rover's speed while no image shows its motion; at least its last speed.",
+        low=0.0,
+        high=1000.0,
+    )
+    unseen_turn_rad_s: float = param(0.5, unit="rad/s", doc="The same of its turn rate.", low=0.0, high=100.0)
+    max_speed_m_s: float = param(
+        50.0, unit="m/s", doc="A pose that needs a faster motion is refused: lost.", low=0.01, high=1e4
+    )
+    max_turn_rad_s: float = param(6.0, unit="rad/s", doc="The same for a turn.", low=0.01, high=1000.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +68,7 @@ class LocalisationConfig:
         low=1.0,
         high=100.0,
     )
+    motion: MotionBounds = field(default_factory=MotionBounds)
     left_mask: str = param(
         "",
         doc="Image file, 0 where the left camera sees the rover itself: no feature is detected there. Empty: none.",

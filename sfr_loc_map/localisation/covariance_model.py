@@ -9,12 +9,9 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import skew
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import propagated_covariance
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import LocalisationConfig
-
-UNSEEN_SIGMA = (1.0, 1.0, 0.3, 0.1, 0.1, 0.5)
-"""Standard deviation of an unobserved motion of the rover, in any direction, metres and radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +31,25 @@ class Start:
         return propagated_covariance(self.covariance, position - self.position)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CovarianceMark:
+    """What the covariance of one pose was made of, so that a later one can be taken relative to it.
+
+    Attributes:
+        window: Number of its window.
+        position: `(3,)` of the pose, metres, world.
+        in_window: `(6, 6)` of it in its window.
+        per_disparity_bias: `(3,)` path integral of position over disparity error up to it.
+        corrected_bias: `(3,)` the part of it that was corrected.
+    """
+
+    window: int
+    position: FloatArray
+    in_window: FloatArray
+    per_disparity_bias: FloatArray
+    corrected_bias: FloatArray
+
+
 class CovarianceModel:
     """Adds to the covariance of a pose in its window what the window does not contain.
 
@@ -44,9 +60,12 @@ class CovarianceModel:
     def __init__(self, rig: StereoRig, config: LocalisationConfig) -> None:
         """Start without a path."""
         self._focal_px, self._baseline_m, self._config = rig.fx, rig.baseline_m, config
-        self._in_window, self._unobserved, self._repeats = np.zeros((6, 6)), np.zeros((6, 6)), 0
+        self._in_window, self._unseen = np.zeros((6, 6)), np.zeros((6, 6))
         self._start = Start(np.zeros(3), np.zeros((6, 6)))
+        self._reference: Start | None = None
+        self._window = 0
         self._position_per_disparity_bias, self._corrected_bias = np.zeros(3), np.zeros(3)
+        self._bias_before = np.zeros(3), np.zeros(3)
 
     def start(self, position: FloatArray, covariance: FloatArray, in_window: FloatArray, depth_m: float) -> None:
         """Begin a window.
@@ -58,12 +77,39 @@ class CovarianceModel:
             depth_m: Median depth of the landmarks: the first image has the error of any whole image.
         """
         systematic = systematic_covariance(depth_m, self._config.common_px, self._focal_px)
-        self._start = Start(position, covariance + systematic)
+        self._start, self._reference = Start(position, covariance + systematic), None
+        self._window += 1
         self.set_in_window(in_window)
 
-    def after_gap(self, position: FloatArray, in_window: FloatArray) -> FloatArray:
-        """Return the covariance `(6, 6)` of a new window's start at the last known position, after lost tracking."""
-        return np.asarray(in_window + self._start.propagated_to(position) + np.diag(np.square(UNSEEN_SIGMA)))
+    def restart(self, position: FloatArray, covariance: FloatArray) -> None:
+        """Forget the path: the covariance `(6, 6)` at the last known position `(3,)` is given."""
+        self._start, self._reference = Start(position, covariance), None
+        self.set_in_window(np.zeros((6, 6)))
+        self._bias_before = self._position_per_disparity_bias.copy(), self._corrected_bias.copy()
+
+    def mark(self, T_world_left: Transform) -> CovarianceMark:
+        """Return what the covariance of the present pose is made of."""
+        bias = self._position_per_disparity_bias.copy(), self._corrected_bias.copy()
+        return CovarianceMark(self._window, T_world_left.translation, self._in_window, *bias)
+
+    def rebase(self, mark: CovarianceMark, covariance: FloatArray) -> None:
+        """Count from a pose of the past, whose covariance `(6, 6)` is given."""
+        self._bias_before = mark.per_disparity_bias, mark.corrected_bias
+        if mark.window == self._window:
+            self._start, self._reference = Start(mark.position, covariance), Start(mark.position, mark.in_window)
+            return
+        position = self._start.position  # what was not seen between the windows is in the present start
+        at_start = Start(mark.position, covariance).propagated_to(position)
+        self._start, self._reference = Start(position, self._start.covariance + at_start), None
+
+    def after_gap(self, position: FloatArray, unseen: FloatArray) -> FloatArray:
+        """Return the covariance `(6, 6)` of a new window's start at the last known position.
+
+        Args:
+            position: `(3,)` metres, world.
+            unseen: `(6, 6)` of the motion since it was known, in the world.
+        """
+        return np.asarray(self._of_window(position) + self._start.propagated_to(position) + unseen)
 
     def step(self, step: FloatArray, depth_m: float, right_offset_u: float) -> None:
         """Extend the path.
@@ -79,12 +125,11 @@ class CovarianceModel:
 
     def set_in_window(self, covariance: FloatArray) -> None:
         """Take the covariance `(6, 6)` of the last pose given by the window."""
-        self._in_window, self._unobserved, self._repeats = covariance, np.zeros((6, 6)), 0
+        self._in_window, self._unseen = covariance, np.zeros((6, 6))
 
-    def repeat(self, step: tuple[float, float]) -> None:
-        """Allow for one more motion that no image shows, of the size of the last one: metres and radians."""
-        self._repeats += 1
-        self._unobserved = np.diag((self._repeats * np.repeat(step, 3)) ** 2) / self._config.inflation
+    def allow_unseen(self, covariance: FloatArray) -> None:
+        """Allow for a motion `(6, 6)` that no image shows, until the window gives a pose again."""
+        self._unseen = covariance
 
     def of_left(self, position: FloatArray, depth_m: float, calibration: OnlineCalibration) -> FloatArray:
         """Return the covariance `(6, 6)` of the left camera in the world.
@@ -94,11 +139,19 @@ class CovarianceModel:
             depth_m: Median depth of the landmarks.
             calibration: What is known of the right camera.
         """
-        in_window = self._in_window + self._unobserved
-        covariance = in_window * self._config.inflation + self._start.propagated_to(position)
+        covariance = self._of_window(position) + self._start.propagated_to(position)
         covariance = covariance + systematic_covariance(depth_m, self._config.common_px, self._focal_px)
         covariance[:3, :3] += self.path_covariance(calibration)
-        return np.asarray(covariance)
+        return np.asarray(covariance + self._unseen)
+
+    def _of_window(self, position: FloatArray) -> FloatArray:
+        """Return the covariance `(6, 6)` of the drift since the window's start, or since a pose that was given."""
+        covariance = self._in_window
+        if self._reference is not None:
+            growth = covariance - self._reference.propagated_to(position)
+            values, vectors = np.linalg.eigh(0.5 * (growth + growth.T))
+            covariance = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        return np.asarray(covariance * self._config.inflation)
 
     def path_covariance(self, calibration: OnlineCalibration) -> FloatArray:
         """Return the covariance `(3, 3)` of the position from errors that all disparities share.
@@ -106,8 +159,8 @@ class CovarianceModel:
         These are a constant error, the yaw of the right camera as far as it is unknown, and the path travelled before
         the yaw was found.
         """
-        bias = self._position_per_disparity_bias
-        uncorrected = calibration.target_u * bias - self._corrected_bias
+        bias = self._position_per_disparity_bias - self._bias_before[0]
+        uncorrected = calibration.target_u * bias - (self._corrected_bias - self._bias_before[1])
         variance = self._config.common_disparity_px**2 + calibration.sigma_u**2
         return np.asarray(variance * np.outer(bias, bias) + np.outer(uncorrected, uncorrected))
 
@@ -124,16 +177,16 @@ def systematic_covariance(depth_m: float, systematic_px: float, focal_px: float)
     return np.diag(np.repeat(np.square([angle * depth_m, angle]), 3))
 
 
-def covariance_of_rb(covariance: FloatArray, R_ds_world: FloatArray, lever: FloatArray) -> FloatArray:
-    """Return the covariance `(6, 6)` of RB in DS.
+def covariance_of_point(covariance: FloatArray, rotation: FloatArray, lever: FloatArray) -> FloatArray:
+    """Return the covariance `(6, 6)` of the pose of another point of a rigid body, in other axes.
 
     Args:
-        covariance: `(6, 6)` of the left camera in the world.
-        R_ds_world: `(3, 3)` world to DS.
-        lever: `(3,)` from the camera to RB, metres, DS.
+        covariance: `(6, 6)` of a pose of the body, position and rotation about fixed axes.
+        rotation: `(3, 3)` from these axes to the others.
+        lever: `(3,)` from the point to the other, metres, in the other axes.
     """
     jacobian = np.zeros((6, 6))
-    jacobian[:3, :3] = jacobian[3:, 3:] = R_ds_world
-    jacobian[:3, 3:] = -skew(lever) @ R_ds_world
+    jacobian[:3, :3] = jacobian[3:, 3:] = rotation
+    jacobian[:3, 3:] = -skew(lever) @ rotation
     result = jacobian @ covariance @ jacobian.T
     return np.asarray(0.5 * (result + result.T))

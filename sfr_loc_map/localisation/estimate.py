@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,6 +46,18 @@ class StateReason(StrEnum):
     """The right camera moves against the left one."""
     IMPLAUSIBLE_MOTION = "implausible_motion"
     """The pose that was found is not finite, or no rover moves like that."""
+
+
+class Status(NamedTuple):
+    """State after a call, and the reason for a doubtful one."""
+
+    state: TrackingState
+    reason: StateReason | None = None
+
+    @classmethod
+    def of_tracked(cls, doubt: StateReason | None) -> Status:
+        """Return the status of a pose that was found, with the reason to doubt it or without one."""
+        return cls(TrackingState.TRACKING) if doubt is None else cls(TrackingState.DEGRADED, doubt)
 
 
 @dataclass(frozen=True, slots=True)

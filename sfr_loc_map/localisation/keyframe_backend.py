@@ -60,15 +60,20 @@ class KeyframeBackend:
         self.calibration = OnlineCalibration(self._camera, self._config.window_keyframes)
         self.keyframe_count = 0
 
+    def leave_window(self) -> None:
+        """Forget the window; what is known of the right camera stays."""
+        self.wait()
+        self._window, self.landmarks = self._new_window(), Landmarks.none()
+
     @property
     def started(self) -> bool:
         """Whether there is a window."""
         return len(self._window) > 0
 
     @property
-    def T_world_left(self) -> Transform:
-        """Pose of the newest keyframe."""
-        return Transform(self._window.keyframes.rotations[-1], self._window.keyframes.positions[-1])
+    def pose(self) -> Pose:
+        """Left camera at the newest keyframe, in the world."""
+        return Pose(self._window.keyframes.rotations[-1], self._window.keyframes.positions[-1])
 
     @property
     def covariance(self) -> FloatArray:

@@ -5,18 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.belief import are_finite, blindness, disbelief
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.covariance_model import CovarianceModel, covariance_of_rb
-from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, TrackingStatistics, lost_covariance
+from sfr_loc_map.localisation.estimate import (
+    PoseEstimate,
+    StateReason,
+    Status,
+    TrackingState,
+    TrackingStatistics,
+    lost_covariance,
+)
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
 from sfr_loc_map.localisation.motion_model import MotionModel
+from sfr_loc_map.localisation.pose_track import PoseTrack
 from sfr_loc_map.localisation.relocalisation import Relocaliser
 from sfr_loc_map.localisation.stage_timer import StageTimer
+from sfr_loc_map.localisation.stale_images import StaleImageFilter
+from sfr_loc_map.localisation.start_pose import StartPose
 
 
 class Localiser:
@@ -26,33 +35,32 @@ class Localiser:
     thread; the next call waits for it, so that results do not depend on timing.
     """
 
-    def __init__(self, rig: StereoRig, config: LocalisationConfig, T_ds_rb: Transform) -> None:
+    def __init__(self, rig: StereoRig, config: LocalisationConfig, start: StartPose | Transform) -> None:
         """Start at a given pose.
 
         Args:
             rig: Rectified rig with its extrinsics.
             config: Parameters.
-            T_ds_rb: Pose of RB in DS at the first pair.
+            start: Pose of RB in DS; one without a stamp holds at the first pair.
 
         Raises:
             GeometryError: If the extrinsics of the rig are unknown.
             ConfigError: If a mask cannot be read or has another size than the rig.
         """
-        self._rig, self._config, self._T_rb_left = rig, config, rig.T_rb_left
-        self._camera = rig.camera
-        self._tracker = Tracker(config, self._camera)
-        self._backend = KeyframeBackend(rig, config, self._camera, self._tracker)
-        self.reset(T_ds_rb)
+        self._rig, self._config = rig, config
+        self._tracker = Tracker(config, rig.camera)
+        self._backend = KeyframeBackend(rig, config, rig.camera, self._tracker)
+        self.reset(start)
 
-    def reset(self, T_ds_rb: Transform) -> None:
+    def reset(self, start: StartPose | Transform) -> None:
         """Forget everything and restart at this pose."""
         self._backend.reset()
-        self._motion = MotionModel(self._T_rb_left)
-        self._covariance = CovarianceModel(self._rig, self._config)
-        self._relocaliser = Relocaliser(self._tracker, self._config, self._camera)
-        self._T_ds_world, self._T_world_left = T_ds_rb @ self._T_rb_left, Transform.identity()
-        self._state, self._timer = TrackingState.INITIALISING, StageTimer()
-        self._last_pair: StereoPair | None = None
+        self._motion = MotionModel(self._rig.T_rb_left)
+        self._relocaliser = Relocaliser(self._tracker, self._config, self._rig.camera)
+        self._track = PoseTrack(self._rig, self._config, StartPose.of(start))
+        self._stale = StaleImageFilter()
+        self._status, self._timer = Status(TrackingState.INITIALISING), StageTimer()
+        self._doubted_keyframes = 0
         self._last_result: TrackingResult | None = None
 
     @property
@@ -60,10 +68,10 @@ class Localiser:
         """Tracking result of the last pair, trusted or not; None where no landmark was tracked."""
         return self._last_result
 
-    def set_pose(self, T_ds_rb: Transform) -> None:
-        """Let the next estimate start at this pose."""
+    def set_pose(self, pose: StartPose | Transform) -> None:
+        """Take a pose from outside: it holds at its stamp; without one the next estimate starts there."""
         self._finish_keyframe()
-        self._T_ds_world = T_ds_rb @ self._T_rb_left @ self._T_world_left.inverse()
+        self._track.set_pose(StartPose.of(pose))
 
     @staticmethod
     def warm_up() -> None:
@@ -81,27 +89,39 @@ class Localiser:
             LocalisationError: If the pair does not have the rig's size.
         """
         _check_size(pair, self._rig)
-        self._timer = StageTimer()
+        self._timer, self._last_result = StageTimer(), None
         with self._timer("wait"):
             self._finish_keyframe()
-        if self._is_repeated(pair):
+        self._track.arrive(pair.stamp_ns)
+        if self._known and self._stale.repeats(pair):
             return self._repeat(pair)
-        self._last_pair, self._last_result = pair, None
+        if pair.identical_images:
+            return self._unknown(pair.stamp_ns, StateReason.NO_STEREO, TrackingStatistics())
+        fresh, doubt = self._stale.fresh(pair)
         with self._timer("pyramid"):
-            frame = StereoFrame.of(pair)
+            frame = StereoFrame.of(fresh if self._known else pair)
         if not self._backend.started:
-            return self._begin(frame, np.zeros((6, 6)))
+            return self._begin(frame)
         if len(self._backend.landmarks) >= self._config.min_tracked:
-            self._last_result = self._track(frame, motion)
-        if self._last_result is None or not self._believes(frame, self._last_result):
-            return self._lose(frame)
-        return self._update(frame, self._last_result)
+            self._last_result = self._find(frame, motion)
+        result = self._last_result
+        if result is None:
+            return self._lose(frame, blindness(frame))
+        reason = disbelief(frame, result, self._tracker, self._track, self._backend.calibration.offset)
+        if reason is not None:
+            return self._lose(frame, blindness(frame) if reason is StateReason.FEW_LANDMARKS else reason)
+        return self._update(frame, result, doubt)
 
-    def _track(self, frame: StereoFrame, motion: Transform | None) -> TrackingResult:
+    @property
+    def _known(self) -> bool:
+        """Whether the pose of the last pair is known."""
+        return self._backend.started and self._status.state is not TrackingState.LOST
+
+    def _find(self, frame: StereoFrame, motion: Transform | None) -> TrackingResult:
         """Predict, align, refine, and relocalise where that fails."""
         landmarks, offset = self._backend.landmarks, self._backend.calibration.offset
         with self._timer("align"):
-            guesses = self._motion.predictions(self._T_world_left, frame.stamp_ns, motion)
+            guesses = self._motion.predictions(self._track.T_world_left, frame.stamp_ns, motion)
             start = self._tracker.align(frame.left, landmarks, guesses)
         with self._timer("refine"):
             result = self._tracker.refine(frame, landmarks, start, offset)
@@ -110,20 +130,21 @@ class Localiser:
         with self._timer("relocate"):
             return self._relocaliser.relocalise(frame, landmarks, offset) or result
 
-    def _believes(self, frame: StereoFrame, result: TrackingResult) -> bool:
-        offset = self._backend.calibration.offset
-        return self._tracker.trusts(result) and not self._tracker.left_right_swapped(frame, result, offset)
-
-    def _update(self, frame: StereoFrame, result: TrackingResult) -> PoseEstimate:
+    def _update(self, frame: StereoFrame, result: TrackingResult, doubt: StateReason | None) -> PoseEstimate:
         """Take the pose that was found; add a keyframe where one is wanted."""
-        last, self._T_world_left = self._T_world_left, result.T_world_left
-        self._state = TrackingState.TRACKING
-        self._motion.update(frame.stamp_ns, last.inverse() @ self._T_world_left)
-        backend, step = self._backend, self._T_world_left.translation - last.translation
-        self._covariance.step(step, backend.landmarks.median_depth, backend.calibration.offset.u)
-        self._covariance.set_in_window(np.asarray(np.linalg.inv(result.information) + backend.covariance))
-        # the right image alone gives a pose, but nothing that later pairs can start from
-        by_left = result.left_inlier_count >= self._config.min_tracked
+        track, backend, follows = self._track, self._backend, self._known
+        last, now = track.T_world_left, result.T_world_left
+        if doubt is None and backend.keyframe_count < self._doubted_keyframes:
+            doubt = StateReason.UNSEEN_MOTION
+        self._status = Status.of_tracked(doubt)
+        self._motion.update(frame.stamp_ns, last.inverse() @ now)
+        step = now.translation - last.translation
+        track.covariance.step(step, backend.landmarks.median_depth, backend.calibration.offset.u)
+        track.covariance.set_in_window(np.asarray(np.linalg.inv(result.information) + backend.covariance))
+        track.moved(frame.stamp_ns, now, follows=follows)
+        # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images
+        whole = doubt in (None, StateReason.UNSEEN_MOTION)
+        by_left = whole and result.left_inlier_count >= self._config.min_tracked
         self._relocaliser.recovered()
         if by_left:
             self._relocaliser.remember(frame.image, result)
@@ -135,64 +156,71 @@ class Localiser:
         return estimate
 
     def _repeat(self, pair: StereoPair) -> PoseEstimate:
-        """Return the last pose again; the rover may stand still, or have moved on as before."""
-        self._covariance.repeat(self._motion.step)
-        self._state = TrackingState.TRACKING
+        """Return the last pose again; the rover may stand still, or have moved."""
+        self._track.covariance.allow_unseen(self._track.unseen(pair.stamp_ns))
+        self._status = Status(TrackingState.DEGRADED, StateReason.REPEATED_IMAGES)
         return self._estimate(pair.stamp_ns, TrackingStatistics(repeated=1))
 
-    def _begin(self, frame: StereoFrame, covariance: FloatArray) -> PoseEstimate:
-        """Begin a window at the last known pose with its covariance `(6, 6)`; stay lost without enough landmarks."""
-        found = self._backend.begin(frame, self._T_world_left)
+    def _begin(self, frame: StereoFrame) -> PoseEstimate:
+        """Begin a window at the last known pose; stay lost without enough landmarks."""
+        track, backend = self._track, self._backend
+        found = backend.begin(frame, track.T_world_left)
         if found < self._config.min_tracked:
-            self._state = TrackingState.LOST
-            return self._estimate(frame.stamp_ns, TrackingStatistics(features=found))
-        first = self._backend.keyframe_count == 1
-        self._state = TrackingState.INITIALISING if first else TrackingState.TRACKING
-        landmarks, position = self._backend.landmarks, self._T_world_left.translation
+            return self._unknown(frame.stamp_ns, blindness(frame), TrackingStatistics(features=found))
+        self._status = Status(TrackingState.INITIALISING if backend.keyframe_count == 1 else TrackingState.TRACKING)
+        if track.unseen_s(frame.stamp_ns) > 0.0:
+            self._status = Status(TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
+            self._doubted_keyframes = backend.keyframe_count + self._config.window_keyframes - 1
+        landmarks, position = backend.landmarks, track.T_world_left.translation
+        covariance = track.covariance.after_gap(position, track.unseen(frame.stamp_ns))
         self._motion.restart(frame.stamp_ns)
-        self._covariance.start(position, covariance, self._backend.covariance, landmarks.median_depth)
+        track.covariance.start(position, covariance, backend.covariance, landmarks.median_depth)
+        track.moved(frame.stamp_ns, track.T_world_left, follows=False)
         self._relocaliser.restart(frame.image, landmarks)
         return self._estimate(frame.stamp_ns, TrackingStatistics(features=found))
 
-    def _lose(self, frame: StereoFrame) -> PoseEstimate:
+    def _lose(self, frame: StereoFrame, reason: StateReason) -> PoseEstimate:
         """Report that the pose is unknown; begin a new window where good images come and none is recognised."""
-        self._state = TrackingState.LOST
-        self._motion.stop()
         if self._relocaliser.gives_up(frame, self._backend.landmarks):
-            position = self._T_world_left.translation
-            return self._begin(frame, self._covariance.after_gap(position, self._backend.covariance))
-        return self._estimate(frame.stamp_ns, TrackingStatistics(inliers=0))
+            return self._begin(frame)
+        return self._unknown(frame.stamp_ns, reason, TrackingStatistics(inliers=0))
+
+    def _unknown(self, stamp_ns: int, reason: StateReason, statistics: TrackingStatistics) -> PoseEstimate:
+        """Return the last pose as lost."""
+        self._motion.stop()
+        self._status = Status(TrackingState.LOST, reason)
+        return self._estimate(stamp_ns, statistics)
 
     def _finish_keyframe(self) -> None:
-        """Wait for the keyframe in work, and go on from its adjusted pose."""
+        """Wait for the keyframe in work, and go on from its adjusted pose; leave a window that is not plausible."""
         seconds = self._backend.wait()
         if seconds is None:
             return
         self._timer.seconds["keyframe"] = seconds
-        self._T_world_left = self._backend.T_world_left
-        self._covariance.set_in_window(self._backend.covariance)
+        pose, covariance, track = self._backend.pose, self._backend.covariance, self._track
+        if not (are_finite(*pose, covariance) and track.plausible(track.known_ns or 0, Transform(*pose))):
+            self._backend.reset()
+            return
+        self._track.T_world_left = Transform(*pose)
+        self._track.covariance.set_in_window(covariance)
         self._relocaliser.update(self._backend.landmarks)
 
     def _estimate(self, stamp_ns: int, statistics: TrackingStatistics) -> PoseEstimate:
-        T_ds_left = self._T_ds_world @ self._T_world_left
-        T_ds_rb = T_ds_left @ self._T_rb_left.inverse()
+        track = self._track
+        if track.bind(stamp_ns):
+            self._backend.leave_window()
         covariance = lost_covariance()
-        if self._state is not TrackingState.LOST:
-            depth_m, calibration = self._backend.landmarks.median_depth, self._backend.calibration
-            of_left = self._covariance.of_left(self._T_world_left.translation, depth_m, calibration)
-            lever = T_ds_rb.translation - T_ds_left.translation
-            covariance = covariance_of_rb(of_left, self._T_ds_world.rotation, lever)
-        return PoseEstimate(stamp_ns, T_ds_rb, covariance, self._state, statistics, self._timer.seconds)
-
-    def _is_repeated(self, pair: StereoPair) -> bool:
-        """Tell whether the last pair came again while its pose was known."""
-        known = self._backend.started and self._state is not TrackingState.LOST
-        return known and self._last_pair is not None and is_duplicate_pair(self._last_pair, pair)
-
-
-def is_duplicate_pair(before: StereoPair, now: StereoPair) -> bool:
-    """Tell whether two pairs have bit-identical images."""
-    return np.array_equal(before.left, now.left) and np.array_equal(before.right, now.right)
+        if self._status.state is not TrackingState.LOST:
+            covariance = track.covariance_of_rb(self._backend.landmarks.median_depth, self._backend.calibration)
+        return PoseEstimate(
+            stamp_ns,
+            track.T_ds_rb,
+            covariance,
+            self._status.state,
+            statistics,
+            self._timer.seconds,
+            self._status.reason,
+        )
 
 
 def _check_size(pair: StereoPair, rig: StereoRig) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
 
 MAX_MISSED_PAIRS = 4
@@ -33,12 +30,6 @@ class MotionModel:
         """Take the motion of the left camera since the last tracked pair."""
         self._T_before_last = T_before_last
         self._stamp_ns, self._period_ns = stamp_ns, stamp_ns - self._stamp_ns
-
-    @property
-    def step(self) -> tuple[float, float]:
-        """Length, metres, and angle, radians, of the last motion."""
-        last = self._T_before_last
-        return float(np.linalg.norm(last.translation)), float(np.linalg.norm(rotvec_from_matrix(last.rotation)))
 
     def predictions(self, T_world_last: Transform, stamp_ns: int, T_rb_motion: Transform | None) -> list[Transform]:
         """Return guesses of the left camera's pose: constant velocity, standstill, missed pairs, wheel odometry.

@@ -44,7 +44,7 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
                 f"{deviation:.1f} grey levels): a spread of {MIN_CONTRAST} is needed; check the camera, its cap and "
                 "its exposure"
             )
-    if np.array_equal(pair.left, pair.right):
+    if pair.identical_images:
         raise MappingError(
             f"left and right images of stamp {pair.stamp_ns} are identical: give the image of the other camera"
         )

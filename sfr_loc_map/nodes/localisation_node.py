@@ -37,7 +37,7 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.node_config import PairNodeConfig
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.image import image_msg
-from sfr_loc_map.nodes.messages.pose import odometry_msg, tf_message_type, transform_from_pose, transform_of_odometry
+from sfr_loc_map.nodes.messages.pose import odometry_msg, start_pose_of, tf_message_type, transform_of_odometry
 from sfr_loc_map.nodes.process.runner import run
 from sfr_loc_map.pipeline.online.latency import latencies
 from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession
@@ -187,7 +187,7 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
             self.status.warn(f"initialpose is in '{frame}', '{self.config.ds_frame}' is needed: ignored")
             return
         try:
-            pose = transform_from_pose(message.pose.pose, "initialpose")
+            pose = start_pose_of(message)
         except InputError as error:
             self.status.warn(f"{error}; ignored")
             return
@@ -221,7 +221,7 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
             self._count_unprocessed()
             self.status.error(str(error))
             return
-        estimate = self._session.accept(estimate)
+        self._session.accept(estimate)
         self.publish_estimate(estimate)
         self._publish_debug_image(pair, localiser, estimate, received.frame_id)
         now_ns = self.get_clock().now().nanoseconds

@@ -10,6 +10,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.config import build
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
@@ -26,7 +27,7 @@ class OurLocaliser:
         """Prepare with the rover frame in the left camera: all methods estimate the same pose."""
         rig = StereoRig(**{name: setup[name] for name in CAMERA})
         rig = replace(rig, T_rb_sb=rig.T_sb_left.inverse())
-        self._localiser = Localiser(rig, LocalisationConfig(**setup["config"]), Transform.identity())
+        self._localiser = Localiser(rig, build(LocalisationConfig, setup["config"]), Transform.identity())
         self._localiser.warm_up()
 
     def prepare(self, left: GreyImage, right: GreyImage, order: Mapping[str, Any]) -> Callable[[], PoseEstimate]:

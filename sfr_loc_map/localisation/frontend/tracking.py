@@ -55,8 +55,13 @@ class StereoFrame(NamedTuple):
         return cls(pair.stamp_ns, pair.left, *both(build_pyramid, (pair.left,), (pair.right,)))
 
     @property
+    def left_is_textured(self) -> bool:
+        """Whether the left image shows anything: it is not black, white or blinded."""
+        return float(np.std(self.left.levels[-1])) > MIN_TEXTURE
+
+    @property
     def right_is_textured(self) -> bool:
-        """Whether the right image shows anything: it is not black, white or blinded."""
+        """Whether the right image shows anything."""
         return float(np.std(self.right.levels[-1])) > MIN_TEXTURE
 
 

@@ -10,7 +10,7 @@ import importlib
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
+from geometry_msgs.msg import Point, Pose, PoseWithCovarianceStamped, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
 
 from sfr_loc_map.constants import LOST_VARIANCE
@@ -19,6 +19,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.nodes.messages.fields import header_msg
 
 
@@ -45,6 +46,21 @@ def transform_from_pose(pose: Pose, name: str) -> Transform:
         return Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
     except GeometryError as error:
         raise InputError(f"{name}: {error}") from error
+
+
+def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
+    """Return a pose from outside, which holds at its stamp; a stamp of zero is none.
+
+    Raises:
+        InputError: If it is no pose, or its covariance is none: not finite, not symmetric, or a variance negative.
+    """
+    pose = transform_from_pose(message.pose.pose, "initialpose")
+    covariance = np.array(message.pose.covariance, np.float64).reshape(6, 6)
+    if not (np.isfinite(covariance).all() and np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12)):
+        raise InputError("initialpose has a covariance that is not finite or not symmetric: zeros say exact")
+    if np.linalg.eigvalsh(covariance).min() < -1e-9 * max(1.0, float(np.abs(covariance).max())):
+        raise InputError("initialpose has a covariance with a negative variance: zeros say exact")
+    return StartPose(pose, covariance, stamp_of(message) or None)
 
 
 def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:

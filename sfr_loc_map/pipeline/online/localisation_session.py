@@ -11,7 +11,7 @@ A reset is a restart whose first pose is the identity. Continue follows another 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 
 from sfr_loc_map.errors import InputError, OutputError
@@ -20,9 +20,10 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.pipeline.online.resume import KnownPose, PoseFile
 
-LocaliserFactory = Callable[[StereoRig, LocalisationConfig, Transform], Localiser]
+LocaliserFactory = Callable[[StereoRig, LocalisationConfig, StartPose], Localiser]
 
 
 class Phase(StrEnum):
@@ -34,19 +35,6 @@ class Phase(StrEnum):
     """A localiser starts at a pose that is known already."""
     RUNNING = "running"
     """The localiser goes on."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Start:
-    """Where a localiser starts.
-
-    Attributes:
-        T_ds_rb: The pose.
-        known: The same pose with its covariance, which adds to that of the estimates; None for an exact start.
-    """
-
-    T_ds_rb: Transform
-    known: KnownPose | None = None
 
 
 class LocalisationSession:
@@ -77,9 +65,8 @@ class LocalisationSession:
         self._config, self._pose_file, self._warn, self._make_localiser = config, pose_file, warn, make_localiser
         self._rig: StereoRig | None = None
         self._localiser: Localiser | None = None
-        self._first_pose = Transform.identity()
-        self._start = _Start(self._first_pose)
-        self._recent: tuple[KnownPose, ...] = ()  # the last two poses that were published and not lost
+        self._first = self._start = StartPose(Transform.identity())
+        self._last: KnownPose | None = None  # the last pose that was published and not lost
 
     # ---- transitions
 
@@ -96,32 +83,31 @@ class LocalisationSession:
         self._config = config
         self.continue_at_last_pose()
 
-    def set_pose(self, T_ds_rb: Transform) -> None:
-        """Go on, or start, at a given pose, which is the first pose of later runs too."""
-        self._first_pose = T_ds_rb
-        self._forget(_Start(T_ds_rb))
+    def set_pose(self, pose: StartPose) -> None:
+        """Go on, or start, at a given pose, which holds at its stamp; later runs start there too."""
+        self._first = replace(pose, stamp_ns=None)
+        self._start, self._last = pose, None
         if self._localiser is not None:
-            self._localiser.set_pose(T_ds_rb)
+            self._localiser.set_pose(pose)
         else:
             self.phase = Phase.READY
 
     def restart(self) -> None:
         """Start a new run at the first pose."""
-        self._forget(_Start(self._first_pose))
+        self._start, self._last = self._first, None
         self._localiser, self.phase = None, Phase.READY
 
     def reset(self) -> None:
         """Start a new run at the identity."""
-        self._first_pose = Transform.identity()
+        self._first = StartPose(Transform.identity())
         self.restart()
 
     def continue_at_last_pose(self) -> None:
-        """Let the next pair start a localiser at the last pose, its covariance grown by one more step unseen."""
+        """Let the next pair start a localiser at the last known pose, with its covariance and its stamp."""
         if self._localiser is None:
             return
-        if self._recent:
-            known = self._recent[-1].after_step(self._recent[0])
-            self._start = replace(self._start, known=known)
+        if self._last is not None:
+            self._start = self._last.start
         self._localiser, self.phase = None, Phase.READY
 
     # ---- a pair
@@ -146,30 +132,23 @@ class LocalisationSession:
         if self.phase is Phase.NEW:
             self.phase = Phase.READY
             self._resume(stamp_ns)
-        self._localiser = self._make_localiser(replace(self._rig, T_rb_sb=T_rb_sb), self._config, self._start.T_ds_rb)
+        self._localiser = self._make_localiser(replace(self._rig, T_rb_sb=T_rb_sb), self._config, self._start)
         self.phase, self.tracked_ns = Phase.RUNNING, None
         return self._localiser
 
-    def accept(self, estimate: PoseEstimate) -> PoseEstimate:
-        """Take an estimate of the localiser; return it as uncertain as the start of its run makes it."""
-        self._start = replace(self._start, T_ds_rb=estimate.T_ds_rb)
+    def accept(self, estimate: PoseEstimate) -> None:
+        """Take an estimate of the localiser: the next one may have to start there."""
+        if self._start.stamp_ns is None:  # it held at this pair
+            self._start = replace(self._start, stamp_ns=estimate.stamp_ns)
         if estimate.state is TrackingState.LOST:
-            return estimate
+            return
         self.tracked_ns = estimate.stamp_ns
-        if self._start.known is not None:
-            added = self._start.known.added_covariance(estimate.T_ds_rb)
-            estimate = replace(estimate, covariance=estimate.covariance + added)
-        known = KnownPose(estimate.stamp_ns, estimate.T_ds_rb, estimate.covariance)
-        self._recent = (*self._recent[-1:], known)
+        self._last = KnownPose(estimate.stamp_ns, estimate.T_ds_rb, estimate.covariance)
         if self._pose_file is not None:
             try:
-                self._pose_file.save(known)
+                self._pose_file.save(self._last)
             except OutputError as error:
                 self._warn(str(error))
-        return estimate
-
-    def _forget(self, start: _Start) -> None:
-        self._start, self._recent = start, ()
 
     def _resume(self, stamp_ns: int) -> None:
         """Start at the kept pose, if there is one that belongs to this run."""
@@ -181,6 +160,6 @@ class LocalisationSession:
             self._warn(str(error))
             return
         if known is not None:
-            self._start = _Start(known.T_ds_rb, known.after_gap())
+            self._start = known.start
             gap_s = (stamp_ns - known.stamp_ns) * 1e-9
             self._warn(f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since is not known")

@@ -11,9 +11,8 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.covariance_model import UNSEEN_SIGMA, Start
+from sfr_loc_map.localisation.start_pose import StartPose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,19 +29,10 @@ class KnownPose:
     T_ds_rb: Transform
     covariance: FloatArray
 
-    def after_gap(self) -> KnownPose:
-        """Return the pose with the covariance after a gap without images."""
-        return KnownPose(self.stamp_ns, self.T_ds_rb, self.covariance + np.diag(np.square(UNSEEN_SIGMA)))
-
-    def after_step(self, before: KnownPose) -> KnownPose:
-        """Return the pose with the covariance after one more step, unseen, of the size of that from an earlier pose."""
-        step = before.T_ds_rb.inverse() @ self.T_ds_rb
-        size = np.linalg.norm(step.translation), np.linalg.norm(rotvec_from_matrix(step.rotation))
-        return KnownPose(self.stamp_ns, self.T_ds_rb, self.covariance + np.diag(np.repeat(np.square(size), 3)))
-
-    def added_covariance(self, T_ds_rb: Transform) -> FloatArray:
-        """Return what the covariance `(6, 6)` of a start at this pose adds to that of a later pose."""
-        return Start(self.T_ds_rb.translation, self.covariance).propagated_to(T_ds_rb.translation)
+    @property
+    def start(self) -> StartPose:
+        """The pose as the start of a localiser, which allows for the motion since its stamp."""
+        return StartPose(self.T_ds_rb, self.covariance, self.stamp_ns)
 
 
 class PoseFile:

@@ -1,0 +1,36 @@
+"""Whether a tracking result is to be believed, and why not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.localisation.estimate import StateReason
+from sfr_loc_map.localisation.frontend.right_offset import RightOffset
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
+from sfr_loc_map.localisation.pose_track import PoseTrack
+
+
+def disbelief(
+    frame: StereoFrame, result: TrackingResult, tracker: Tracker, track: PoseTrack, offset: RightOffset
+) -> StateReason | None:
+    """Return why the pose that was found in a pair is not to be believed, None where it is."""
+    if not tracker.trusts(result):
+        return StateReason.FEW_LANDMARKS
+    finite = are_finite(*result.pose, result.information) and np.linalg.slogdet(result.information)[0] > 0.0
+    if not (finite and track.plausible(frame.stamp_ns, result.T_world_left)):
+        return StateReason.IMPLAUSIBLE_MOTION
+    if tracker.left_right_swapped(frame, result, offset):
+        return StateReason.NO_STEREO
+    return None
+
+
+def blindness(frame: StereoFrame) -> StateReason:
+    """Return why a pair gives too few landmarks."""
+    textured = frame.left_is_textured and frame.right_is_textured
+    return StateReason.FEW_LANDMARKS if textured else StateReason.UNTEXTURED_IMAGES
+
+
+def are_finite(*arrays: FloatArray) -> bool:
+    """Tell whether all numbers are finite."""
+    return all(bool(np.isfinite(values).all()) for values in arrays)
