@@ -18,7 +18,7 @@ from sfr_loc_map.localisation.estimate import (
     lost_covariance,
 )
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
+from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
 from sfr_loc_map.localisation.motion_model import MotionModel
 from sfr_loc_map.localisation.pose_track import PoseTrack
@@ -95,7 +95,7 @@ class Localiser:
         self._track.arrive(pair.stamp_ns)
         if self._known and self._stale.repeats(pair):
             return self._repeat(pair)
-        if pair.identical_images:
+        if pair.identical_images and float(np.std(pair.left)) > MIN_TEXTURE:
             return self._unknown(pair.stamp_ns, StateReason.NO_STEREO, TrackingStatistics())
         fresh, doubt = self._stale.fresh(pair)
         with self._timer("pyramid"):

@@ -24,6 +24,7 @@ from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.point_image import points_image
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
@@ -168,9 +169,9 @@ def take_pose(path: Path) -> None:
         raise ArithmeticError("points that are not finite")
     session.fuse()
     start = LocalisationSession(LocalisationConfig())
-    start.set_pose(pose)
+    start.set_pose(StartPose(pose))
     rover = _Rover()
-    rover.localisation.set_pose(pose)
+    rover.localisation.set_pose(StartPose(pose))
     try:
         rover.drive()
     except ArithmeticError as error:

@@ -14,10 +14,9 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, OnlineCalibration
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.covariance_model import (
-    UNSEEN_SIGMA,
     CovarianceModel,
     Start,
-    covariance_of_rb,
+    covariance_of_point,
     systematic_covariance,
 )
 
@@ -117,21 +116,47 @@ def test_window_covariance_is_inflated_and_the_start_is_not() -> None:
     np.testing.assert_allclose(model.of_left(np.zeros(3), 0.0, calibration()), 2.0 * window + start + rotation_only)
 
 
-def test_repeated_pairs_may_hide_as_many_steps(model: CovarianceModel) -> None:
-    still = model.of_left(np.zeros(3), DEPTH_M, calibration())
-    for count in (1, 2, 3):
-        model.repeat((0.2, 0.05))
-        hidden = model.of_left(np.zeros(3), DEPTH_M, calibration()) - still
-        np.testing.assert_allclose(np.sqrt(np.diag(hidden)), count * np.repeat([0.2, 0.05], 3))
+def test_a_motion_that_no_image_shows_counts_until_the_next_pose(model: CovarianceModel) -> None:
+    still, unseen = model.of_left(np.zeros(3), DEPTH_M, calibration()), random_covariance(7)
+    model.allow_unseen(unseen)
+    np.testing.assert_allclose(model.of_left(np.zeros(3), DEPTH_M, calibration()) - still, unseen)
     model.set_in_window(NOTHING)
     np.testing.assert_array_equal(model.of_left(np.zeros(3), DEPTH_M, calibration()), still)
 
 
 def test_a_gap_adds_what_a_rover_may_have_moved(model: CovarianceModel) -> None:
-    window, position = random_covariance(2), np.array([3.0, -1.0, 0.5])
+    window, unseen, position = random_covariance(2), random_covariance(8), np.array([3.0, -1.0, 0.5])
+    model.set_in_window(window)
     image = Start(np.zeros(3), systematic_covariance(DEPTH_M, 0.04, 400.0))
-    known = window + image.propagated_to(position)
-    np.testing.assert_allclose(np.diag(model.after_gap(position, window) - known), np.square(UNSEEN_SIGMA))
+    known = 2.0 * window + image.propagated_to(position)
+    np.testing.assert_allclose(model.after_gap(position, unseen), known + unseen)
+
+
+def test_a_pose_given_for_the_past_replaces_what_was_known_then(model: CovarianceModel) -> None:
+    """The drift of the window and the yaw error of the path before it do not count any more."""
+    early, late, given = random_covariance(2), random_covariance(3), random_covariance(4)
+    there, here = Transform(np.eye(3), STEP), 3.0 * STEP
+    model.set_in_window(early)
+    model.step(STEP, DEPTH_M, 0.0)
+    mark = model.mark(there)
+    model.rebase(mark, given)
+    image = systematic_covariance(DEPTH_M, 0.04, 400.0)
+    np.testing.assert_allclose(model.of_left(STEP, DEPTH_M, calibration()), given + image, atol=1e-15)
+    model.step(2.0 * STEP, DEPTH_M, 0.0)
+    model.set_in_window(Start(STEP, early).propagated_to(here) + late)
+    expected = Start(STEP, given).propagated_to(here) + 2.0 * late + image
+    expected[:3, :3] += FIRST_SIGMA_PX**2 * np.outer(2.0 * STEP, 2.0 * STEP) * (DEPTH_M / 80.0) ** 2
+    np.testing.assert_allclose(model.of_left(here, DEPTH_M, calibration()), expected, atol=1e-15)
+
+
+def test_a_pose_given_for_an_earlier_window_keeps_what_was_not_seen_between(model: CovarianceModel) -> None:
+    given, unseen = random_covariance(4), random_covariance(5)
+    mark = model.mark(Transform.identity())
+    model.start(STEP, unseen, NOTHING, DEPTH_M)
+    before = model.of_left(STEP, DEPTH_M, calibration())
+    model.rebase(mark, given)
+    added = model.of_left(STEP, DEPTH_M, calibration()) - before
+    np.testing.assert_allclose(added, Start(np.zeros(3), given).propagated_to(STEP), atol=1e-15)
 
 
 def test_rotation_error_of_the_start_swings_the_path() -> None:
@@ -152,6 +177,6 @@ def test_covariance_of_the_rover_follows_its_extrinsics() -> None:
     jacobian = numeric_jacobian(lambda change: T_ds_world @ perturbed(T_world_left, change) @ T_left_rb)
     T_ds_left = T_ds_world @ T_world_left
     lever = (T_ds_left @ T_left_rb).translation - T_ds_left.translation
-    found = covariance_of_rb(covariance, T_ds_world.rotation, lever)
+    found = covariance_of_point(covariance, T_ds_world.rotation, lever)
     np.testing.assert_allclose(found, jacobian @ covariance @ jacobian.T, atol=1e-12)
     np.testing.assert_array_equal(found, found.T)

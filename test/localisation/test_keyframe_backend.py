@@ -94,7 +94,7 @@ def test_a_keyframe_adds_landmarks_and_drops_outliers() -> None:
     assert set(kept) <= set(by.landmarks.index)
     assert not set(result.landmarks.index[~result.inliers]) & set(by.landmarks.index)
     assert len(by.landmarks) > len(kept)
-    np.testing.assert_allclose(by.T_world_left.translation, camera_motion(12).translation, atol=0.01)
+    np.testing.assert_allclose(by.pose.position, camera_motion(12).translation, atol=0.01)
     assert by.covariance.shape == (6, 6)
     assert np.linalg.eigvalsh(by.covariance).min() > 0.0
 

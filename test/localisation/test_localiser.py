@@ -12,16 +12,17 @@ from pathlib import Path
 import made_scene
 import numpy as np
 import pytest
-from loc_drive import drive, errors, localiser, noisy, run
+from loc_drive import black, drive, errors, localiser, noisy, run
 from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, true_pose
 
 from sfr_loc_map.errors import GeometryError, LocalisationError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.estimate import PoseEstimate, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.start_pose import StartPose
 
 DRIVE = drive()
 
@@ -120,7 +121,7 @@ def test_statistics_state_what_the_right_camera_is_off_by() -> None:
 def test_the_next_pose_is_predicted_from_the_last_motion() -> None:
     by = localiser()
     run(DRIVE[:5], by)
-    predicted, still = by._motion.predictions(by._T_world_left, DRIVE[5].stamp_ns, None)
+    predicted, still = by._motion.predictions(by._track.T_world_left, DRIVE[5].stamp_ns, None)
     first, now = (true_pose(index) @ LOC_RIG.T_rb_left for index in (0, 5))
     error, step = (
         float(np.linalg.norm(pose.translation - (first.inverse() @ now).translation)) for pose in (predicted, still)
@@ -176,11 +177,62 @@ def test_set_pose_is_where_the_next_estimate_starts(estimates: list[PoseEstimate
     run(DRIVE[:10], by)
     by.set_pose(T_set)
     for index in range(10, 14):
-        # The motion since the pair before set_pose goes on from there, as it would have been without.
-        motion = estimates[9].T_ds_rb.inverse() @ estimates[index].T_ds_rb
+        motion = estimates[10].T_ds_rb.inverse() @ estimates[index].T_ds_rb
         found = by.process(DRIVE[index])
         np.testing.assert_allclose(found.T_ds_rb.matrix, (T_set @ motion).matrix, atol=1e-9)
         assert found.state is TrackingState.TRACKING
+
+
+def test_a_pose_with_a_stamp_of_the_past_holds_there_with_its_covariance(estimates: list[PoseEstimate]) -> None:
+    covariance = np.diag([0.04, 0.01, 0.0025, 1e-4, 1e-4, 4e-4])
+    T_set, by = Transform.from_quat([7.0, 8.0, 9.0], [0.0, 0.1, 0.7, 0.7]), localiser()
+    run(DRIVE[:10], by)
+    by.set_pose(StartPose(T_set, covariance, DRIVE[4].stamp_ns))
+    found = by.process(DRIVE[10])
+    motion = estimates[4].T_ds_rb.inverse() @ estimates[10].T_ds_rb
+    np.testing.assert_allclose(found.T_ds_rb.matrix, (T_set @ motion).matrix, atol=1e-9)
+    swung = propagated_covariance(covariance, found.T_ds_rb.translation - T_set.translation)
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(swung), rtol=0.02)
+
+
+def test_a_pose_between_two_pairs_holds_between_their_poses() -> None:
+    by = localiser()
+    run(DRIVE[:10], by)
+    between = 0.5 * (true_pose(9).translation + true_pose(10).translation)
+    stamp_ns = (DRIVE[9].stamp_ns + DRIVE[10].stamp_ns) // 2
+    by.set_pose(StartPose(Transform(true_pose(9).rotation, between + np.array([1.0, 0.0, 0.0])), stamp_ns=stamp_ns))
+    error = by.process(DRIVE[10]).T_ds_rb.translation - true_pose(10).translation
+    np.testing.assert_allclose(error, [1.0, 0.0, 0.0], atol=0.004)
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_pose_set_while_lost_is_of_its_stamp_or_the_next_pair(*, stamped: bool) -> None:
+    """It says nothing of the last known pose, which is of before the gap."""
+    by, sigma = localiser(), 0.01
+    run([*DRIVE[:10], black(10)], by)
+    pose, covariance = true_pose(11), sigma**2 * np.eye(6)
+    by.set_pose(StartPose(pose, covariance, DRIVE[11].stamp_ns if stamped else None))
+    by.process(black(11))
+    found = run(DRIVE[16:20], by)
+    assert (found[0].state, found[0].reason) == (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
+    np.testing.assert_allclose(found[0].T_ds_rb.matrix, pose.matrix, atol=1e-9)
+    for index, estimate in enumerate(found, 16):
+        assert errors(estimate, true_pose(index))[0] < np.sqrt(np.trace(estimate.covariance[:3, :3]))
+
+
+def test_a_pose_set_while_lost_for_a_pair_that_shows_something_is_exact() -> None:
+    by = localiser()
+    run([*DRIVE[:10], black(10)], by)
+    by.set_pose(StartPose(true_pose(16), stamp_ns=DRIVE[16].stamp_ns))
+    assert errors(by.process(DRIVE[16]), true_pose(16))[0] < 1e-9
+    assert errors(by.process(DRIVE[18]), true_pose(18))[0] < 0.003
+
+
+def test_a_stamp_far_ahead_is_of_another_clock() -> None:
+    by = localiser()
+    run(DRIVE[:3], by)
+    by.set_pose(StartPose(true_pose(20), stamp_ns=DRIVE[3].stamp_ns + 10**18))
+    np.testing.assert_allclose(by.process(DRIVE[3]).T_ds_rb.matrix, true_pose(20).matrix, atol=1e-9)
 
 
 def test_set_pose_before_the_first_pair_is_its_pose() -> None:

@@ -64,7 +64,6 @@ def test_wheel_odometry_is_a_motion_of_the_rover(driven: MotionModel) -> None:
 
 def test_a_stopped_model_predicts_rest_and_knows_the_period(driven: MotionModel) -> None:
     driven.stop()
-    assert driven.step == (0.0, 0.0)
     for guess in guesses(driven, 5 * PERIOD_NS):
         np.testing.assert_array_equal(guess, path(3)[-1].matrix)
     driven.update(5 * PERIOD_NS, STEP)
@@ -75,9 +74,3 @@ def test_a_stopped_model_predicts_rest_and_knows_the_period(driven: MotionModel)
 def test_a_restarted_model_does_not_know_the_period(driven: MotionModel) -> None:
     driven.restart(10 * PERIOD_NS)
     assert len(guesses(driven, 13 * PERIOD_NS)) == 2
-
-
-def test_size_of_the_last_step(driven: MotionModel) -> None:
-    metres, radians = driven.step
-    assert metres == pytest.approx(np.linalg.norm([0.05, 0.01, 0.2]))
-    assert radians == pytest.approx(np.linalg.norm([0.01, -0.02, 0.03]))

@@ -9,13 +9,21 @@ from hypothesis import strategies as st
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
-from geometry_msgs.msg import Point, Pose, Quaternion
+from geometry_msgs.msg import Point, Pose, PoseWithCovarianceStamped, Quaternion
 from scenes import sent
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_msg, odometry_row, pose_msg, transform_from_pose
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages.pose import (
+    covariance_of,
+    odometry_msg,
+    odometry_row,
+    pose_msg,
+    start_pose_of,
+    transform_from_pose,
+)
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -66,3 +74,24 @@ def test_poses_come_out_as_they_went_in(quat: list[float]) -> None:
     out = transform_from_pose(sent(pose_msg(pose, pose.file_quat_xyzw)), "pose")
     assert np.array_equal(out.rotation, pose.rotation)
     assert np.array_equal(out.translation, pose.translation)
+
+
+def initial_pose(stamp_ns: int, covariance: np.ndarray) -> PoseWithCovarianceStamped:
+    message = PoseWithCovarianceStamped(header=header_msg(stamp_ns, ""))
+    message.pose.pose = pose_msg(Transform.identity(), Transform.identity().quat_xyzw)
+    message.pose.covariance = covariance.reshape(36)
+    return sent(message)
+
+
+def test_a_start_pose_has_the_stamp_and_the_covariance_of_its_message() -> None:
+    covariance = np.diag(np.arange(6.0))
+    found = start_pose_of(initial_pose(STAMP_NS, covariance))
+    assert found.stamp_ns == STAMP_NS
+    np.testing.assert_array_equal(found.covariance, covariance)
+    assert start_pose_of(initial_pose(0, covariance)).stamp_ns is None
+
+
+@pytest.mark.parametrize("broken", [-np.eye(6), np.full((6, 6), np.nan), np.triu(np.ones((6, 6)))])
+def test_a_start_pose_without_a_true_covariance_is_refused(broken: np.ndarray) -> None:
+    with pytest.raises(InputError, match="zeros say exact"):
+        start_pose_of(initial_pose(STAMP_NS, broken))

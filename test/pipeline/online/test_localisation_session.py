@@ -14,6 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession, Phase
 from sfr_loc_map.pipeline.online.resume import KnownPose, PoseFile
 
@@ -34,11 +35,15 @@ KEPT, GIVEN, LAST = at(7.0), at(3.0), at(1.5)
 class FakeLocaliser:
     """Remembers where it was started or moved."""
 
-    def __init__(self, rig: StereoRig, config: LocalisationConfig, T_ds_rb: Transform) -> None:
-        self.rig, self.config, self.pose, self.moved = rig, config, T_ds_rb, False
+    def __init__(self, rig: StereoRig, config: LocalisationConfig, start: StartPose) -> None:
+        self.rig, self.config, self.start, self.moved = rig, config, start, False
 
-    def set_pose(self, T_ds_rb: Transform) -> None:
-        self.pose, self.moved = T_ds_rb, True
+    @property
+    def pose(self) -> Transform:
+        return self.start.T_ds_rb
+
+    def set_pose(self, pose: StartPose) -> None:
+        self.start, self.moved = pose, True
 
 
 def estimate(stamp_ns: int, pose: Transform, state: TrackingState = TrackingState.TRACKING) -> PoseEstimate:
@@ -66,27 +71,27 @@ def pair(session: LocalisationSession) -> None:
 
 
 def set_pose(session: LocalisationSession) -> None:
-    session.set_pose(GIVEN)
+    session.set_pose(StartPose(GIVEN))
 
 
 EVENTS: dict[str, Callable[[LocalisationSession], object]] = {
     "pair": pair,
     "set_pose": set_pose,
     "restart": LocalisationSession.restart,
-    "restart after set_pose": lambda session: (session.set_pose(GIVEN), session.restart()),
-    "reset after set_pose": lambda session: (session.set_pose(GIVEN), session.reset()),
+    "restart after set_pose": lambda session: (session.set_pose(StartPose(GIVEN)), session.restart()),
+    "reset after set_pose": lambda session: (session.set_pose(StartPose(GIVEN)), session.reset()),
     "continue": LocalisationSession.continue_at_last_pose,
     "same rig": lambda session: session.set_rig(RIG),
     "other rig": lambda session: session.set_rig(OTHER_RIG),
     "other configuration": lambda session: session.set_config(LocalisationConfig(max_features=300)),
-    "continue after set_pose": lambda session: (session.set_pose(GIVEN), session.continue_at_last_pose()),
+    "continue after set_pose": lambda session: (session.set_pose(StartPose(GIVEN)), session.continue_at_last_pose()),
 }
 FIRST = Transform.identity()
 UNCHANGED = "the running localiser"
 NEW, READY, RUNNING = Phase.NEW, Phase.READY, Phase.RUNNING
-# event, phase before, phase after, pose at which the localiser of the next pair starts, variance added to x
+# event, phase before, phase after, pose at which the localiser of the next pair starts, how well that is known
 TRANSITIONS = [
-    ("pair", NEW, RUNNING, KEPT, "gap"),
+    ("pair", NEW, RUNNING, KEPT, "kept"),
     ("pair", READY, RUNNING, FIRST, "none"),
     ("pair", RUNNING, RUNNING, UNCHANGED, "none"),
     ("set_pose", NEW, READY, GIVEN, "none"),
@@ -98,25 +103,26 @@ TRANSITIONS = [
     *[("restart after set_pose", phase, READY, GIVEN, "none") for phase in Phase],
     *[("reset after set_pose", phase, READY, FIRST, "none") for phase in Phase],
     *[
-        (event, before, after, pose, added)
+        (event, before, after, pose, known)
         for event in ("continue", "other rig", "other configuration")
-        for before, after, pose, added in (
-            (NEW, NEW, KEPT, "gap"),
+        for before, after, pose, known in (
+            (NEW, NEW, KEPT, "kept"),
             (READY, READY, FIRST, "none"),
-            (RUNNING, READY, LAST, "step"),
+            (RUNNING, READY, LAST, "last"),
         )
     ],
-    ("same rig", NEW, NEW, KEPT, "gap"),
+    ("same rig", NEW, NEW, KEPT, "kept"),
     ("same rig", READY, READY, FIRST, "none"),
     ("same rig", RUNNING, RUNNING, UNCHANGED, "none"),
     *[("continue after set_pose", phase, READY, GIVEN, "none") for phase in Phase],
 ]
-ADDED = {"none": 0.0, "gap": COVARIANCE[0, 0] + 1.0, "step": COVARIANCE[0, 0] + 0.5**2}
+KNOWN = {"none": (0.0, None), "kept": (COVARIANCE[0, 0], 1 * S), "last": (COVARIANCE[0, 0], 3 * S)}
+"""Variance of x, and the stamp at which the pose holds; None: at the next pair."""
 
 
-@pytest.mark.parametrize(("event", "before", "after", "pose", "added"), TRANSITIONS)
+@pytest.mark.parametrize(("event", "before", "after", "pose", "known"), TRANSITIONS)
 def test_each_transition_from_each_phase(
-    tmp_path: Path, event: str, before: Phase, after: Phase, pose: Transform | str, added: str
+    tmp_path: Path, event: str, before: Phase, after: Phase, pose: Transform | str, known: str
 ) -> None:
     session = session_in(before, tmp_path)
     running = session.localiser_at(3 * S, EXTRINSICS) if before is RUNNING else None
@@ -128,8 +134,8 @@ def test_each_transition_from_each_phase(
         assert localiser is running
     else:
         assert np.array_equal(localiser.pose.translation, pose.translation)  # type: ignore[attr-defined]
-    found = session.accept(estimate(4 * S, localiser.pose)).covariance  # type: ignore[attr-defined]
-    assert found[0, 0] - COVARIANCE[0, 0] == pytest.approx(ADDED[added])
+        start = localiser.start  # type: ignore[attr-defined]
+        assert (start.covariance[0, 0], start.stamp_ns) == KNOWN[known]
 
 
 def test_every_transition_is_in_the_table() -> None:
@@ -167,32 +173,36 @@ def test_wheel_odometry_counts_from_the_last_pair_that_was_tracked(tmp_path: Pat
     assert session.tracked_ns == 3 * S
     session.accept(estimate(4 * S, LAST, TrackingState.LOST))
     assert session.tracked_ns == 3 * S
-    session.set_pose(GIVEN)
+    session.set_pose(StartPose(GIVEN))
     assert session.tracked_ns == 3 * S
     session.continue_at_last_pose()
     session.localiser_at(5 * S, EXTRINSICS)
     assert session.tracked_ns is None
 
 
-def test_a_lost_pose_is_not_kept_but_the_next_localiser_starts_there(tmp_path: Path) -> None:
+def test_a_lost_pose_is_not_kept_and_the_next_localiser_starts_at_the_last_known_one(tmp_path: Path) -> None:
     session = session_in(Phase.RUNNING, tmp_path)
-    lost = session.accept(estimate(4 * S, at(9.0), TrackingState.LOST))
-    assert np.array_equal(lost.covariance, COVARIANCE)
+    session.accept(estimate(4 * S, at(9.0), TrackingState.LOST))
     kept = PoseFile(tmp_path / "pose.json", 10.0).load(5 * S)
     assert kept is not None
     assert kept.stamp_ns == 3 * S
     session.continue_at_last_pose()
-    assert session.localiser_at(5 * S, EXTRINSICS).pose.translation[0] == 9.0  # type: ignore[attr-defined]
+    start = session.localiser_at(5 * S, EXTRINSICS).start  # type: ignore[attr-defined]
+    assert (start.T_ds_rb.translation[0], start.stamp_ns) == (1.5, 3 * S)
 
 
-def test_a_second_continuation_adds_what_the_first_one_did(tmp_path: Path) -> None:
-    session = session_in(Phase.RUNNING, tmp_path)
-    session.continue_at_last_pose()
+@pytest.mark.parametrize("given", [None, StartPose(GIVEN, COVARIANCE)])
+def test_a_start_without_a_stamp_holds_at_its_first_pair_whatever_that_showed(
+    tmp_path: Path, given: StartPose | None
+) -> None:
+    """A localiser that follows must not take it for the pose of a later pair."""
+    session = session_in(Phase.READY, tmp_path)
+    if given is not None:
+        session.set_pose(given)
     session.localiser_at(4 * S, EXTRINSICS)
+    session.accept(estimate(4 * S, FIRST, TrackingState.LOST))
     session.continue_at_last_pose()
-    session.localiser_at(5 * S, EXTRINSICS)
-    found = session.accept(estimate(5 * S, LAST)).covariance
-    assert found[0, 0] == pytest.approx(2 * COVARIANCE[0, 0] + 0.25)
+    assert session.localiser_at(6 * S, EXTRINSICS).start.stamp_ns == 4 * S  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("age_s", "start"), [(5, KEPT), (11, FIRST), (-1, FIRST)])
