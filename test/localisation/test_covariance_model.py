@@ -180,3 +180,20 @@ def test_covariance_of_the_rover_follows_its_extrinsics() -> None:
     found = covariance_of_point(covariance, T_ds_world.rotation, lever)
     np.testing.assert_allclose(found, jacobian @ covariance @ jacobian.T, atol=1e-12)
     np.testing.assert_array_equal(found, found.T)
+
+
+def test_the_start_s_covariance_moves_later_poses_as_samples_of_it_do() -> None:
+    """A start that is off by a small motion about fixed axes moves what is driven from it; sampled, not derived."""
+    random = np.random.default_rng(3)
+    root = 0.01 * random.normal(size=(6, 6))
+    later = Transform(np.eye(3), np.array([1.0, 2.0, 3.0]) + np.array([4.0, -2.0, 1.0]))
+    start = Start(np.array([1.0, 2.0, 3.0]), root @ root.T)
+    samples = random.normal(size=(200_000, 6)) @ root.T
+    step = later.translation - np.array([1.0, 2.0, 3.0])
+    moved = samples[:, :3] + np.cross(samples[:, 3:], step)
+    expected = np.cov(np.column_stack((moved, samples[:, 3:])), rowvar=False)
+    found = start.propagated_to(later.translation)
+    assert np.allclose(
+        found, expected, rtol=0.02, atol=0.02 * np.sqrt(np.outer(np.diag(expected), np.diag(expected))).max()
+    )
+    assert np.array_equal(start.propagated_to(np.array([1.0, 2.0, 3.0])), known.covariance)

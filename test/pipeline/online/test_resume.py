@@ -37,15 +37,6 @@ def test_only_a_young_pose_of_the_same_run_is_resumed_from(tmp_path: Path, age_n
     assert (file.load(KNOWN.stamp_ns + age_ns) is not None) == taken
 
 
-def test_a_step_that_was_not_seen_is_as_long_as_the_one_before() -> None:
-    step = Transform(matrix_from_rotvec([0.0, 0.0, 0.05]), np.array([0.3, 0.0, 0.4]))
-    known = KnownPose(2_000_000_000, POSE @ step, KNOWN.covariance).after_step(KNOWN)
-    added = np.diag(known.covariance - KNOWN.covariance)
-    assert np.allclose(added, [0.25, 0.25, 0.25, 0.0025, 0.0025, 0.0025])
-    assert known.T_ds_rb is not POSE
-    assert known.stamp_ns == 2_000_000_000
-
-
 def broken() -> list[str]:
     good = {"stamp_ns": 1, "translation_m": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1], "covariance": [0.0] * 36}
     changes = [
@@ -78,23 +69,7 @@ def test_a_file_that_cannot_be_written_is_reported_and_the_one_before_stays(tmp_
     assert found.stamp_ns == KNOWN.stamp_ns
 
 
-def test_the_start_s_covariance_moves_later_poses_as_samples_of_it_do() -> None:
-    """A start that is off by a small motion about fixed axes moves what is driven from it; sampled, not derived."""
-    random = np.random.default_rng(3)
-    root = 0.01 * random.normal(size=(6, 6))
-    later = Transform(np.eye(3), POSE.translation + np.array([4.0, -2.0, 1.0]))
-    known = KnownPose(0, POSE, root @ root.T)
-    samples = random.normal(size=(200_000, 6)) @ root.T
-    step = later.translation - POSE.translation
-    moved = samples[:, :3] + np.cross(samples[:, 3:], step)
-    expected = np.cov(np.column_stack((moved, samples[:, 3:])), rowvar=False)
-    found = known.added_covariance(later)
-    assert np.allclose(
-        found, expected, rtol=0.02, atol=0.02 * np.sqrt(np.outer(np.diag(expected), np.diag(expected))).max()
-    )
-    assert np.array_equal(known.added_covariance(POSE), known.covariance)
-
-
-def test_after_a_gap_the_pose_is_less_well_known() -> None:
-    gap = KNOWN.after_gap()
-    assert np.allclose(np.diag(gap.covariance - KNOWN.covariance), [1.0, 1.0, 0.09, 0.01, 0.01, 0.25])
+def test_a_localiser_starts_at_the_pose_and_allows_for_the_time_since() -> None:
+    start = KNOWN.start
+    assert (start.T_ds_rb, start.stamp_ns) == (POSE, KNOWN.stamp_ns)
+    np.testing.assert_array_equal(start.covariance, KNOWN.covariance)
