@@ -6,15 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.frame_tree import FrameTree
+from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, Topic
 from sfr_loc_map.io.trajectory_file import check_order
 
 GROUND_TRUTH = "ground_truth/odometry"
+CONFIGURATION = "localisation/configuration"
+STRING = "std_msgs/msg/String"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +70,38 @@ def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
     trajectory = read_odometry(bag, topic).trajectory
     check_order(trajectory.stamps_ns.tolist(), f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
     return trajectory if len(trajectory) else None
+
+
+def read_extrinsics(bag: Bag, rb_frame: str, sb_frame: str) -> Transform | None:
+    """Return `T_rb_sb` of `/tf_static`, else of the parameters of the localisation node that was recorded, or None.
+
+    A recording of nodes that have it as a parameter may be without `/tf_static`, which needs tf2_msgs.
+
+    Raises:
+        InputError: If it is there but no rigid motion.
+    """
+    return read_static_transform(bag, rb_frame, sb_frame) or _configured_extrinsics(bag)
+
+
+def _configured_extrinsics(bag: Bag) -> Transform | None:
+    found = [name for name in bag.matches(CONFIGURATION) if bag.topics[name] == STRING]
+    if len(found) != 1:  # none, or of several rovers
+        return None
+    topic = Topic(CONFIGURATION, found[0], STRING)
+    message = bag.first([topic]).get(topic.name)
+    if message is None:
+        return None
+    where = f"'{topic.bag_name}' of bag '{bag.path}'"
+    try:
+        values = parse_json(message.data)
+        translation, quat = (values.get(f"T_rb_locsb.{name}", []) for name in ("translation_m", "quat_xyzw"))
+        if not any(quat):  # not given
+            return None
+        transform = Transform.from_quat(np.array(translation, np.float64), np.array(quat, np.float64))
+        check_extrinsics(transform.translation)
+    except (GeometryError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(f"{where}: T_rb_locsb cannot be read: {error}; leave the topic out") from error
+    return transform
 
 
 def read_static_transform(bag: Bag, parent: str, child: str) -> Transform | None:

@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, POINTS, POSE, Bag, Topic
-from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_static_transform, read_trajectory
+from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_extrinsics, read_trajectory
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.folder import check_size
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message
@@ -65,7 +65,7 @@ class _PairTopics:
         for topic in infos:
             if topic.name not in first:
                 raise InputError(f"bag '{self.bag.path}' has no message on '{topic.bag_name}': the rig is not known")
-        extrinsics = read_static_transform(self.bag, RB_FRAME, LOCSB_FRAME) if self.task == "loc" else None
+        extrinsics = read_extrinsics(self.bag, RB_FRAME, LOCSB_FRAME) if self.task == "loc" else None
         try:
             return rig_from_camera_info(first[infos[0].name], first[infos[1].name], self.task, extrinsics)
         except InputError as error:
@@ -150,7 +150,7 @@ class BagLocSequence:
 
     @property
     def rig(self) -> StereoRig:
-        """Rig of the localisation cameras, with its extrinsics in RB where `/tf_static` has rb -> locsb."""
+        """Rig of the localisation cameras, with its extrinsics in RB where `read_extrinsics` finds them."""
         return self._rig
 
     @property
@@ -159,6 +159,11 @@ class BagLocSequence:
         if not self._truth_read:
             self._truth, self._truth_read = read_trajectory(self._topics.bag, GROUND_TRUTH), True
         return self._truth
+
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        """Stamps of the pairs, in their order (reads all stamps at the first use, decodes nothing)."""
+        return self._topics.found().stamps_ns
 
     def __len__(self) -> int:
         """Return the number of whole pairs (reads all stamps at the first use, decodes nothing)."""
@@ -191,6 +196,11 @@ class BagNavSequence:
     def rig(self) -> StereoRig:
         """Rig of the navigation cameras."""
         return self._rig
+
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        """Stamps of the pairs, in their order (reads all stamps at the first use, decodes nothing)."""
+        return self._topics.found().stamps_ns
 
     def __len__(self) -> int:
         """Return the number of whole pairs."""

@@ -74,6 +74,11 @@ class FolderLocSequence:
         """True poses of RB in DS, or None."""
         return self._truth
 
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        """Stamps of the pairs, in their order."""
+        return tuple(entry.stamp_ns for entry in self._entries)
+
     def __len__(self) -> int:
         """Return the number of pairs."""
         return len(self._entries)
@@ -104,6 +109,11 @@ class FolderNavSequence:
     def rig(self) -> StereoRig:
         """Rig of the navigation cameras."""
         return self._rig
+
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        """Stamps of the pairs, in their order."""
+        return tuple(entry.stamp_ns for entry in self._entries)
 
     def __len__(self) -> int:
         """Return the number of pairs."""

@@ -42,6 +42,11 @@ class ImageFileSequence:
     size: tuple[int, int]
     rectify: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        """Stamps of the pairs, in their order."""
+        return tuple(entry.stamp_ns for entry in self.entries)
+
     def __len__(self) -> int:
         """Return the number of pairs."""
         return len(self.entries)

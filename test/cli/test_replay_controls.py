@@ -79,6 +79,7 @@ def test_paused_step_resume_rate_seek_loop_and_stop(tmp_path: Path, peer: Peer) 
         peer.spin(0.5)
         count = len(odometry)
         assert indices(odometry) == list(range(count))
+        assert set_parameter(peer, "seek_s", 60.0) == (False, "the last pair is at 1.900 s: nothing is left after it")
         assert set_parameter(peer, "seek_s", 0.5)[0]
         peer.spin(1.0)
         assert len(odometry) == count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import shutil
 import tracemalloc
@@ -131,6 +132,28 @@ def test_foreign_topics_by_remap_and_namespace(tmp_path: Path, world: World) -> 
     spaced = open_source(write_messages(tmp_path / "spaced", loc_entries(world, "/rover_1/"))).loc
     assert spaced is not None
     assert_same_pairs(spaced.pairs(), world.pairs)
+
+
+def test_a_recording_without_tf_has_the_extrinsics_of_the_node_that_was_recorded(tmp_path: Path, world: World) -> None:
+    expected = world.loc_rig.T_rb_sb
+    values = {
+        "T_rb_locsb.translation_m": expected.translation.tolist(),
+        "T_rb_locsb.quat_xyzw": expected.file_quat_xyzw.tolist(),
+    }
+    entries = [entry for entry in loc_entries(world, "/rover1/") if not entry[0].endswith("tf_static")]
+
+    def opened(name: str, *texts: str) -> Any:
+        string = TYPESTORE.types["std_msgs/msg/String"]
+        extra = [(f"/rover{i + 1}/localisation/configuration", 0, string(data=text)) for i, text in enumerate(texts)]
+        return open_bag(write_messages(tmp_path / name, [*entries, *extra])).loc.rig.T_rb_sb
+
+    assert opened("none.mcap") is None
+    assert np.array_equal(opened("given.mcap", json.dumps(values)).matrix, expected.matrix)
+    assert opened("open.mcap", json.dumps(values | {"T_rb_locsb.quat_xyzw": [0.0, 0.0, 0.0, 0.0]})) is None
+    assert opened("two.mcap", json.dumps(values), json.dumps(values)) is None  # of which rover is not known
+    for text in ("{", "[]", json.dumps(values | {"T_rb_locsb.quat_xyzw": ["a", 0, 0, 1]})):
+        with pytest.raises(InputError, match="T_rb_locsb cannot be read"):
+            opened(f"{len(text)}.mcap", text)
 
 
 def test_two_namespaces_are_ambiguous(tmp_path: Path, world: World) -> None:

@@ -60,6 +60,9 @@ def _declare(node: Node, controls: Controls) -> None:
         ours = [change.value for change in changes if change.name in (RATE, SEEK)]
         if any(not isinstance(value, float) or not math.isfinite(value) or value < 0 for value in ours):
             return SetParametersResult(successful=False, reason="a number of 0.0 or more is needed")
+        if any(change.name == SEEK and change.value > controls.end_s for change in changes):
+            reason = f"the last pair is at {controls.end_s:.3f} s: nothing is left after it"
+            return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 
     def changed(changes: list[Parameter]) -> None:

@@ -18,8 +18,9 @@ from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.replay_node import ReplayNode
 from sfr_loc_map.nodes.replay.result_collector import ResultCollector
 from sfr_loc_map.nodes.replay.results import ReplayResults
+from sfr_loc_map.nodes.replay.static_frames import publish_extrinsics
 from sfr_loc_map.pipeline.playback.controls import HELP, Controls
-from sfr_loc_map.pipeline.playback.message_stream import POINTS_TOPIC, messages_of, start_at, topics_of
+from sfr_loc_map.pipeline.playback.message_stream import POINTS_TOPIC, end_of, messages_of, start_at, topics_of
 
 AGAIN = "plays again from"
 """Beginning of the line that announces another run."""
@@ -45,6 +46,9 @@ def replay(
         NodeError: If a node ends or does not answer.
     """
     check_source(source)
+    end_s = end_of(source)
+    if options.offset_s > end_s:
+        raise InputError(f"its last pair is at {end_s:.3f} s: an offset of {options.offset_s:g} s leaves nothing")
     environment.isolate()
     environment.prepare()
     topics = topics_of(source, options.remap)
@@ -56,8 +60,10 @@ def replay(
                 supervisor.start(node_name, arguments)
             with Keyboard() as keyboard, ReplayNode(supervisor) as node:
                 collector = ResultCollector(node)
-                controls = Controls(rate=options.rate, paused=options.paused, loop=options.loop)
+                controls = Controls(rate=options.rate, paused=options.paused, loop=options.loop, end_s=end_s)
                 player = Player(node, collector, topics, controls, keyboard)
+                if source.loc is not None and source.loc.rig.T_rb_sb is not None:
+                    publish_extrinsics(node.node, source.loc.rig.T_rb_sb)
                 say("waiting for the nodes")
                 player.wait_until_ready()
                 if keyboard.is_there:

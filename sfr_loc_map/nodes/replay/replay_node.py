@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 
@@ -55,10 +56,13 @@ class ReplayNode:
             problem: Says what did not happen.
 
         Raises:
-            NodeError: If a node ends, or it takes too long.
+            NodeError: If a node ends, another program has a node of the same name, or it takes too long.
         """
         deadline = time.monotonic() + timeout_s
-        while not condition():
+        while True:
+            self._refuse_others()  # first: what they publish may be what the condition fails of
+            if condition():
+                return
             self.supervisor.check()
             if time.monotonic() > deadline:
                 raise NodeError(f"{problem()} within {timeout_s:g} s: look at the load of this host and start again")
@@ -74,6 +78,21 @@ class ReplayNode:
         while (left := deadline - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=min(left, SPIN_S))
         self.supervisor.check()
+
+    def _refuse_others(self) -> None:
+        """Make sure that no other program has nodes that would take part.
+
+        Raises:
+            NodeError: If one has.
+        """
+        found = self.node.get_node_names_and_namespaces()
+        for name in (NAME, *self.supervisor.processes):
+            if found.count((name, self.node.get_namespace())) > 1:
+                raise NodeError(
+                    f"another {name} is in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0} and would take part: "
+                    f"unset ROS_DOMAIN_ID, and the replay takes a domain of its own; or end it (a killed one shows for "
+                    f"20 s)"
+                )
 
     def spin_once(self) -> None:
         """Do one callback that is due, if there is one."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import Bag, Topic
-from sfr_loc_map.io.bag_poses import read_static_transform
+from sfr_loc_map.io.bag_poses import read_extrinsics
 from sfr_loc_map.io.bag_sequence import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.pipeline.doctor.observation import (
     EXPECTED,
@@ -40,7 +40,7 @@ def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool)
     collector = _Collector(bag, {n: t for n, t in topics.items() if t.types[0] in allowed_types(n)})
     try:
         collector.read()
-        in_tf = read_static_transform(bag, RB_FRAME, LOCSB_FRAME) is not None
+        in_tf = read_extrinsics(bag, RB_FRAME, LOCSB_FRAME) is not None
     except InputError as error:
         broken = str(error)
     return Observation(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ class Controls:
         seek_s: Where to continue, seconds after the first message; None to continue at the current position.
         stopped: Whether to publish nothing more.
         position_s: Current position, seconds after the first message.
+        end_s: Position of the last pair: no run starts after it.
     """
 
     rate: float = 0.0
@@ -31,6 +33,7 @@ class Controls:
     seek_s: float | None = None
     stopped: bool = False
     position_s: float = 0.0
+    end_s: float = math.inf
 
     def pause(self) -> None:
         """Pause."""
@@ -58,8 +61,9 @@ class Controls:
         self.steps = max(self.steps - 1, 0)
 
     def seek(self, position_s: float) -> None:
-        """Continue at another position."""
-        self.seek_s = max(position_s, 0.0)
+        """Continue at another position; one after the last pair has no effect."""
+        if position_s <= self.end_s:
+            self.seek_s = max(position_s, 0.0)
 
     def moved_to(self, position_s: float) -> None:
         """Update the current position."""

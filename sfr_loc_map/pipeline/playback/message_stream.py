@@ -105,6 +105,20 @@ def start_at(
             yield message
 
 
+def end_of(source: Source) -> float:
+    """Return the position of the last pair of a source, seconds after the first message of its task."""
+    ends = [0.0]
+    for part in (source.loc, source.nav):
+        stamps: tuple[int, ...] = getattr(part, "stamps_ns", ())  # files and bags know them without their images
+        if stamps:
+            first, last = stamps[0], stamps[-1]
+            truth = getattr(part, "ground_truth", None)
+            if truth is not None:
+                first = min(first, int(truth.stamps_ns[0]))
+            ends.append((last - first) * 1e-9)
+    return max(ends)
+
+
 def _tasks(source: Source) -> list[str]:
     return [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
 

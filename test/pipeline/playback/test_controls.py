@@ -96,3 +96,12 @@ def test_from_a_position_on_comes_what_is_not_before_it_and_the_first_camera_inf
     assert rest[0] == whole[0]
     assert rest[1:] == [m for m in whole[1:] if (m.stamp_ns - stamps[0]) * 1e-9 >= offset_s]
     assert all(t >= offset_s for t in positions)
+
+
+def test_nothing_is_sought_after_the_last_pair() -> None:
+    controls = Controls(end_s=12.0, position_s=9.0)
+    controls.key("f")  # 5 s on
+    controls.seek(12.1)
+    assert controls.seek_s is None
+    controls.seek(12.0)
+    assert controls.next_start_s() == 12.0

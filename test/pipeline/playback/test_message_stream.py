@@ -9,7 +9,7 @@ from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.pipeline.playback.message_stream import messages_of, topics_of
+from sfr_loc_map.pipeline.playback.message_stream import end_of, messages_of, topics_of
 
 
 def played(path: Path, remap: dict[str, str] | None = None) -> list:
@@ -51,6 +51,12 @@ def test_camera_info_comes_before_the_images_and_truth_not_after_its_pair(tmp_pa
     for index in range(3):
         stamp = START_NS + index * 100_000_000
         assert order.index(("ground_truth/odometry", stamp)) < order.index(("loc/left/image_rect", stamp))
+
+
+@pytest.mark.parametrize("kind", ["folder", "bag"])
+def test_the_last_pair_is_the_end(tmp_path: Path, kind: str) -> None:
+    path = write_folder(tmp_path / "f", 4, 2) if kind == "folder" else write_bag(tmp_path / "b.mcap", 4, 2)
+    assert end_of(open_source(path, {})) == pytest.approx(0.3)
 
 
 def test_a_bag_passes_on_its_own_bytes_under_other_names(tmp_path: Path) -> None:

@@ -1,0 +1,59 @@
+"""What a replay meets and gives in the graph: nodes of other programs, the extrinsics as a frame."""
+
+# ruff: noqa: E402 - ROS may be absent
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+import rclpy
+from made_scene import T_RB_LOCSB
+
+from sfr_loc_map.errors import InputError, NodeError
+from sfr_loc_map.nodes.input.static_transforms import StaticTransforms
+from sfr_loc_map.nodes.replay import static_frames
+from sfr_loc_map.nodes.replay.replay_node import ReplayNode
+
+
+def refuse() -> bool:
+    """Fail as a replay does whose node of another program refuses the input."""
+    raise InputError("the extrinsics of the stereo rig are not known")
+
+
+def test_a_node_of_another_program_is_the_reason_and_not_what_it_publishes() -> None:
+    supervisor: Any = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
+    with ReplayNode(supervisor) as replay:
+        elsewhere = rclpy.create_node("localisation_node", namespace="rover1")
+        ours = rclpy.create_node("localisation_node")
+        replay.wait_for(lambda: True, 1.0, lambda: "nothing")
+        theirs = rclpy.create_node("localisation_node")
+        with pytest.raises(NodeError, match=r"another localisation_node is in ROS domain .*unset ROS_DOMAIN_ID"):
+            replay.wait_for(refuse, 1.0, lambda: "nothing")
+        for node in (elsewhere, ours, theirs):
+            node.destroy_node()
+
+
+def test_the_extrinsics_are_published_as_those_who_listen_read_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = StaticTransforms()
+    sent: list[Any] = []
+    publisher = SimpleNamespace(publish=sent.append)
+    qualities: list[Any] = []
+
+    def create(kind: Any, topic: str, qos: Any) -> Any:
+        assert topic == "/tf_static"
+        qualities.append(qos)
+        return publisher
+
+    monkeypatch.setattr(static_frames, "tf_message_type", lambda: SimpleNamespace)  # tf2_msgs is in no wheel
+    assert static_frames.publish_extrinsics(SimpleNamespace(create_publisher=create), T_RB_LOCSB) is publisher
+    assert qualities[0].durability.name == "TRANSIENT_LOCAL"
+    frames.add(sent[0])
+    found = frames.find("rb", "locsb")
+    assert found is not None
+    assert np.allclose(found.matrix, T_RB_LOCSB.matrix, atol=1e-15)
+    monkeypatch.setattr(static_frames, "tf_message_type", lambda: None)
+    assert static_frames.publish_extrinsics(SimpleNamespace(), T_RB_LOCSB) is None
