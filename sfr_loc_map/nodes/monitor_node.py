@@ -59,7 +59,9 @@ class MonitorNodeConfig(NodeConfig):
         1.0, unit="s", doc="Period at which figures are published, if anything was received.", low=0.05, high=3600.0
     )
     limits_file: str = param("", doc="YAML file with limits to judge by; empty for none.")
-    save_file: str = param("", doc="JSON file that ~/save writes the report to.")
+    save_file: str = param(
+        "", doc="JSON file that ~/save writes the report to. What is there must be a report; nothing else is replaced."
+    )
     save_period_s: float = param(
         0.0,
         unit="s",
@@ -104,12 +106,14 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
         Raises:
             ConfigError: If the file of limits is not valid.
+            OutputError: If `save_file` is something else than a report.
         """
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
         warm_up(config.score)
         self._score = MonitorScore(config.score, limits)
         self._report_file = ReportFile(config.save_file)
+        self._report_file.check()
         self._publisher = ScorePublisher(self.endpoints)
 
     def subscribe(self) -> None:

@@ -5,12 +5,18 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from sfr_loc_map.bounded_input import MAX_JSON_BYTES, parse_json, read_text
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.atomic import atomic_path, check_output, output_target
+from sfr_loc_map.metrics.score_json import SCHEMA
 
 
 class ReportFile:
-    """Keeps the last report, and that of a run before."""
+    """Keeps the last report, and that of a run before.
+
+    Nothing but reports is ever renamed or replaced, and the report of a run before is there until one of this run takes
+    its place.
+    """
 
     def __init__(self, path: str) -> None:
         """Touch nothing yet.
@@ -20,16 +26,36 @@ class ReportFile:
         """
         self._path = Path(path) if path else None
 
+    def check(self) -> None:
+        """Check that reports can be saved: there is a report or nothing, and its folder can be written to.
+
+        Raises:
+            OutputError: If something else is there, under the name or that of the report of a run before.
+        """
+        if self._path is None:
+            return
+        check_output(self._path)
+        path = output_target(self._path)
+        for file in (path, _before(path)):
+            problem = _is_no_report(file)
+            if problem:
+                raise OutputError(
+                    f"save_file '{self._path}': '{file}' {problem}; only reports are replaced: choose another name"
+                )
+
     def keep_previous(self) -> None:
         """Rename the report of a run before to `*.before.json`: it may be all that is left of it.
 
         Raises:
-            OutputError: If that fails.
+            OutputError: If that fails, or something else is there.
         """
-        path = self._path
+        if self._path is None:
+            return
+        self.check()
+        path = output_target(self._path)
         try:
-            if path is not None and path.exists():
-                os.replace(path, path.with_name(f"{path.stem}.before{path.suffix}"))
+            if path.is_file():
+                os.replace(path, _before(path))
         except OSError as error:
             raise OutputError(f"cannot keep '{path}' of the run before: {error.strerror}") from error
 
@@ -44,3 +70,20 @@ class ReportFile:
         with atomic_path(self._path) as temporary:
             temporary.write_text(text, encoding="utf-8")
         return self._path
+
+
+def _before(path: Path) -> Path:
+    return path.with_name(f"{path.stem}.before{path.suffix}")
+
+
+def _is_no_report(file: Path) -> str:
+    """Return why a file is no report, in words; empty if it is one or is not there."""
+    try:
+        content = parse_json(read_text(file, MAX_JSON_BYTES))
+    except FileNotFoundError:
+        return ""
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    except ValueError:
+        return "is no report"
+    return "" if isinstance(content, dict) and content.get("schema") == SCHEMA else "is no report"
