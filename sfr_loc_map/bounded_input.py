@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import stat
 from collections.abc import Callable
 from pathlib import Path
@@ -26,11 +27,12 @@ MAX_TABLE_BYTES = 256 * MB
 MAX_TABLE_LINES = 4_000_000
 MAX_LINE_BYTES = 64_000
 MAX_DEPTH = 64
-"""Deepest nesting of YAML."""
+"""Deepest nesting of JSON and YAML."""
 MAX_NODES = 100_000
 """Most values of a YAML file once its aliases are written out."""
 MAX_DIGITS = 20
 """Longest integer of JSON and YAML: 64 bits have 19 digits and a sign."""
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
     (stat.S_ISFIFO, "a named pipe"),
     (stat.S_ISCHR, "a device"),
@@ -118,12 +120,18 @@ def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = 
         parse_constant: Called with NaN, Infinity and -Infinity, which are not JSON; None: numbers that are not finite.
 
     Raises:
-        ValueError: If it is no JSON, nested too deeply, or holds an integer of more than 20 digits.
+        ValueError: If it is no JSON, nested too deeply, or holds an integer of more than 20 digits or half of a
+            surrogate pair, which no encoding takes.
     """
+    text = text.decode("utf-8") if isinstance(text, bytes) else text
     try:
-        return json.loads(text, parse_constant=parse_constant, parse_int=_integer)
+        value = json.loads(text, parse_constant=parse_constant, parse_int=_integer)
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
+    _check_depth([value])
+    if _SURROGATE.search(text):
+        json.dumps(value, ensure_ascii=False).encode("utf-8")
+    return value
 
 
 def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
@@ -150,6 +158,17 @@ def _integer(text: str) -> int:
     if len(text) > MAX_DIGITS:
         raise ValueError(f"an integer of {len(text)} digits")
     return int(text)
+
+
+def _check_depth(value: Any) -> None:  # noqa: ANN401 - any JSON
+    """Check the depth of nested lists and objects: whoever walks through them may do so by recursion."""
+    level = [value]
+    for _ in range(MAX_DEPTH + 1):
+        items = (item for part in level for item in (part.values() if isinstance(part, dict) else part))
+        level = [item for item in items if isinstance(item, (dict, list))]
+        if not level:
+            return
+    raise ValueError("it is nested too deeply")
 
 
 class _BoundedLoader(yaml.SafeLoader):

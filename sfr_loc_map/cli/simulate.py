@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 import yaml
 
+from sfr_loc_map.bounded_input import parse_yaml
 from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.common import progress_bar
 from sfr_loc_map.errors import ConfigError
@@ -55,8 +56,8 @@ def parse_settings(settings: list[str] | None) -> dict[str, Any]:
     for item in settings or []:
         key, separator, text = item.partition("=")
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError as error:
+            value = parse_yaml(text)
+        except (yaml.YAMLError, ValueError) as error:
             raise ConfigError(f"'--set {item}': the value is not valid YAML") from error
         if not separator or not key:
             raise ConfigError(f"'--set {item}': must have the form KEY=VALUE, as terrain.relief_m=0.2")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
+from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.records.json_records import RecordError, from_plain, json_line, to_plain
 from sfr_loc_map.metrics.score import Score
@@ -39,7 +39,7 @@ def from_dict(content: object, origin: str = "score") -> Score:
         )
     try:
         return from_plain(Score, {key: value for key, value in content.items() if key != "schema"})
-    except (RecordError, RecursionError) as error:
+    except RecordError as error:
         problem = _one_line(error)
         raise InputError(f"{origin} is not as {SCHEMA} says: {problem}; give the JSON of sfr score --json") from error
 
@@ -60,7 +60,7 @@ def from_json(text: str, origin: str = "score") -> Score:
         InputError: If it is no JSON or not as the schema says: what and where, in one line.
     """
     try:
-        content = json.loads(text, parse_constant=lambda _: None)
-    except (ValueError, RecursionError) as error:
+        content = parse_json(text, parse_constant=lambda _: None)
+    except ValueError as error:
         raise InputError(f"{origin} is no JSON ({error}): give the JSON of sfr score --json") from error
     return from_dict(content, origin)

@@ -22,6 +22,7 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import String
 
 from sfr_loc_map import __version__
+from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.config import param
 from sfr_loc_map.constants import Side
 from sfr_loc_map.errors import InputError, SfrError
@@ -232,8 +233,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def _on_configuration(self, task: str, message: String) -> None:
         try:
-            self._configurations[task] = json.loads(message.data)
-        except (ValueError, RecursionError) as error:
+            self._configurations[task] = parse_json(message.data)
+        except ValueError as error:
             raise InputError(f"{task}/configuration is not JSON ({error}): ignored") from error
 
     def _score_maps(self) -> None:

@@ -19,6 +19,8 @@ from mutations import mutated
 from targets import Target, expected_error, run_command
 
 EXIT_CODES = (0, 1, 2, 3)
+MAX_NOISE = 200
+"""Bytes that compiled code may write beside the error: libpng names the fault of an image in a line of its own."""
 MAX_LINE = 1000
 """Characters of an error."""
 CONTROL = re.compile(r"[^\n\t\x20-\x7e\u00a0-\ud7ff\ue000-\U0010ffff]|[\u202a-\u202e\u2066-\u2069]")
@@ -75,7 +77,7 @@ def run_input(target: Target, content: bytes, world: Path, out: Path, number: in
     finally:
         place.write_bytes(valid)
     noise = _written_to_stderr() - noise
-    if noise and isinstance(use, tuple) and kind in ("accepted", "refused"):
+    if noise > MAX_NOISE and isinstance(use, tuple) and kind in ("accepted", "refused"):
         kind, text = "noise of a library", f"{noise} bytes on standard error"
     return Outcome(kind, text, time.process_time() - begin, max(peak_memory() - before, 0))
 

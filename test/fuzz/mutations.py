@@ -9,6 +9,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from random import Random
 from typing import Any
 
@@ -387,11 +388,7 @@ CLOUD: tuple[Mutation, ...] = (head_text, head_text, head_text, *BYTES)
 
 def mutated(rng: Random, data: bytes, mutations: tuple[Mutation, ...]) -> bytes:
     """Return the data after one to three mutations; structured ones come first and may be impossible after others."""
-    for number in range(rng.choice((1, 1, 2, 3))):
-        mutation = rng.choice(mutations)
-        try:
-            data = mutation(rng, data)
-        except Exception:  # a mutation that needs a whole file, after one that broke it
-            if number == 0:
-                raise
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        with suppress(Exception):  # a mutation that needs a whole file, after one that broke it
+            data = rng.choice(mutations)(rng, data)
     return data

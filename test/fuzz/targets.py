@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,6 +12,7 @@ import mutations as m
 from message_mutations import MCAP, SQLITE
 from world import KINDS
 
+from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.errors import SfrError
 
@@ -102,7 +102,10 @@ def plan_simulation(path: Path) -> None:
 
 def run_arguments(path: Path) -> None:
     """Run commands whose inputs have hostile names; what they are called is in the file."""
-    names = json.loads(path.read_bytes())
+    try:
+        names = parse_json(path.read_text("utf-8", "surrogatepass"))
+    except ValueError:
+        names = path.read_text("utf-8", "replace")[:200]
     words = [word if isinstance(word, str) else repr(word) for word in (names if isinstance(names, list) else [names])]
     words = (words + ["x"] * 3)[:3]
     world, out = path.parent, path.parent.with_name("out")

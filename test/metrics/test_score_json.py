@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.condition import Condition, ConditionKind
 from sfr_loc_map.metrics.modes import AssociationMode, Rebase
+from sfr_loc_map.metrics.records.columns import Columns
 from sfr_loc_map.metrics.records.json_records import Inline
+from sfr_loc_map.metrics.records.score_details import CallHistogram
 from sfr_loc_map.metrics.score import (
     AssociationCounts,
     AssociationScore,
@@ -31,7 +33,7 @@ from sfr_loc_map.metrics.score import (
 )
 from sfr_loc_map.metrics.score_json import SCHEMA, from_dict, from_json, to_dict, to_json
 
-NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+NUMBERS = st.floats(-1e100, 1e100)
 WORDS = st.text(max_size=5)
 CONDITIONS = st.builds(Condition, st.sampled_from([ConditionKind.DISTANCE, ConditionKind.TIME]), st.floats(1e-3, 1e6))
 SCALARS: dict[Any, st.SearchStrategy[Any]] = {
@@ -39,7 +41,10 @@ SCALARS: dict[Any, st.SearchStrategy[Any]] = {
     int: st.integers(-(2**62), 2**62),
     bool: st.booleans(),
     str: WORDS,
-    object: st.one_of(WORDS, st.integers(), st.lists(NUMBERS, max_size=2)),
+    CallHistogram: st.sampled_from(
+        [CallHistogram(edges_s=(), counts=()), CallHistogram(edges_s=(0.1, 0.2, 0.4), counts=(7, 0))]
+    ),
+    object: st.one_of(WORDS, st.integers(-(2**62), 2**62), st.lists(NUMBERS, max_size=2)),
     Condition: CONDITIONS | st.builds(Condition, st.just(ConditionKind.FRAMES), st.integers(1, 10**6).map(float)),
 }
 
@@ -60,11 +65,22 @@ def values(hint: Any, inline: bool = False) -> st.SearchStrategy[Any]:
         return st.dictionaries(WORDS, values(arguments[1]), max_size=2)
     if hint in SCALARS:
         return SCALARS[hint]
+    if is_dataclass(hint) and isinstance(hint, type) and issubclass(hint, Columns):
+        return st.integers(0, 2).flatmap(lambda length: columns(hint, length))
     if is_dataclass(hint):
         hints = get_type_hints(hint, include_extras=True)
         return st.builds(hint, **{name: st.deferred(lambda part=part: values(part)) for name, part in hints.items()})
     assert issubclass(hint, StrEnum)
     return st.sampled_from(list(hint))
+
+
+def columns(hint: type, length: int) -> st.SearchStrategy[Any]:
+    """Return records whose columns have a length."""
+    parts = {}
+    for name, part in get_type_hints(hint, include_extras=True).items():
+        is_column = get_origin(part) is tuple
+        parts[name] = st.tuples(*[values(get_args(part)[0])] * length) if is_column else values(part)
+    return st.builds(hint, **parts)
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
@@ -166,7 +182,7 @@ def changed(path: str, value: Any) -> dict[str, Any]:
         ("trajectory.condition", {"distance_m": -5}, "trajectory.condition: distance = -5.0 ends no"),
         ("trajectory.condition", {"distance_m": math.inf}, "trajectory.condition"),
         ("trajectory.overlap", None, "trajectory.overlap is None: a number"),
-        ("trajectory.overlap", 10**400, "trajectory.overlap is int: a finite number"),
+        ("trajectory.overlap", 10**400, "trajectory.overlap is int: a number of at most 1e.100"),
         ("trajectory.position_m.mean_plus_3sigma_ci95", [1.0], "ci95 is .1.0.: a list of 2"),
         ("trajectory.by_distance", {}, "trajectory.by_distance is {}: a list"),
         ("trajectory.association.exact", "2", "trajectory.association.exact is '2': a whole number"),
@@ -188,7 +204,10 @@ def test_line_breaks_in_keys_do_not_break_the_message() -> None:
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1", "nul", "[" * 100_000])
+HOSTILE_TEXTS = ["", "{", "[1", "nul", "[" * 100_000, "[" * 100 + "]" * 100, "9" * 400, '{"schema": "\\ud800"}']
+
+
+@pytest.mark.parametrize("text", HOSTILE_TEXTS, ids=range(len(HOSTILE_TEXTS)))
 def test_what_is_no_json_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="is no JSON"):
         from_json(text)
@@ -217,3 +236,21 @@ def test_every_field_is_explained() -> None:
 
     visit(Score)
     assert len(seen) > 30
+
+
+CALLS = {"slowest_of": 1, "stamp_ns": [1], "processing_time_s": [0.1], "peak_rss_bytes": [None], "state": ["tracking"]}
+
+
+@pytest.mark.parametrize(
+    ("figures", "words"),
+    [
+        ({"histogram": {"edges_s": [], "counts": []}, "series": CALLS | {"state": []}}, "series: its columns differ"),
+        ({"histogram": {"edges_s": [1.0], "counts": [1]}, "series": CALLS}, "histogram: 1 counts with 1 edges"),
+        ({"histogram": {"edges_s": [1e308, 2.0], "counts": [1]}, "series": CALLS}, "edges_s is 1e.308: a number of at"),
+        ({"histogram": {"edges_s": [], "counts": []}, "series": CALLS | {"stamp_ns": [2**63]}}, "whole number of 64"),
+    ],
+)
+def test_series_that_do_not_fit_together_are_refused(figures: dict[str, Any], words: str) -> None:
+    content = {"schema": SCHEMA, "verdicts": [], "details": {"calls": {"localisation": figures}}}
+    with pytest.raises(InputError, match=words):
+        from_dict(content)

@@ -23,6 +23,11 @@ T = TypeVar("T")
 Decode = Callable[[Any, str], Any]
 
 
+MAX_NUMBER = 1e100
+"""Largest number: squares and sums of such stay finite."""
+MAX_WHOLE = 2**63
+
+
 class RecordError(ValueError):
     """A JSON value is not what its type says; the message names the place."""
 
@@ -158,7 +163,10 @@ def _record_from_plain(kind: type, value: object, place: str) -> Any:  # noqa: A
     content, items = _object(value, place), _fields_of(cast(Any, kind))
     _check_keys(content, [key for item in items for key in item.names()], place)
     chosen = {item.name: _field_value(item, content, place) for item in items if not item.left_out_of(content)}
-    return kind(**chosen)
+    try:
+        return kind(**chosen)
+    except ValueError as error:
+        raise RecordError(f"{place or 'it'}: {error}") from error
 
 
 def _check_keys(content: Mapping[str, Any], known: Sequence[str], place: str) -> None:
@@ -240,17 +248,19 @@ def _number(value: Any, place: str) -> float:  # noqa: ANN401 - any value of JSO
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise _unexpected("a number", value, place)
     try:
-        finite = math.isfinite(value)
+        sensible = abs(value) <= MAX_NUMBER
     except OverflowError:
-        finite = False
-    if not finite:
-        raise _unexpected("a finite number", value, place)
+        sensible = False
+    if not sensible:
+        raise _unexpected(f"a number of at most {MAX_NUMBER:g}", value, place)
     return value
 
 
 def _whole(value: Any, place: str) -> int:  # noqa: ANN401 - any value of JSON
     if isinstance(value, bool) or not isinstance(value, int):
         raise _unexpected("a whole number", value, place)
+    if not -MAX_WHOLE <= value < MAX_WHOLE:
+        raise _unexpected("a whole number of 64 bits", value, place)
     return value
 
 

@@ -10,6 +10,7 @@ from typing import Annotated
 
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.modes import CallKind
+from sfr_loc_map.metrics.records.columns import Columns
 from sfr_loc_map.metrics.records.json_records import Key
 
 Column = tuple[float | None, ...]
@@ -28,9 +29,18 @@ class CallHistogram:
     edges_s: tuple[float, ...]
     counts: Integers
 
+    def __post_init__(self) -> None:
+        """Check that there is one more edge than there are bins.
+
+        Raises:
+            ValueError: If not.
+        """
+        if self.counts and len(self.edges_s) != len(self.counts) + 1:
+            raise ValueError(f"{len(self.counts)} counts with {len(self.edges_s)} edges: one edge more is needed")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CallSeries:
+class CallSeries(Columns):
     """The calls in order; of many the slowest of each block.
 
     Attributes:
@@ -85,7 +95,7 @@ class CallDetails:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PathRows:
+class PathRows(Columns):
     """Every n-th frame of the trajectory; metres, DS.
 
     Attributes:
@@ -122,7 +132,7 @@ class PathRows:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SubTrajectoryRows:
+class SubTrajectoryRows(Columns):
     """Every n-th sub-trajectory of one condition.
 
     Attributes:
@@ -174,7 +184,7 @@ class TrajectoryDetails:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PointRows:
+class PointRows(Columns):
     """Every n-th point of the cloud that has a truth.
 
     Attributes:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.bounded_input import parse_json, read_text
 from sfr_loc_map.errors import InputError, OutputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
@@ -58,7 +59,7 @@ class PoseFile:
             InputError: If the file cannot be read.
         """
         try:
-            content = json.loads(self._path.read_text(encoding="utf-8"))
+            content = parse_json(read_text(self._path))
             pose = Transform.from_quat(content["translation_m"], content["quat_xyzw"])
             covariance = np.array(content["covariance"], np.float64).reshape(6, 6)
             known = KnownPose(int(content["stamp_ns"]), pose, covariance)
@@ -66,7 +67,7 @@ class PoseFile:
                 raise ValueError("its covariance is not finite")
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, KeyError, TypeError, RecursionError, SfrError) as error:
+        except (OSError, ValueError, KeyError, TypeError, OverflowError, SfrError) as error:
             raise InputError(f"resume_file '{self._path}' cannot be read: {error}; it is replaced") from error
         age_s = (stamp_ns - known.stamp_ns) * 1e-9
         return known if 0.0 < age_s <= self._max_age_s else None
