@@ -41,12 +41,28 @@ def perturb(
         InputError: If the source is broken, or the faults leave no pair.
         OutputError: If the output cannot be written.
     """
+    return convert(faulty(source, faults, seed), destination, ConvertOptions(), progress)
+
+
+def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
+    """Return a source with injected faults, made as it is read; the ground truth stays that of the source.
+
+    Args:
+        source: The source without faults; itself where there is no fault.
+        faults: Applied in this order to the drive and to the mapping pairs.
+        seed: Seed of which pairs are affected.
+
+    Raises:
+        InputError: If the faults leave no pair.
+    """
+    if not faults:
+        return source
     loc = None if source.loc is None else FaultyLoc(source.loc, faults, seed)
     nav = None if source.nav is None else _FaultyNav(source.nav, faults, seed + 1)
     for part in (loc, nav):
         if part is not None and len(part) == 0:
             raise InputError(f"the faults leave no pair of '{source.path}': give a smaller share of 'dropped'")
-    return convert(Source(source.path, source.format, loc, nav), destination, ConvertOptions(), progress)
+    return Source(source.path, source.format, loc, nav)
 
 
 class FaultyLoc:

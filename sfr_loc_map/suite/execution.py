@@ -1,0 +1,222 @@
+"""Runs one task in a process of its own: limits of time and memory, new tries, and the cause where it fails."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import psutil
+
+from sfr_loc_map.metrics.records.json_records import to_plain
+from sfr_loc_map.suite.task import Task
+from sfr_loc_map.suite.task_process import BAD_INPUT
+
+TRIES = 3
+"""A first try, then two more in fresh processes."""
+POLL_S = 0.05
+MESSAGE_LENGTH = 500
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class Cause(StrEnum):
+    """Why a try failed."""
+
+    BAD_INPUT = "bad input"
+    FAULT = "fault of the program"
+    SIGNAL = "ended by a signal"
+    MEMORY = "over the memory limit"
+    TIME = "over the time limit"
+    WORKER = "its worker was lost"
+    STOPPED = "stopped by the user"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attempt:
+    """One try that failed.
+
+    Attributes:
+        cause: Why.
+        message: What the process said last, or what the limit was.
+        seconds: How long it ran.
+        peak_bytes: Largest resident memory seen.
+    """
+
+    cause: Cause
+    message: str
+    seconds: float
+    peak_bytes: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What came of a task.
+
+    Attributes:
+        key: Key of the task.
+        result: The score as JSON; None if it failed, or where it has been written to its place already.
+        failures: Tries that failed.
+        seconds: How long the last try took.
+        peak_bytes: Largest resident memory of the last try.
+        done: Whether there is a score.
+    """
+
+    key: str
+    result: str | None
+    failures: tuple[Attempt, ...]
+    seconds: float
+    peak_bytes: int
+    done: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Limits of a task, and where it runs.
+
+    Attributes:
+        memory_bytes: Resident memory of the process and its children.
+        timeout_s: Time of one try.
+        slot: Number of the slot, -1 for none.
+    """
+
+    memory_bytes: int
+    timeout_s: float
+    slot: int = -1
+
+
+def execute(task: Task, bounds: Bounds, cache: Path, stop: threading.Event | None = None) -> Outcome:
+    """Run a task until it is done or every try has failed; bad input is tried once only.
+
+    Args:
+        task: The task.
+        bounds: Its limits.
+        cache: Folder in which simulated sources are kept.
+        stop: Once set, the try under way is ended and none begins.
+    """
+    stop = stop or threading.Event()
+    failures: list[Attempt] = []
+    while True:
+        with _scratch() as scratch:
+            result = scratch / "result.json"
+            attempt = _attempt(task, bounds, cache, result, stop)
+            text = result.read_text(encoding="utf-8") if isinstance(attempt, _Usage) else None
+        if isinstance(attempt, _Usage):
+            usage = attempt
+            break
+        failures.append(attempt)
+        usage = _Usage(attempt.seconds, attempt.peak_bytes)
+        if attempt.cause in (Cause.BAD_INPUT, Cause.STOPPED) or len(failures) == TRIES:
+            break
+    return Outcome(
+        key=task.key,
+        result=text,
+        failures=tuple(failures),
+        seconds=usage.seconds,
+        peak_bytes=usage.peak_bytes,
+        done=text is not None,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Usage:
+    seconds: float
+    peak_bytes: int
+
+
+@contextmanager
+def _scratch() -> Iterator[Path]:
+    folder = Path(tempfile.mkdtemp(prefix="sfr-task-"))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _attempt(task: Task, bounds: Bounds, cache: Path, result: Path, stop: threading.Event) -> _Usage | Attempt:
+    """Run a task once; return what it used, or why it failed."""
+    folder = result.parent
+    task_file, log, work = folder / "task.json", folder / "log", folder / "work"
+    task_file.write_text(json.dumps(to_plain(task)), encoding="utf-8")
+    work.mkdir()
+    cache.mkdir(parents=True, exist_ok=True)
+    arguments = [str(task_file), str(result), str(cache.absolute()), str(bounds.slot)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment |= dict.fromkeys(ONE_THREAD, str(task.threads))
+    begin = time.monotonic()
+    with log.open("wb") as stream:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "sfr_loc_map.suite.task_process", *arguments],
+            cwd=work,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=stream,
+            start_new_session=True,
+        )
+    try:
+        broken, peak = _watch(process, bounds, begin, stop)
+    finally:
+        _end(process)
+    seconds = time.monotonic() - begin
+    if broken is None and process.returncode == 0:
+        return _Usage(seconds, peak)
+    cause, message = broken or _explain(process.returncode, log)
+    return Attempt(cause=cause, message=message, seconds=seconds, peak_bytes=peak)
+
+
+def _watch(
+    process: subprocess.Popen[bytes], bounds: Bounds, begin: float, stop: threading.Event
+) -> tuple[tuple[Cause, str] | None, int]:
+    """Wait for the end or a broken limit; return the latter and the largest memory seen."""
+    peak, watched = 0, psutil.Process(process.pid)
+    while True:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(POLL_S)
+            return None, peak
+        peak = max(peak, _resident(watched))
+        if peak > bounds.memory_bytes:
+            return (Cause.MEMORY, f"{peak / 1e6:.0f} MB, the limit is {bounds.memory_bytes / 1e6:.0f} MB"), peak
+        if stop.is_set():
+            return (Cause.STOPPED, "ended before it was done"), peak
+        if time.monotonic() - begin > bounds.timeout_s:
+            return (Cause.TIME, f"not done after {bounds.timeout_s:g} s"), peak
+
+
+def _resident(process: psutil.Process) -> int:
+    """Return the resident memory of a process and its children, bytes; 0 once it has ended."""
+    total = 0
+    with contextlib.suppress(psutil.Error):
+        total = process.memory_info().rss
+        for child in process.children(recursive=True):
+            with contextlib.suppress(psutil.Error):
+                total += child.memory_info().rss
+    return total
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End the process and all that it started: they are of its own session."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _explain(code: int, log: Path) -> tuple[Cause, str]:
+    lines = [line for line in log.read_text("utf-8", "replace").splitlines() if line.strip()]
+    last = lines[-1].strip()[-MESSAGE_LENGTH:] if lines else "it said nothing"
+    if code == BAD_INPUT:
+        return Cause.BAD_INPUT, last
+    if code < 0:
+        return Cause.SIGNAL, f"{signal.Signals(-code).name}; last line of its log: {last}"
+    return Cause.FAULT, f"exit code {code}: {last}"

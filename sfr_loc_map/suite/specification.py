@@ -1,0 +1,206 @@
+"""The file of a suite: which sources, faults, configurations and tasks.
+
+sources:                                  # paths and globs, relative to this file
+  - data/*.mcap
+  - {simulate: config/simulation/rocky.yaml, seeds: [1, 2], set: {drive.pairs: 60}}
+  - {estimate: other/est.tum, truth: data/drive}      # of the task `score`
+perturb: ["black:share=0.1", "blurred+noisy"]         # each as well as the source without faults
+configurations: {default: {}, few: {localisation: {max_features: 400}}}
+tasks: [localise, map]                    # localise, map, replay; score for estimates. Default: what a source has
+conditions: [distance=5]
+spacing: 10
+rebase: pose
+start: truth
+limits: limits.yaml                       # a file, or the limits themselves
+repeats: 1
+timing: false                             # true: each run alone on its host
+threads: 1
+memory_mb: 4000
+timeout_s: 3600
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.config import build, flatten, load_yaml, param
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.condition import Condition
+from sfr_loc_map.metrics.verdicts.limits import parse_limits
+from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.suite.task import Scoring, TaskKind
+
+SECTIONS = {"localisation": LocalisationConfig, "mapping": MappingConfig}
+LISTS = ("sources", "perturb", "tasks", "conditions")
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteSettings:
+    """Single values of a suite."""
+
+    spacing: int = param(
+        10, unit="frames", doc="Frames from one start of a sub-trajectory to the next.", low=1, high=10**6
+    )
+    rebase: str = param("pose", doc="What is taken from the estimate at a start.", choices=("pose", "position"))
+    start: str = param("truth", doc="First pose of a drive.", choices=("identity", "truth"))
+    repeats: int = param(1, doc="Runs of each task.", low=1, high=1000)
+    seed: int = param(0, doc="Seed of which pairs a fault affects.", low=0, high=2**31 - 1)
+    timing: bool = param(False, doc="Run each task alone on its host, so that its times count.")
+    threads: int = param(1, doc="Threads and processor cores of a task.", low=1, high=256)
+    memory_mb: int = param(4000, unit="MB", doc="Resident memory at which a task is ended.", low=100, high=10**6)
+    timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is ended.", low=0.1, high=1e7)
+
+
+@dataclass(frozen=True, slots=True)
+class SourceEntry:
+    """One entry of `sources`.
+
+    Attributes:
+        path: Path or glob, scenario, or estimate.
+        seeds: Seeds of a scenario; None where the entry is no simulation.
+        settings: Settings of the simulation besides those of the scenario.
+        truth: Truth of an estimate, or None.
+    """
+
+    path: str
+    seeds: tuple[int, ...] | None = None
+    settings: Mapping[str, Any] | None = None
+    truth: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteSpecification:
+    """What a suite is made of.
+
+    Attributes:
+        path: The file.
+        sources: Entries of the file.
+        perturb: Injected faults; the source without faults comes first, as an empty text.
+        configurations: Parameters by dotted name, by the configuration's name.
+        tasks: What is done; None for what each source has.
+        conditions: Ends of sub-trajectories.
+        limits: Limits, empty for none.
+        settings: Single values.
+    """
+
+    path: Path
+    sources: tuple[SourceEntry, ...]
+    perturb: tuple[str, ...]
+    configurations: Mapping[str, Mapping[str, object]]
+    tasks: tuple[TaskKind, ...] | None
+    conditions: tuple[str, ...]
+    limits: Mapping[str, Any]
+    settings: SuiteSettings
+
+    @property
+    def scoring(self) -> Scoring:
+        """How each task is scored; conditions that only the limits name are scored as well."""
+        named = [Condition.parse(text) for text in self.conditions]
+        if self.limits:
+            named += parse_limits(self.limits, "limits").conditions
+        conditions = tuple(dict.fromkeys(item.setting for item in named))
+        return Scoring(conditions=conditions, spacing=self.settings.spacing, rebase=self.settings.rebase)
+
+
+def load_specification(path: Path) -> SuiteSpecification:
+    """Read a suite's file.
+
+    Raises:
+        ConfigError: If it cannot be read, or a key or value is not valid.
+    """
+    content = load_yaml(path)
+    known = [*LISTS, "configurations", "limits", *flatten(SuiteSettings())]
+    for key in content:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1)
+            raise ConfigError(
+                f"{path}: unknown key '{key}' ({f'did you mean {close[0]!r}?' if close else ', '.join(known)})"
+            )
+    lists = {name: _list(content.get(name), f"{path}: '{name}'") for name in LISTS}
+    if not lists["sources"]:
+        raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
+    for text in (part for fault in lists["perturb"] for part in str(fault).split("+")):
+        parse_fault(text)
+    for text in lists["conditions"]:
+        Condition.parse(str(text))
+    settings = {key: value for key, value in content.items() if key in flatten(SuiteSettings())}
+    return SuiteSpecification(
+        path=path,
+        sources=tuple(_source(entry, f"{path}: source {number}") for number, entry in enumerate(lists["sources"], 1)),
+        perturb=("", *(str(text) for text in lists["perturb"])),
+        configurations=_configurations(content.get("configurations"), str(path)),
+        tasks=_tasks(lists["tasks"], str(path)),
+        conditions=tuple(str(text) for text in lists["conditions"]) or ("distance=5",),
+        limits=_limits(content.get("limits"), path),
+        settings=build(SuiteSettings, settings, origin=str(path)),
+    )
+
+
+def _list(value: object, origin: str) -> Sequence[Any]:
+    if value is None:
+        return ()
+    if not isinstance(value, list):
+        raise ConfigError(f"{origin} is a {type(value).__name__}: a list is needed")
+    return value
+
+
+def _source(entry: object, origin: str) -> SourceEntry:
+    if isinstance(entry, str) and entry:
+        return SourceEntry(entry)
+    if not isinstance(entry, Mapping) or len({"simulate", "estimate"} & set(entry)) != 1:
+        raise ConfigError(f"{origin}: needs a path, 'simulate: SCENARIO' or 'estimate: EST' with 'truth: TRUTH'")
+    if "estimate" in entry:
+        if set(entry) != {"estimate", "truth"}:
+            raise ConfigError(f"{origin}: 'estimate' needs 'truth' beside it, and nothing else")
+        return SourceEntry(str(entry["estimate"]), truth=str(entry["truth"]))
+    unknown = set(entry) - {"simulate", "seeds", "set"}
+    seeds, settings = entry.get("seeds", [0]), entry.get("set", {})
+    whole = isinstance(seeds, list) and all(isinstance(seed, int) and not isinstance(seed, bool) for seed in seeds)
+    if unknown or not whole or not seeds or not isinstance(settings, Mapping):
+        raise ConfigError(f"{origin}: 'simulate' takes 'seeds', a list of whole numbers, and 'set', a mapping")
+    return SourceEntry(str(entry["simulate"]), seeds=tuple(seeds), settings=dict(settings))
+
+
+def _configurations(value: object, origin: str) -> dict[str, dict[str, object]]:
+    if value is None:
+        return {"default": {}}
+    if not isinstance(value, Mapping) or not value:
+        raise ConfigError(f"{origin}: 'configurations' must map names to parameters, as {{default: {{}}}}")
+    return {str(name): _parameters(content, f"{origin}: configuration '{name}'") for name, content in value.items()}
+
+
+def _parameters(content: object, origin: str) -> dict[str, object]:
+    """Return parameters by dotted name, those with their default value left out."""
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"{origin}: a mapping with 'localisation' and 'mapping' is needed")
+    changed: dict[str, object] = {}
+    for section, values in content.items():
+        if section not in SECTIONS or not isinstance(values, Mapping):
+            raise ConfigError(f"{origin}: '{section}' is no mapping of parameters; known: {', '.join(SECTIONS)}")
+        default = flatten(SECTIONS[section]())
+        given = flatten(build(SECTIONS[section], values, origin=origin))
+        changed |= {f"{section}.{name}": value for name, value in given.items() if value != default[name]}
+    return changed
+
+
+def _tasks(names: Sequence[object], origin: str) -> tuple[TaskKind, ...] | None:
+    try:
+        return tuple(TaskKind(str(name)) for name in names) or None
+    except ValueError as error:
+        raise ConfigError(f"{origin}: 'tasks' may hold {', '.join(TaskKind)}: {error}") from error
+
+
+def _limits(value: object, path: Path) -> Mapping[str, Any]:
+    if value is None:
+        return {}
+    content = load_yaml(path.parent / value) if isinstance(value, str) else value
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"{path}: 'limits' must be a file or a mapping")
+    parse_limits(content, f"{path}: limits")
+    return dict(content)

@@ -1,0 +1,137 @@
+"""One run of a suite: what it depends on, and the key that names its result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from sfr_loc_map.metrics.records.json_records import to_plain
+
+KEY_LENGTH = 32
+"""Hexadecimal digits of a key: two of 10^9 results agree by chance with a probability of 10^-21."""
+
+
+class TaskKind(StrEnum):
+    """What is done with a source."""
+
+    LOCALISE = "localise"
+    MAP = "map"
+    SCORE = "score"
+    REPLAY = "replay"
+
+
+class SourceKind(StrEnum):
+    """Where the data of a source come from."""
+
+    FILE = "file"
+    SIMULATED = "simulated"
+    ESTIMATE = "estimate"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskSource:
+    """The data that a task reads.
+
+    Attributes:
+        name: Short name, unique in the suite.
+        kind: Where the data come from.
+        path: The source, the scenario, or the estimate.
+        truth: Truth of an estimate, otherwise empty.
+        settings: All settings of a simulation, otherwise empty.
+        sha256: Hash of the content, or of the settings.
+    """
+
+    name: str
+    kind: SourceKind
+    path: str
+    truth: str = ""
+    settings: Mapping[str, object] = field(default_factory=dict)
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scoring:
+    """How a task is scored.
+
+    Attributes:
+        conditions: Ends of sub-trajectories, as `distance=5`.
+        spacing: Frames from one start to the next.
+        rebase: What is taken from the estimate at a start.
+    """
+
+    conditions: tuple[str, ...]
+    spacing: int
+    rebase: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """One run: a pure function of its fields.
+
+    Attributes:
+        kind: What is done.
+        source: The data.
+        faults: Injected faults, joined by `+`; empty for none.
+        fault_seed: Seed of which pairs they affect.
+        configuration: Name of the configuration.
+        parameters: Parameters that differ from the defaults, by dotted name (`localisation.max_features`).
+        start: First pose: `identity` or `truth`.
+        scoring: How it is scored.
+        repeat: Number of the repetition, from 0.
+        alone: Whether nothing else runs on its host, so that its times count.
+        threads: Threads that it may use.
+        code: Fingerprint of the code.
+        limits: Limits of the verdicts, as in a limits file; they do not change the run.
+    """
+
+    kind: TaskKind
+    source: TaskSource
+    faults: str = ""
+    fault_seed: int
+    configuration: str
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    start: str
+    scoring: Scoring
+    repeat: int
+    alone: bool
+    threads: int
+    code: str
+    limits: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """Name of the result: a hash of all that the result depends on; names and places of files are not among it."""
+        identity = {
+            "kind": self.kind.value,
+            "source": [self.source.kind.value, self.source.sha256],
+            "faults": [self.faults, self.fault_seed if self.faults else 0],
+            "parameters": dict(self.parameters),
+            "start": self.start,
+            "scoring": to_plain(self.scoring),
+            "repeat": self.repeat,
+            "timing": [self.alone, self.threads],
+            "code": self.code,
+        }
+        return digest(identity)
+
+    @property
+    def label(self) -> str:
+        """Name for people: `localise rocky-7 + black:share=0.1, default, repeat 2`."""
+        faults = f" + {self.faults}" if self.faults else ""
+        repeat = f", repeat {self.repeat}" if self.repeat else ""
+        return f"{self.kind} {self.source.name}{faults}, {self.configuration}{repeat}"
+
+    @property
+    def pairing(self) -> str:
+        """What tasks of two suites have in common that are compared: the same work on the same data."""
+        data = [self.kind.value, self.source.kind.value, self.source.sha256, self.faults, self.fault_seed, self.repeat]
+        return digest([*data, self.start, to_plain(self.scoring)])
+
+
+def digest(value: object) -> str:
+    """Return the hash of JSON values, written with sorted keys."""
+    text = json.dumps(to_plain(value), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:KEY_LENGTH]
