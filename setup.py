@@ -68,6 +68,8 @@ setup(
         "sim": ["embreex>=4.4,<5"],  # MIT; bundles Embree, Apache-2.0
         # ROS 2 Jazzy as wheels, for machines without a ROS install
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<7.2", "ros-jazzy-common-interfaces>=5.3,<5.4"],
+        # BSD-3 and Apache-2.0; suites on a cluster, and their results as a table for pandas
+        "suite": ["distributed>=2025.1,<2027", "pyarrow>=17,<27"],
         "test": TEST,
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
         "dev": [

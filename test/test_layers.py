@@ -31,8 +31,9 @@ ALLOWED: dict[str, set[str]] = {
     "report": BASE | MIDDLE | {"tables"},
     "nodes": BASE | (MIDDLE - {"simulation"}) | {"pipeline"},
     "bench": BASE | MIDDLE | {"pipeline", "tables"},
+    "suite": BASE | MIDDLE | {"pipeline", "report", "tables"},
     "fault_injection": BASE | (MIDDLE - {"simulation"}) | {"pipeline", "nodes", "tables"},
-    "cli": BASE | MIDDLE | {"tables", "pipeline", "report", "nodes", "bench", "fault_injection"},
+    "cli": BASE | MIDDLE | {"tables", "pipeline", "report", "nodes", "bench", "suite", "fault_injection"},
 }
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 

@@ -33,7 +33,7 @@ COMMANDS = (
     "doctor",
 )
 """Subcommands in the order of the help."""
-GROUPS = ("bench", "campaign")
+GROUPS = ("bench", "campaign", "suite")
 INTERRUPTED = 130
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version

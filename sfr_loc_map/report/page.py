@@ -7,11 +7,13 @@ import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup
 
+from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.modes import VerdictState
@@ -28,6 +30,7 @@ from sfr_loc_map.tables.html import OPEN_CLASS, VERDICT_CLASSES, to_html
 from sfr_loc_map.tables.numbers import UNKNOWN
 from sfr_loc_map.tables.table import OPEN_ICON, VERDICT_ICONS, Table
 
+TITLE = "Localisation and mapping report"
 FIRST_TABLES = ("verdicts", "headline")
 """Tables before the figures; they are the first of a score."""
 NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
@@ -91,6 +94,7 @@ def render_page(score: Score, *, figures: bool = True) -> str:
     provenance = dict(_flat(to_plain(score.provenance) or {}, ""))
     details = score.details.trajectory if score.details is not None else None
     return _template("page.html.j2").render(
+        title=TITLE,
         version=provenance.get("version", UNKNOWN),
         time=provenance.get("time", "time unknown"),
         overall=_overall(score),
@@ -101,6 +105,40 @@ def render_page(score: Score, *, figures: bool = True) -> str:
         plotly=_plotly() if plots else "",
         specs=_inline_json([asdict(plot) for plot in plots]),
         every=details.path.every if details is not None else 1,
+    )
+
+
+def render_overview(
+    title: str,
+    state: VerdictState | None,
+    text: str,
+    tables: Sequence[Table],
+    sections: Sequence[tuple[str, list[Plot]]],
+) -> str:
+    """Return a page about many scores as HTML, laid out as that of one.
+
+    Args:
+        title: Its title.
+        state: Verdict over all, None without limits.
+        text: What the banner says beside it.
+        tables: Its tables; those named `verdicts` and `counts` come before the figures.
+        sections: Figures by heading.
+    """
+    plots = [plot for _, group in sections for plot in group]
+    first = [table for table in tables if table.name in ("verdicts", "counts")]
+    word = NO_VERDICT if state is None else state.value
+    return _template("page.html.j2").render(
+        title=title,
+        version=__version__,
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
+        overall=Overall(word, text, VERDICT_CLASSES.get(word, OPEN_CLASS), VERDICT_ICONS.get(word, NO_VERDICT_ICON)),
+        first=_html(first),
+        tables=_html(table for table in tables if table not in first),
+        sections=sections,
+        provenance=None,
+        plotly=_plotly() if plots else "",
+        specs=_inline_json([asdict(plot) for plot in plots]),
+        every=1,
     )
 
 

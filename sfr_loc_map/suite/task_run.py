@@ -81,7 +81,7 @@ def _map(task: Task, scratch: Path, cache: Path) -> Score:
     save_stats(scratch / stats, run.records)
     inputs = ScoreInputs(cloud=cloud, map_truth=path, stats=(stats,))
     truths = truths_of(list(source.nav.pairs()), source.nav.rig)
-    scored = ScoredCloud(load_cloud(cloud), truths, fused=True)
+    scored = ScoredCloud(load_cloud(cloud), truths)
     return score_run(Run(inputs, [load_call_stats(stats)], cloud=scored), _score_config(task))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from urllib.parse import quote
 
 from sfr_loc_map.tables.table import Cell, CellKind, Table
 
@@ -27,6 +28,8 @@ def to_html(table: Table) -> str:
 
 def _cell(cell: Cell) -> str:
     text = escape(cell.text)
+    if cell.link:
+        text = f'<a href="{escape(quote(cell.link))}">{text}</a>'
     if cell.kind is CellKind.HEAD:
         return f'<th scope="row">{text}</th>'
     if cell.kind is CellKind.VERDICT:

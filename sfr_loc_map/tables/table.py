@@ -57,12 +57,14 @@ class Cell:
             not defined.
         key: Where it comes from, such as `trajectory.position_m.mean`; empty for words.
         kind: Head of a row, verdict, or neither.
+        link: Place of a page about it, relative to the page that the table stands in; empty for none.
     """
 
     text: str
     value: float | int | tuple[float, float] | None = None
     key: str = ""
     kind: CellKind = CellKind.PLAIN
+    link: str = ""
 
     def __post_init__(self) -> None:
         """Make the text fit for a terminal: it may come from a file."""

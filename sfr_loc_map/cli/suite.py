@@ -1,0 +1,148 @@
+"""`sfr suite`: many sources, configurations and faults in one go, and what follows from them all."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sfr_loc_map.cli.app import help_without_command
+from sfr_loc_map.cli.output import JsonOption, check_json, show
+from sfr_loc_map.cli.suite_progress import progress
+from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
+
+if TYPE_CHECKING:
+    from sfr_loc_map.suite.runner import Executor
+    from sfr_loc_map.suite.store import Store
+    from sfr_loc_map.suite.summary import Summary
+
+app = typer.Typer(help="Suites of runs: many sources, configurations and faults, resumed where they stopped.")
+app.callback(invoke_without_command=True)(help_without_command)
+
+FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
+
+
+@app.command()
+def run(
+    suite: Annotated[Path, typer.Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the results; continued if it is there.")],
+    workers: Annotated[int | None, typer.Option(min=1, help="Tasks at a time; default: one for each core.")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786 (extra [suite])."),
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done and what it would cost.")] = False,
+    only: Annotated[str, typer.Option(metavar="KEY", help="Run this one task again, done or not.")] = "",
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try again what failed before.")] = False,
+    json_path: JsonOption = None,
+) -> None:
+    """Run what is not done yet. Interrupted, it goes on where it was; done work is never done twice."""
+    from sfr_loc_map.suite.page import write_summary
+    from sfr_loc_map.suite.runner import Selection, plan_suite, run_tasks
+    from sfr_loc_map.suite.specification import load_specification
+    from sfr_loc_map.suite.store import Store
+    from sfr_loc_map.suite.summary import summarise
+
+    check_json(json_path)
+    specification = load_specification(suite)
+    store = Store(out)
+    with store.locked():
+        plan = plan_suite(specification, store)
+        for refusal in plan.refusals:
+            typer.echo(f"sfr: warning: left out: {refusal.reason}", err=True)
+        tasks = Selection(only, retry_failed).of(plan, store)
+        if only and not tasks:
+            raise ConfigError(f"'--only {only}': no task has this key; see the index of '{out}'")
+        executor, places = _executor(workers, scheduler, specification.settings.threads)
+        if dry_run:
+            _say_plan(store, [task.key for task in tasks], len(plan.tasks), places)
+            return
+        with progress(len(tasks)) as advance:
+            run_tasks(tasks, specification.settings, store, executor, advance)
+        summary = summarise(store, plan.refusals)
+        write_summary(summary, store.folder)
+    _present(summary, store, suite, json_path)
+
+
+@app.command()
+def report(folder: FolderArgument, json_path: JsonOption = None) -> None:
+    """Write the report page again from the results that are there."""
+    from sfr_loc_map.suite.page import write_summary
+    from sfr_loc_map.suite.summary import summarise
+
+    check_json(json_path)
+    store = open_store(folder)
+    summary = summarise(store)
+    write_summary(summary, store.folder)
+    _present(summary, store, None, json_path)
+
+
+def open_store(folder: Path) -> Store:
+    """Return the folder of a suite that has run.
+
+    Raises:
+        InputError: If it is none.
+    """
+    from sfr_loc_map.suite.store import Store
+
+    if not (folder / "index.sqlite").is_file():
+        raise InputError(f"'{folder}' is no folder of a suite: sought index.sqlite; give one made by sfr suite run")
+    return Store(folder)
+
+
+def _executor(workers: int | None, scheduler: str | None, threads: int) -> tuple[Executor, int]:
+    """Return what runs the tasks, and how many at a time."""
+    from sfr_loc_map.suite.runner import LocalExecutor
+    from sfr_loc_map.suite.store import available_cores
+
+    if scheduler is not None and workers is not None:
+        raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
+    if scheduler is not None:
+        from sfr_loc_map.suite.dask_runner import DaskExecutor
+
+        dask = DaskExecutor(scheduler)
+        return dask, dask.places
+    count = workers or max(1, available_cores() // threads)
+    return LocalExecutor(count), count
+
+
+def _say_plan(store: Store, keys: list[str], total: int, places: int) -> None:
+    """Say what would be done, and what it would cost by what like tasks have cost."""
+    entries = {entry.task.key: entry for entry in store.entries()}
+    known: dict[str, list[float]] = {}
+    for entry in entries.values():
+        if entry.seconds is not None:
+            known.setdefault(entry.task.kind, []).append(entry.seconds)
+    for key in keys:
+        typer.echo(f"{key}  {entries[key].task.label}")
+    like = [known.get(entries[key].task.kind, []) for key in keys]
+    cost = "cost not known before a like task has run"
+    if all(like):
+        cost = f"about {sum(sum(times) / len(times) for times in like) / places:.0f} s, {places} at a time"
+    typer.echo(f"{len(keys)} of {total} tasks to run, {cost}")
+
+
+def _present(summary: Summary, store: Store, suite: Path | None, json_path: str | None) -> None:
+    """Print the tables and say how it ended.
+
+    Raises:
+        FailedVerdictError: If a limit was missed.
+        InputError: If a task failed or a source could not be read.
+    """
+    from sfr_loc_map.metrics.modes import VerdictState
+    from sfr_loc_map.suite.tables import suite_tables
+
+    show(json.dumps(summary.to_dict(), allow_nan=False) + "\n", json_path, suite_tables(summary))
+    typer.echo(f"report: {store.folder / 'report.html'}", err=True)
+    for failure in summary.failures:
+        last = failure.attempts[-1]
+        again = f"; again: sfr suite run {suite} --out {store.folder} --only {failure.key[:12]}" if suite else ""
+        typer.echo(f"failed: {failure.label}: {last.cause}: {last.message}{again}", err=True)
+    missed = [item for group in summary.groups for item in group.verdicts if item.state is VerdictState.FAIL]
+    if missed:
+        raise FailedVerdictError(f"{len(missed)} of {len(summary.states)} limits over all drives missed")
+    if summary.failed or summary.refusals:
+        count = summary.failed + len(summary.refusals)
+        raise InputError(f"{count} tasks or sources failed: each is named above")
