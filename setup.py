@@ -16,6 +16,7 @@ VERSION = re.search(r'__version__ = "(.+)"', (ROOT / PACKAGE / "__init__.py").re
 PROFILES = glob(PACKAGE + "/nodes/process/profiles/*.xml")  # in share/ for other programs: camera drivers need it
 NODES = ("localisation_node", "mapping_node", "monitor_node")
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
+SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27"]
 
 setup(
     name=PACKAGE,
@@ -46,6 +47,7 @@ setup(
         ("share/" + PACKAGE + "/launch_scripts", glob("launch_scripts/*.launch.py")),
         ("share/" + PACKAGE + "/config", [*glob("config/*.yaml"), *glob("config/*.xml"), *PROFILES]),
         ("share/" + PACKAGE + "/config/simulation", glob("config/simulation/*.yaml")),
+        ("share/" + PACKAGE + "/config/suites", glob("config/suites/*.yaml")),
         ("lib/" + PACKAGE, [f"scripts/{name}" for name in NODES]),  # for `ros2 run` after pip install
     ],
     install_requires=[
@@ -69,11 +71,12 @@ setup(
         # ROS 2 Jazzy as wheels, for machines without a ROS install
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<7.2", "ros-jazzy-common-interfaces>=5.3,<5.4"],
         # BSD-3 and Apache-2.0; suites on a cluster, and their results as a table for pandas
-        "suite": ["distributed>=2025.1,<2027", "pyarrow>=17,<27"],
+        "suite": SUITE,
         "test": TEST,
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
         "dev": [
             *TEST,
+            *SUITE,
             "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",
             "mypy>=1.13,<3",

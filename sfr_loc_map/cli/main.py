@@ -31,6 +31,7 @@ COMMANDS = (
     "perturb",
     "compare",
     "doctor",
+    "history",
 )
 """Subcommands in the order of the help."""
 GROUPS = ("bench", "campaign", "suite")

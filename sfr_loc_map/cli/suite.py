@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import help_without_command
-from sfr_loc_map.cli.output import JsonOption, check_json, show
+from sfr_loc_map.cli.output import JsonOption, check_json, check_output, show, write_text
 from sfr_loc_map.cli.suite_progress import progress
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
@@ -59,10 +59,12 @@ def run(
         if dry_run:
             _say_plan(store, [task.key for task in tasks], len(plan.tasks), places)
             return
-        with progress(len(tasks)) as advance:
-            run_tasks(tasks, specification.settings, store, executor, advance)
-        summary = summarise(store, plan.refusals)
-        write_summary(summary, store.folder)
+        try:
+            with progress(len(tasks)) as advance:
+                run_tasks(tasks, specification.settings, store, executor, advance)
+        finally:  # an interrupted suite reports what it has
+            summary = summarise(store, plan.refusals)
+            write_summary(summary, store.folder)
     _present(summary, store, suite, json_path)
 
 
@@ -77,6 +79,29 @@ def report(folder: FolderArgument, json_path: JsonOption = None) -> None:
     summary = summarise(store)
     write_summary(summary, store.folder)
     _present(summary, store, None, json_path)
+
+
+@app.command()
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of the suite that is the reference.")],
+    other: Annotated[Path, typer.Argument(metavar="B", help="Folder of the suite that is compared with it.")],
+    json_path: JsonOption = None,
+    html: Annotated[Path | None, typer.Option(help="Write a page.")] = None,
+) -> None:
+    """Compare two suites over the drives that both have: better, worse, or no difference shown."""
+    from sfr_loc_map.report.page import render_tables
+    from sfr_loc_map.suite.comparison import compare_suites
+    from sfr_loc_map.suite.comparison_tables import comparison_tables
+    from sfr_loc_map.suite.summary import summarise
+
+    check_json(json_path)
+    check_output(html, (".html", ".htm"))
+    reference, compared = (summarise(open_store(folder)) for folder in (first, other))
+    result = compare_suites(reference, compared, (str(first), str(other)))
+    tables = comparison_tables(result)
+    if html is not None:
+        write_text(render_tables("Comparison of suites", tables), html)
+    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, tables)
 
 
 def open_store(folder: Path) -> Store:

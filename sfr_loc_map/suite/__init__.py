@@ -1,1 +1,5 @@
 """Suites: many sources, configurations and faults, each run in a process of its own, and what follows from them all."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

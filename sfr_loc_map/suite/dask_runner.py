@@ -24,7 +24,7 @@ from sfr_loc_map.suite.store import Store
 from sfr_loc_map.suite.task import Task
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 CONNECT_S = "10s"
 AHEAD = 2
@@ -105,15 +105,13 @@ class DaskExecutor:
         try:
             self._client: Client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise InputError(
-                f"no Dask scheduler answers at '{address}' ({error}): start one with dask scheduler"
-            ) from error
+            raise InputError(f"no Dask scheduler answers at '{address}' ({error}): start one") from error
 
     @property
     def places(self) -> int:
         """Tasks that run at a time; at least 1."""
         workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
-        return max(1, sum(worker["nthreads"] for worker in workers))
+        return max(1, sum(int(worker["nthreads"]) for worker in workers))
 
     def run(self, tasks: Sequence[Task], bounds: Bounds, store: Store, on_outcome: OnOutcome) -> None:
         """Run tasks.
@@ -134,8 +132,8 @@ class DaskExecutor:
                 flow.fill(waiting, self.places)
         except LOST as error:
             raise InputError(
-                f"the Dask scheduler at '{self._address}' is gone ({type(error).__name__}): what was done is kept; start "
-                "it and give the same command again"
+                f"the Dask scheduler at '{self._address}' is gone ({type(error).__name__}): what was done is "
+                "kept; start it and give the same command again"
             ) from error
         finally:
             flow.cancel()
@@ -157,7 +155,7 @@ class _Flow:
         from distributed import as_completed
 
         self._client, self._bounds, self._place, self._workers = client, bounds, place, workers
-        self._results = as_completed(raise_errors=False)
+        self._results = as_completed(loop=self._client.loop, raise_errors=False)
         self._tasks: dict[str, Task] = {}
         self._lost: dict[str, list[Attempt]] = {}
 
@@ -178,8 +176,8 @@ class _Flow:
         Raises:
             LostError: If the scheduler has forgotten it.
         """
-        future: Future = next(self._results)
-        task = self._tasks.pop(future.key)
+        future = next(self._results)
+        task = self._tasks.pop(str(future.key))
         if future.status == "finished":
             outcome: Outcome = future.result()
             lost = tuple(self._lost.pop(task.key, ()))

@@ -31,6 +31,10 @@ MESSAGE_LENGTH = 500
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
+COMMAND = (sys.executable, "-m", "sfr_loc_map.suite.task_process")
+"""What is run for a task, before the arguments of `task_process`."""
+
+
 class Cause(StrEnum):
     """Why a try failed."""
 
@@ -157,7 +161,7 @@ def _attempt(task: Task, bounds: Bounds, cache: Path, result: Path, stop: thread
     begin = time.monotonic()
     with log.open("wb") as stream:
         process = subprocess.Popen(
-            [sys.executable, "-m", "sfr_loc_map.suite.task_process", *arguments],
+            [*COMMAND, *arguments],
             cwd=work,
             env=environment,
             stdin=subprocess.DEVNULL,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from sfr_loc_map.report.plots import Plot, axis, error_scale, largest, marks, scaled
-from sfr_loc_map.suite.summary import Drive, Group, Summary
+from sfr_loc_map.suite.groups import Drive, Group
+from sfr_loc_map.suite.summary import Summary
 
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 
@@ -54,20 +55,7 @@ def _errors(driven: Sequence[tuple[int, Group, list[Drive]]]) -> list[Plot]:
 
 def _faults(driven: Sequence[tuple[int, Group, list[Drive]]]) -> list[Plot]:
     """Return how each fault changes the error of the same drives, run without faults."""
-    clean = {
-        (group.configuration, drive.source, drive.repeat): value
-        for _, group, drives in driven
-        for drive in drives
-        if not group.faults and (value := _position(drive))
-    }
-    points = [
-        (number, value / reference)
-        for number, group, drives in driven
-        for drive in drives
-        if group.faults
-        and (value := _position(drive))
-        and (reference := clean.get((group.configuration, drive.source, drive.repeat)))
-    ]
+    points = list(_fault_ratios([(number, drive) for number, _, drives in driven for drive in drives]))
     if not points:
         return []
     trace = marks("one drive", ([n for n, _ in points], [float(f"{v:.6g}") for _, v in points]), "@three", size=6)
@@ -77,6 +65,19 @@ def _faults(driven: Sequence[tuple[int, Group, list[Drive]]]) -> list[Plot]:
     }
     caption = "Mean + 3 sigma of the position with the fault, over that of the same drive without it."
     return [Plot("suite-faults", "Faults against error", caption, [trace], layout, width="full")]
+
+
+def _fault_ratios(drives: Sequence[tuple[int, Drive]]) -> Iterator[tuple[float, float]]:
+    """Yield number of the runs and error with the fault over that without, where both are known."""
+    clean = {_identity(drive): _position(drive) for _, drive in drives if not drive.faults}
+    for number, drive in drives:
+        value, reference = _position(drive), clean.get(_identity(drive))
+        if drive.faults and value and reference:
+            yield float(number), value / reference
+
+
+def _identity(drive: Drive) -> tuple[str, str, int]:
+    return drive.configuration, drive.source, drive.repeat
 
 
 def _cost(summary: Summary) -> list[Plot]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import sfr_loc_map
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.registry import open_source
@@ -75,7 +74,7 @@ def inspect_source(path: Path) -> SourceFacts:
 @cache
 def code_fingerprint() -> str:
     """Return a hash of the code and of the versions of the libraries that can change a figure."""
-    root = Path(sfr_loc_map.__file__).parent
+    root = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         place = path.relative_to(root)

@@ -6,11 +6,11 @@ import json
 from pathlib import Path
 
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.report.page import render_overview
+from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.suite.figures import suite_figures
 from sfr_loc_map.suite.parquet import write_parquet
 from sfr_loc_map.suite.summary import Summary
-from sfr_loc_map.suite.tables import suite_tables
+from sfr_loc_map.suite.tables import PAGES, linked, suite_tables
 
 
 def write_summary(summary: Summary, folder: Path) -> None:
@@ -24,6 +24,11 @@ def write_summary(summary: Summary, folder: Path) -> None:
     with atomic_path(folder / "report.html") as temporary:
         temporary.write_text(render(summary), encoding="utf-8")
     write_parquet(summary, folder / "results.parquet")
+    pages = folder / PAGES
+    pages.mkdir(exist_ok=True)
+    for drive in linked(summary):
+        with atomic_path(pages / f"{drive.key}.html") as temporary:
+            temporary.write_text(render_page(drive.score, figures=False), encoding="utf-8")
 
 
 def render(summary: Summary) -> str:

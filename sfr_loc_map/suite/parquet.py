@@ -8,7 +8,8 @@ from typing import Any
 
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.records.json_records import to_plain
-from sfr_loc_map.suite.summary import Drive, Summary
+from sfr_loc_map.suite.groups import Drive
+from sfr_loc_map.suite.summary import Summary
 
 NAMES = ("key", "label", "task", "source", "configuration", "faults", "repeat", "seconds")
 PARTS = ("trajectory", "map", "timing", "memory")

@@ -44,11 +44,11 @@ class Moments:
 
         Drives with fewer than two values are left out: their sigma is undefined.
         """
-        used = [(n, parts) for n, parts in drives if n > 1 and all(part.sigma is not None for part in parts)]
+        used = [(n, parts) for n, parts in drives if n > 1]
         count = np.array([float(n) for n, _ in used])
-        mean = np.array([[float(part.mean or 0.0) for part in parts] for _, parts in used])
-        sigma = np.array([[float(part.sigma or 0.0) for part in parts] for _, parts in used])
-        return cls(count, mean, np.square(sigma) * (count[:, None] - 1.0)) if used else cls(count, mean, sigma)
+        mean = np.array([[_known(part.mean) for part in parts] for _, parts in used])
+        sigma = np.array([[_known(part.sigma) for part in parts] for _, parts in used])
+        return cls(count, mean, np.square(sigma) * (count[:, None] - 1.0) if used else sigma)
 
     def pooled(self, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Return norm of the mean and norm of the sigma `(R,)` of all values.
@@ -66,6 +66,12 @@ class Moments:
         squares = second - total[:, None] * np.square(mean - centre)
         sigma = np.sqrt(np.maximum(squares, 0.0) / (total[:, None] - 1.0))
         return np.sqrt(np.square(mean).sum(axis=1)), np.sqrt(np.square(sigma).sum(axis=1))
+
+
+def _known(value: float | None) -> float:
+    """Return a figure of two values or more: it is defined."""
+    assert value is not None
+    return value
 
 
 def pooled_statistic(moments: Moments) -> IntervalStatistic:

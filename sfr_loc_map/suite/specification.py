@@ -115,31 +115,38 @@ def load_specification(path: Path) -> SuiteSpecification:
         ConfigError: If it cannot be read, or a key or value is not valid.
     """
     content = load_yaml(path)
-    known = [*LISTS, "configurations", "limits", *flatten(SuiteSettings())]
-    for key in content:
-        if key not in known:
-            close = difflib.get_close_matches(str(key), known, n=1)
-            raise ConfigError(
-                f"{path}: unknown key '{key}' ({f'did you mean {close[0]!r}?' if close else ', '.join(known)})"
-            )
+    single = flatten(SuiteSettings())
+    _check_keys(content, [*LISTS, "configurations", "limits", *single], str(path))
     lists = {name: _list(content.get(name), f"{path}: '{name}'") for name in LISTS}
     if not lists["sources"]:
         raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
-    for text in (part for fault in lists["perturb"] for part in str(fault).split("+")):
-        parse_fault(text)
-    for text in lists["conditions"]:
-        Condition.parse(str(text))
-    settings = {key: value for key, value in content.items() if key in flatten(SuiteSettings())}
     return SuiteSpecification(
         path=path,
         sources=tuple(_source(entry, f"{path}: source {number}") for number, entry in enumerate(lists["sources"], 1)),
-        perturb=("", *(str(text) for text in lists["perturb"])),
+        perturb=("", *map(_fault, lists["perturb"])),
         configurations=_configurations(content.get("configurations"), str(path)),
         tasks=_tasks(lists["tasks"], str(path)),
-        conditions=tuple(str(text) for text in lists["conditions"]) or ("distance=5",),
+        conditions=tuple(Condition.parse(str(text)).setting for text in lists["conditions"]) or ("distance=5",),
         limits=_limits(content.get("limits"), path),
-        settings=build(SuiteSettings, settings, origin=str(path)),
+        settings=build(
+            SuiteSettings, {key: value for key, value in content.items() if key in single}, origin=str(path)
+        ),
     )
+
+
+def _check_keys(content: Mapping[str, Any], known: Sequence[str], origin: str) -> None:
+    for key in content:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+            raise ConfigError(f"{origin}: unknown key '{key}' ({hint})")
+
+
+def _fault(text: object) -> str:
+    """Return a fault, or several joined by `+`, once each can be read."""
+    for part in str(text).split("+"):
+        parse_fault(part)
+    return str(text)
 
 
 def _list(value: object, origin: str) -> Sequence[Any]:
@@ -153,16 +160,17 @@ def _list(value: object, origin: str) -> Sequence[Any]:
 def _source(entry: object, origin: str) -> SourceEntry:
     if isinstance(entry, str) and entry:
         return SourceEntry(entry)
-    if not isinstance(entry, Mapping) or len({"simulate", "estimate"} & set(entry)) != 1:
-        raise ConfigError(f"{origin}: needs a path, 'simulate: SCENARIO' or 'estimate: EST' with 'truth: TRUTH'")
-    if "estimate" in entry:
-        if set(entry) != {"estimate", "truth"}:
-            raise ConfigError(f"{origin}: 'estimate' needs 'truth' beside it, and nothing else")
+    if isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}:
         return SourceEntry(str(entry["estimate"]), truth=str(entry["truth"]))
-    unknown = set(entry) - {"simulate", "seeds", "set"}
+    if isinstance(entry, Mapping) and "simulate" in entry:
+        return _simulation(entry, origin)
+    raise ConfigError(f"{origin}: needs a path, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH'")
+
+
+def _simulation(entry: Mapping[str, Any], origin: str) -> SourceEntry:
     seeds, settings = entry.get("seeds", [0]), entry.get("set", {})
     whole = isinstance(seeds, list) and all(isinstance(seed, int) and not isinstance(seed, bool) for seed in seeds)
-    if unknown or not whole or not seeds or not isinstance(settings, Mapping):
+    if set(entry) - {"simulate", "seeds", "set"} or not whole or not seeds or not isinstance(settings, Mapping):
         raise ConfigError(f"{origin}: 'simulate' takes 'seeds', a list of whole numbers, and 'set', a mapping")
     return SourceEntry(str(entry["simulate"]), seeds=tuple(seeds), settings=dict(settings))
 

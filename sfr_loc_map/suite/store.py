@@ -2,7 +2,7 @@
 
 DIR/results/KEY.json        score of a task (sfr-score/1)
 DIR/failures/KEY.json       why a task failed, each try
-DIR/index.sqlite            tasks, their state and cost; made anew from the files if it is gone
+DIR/index.sqlite            tasks, their state and cost; made again from the files if it is gone
 DIR/cache/                  simulated sources, may be deleted
 """
 
@@ -218,7 +218,7 @@ class Store:
             with closing(sqlite3.connect(path, timeout=30.0)) as connection, connection:
                 yield connection
         except sqlite3.DatabaseError as error:
-            raise InputError(f"cannot use '{path}': {error}; delete it, it is made anew from the results") from error
+            raise InputError(f"cannot use '{path}': {error}; delete it, it is made again from the results") from error
 
 
 def available_cores() -> int:

@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sfr_loc_map.metrics.score import IntervalStatistic
+from sfr_loc_map.suite.groups import Drive, Group
 from sfr_loc_map.suite.pooling import PooledCondition
-from sfr_loc_map.suite.summary import Drive, Group, Summary
+from sfr_loc_map.suite.summary import Summary
 from sfr_loc_map.tables.numbers import ABSENT, DEGREE, METRE, MIB, MILLIMETRE, MILLISECOND, PERCENT, SECOND
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 ERRORS = (("position", "position_m", METRE), ("attitude", "attitude_deg", DEGREE), ("heading", "heading_deg", DEGREE))
 """Name, key and unit of the errors of a trajectory."""
+
+
+PAGES = "pages"
+"""Folder of the pages of single results, beside the page of the suite."""
+MAX_PAGES = 200
+"""Pages of the worst results; of the others the score is there, of which `sfr report` makes a page."""
 
 
 def suite_tables(summary: Summary) -> list[Table]:
@@ -152,10 +159,10 @@ def _maps(summary: Summary) -> Table:
         Column("coverage", PERCENT),
         Column("point error mean", MILLIMETRE),
         Column("mean + 3 sigma", MILLIMETRE),
-        Column("file", words=True),
+        Column("result", words=True),
     )
     found = [(drive, drive.score.map) for drive in summary.drives if drive.score.map is not None]
-    rows = []
+    rows, pages = [], {drive.key for drive in linked(summary)}
     for drive, score in found:
         error = None if score.errors is None else score.errors.point_error_m
         rows.append(
@@ -170,7 +177,7 @@ def _maps(summary: Summary) -> Table:
                     MILLIMETRE,
                     ABSENT,
                 ),
-                Cell(f"results/{drive.key}.json"),
+                _file(drive, pages),
             )
         )
     rows.sort(key=lambda row: -float(row[4].value or 0.0))  # type: ignore[arg-type]
@@ -193,6 +200,18 @@ def worst_first(summary: Summary) -> list[Drive]:
     return sorted((drive for drive in summary.drives if drive.score.trajectory is not None), key=figure, reverse=True)
 
 
+def linked(summary: Summary) -> list[Drive]:
+    """Return the results that have a page of their own: the worst drives, and the maps."""
+    maps = [drive for drive in summary.drives if drive.score.trajectory is None]
+    return (worst_first(summary) + maps)[:MAX_PAGES]
+
+
+def _file(drive: Drive, pages: set[str]) -> Cell:
+    """Return where the whole score stands, with a link to its page."""
+    link = f"{PAGES}/{drive.key}.html" if drive.key in pages else f"results/{drive.key}.json"
+    return Cell(drive.key[:12], link=link)
+
+
 def _drives(summary: Summary) -> Table:
     columns = (
         Column("drive", words=True),
@@ -207,14 +226,15 @@ def _drives(summary: Summary) -> Table:
         Column("peak", MIB),
         Column("task", SECOND),
         Column("limits missed"),
-        Column("file", words=True),
+        Column("result", words=True),
     )
-    rows = tuple(_drive_row(drive) for drive in worst_first(summary))
-    note = "Errors over the sub-trajectories of the first condition. A file is a whole score, of which sfr report makes a page."
+    pages = {drive.key for drive in linked(summary)}
+    rows = tuple(_drive_row(drive, pages) for drive in worst_first(summary))
+    note = "Errors over the sub-trajectories of the first condition. A result is the whole score: results/*.json."
     return Table("drives", "Drives, the worst first", columns, rows, note)
 
 
-def _drive_row(drive: Drive) -> Row:
+def _drive_row(drive: Drive, pages: set[str]) -> Row:
     score, trajectory = drive.score, drive.score.trajectory
     assert trajectory is not None
     first = trajectory.first
@@ -235,7 +255,7 @@ def _drive_row(drive: Drive) -> Row:
         Cell.number(None if peaks is None else peaks.peak_bytes, "memory.localisation_peak_bytes", MIB, ABSENT),
         Cell.number(drive.seconds, "", SECOND, ABSENT),
         Cell.number(len(missed), "verdicts"),
-        Cell(f"results/{drive.key}.json"),
+        _file(drive, pages),
     )
 
 
@@ -245,7 +265,7 @@ def _failures(summary: Summary) -> Table:
         Column("cause", words=True),
         Column("tries"),
         Column("message", words=True),
-        Column("file", words=True),
+        Column("result", words=True),
     )
     rows = [
         (
@@ -253,7 +273,7 @@ def _failures(summary: Summary) -> Table:
             Cell(item.attempts[-1].cause.value),
             Cell.number(len(item.attempts), "attempts"),
             Cell(item.attempts[-1].message),
-            Cell(f"failures/{item.key}.json"),
+            Cell(item.key[:12], link=f"failures/{item.key}.json"),
         )
         for item in summary.failures
     ]

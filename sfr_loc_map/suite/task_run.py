@@ -34,6 +34,7 @@ from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, score_files, score_ru
 from sfr_loc_map.pipeline.simulate import simulate
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import Fault, parse_fault
+from sfr_loc_map.suite.reference_work import REFERENCE, reference_seconds
 from sfr_loc_map.suite.task import SourceKind, Task, TaskKind
 
 REPLAY = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
@@ -169,4 +170,6 @@ def _provenance(task: Task, provenance: Provenance | None) -> Provenance:
     }
     timing = "alone on its host" if task.alone else "beside other tasks"
     host = {**known.host, "timing": timing, "threads": str(task.threads)}
+    if task.alone:
+        host[REFERENCE] = repr(reference_seconds())
     return replace(known, configuration={**known.configuration, **task.parameters, **about}, host=host)

@@ -1,0 +1,9 @@
+from .plan import make_plan as make_plan
+from .runner import LocalExecutor as LocalExecutor
+from .runner import plan_suite as plan_suite
+from .runner import run_tasks as run_tasks
+from .specification import SuiteSpecification as SuiteSpecification
+from .specification import load_specification as load_specification
+from .store import Store as Store
+from .summary import Summary as Summary
+from .summary import summarise as summarise

@@ -1,0 +1,52 @@
+"""Do drives agree that one run is worse than another: a sign-flip test, corrected for many comparisons.
+
+Where two runs are equally good, each drive's log ratio of errors is as likely positive as negative. The mean log ratio
+is compared with its distribution over all choices of signs (Fisher 1935; exact for few drives, drawn for many). No
+distribution of the errors is assumed, and one bad drive decides nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+
+EXACT_DRIVES = 14
+DRAWS = 20000
+SEED = 20260202
+MIN_DRIVES = 6
+"""With fewer drives no choice of signs has a probability under 0.03."""
+
+
+def sign_flip_p(log_ratios: FloatArray) -> float | None:
+    """Return the two-sided probability of a mean log ratio as large by chance; None with too few drives.
+
+    Args:
+        log_ratios: `(D,)` one for each drive; 0 where both are equal.
+    """
+    count = len(log_ratios)
+    if count < MIN_DRIVES:
+        return None
+    if not log_ratios.any():
+        return 1.0
+    observed = abs(log_ratios.sum()) * (1.0 - 1e-12)
+    if count <= EXACT_DRIVES:
+        bits = (np.arange(2**count)[:, None] >> np.arange(count)) & 1
+        sums = np.abs((2.0 * bits - 1.0) @ log_ratios)
+        return float(np.mean(sums >= observed))
+    rng = np.random.default_rng([SEED, count])
+    signs = rng.integers(0, 2, (DRAWS, count), dtype=np.int8) * 2.0 - 1.0
+    return float((1 + np.count_nonzero(np.abs(signs @ log_ratios) >= observed)) / (1 + DRAWS))
+
+
+def holm(probabilities: Sequence[float | None]) -> list[float | None]:
+    """Return probabilities corrected for their number (Holm 1979); None stays and does not count."""
+    known = sorted((value, index) for index, value in enumerate(probabilities) if value is not None)
+    corrected: list[float | None] = [None] * len(probabilities)
+    largest = 0.0
+    for rank, (value, index) in enumerate(known):
+        largest = max(largest, min(1.0, value * (len(known) - rank)))
+        corrected[index] = largest
+    return corrected

@@ -1,0 +1,165 @@
+"""`sfr suite` and `sfr history` as users call them: resumed where they stopped, the same results however they ran."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from cli_result import Sfr
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "suite"))
+from made_suites import made_suite
+
+SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+MEASURED = ("timing", "memory")
+LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}
+
+
+def results(folder: Path) -> dict[str, object]:
+    """Return the scores of a suite without what differs from run to run."""
+    scores = {}
+    for path in sorted((folder / "results").glob("*.json")):
+        score = json.loads(path.read_text())
+        for part in MEASURED:
+            score.pop(part, None)
+        score["provenance"].pop("time")
+        scores[path.stem] = score
+    return scores
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made_suite(tmp_path_factory.mktemp("suite"), 6, limits=LIMITS)
+
+
+@pytest.fixture(scope="module")
+def serial(suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("serial") / "out"
+    subprocess.run([*SFR, "suite", "run", str(suite), "--out", str(out), "--workers", "1"], check=True)
+    return out
+
+
+@pytest.mark.slow
+def test_a_suite_is_run_once_judged_and_reported(sfr: Sfr, suite: Path, serial: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in (serial / "results").iterdir()}
+    assert len(before) == 6
+    again = sfr("suite", "run", suite, "--out", serial, "--json", "-")
+    assert again.code == 0
+    assert {path: path.stat().st_mtime_ns for path in (serial / "results").iterdir()} == before
+    summary = json.loads(again.out)
+    assert summary["schema"] == "sfr-suite/1"
+    assert summary["counts"] == {"tasks": 6, "done": 6, "failed": 0, "waiting": 0}
+    assert summary["verdict"] == "pass"
+    (group,) = summary["groups"]
+    (pooled,) = group["conditions"]
+    assert pooled["drives"] == 6
+    scores = [json.loads((serial / drive["file"]).read_text()) for drive in summary["drives"]]
+    rows = [score["details"]["trajectory"]["sub_trajectories"][0] for score in scores]
+    errors = np.concatenate([np.column_stack([row[f"{axis}_m"] for axis in "xyz"]) for row in rows])
+    figure = np.linalg.norm(errors.mean(axis=0)) + 3 * np.linalg.norm(errors.std(axis=0, ddof=1))
+    assert pooled["position_m"]["mean_plus_3sigma"] == pytest.approx(figure, rel=1e-6), "the rows are rounded"
+    page = (serial / "report.html").read_text()
+    assert all(f'href="pages/{drive["key"]}.html"' in page for drive in summary["drives"])
+    assert (serial / "pages" / f"{summary['drives'][0]['key']}.html").is_file()
+    assert json.loads((serial / "suite.json").read_text())["groups"] == summary["groups"]
+
+
+@pytest.mark.slow
+def test_stopped_twice_it_goes_on_and_ends_with_the_same_results(suite: Path, serial: Path, tmp_path: Path) -> None:
+    out, command = (
+        tmp_path / "out",
+        [sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())"],
+    )
+    command += ["suite", "run", str(suite), "--out", str(out), "--workers", "2"]
+    for number, (how, code) in enumerate([(signal.SIGINT, 130), (signal.SIGKILL, -9)], 1):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        end = time.monotonic() + 60
+        while len(list((out / "results").glob("*.json"))) < number and time.monotonic() < end:
+            time.sleep(0.02)
+        os.kill(process.pid, how)
+        assert process.wait(20) == code
+    kept = {path: path.stat().st_mtime_ns for path in (out / "results").glob("*.json")}
+    assert 2 <= len(kept) < 6
+    (out / "index.sqlite").unlink()
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
+    assert results(out) == results(serial)
+    with sqlite3.connect(out / "index.sqlite") as index:
+        assert index.execute("SELECT count(*) FROM tasks WHERE state = 'done'").fetchone() == (6,)
+
+
+@pytest.mark.slow
+def test_on_dask_the_results_are_the_same(sfr: Sfr, suite: Path, serial: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="needs the extra [suite]")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None
+    ) as cluster:
+        done = sfr("suite", "run", suite, "--out", tmp_path / "out", "--scheduler", cluster.scheduler_address)
+    assert done.code == 0, done.err
+    assert results(tmp_path / "out") == results(serial)
+
+
+@pytest.mark.slow
+def test_worse_code_is_found_and_named(sfr: Sfr, serial: Path, tmp_path: Path) -> None:
+    """Errors larger by half, made from the results of the first suite, as other code would make them."""
+    worse = tmp_path / "worse"
+    for part in ("results", "failures"):
+        (worse / part).mkdir(parents=True)
+    with sqlite3.connect(serial / "index.sqlite") as index, sqlite3.connect(worse / "index.sqlite") as copy:
+        index.backup(copy)
+    for path in (serial / "results").iterdir():
+        score = json.loads(path.read_text())
+        figure = score["trajectory"]["position_m"]
+        figure["mean_plus_3sigma"] *= 1.5
+        (worse / "results" / path.name).write_text(json.dumps(score))
+    compared = sfr("suite", "compare", serial, worse, "--json", "-")
+    assert compared.code == 0
+    figures = {item["figure"]: item for item in json.loads(compared.out)["figures"]}
+    assert figures["position over 1 m, m"]["ratio"] == pytest.approx(1.5)
+    assert figures["position over 1 m, m"]["p"] == 2 / 2**6
+    page = tmp_path / "history.html"
+    found = sfr("history", serial, serial, "--html", page)
+    assert found.code == 0
+    assert "No run is certainly worse" in page.read_text()
+
+
+@pytest.mark.slow
+def test_what_fails_is_named_with_the_command_that_repeats_it(sfr: Sfr, tmp_path: Path) -> None:
+    suite = made_suite(tmp_path / "made", 1)
+    (tmp_path / "made" / "drive0.csv").write_text("stamp_ns\nnonsense\n")
+    out = tmp_path / "out"
+    done = sfr("suite", "run", suite, "--out", out)
+    assert done.code == 2
+    (key,) = [path.stem for path in (out / "failures").iterdir()]
+    assert f"--only {key[:12]}" in done.err
+    assert "bad input" in done.err
+    assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 1 tasks to run")
+    assert "1 of 1" in sfr("suite", "run", suite, "--out", out, "--dry-run", "--retry-failed").out
+
+
+def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
+    suite = made_suite(tmp_path / "made", 1)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "photo.jpg").touch()
+    for arguments, words in (
+        (("run", suite, "--out", tmp_path / "other"), "is no folder of a suite"),
+        (("run", suite, "--out", tmp_path / "out", "--only", "zz"), "--only zz"),
+        (("run", suite, "--out", tmp_path / "out", "--workers", "1", "--scheduler", "tcp://x:1"), "give one of them"),
+        (("report", tmp_path / "none"), "sought index.sqlite"),
+        (("compare", tmp_path / "none", tmp_path / "none"), "sought index.sqlite"),
+    ):
+        done = sfr("suite", *arguments)
+        assert done.code == 2
+        assert words in done.err
+        assert len(done.err.splitlines()) == 1
+    assert yaml.safe_load(suite.read_text())["sources"]

@@ -1,0 +1,35 @@
+"""Small suites of estimates and their truth, made without any image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.trajectory_file import save_trajectory
+
+
+def straight(count: int, sigma_m: float, seed: int) -> Trajectory:
+    """Return a straight drive of 0.1 m steps with noise on each step."""
+    noise = np.cumsum(np.random.default_rng(seed).normal(0.0, sigma_m, (count, 3)), axis=0)
+    places = np.column_stack((0.1 * np.arange(count), np.zeros((count, 2)))) + noise
+    return Trajectory.from_poses(
+        (100_000_000 * (number + 1), Transform.from_quat(place, np.array([0.0, 0.0, 0.0, 1.0])))
+        for number, place in enumerate(places)
+    )
+
+
+def made_suite(folder: Path, drives: int, sigma_m: float = 0.001, **more: object) -> Path:
+    """Write estimates, their truth, and the file of a suite that scores them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_trajectory(folder / "truth.csv", straight(60, 0.0, 0))
+    sources = []
+    for number in range(drives):
+        save_trajectory(folder / f"drive{number}.csv", straight(60, sigma_m, number + 1))
+        sources.append({"estimate": f"drive{number}.csv", "truth": "truth.csv"})
+    suite = folder / "suite.yaml"
+    suite.write_text(yaml.safe_dump({"sources": sources, "conditions": ["distance=1"], "spacing": 5, **more}))
+    return suite

@@ -1,0 +1,95 @@
+"""Tasks of a suite: all combinations, one key for the same work, another for other work."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.suite.fingerprint import SourceFacts
+from sfr_loc_map.suite.plan import Plan, make_plan
+from sfr_loc_map.suite.specification import load_specification
+from sfr_loc_map.suite.task import SourceKind, TaskKind
+
+
+def facts(path: Path) -> SourceFacts:
+    if path.name.startswith("broken"):
+        raise InputError(f"'{path}' is broken")
+    return SourceFacts(sha256=path.read_text(), pairs=5, nav_pairs=0 if path.name.startswith("drive") else 3)
+
+
+def plan_of(folder: Path, **content: object) -> Plan:
+    suite = folder / "suite.yaml"
+    suite.write_text(yaml.safe_dump(content))
+    return make_plan(load_specification(suite), facts)
+
+
+def test_every_combination_once(tmp_path: Path) -> None:
+    for name in ("drive1", "drive2", "both"):
+        (tmp_path / name).write_text(name)
+    plan = plan_of(
+        tmp_path,
+        sources=["drive*", "both"],
+        perturb=["black"],
+        configurations={"a": {}, "b": {"localisation": {"max_features": 400}}},
+        repeats=2,
+    )
+    localise = [task for task in plan.tasks if task.kind is TaskKind.LOCALISE]
+    mapped = [task for task in plan.tasks if task.kind is TaskKind.MAP]
+    assert len(localise) == 3 * 2 * 2 * 2
+    assert len(mapped) == 1 * 2 * 1 * 2, "a parameter of the localiser changes no map: configuration b is a"
+    assert len({task.key for task in plan.tasks}) == len(plan.tasks)
+    assert {task.source.name for task in localise} == {"drive1", "drive2", "both"}
+
+
+def test_a_source_that_cannot_be_read_is_named_and_left_out(tmp_path: Path) -> None:
+    (tmp_path / "drive1").write_text("1")
+    (tmp_path / "broken").write_text("1")
+    plan = plan_of(tmp_path, sources=["drive1", "broken"])
+    assert len(plan.tasks) == 1
+    assert [refusal.path for refusal in plan.refusals] == [str(tmp_path / "broken")]
+
+
+def test_a_glob_without_match_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"\*\.mcap"):
+        plan_of(tmp_path, sources=["*.mcap"])
+
+
+def test_simulations_by_seed_and_settings(tmp_path: Path) -> None:
+    (tmp_path / "flat.yaml").write_text("drive: {pairs: 7}\npanorama: {enabled: false}\n")
+    seeds = [{"simulate": "flat.yaml", "seeds": [1, 2], "set": {"drive.pairs": 3}}]
+    first, second = plan_of(tmp_path, sources=seeds).tasks
+    assert (first.source.name, second.source.name) == ("flat-1", "flat-2")
+    assert first.source.kind is SourceKind.SIMULATED
+    assert (first.source.settings["drive.pairs"], first.source.settings["seed"]) == (3, 1)
+    assert first.key != second.key
+    other = plan_of(tmp_path, sources=[{"simulate": "flat.yaml", "seeds": [1]}]).tasks[0]
+    assert other.key != first.key
+
+
+def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None:
+    (tmp_path / "drive1").write_text("content")
+    (tmp_path / "copy").mkdir()
+    (tmp_path / "copy" / "drive_elsewhere").write_text("content")
+    task = plan_of(tmp_path, sources=["drive1"]).tasks[0]
+    assert plan_of(tmp_path, sources=["copy/drive_elsewhere"]).tasks[0].key == task.key
+    limits = {"trajectory": [{"condition": "distance=5", "position_mean_m": 0.1}]}
+    assert plan_of(tmp_path, sources=["drive1"], limits=limits).tasks[0].key == task.key
+    assert plan_of(tmp_path, sources=["drive1"], memory_mb=900, timeout_s=5.0).tasks[0].key == task.key
+    changes = {"spacing": 3, "timing": True, "start": "identity", "conditions": ["time=3"], "threads": 2}
+    for name, value in changes.items():
+        assert plan_of(tmp_path, sources=["drive1"], **{name: value}).tasks[0].key != task.key, name
+    assert replace(task, code="other").key != task.key
+    (tmp_path / "drive1").write_text("other content")
+    assert plan_of(tmp_path, sources=["drive1"]).tasks[0].key != task.key
+
+
+def test_suites_of_other_code_pair_their_tasks(tmp_path: Path) -> None:
+    (tmp_path / "drive1").write_text("content")
+    task = plan_of(tmp_path, sources=["drive1"]).tasks[0]
+    assert replace(task, code="other").pairing == task.pairing
+    assert replace(task, parameters={"localisation.max_features": 400}).pairing == task.pairing
+    assert replace(task, faults="black").pairing != task.pairing

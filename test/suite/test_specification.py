@@ -1,0 +1,71 @@
+"""The file of a suite: what it means, and one line for what is wrong with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sfr_loc_map.errors import SfrError
+from sfr_loc_map.suite.specification import load_specification
+from sfr_loc_map.suite.task import TaskKind
+
+GOOD = {
+    "sources": ["a.mcap", {"simulate": "s.yaml", "seeds": [1, 2]}, {"estimate": "e.csv", "truth": "t.csv"}],
+    "perturb": ["black:share=0.1", "blurred+noisy"],
+    "configurations": {"default": {}, "few": {"localisation": {"max_features": 400}}},
+    "tasks": ["localise"],
+    "conditions": ["distance=5", "time=60"],
+    "limits": {"trajectory": [{"condition": "frames=10", "position_mean_m": 0.1}]},
+    "timing": True,
+    "memory_mb": 500,
+}
+
+
+def written(folder: Path, content: object) -> Path:
+    path = folder / "suite.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_every_key_means_something(tmp_path: Path) -> None:
+    made = load_specification(written(tmp_path, GOOD))
+    assert [entry.path for entry in made.sources] == ["a.mcap", "s.yaml", "e.csv"]
+    assert made.sources[1].seeds == (1, 2)
+    assert made.perturb == ("", "black:share=0.1", "blurred+noisy")
+    assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}}
+    assert made.tasks == (TaskKind.LOCALISE,)
+    assert made.scoring.conditions == ("distance=5.0", "time=60.0", "frames=10.0")
+    assert (made.settings.timing, made.settings.memory_mb, made.settings.repeats) == (True, 500, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"sources": []}, "no 'sources'"),
+        ({"sources": "a"}, "a list is needed"),
+        ({"sources": [3]}, "needs a path"),
+        ({"sources": [{"simulate": "s", "seeds": ["x"]}]}, "list of whole numbers"),
+        ({"sources": [{"estimate": "e"}]}, "truth"),
+        ({"perturb": ["rain"]}, "rain"),
+        ({"configurations": {"a": {"localisation": {"wheels": 6}}}}, "wheels"),
+        ({"configurations": {"a": {"radar": {}}}}, "radar"),
+        ({"tasks": ["fly"]}, "fly"),
+        ({"conditions": ["distance=-1"]}, "distance=-1"),
+        ({"limits": {"map": {"hills": 1}}}, "hills"),
+        ({"repeats": 0}, "repeats"),
+        ({"timeout": 3}, "did you mean 'timeout_s'"),
+    ],
+)
+def test_what_is_wrong_is_one_line(change: dict[str, object], words: str, tmp_path: Path) -> None:
+    with pytest.raises(SfrError, match=words) as raised:
+        load_specification(written(tmp_path, GOOD | change))
+    assert len(str(raised.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["quick", "acceptance", "robustness"])
+def test_the_suites_that_come_along_can_be_read(name: str) -> None:
+    folder = Path(__file__).parents[2] / "config" / "suites"
+    made = load_specification(folder / f"{name}.yaml")
+    assert all((folder / entry.path).exists() for entry in made.sources)
