@@ -13,12 +13,14 @@ from sfr_loc_map.io.trajectory_file import save_trajectory
 
 
 def straight(count: int, sigma_m: float, seed: int) -> Trajectory:
-    """Return a straight drive of 0.1 m steps with noise on each step."""
-    noise = np.cumsum(np.random.default_rng(seed).normal(0.0, sigma_m, (count, 3)), axis=0)
+    """Return a straight drive of 0.1 m steps with noise on each step and on the heading, rad of the same number."""
+    rng = np.random.default_rng(seed)
+    noise = np.cumsum(rng.normal(0.0, sigma_m, (count, 3)), axis=0)
     places = np.column_stack((0.1 * np.arange(count), np.zeros((count, 2)))) + noise
+    headings = np.cumsum(rng.normal(0.0, sigma_m, count))
     return Trajectory.from_poses(
-        (100_000_000 * (number + 1), Transform.from_quat(place, np.array([0.0, 0.0, 0.0, 1.0])))
-        for number, place in enumerate(places)
+        (100_000_000 * (number + 1), Transform.from_quat(place, [0.0, 0.0, np.sin(0.5 * turn), np.cos(0.5 * turn)]))
+        for number, (place, turn) in enumerate(zip(places, headings, strict=True))
     )
 
 
