@@ -66,6 +66,17 @@ FAULTS = (
     Figure("vertical disparity", PIXEL, ("vertical_offset_px",)),
     Figure("disparity bias", PIXEL, ("disparity_offset_px",)),
 )
+MAP_FAULTS = (
+    Figure("pairs", NONE, ("pairs",)),
+    Figure("refused", NONE, ("refused",)),
+    Figure("coverage", NONE, ("coverage",)),
+    Figure("mean error", MILLIMETRE, ("mean_error_m",)),
+    Figure("median sigma", MILLIMETRE, ("median_sigma_m",)),
+    Figure("error / 3 sigma, median", NONE, ("median_ratio",)),
+    Figure("99 %", NONE, ("ratio_p99",)),
+    Figure("largest", NONE, ("largest_ratio",)),
+    Figure("beyond 5 times", PERCENT, ("beyond_share",)),
+)
 CAMPAIGN = (
     Figure("drives", NONE, ("drives",)),
     Figure("silent", NONE, ("silent",)),
@@ -98,6 +109,11 @@ def benchmark_tables(result: Json) -> list[Table]:
     if result["kind"] == "faults":
         title = f"Localisation with faults, {result['condition']}: mean + 3 sigma; largest errors of tracking pairs"
         return [_table("faults", title, result, FAULTS, word="honesty")]
+    if result["kind"] == "map-faults":
+        title = (
+            f"Maps with faults: points, and their errors over the stated 3 sigma; true points to {result['to_m']:g} m"
+        )
+        return [_table("map-faults", title, result, MAP_FAULTS, word="honesty")]
     if result["kind"] == "fault-campaign":
         return _campaign_tables(result)
     tables = []

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.bench_common import app, present
-from sfr_loc_map.cli.common import ConfigOption, RemapOption, open_drive, progress_bar, read_config
+from sfr_loc_map.cli.common import ConfigOption, RemapOption, open_drive, open_panorama, progress_bar, read_config
 from sfr_loc_map.cli.output import JsonOption, check_json, check_output
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
@@ -32,6 +32,9 @@ def faults(
     random: Annotated[
         int | None, typer.Option("--random", min=1, help="This many drives with random faults, over all sources.")
     ] = None,
+    maps: Annotated[
+        bool, typer.Option("--map", help="The mapper instead, on the mapping pairs of one source.")
+    ] = False,
     pairs: Annotated[int, typer.Option(min=10, help="Most pairs of a drive with random faults.")] = 100,
     condition: Annotated[str, typer.Option("--condition", help="End of a sub-trajectory.")] = "distance=5",
     spacing: Annotated[int, typer.Option(min=1, help="Frames from one start to the next.")] = 10,
@@ -41,9 +44,17 @@ def faults(
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
-    """Our localiser on drives with faults: errors beside stated sigmas; exit 1 if one is wrong without saying so."""
+    """Localiser or mapper on data with faults: errors beside stated sigmas; exit 1 if one is wrong and does not say so.
+
+    Faults that affect some pairs of a drive affect all pairs of a map, unless their text says otherwise.
+    """
     check_json(json_path)
     check_output(markdown_path)
+    if maps:
+        if random is not None:
+            raise ConfigError("--random is of drives: leave it or --map out")
+        _run_maps(sources, tuple(fault or ()), seed, (json_path, markdown_path), (config, remap))
+        return
     if random is not None and fault:
         raise ConfigError("--random draws the faults: leave out --fault")
     if random is None and len(sources) > 1:
@@ -109,6 +120,34 @@ def _run_random(
     if interrupted:
         raise KeyboardInterrupt
     _judge([f"{outcome.plan.source}: {outcome.plan.faults}" for outcome in campaign.silent])
+
+
+def _run_maps(
+    sources: list[Path],
+    fault: tuple[str, ...],
+    seed: int,
+    outputs: tuple[str | None, Path | None],
+    reading: tuple[Path | None, list[str] | None],
+) -> None:
+    """Map the pairs of one source with one fault at a time; reading: configuration and remaps."""
+    from sfr_loc_map.bench.map_fault_benchmark import MAP_FAULTS, benchmark_map_faults
+    from sfr_loc_map.mapping.config import MappingConfig
+
+    if len(sources) > 1:
+        raise ConfigError(f"{len(sources)} sources: give one with --map")
+    config, remap = reading
+    parameters = read_config(MappingConfig, config, "mapping")
+    sequence = open_panorama(sources[0], remap)
+    wanted = fault or MAP_FAULTS
+    with progress_bar("faults") as bar:
+        task = bar.add_task("mapping", total=len(wanted) + 1)
+        result = benchmark_map_faults(sequence, wanted, parameters, seed, lambda name: bar.advance(task))
+    present({"source": str(sources[0])} | result.to_json(), *outputs)
+    if result.silent:
+        raise FailedVerdictError(
+            f"wrong maps without a warning, more than {result.limit_share:.1%} of the points beyond 5 times their "
+            f"stated 3 sigma: {', '.join(result.silent)}"
+        )
 
 
 def _with_truth(source: Path, remap: list[str] | None) -> LocSequence:

@@ -22,6 +22,7 @@ MIN_MATCHED_SHARE = 0.3
 POOR_MATCHED_SHARE = 0.6
 VERTICAL_WARNING_PX = 0.3
 GAIN_WARNING = 1.15
+SATURATION_WARNING = 0.1
 COARSE_FACTOR = 2
 
 
@@ -66,7 +67,7 @@ def matched_share(left: FloatImage, valid: Mask) -> float:
 
 
 def check_matches(
-    pair: StereoPair, share: float, correction: RectificationCorrection, disparities: int
+    pair: StereoPair, share: float, correction: RectificationCorrection, saturated_share: float, disparities: int
 ) -> tuple[str, ...]:
     """Return what is suspicious about a pair, one line each.
 
@@ -74,6 +75,7 @@ def check_matches(
         pair: The images.
         share: As `matched_share` gives it.
         correction: How the right image had to be corrected.
+        saturated_share: Share of the pixels that are saturated in either image.
         disparities: Number that was searched.
 
     Raises:
@@ -94,6 +96,11 @@ def check_matches(
         )
     if not 1.0 / GAIN_WARNING < correction.gain < GAIN_WARNING:
         warnings.append(f"the right image has {correction.gain:.2f} times the contrast of the left (compensated)")
+    if saturated_share > SATURATION_WARNING:
+        warnings.append(
+            f"{100 * saturated_share:.0f} % of the pixels are saturated: flat ones are left out, sigma of those beside "
+            "them is widened; change the exposure"
+        )
     return tuple(warnings)
 
 

@@ -17,6 +17,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.checks import check_images, check_matches, matched_share
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.camera_rotation import CameraRotation, camera_rotation, without_roll
+from sfr_loc_map.mapping.disparity.saturation import Saturation, saturation
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import valid_mask
@@ -37,7 +38,9 @@ class PairMap:
     Attributes:
         stamp_ns: The pair's stamp.
         cloud: Its points in LM, with `pair` as given to `process`. Sigma has the part of the calibration.
-        view: Points with the sigma of noise and smoothing alone, by which pairs are fused; disparities and pose.
+        random_sigma: `(N,)`, metres, the part of sigma that differs from point to point: noise and smoothing.
+        view: Points with the sigma by which pairs are fused; disparities and pose.
+        saturation: Saturated pixels, which widen the stated sigma.
         calibration: Standard deviations of the calibration, widened by what the pair shows.
         statistics: Figures of this call by name.
         warnings: What is suspicious, one line each.
@@ -45,15 +48,12 @@ class PairMap:
 
     stamp_ns: int
     cloud: PointCloud
+    random_sigma: NDArray[np.float32]
     view: View
+    saturation: Saturation
     calibration: CalibrationSigma
     statistics: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-
-    @property
-    def random_sigma(self) -> NDArray[np.float32]:
-        """Part of each point's sigma `(N,)` that differs from point to point, metres: noise and smoothing."""
-        return self.view.cloud.sigma
 
     @property
     def disparity_px(self) -> FloatImage:
@@ -128,42 +128,54 @@ class Mapper:
         initial = semi_global_matching(pair.left, pair.right, self._search.count)
         refined = refine(left, right, initial)
         sigma = disparity_sigma(refined)
-        valid = valid_mask(left, refined, initial, sigma)
+        clipped = saturation(pair.left, pair.right, refined.disparity_px)
+        valid = valid_mask(left, refined, initial, sigma) & ~clipped.flat
         rotation = camera_rotation(left, refined, valid, self._rig)
         found = without_roll(refined.disparity_px, rotation, self._rig)
         valid &= found >= self._search.min_disparity_px
         share = matched_share(left, valid)
-        warnings = check_matches(pair, share, refined.correction, self._search.count)
+        warnings = check_matches(pair, share, refined.correction, clipped.share, self._search.count)
         disparity = np.where(valid, found, F(np.nan))
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
         view = View(cloud, disparity, T_lm_left, refined.noise)
         check = check_calibration(self._calibration, rotation, self._rig)
-        sigma_m = total_sigma(cloud, [T_lm_left] * (index + 1), self._rig, check.sigma)
+        random_sigma = clipped.widened(cloud)
+        stated = self._stated(replace(cloud, sigma=random_sigma), [T_lm_left] * (index + 1), check.sigma)
         statistics = _statistics(view, refined, share) | _rotation_statistics(rotation)
+        statistics["saturated_share"] = clipped.share
         warnings += check.warnings
-        return PairMap(pair.stamp_ns, replace(cloud, sigma=sigma_m), view, check.sigma, statistics, warnings)
+        return PairMap(pair.stamp_ns, stated, random_sigma, view, clipped, check.sigma, statistics, warnings)
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
-        """Return one cloud of up to three pairs.
+        """Return one cloud of up to three pairs; its points' `pair` is the place of their map in the order given.
 
         Raises:
             MappingError: For no pair, or more than three.
         """
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
-        views = [item.view for item in maps]
+        views = [item.view.numbered(number) for number, item in enumerate(maps)]
         registered = register_views(views, self._rig) if self._refine_poses else Registration(views)
         fused = fuse_views(registered.views, self._rig)
         T_lm_left = tuple(view.T_lm_left for view in registered.views)
-        sigma_m = total_sigma(fused.cloud, T_lm_left, self._rig, widest([item.calibration for item in maps]))
+        random_sigma = fused.cloud.sigma.copy()
+        for number, item in enumerate(maps):
+            if item.saturation.share > 0.0:
+                mine = np.flatnonzero(fused.cloud.pair == number)
+                random_sigma[mine] = item.saturation.widened(fused.cloud.select(mine))
+        calibration = widest([item.calibration for item in maps])
         return FusedMap(
-            replace(fused.cloud, sigma=sigma_m),
-            fused.cloud.sigma,
+            self._stated(replace(fused.cloud, sigma=random_sigma), T_lm_left, calibration),
+            random_sigma,
             T_lm_left,
             {**fused.statistics, **registered.statistics},
             (*fused.warnings, *registered.warnings),
         )
+
+    def _stated(self, cloud: PointCloud, T_lm_left: Sequence[Transform], calibration: CalibrationSigma) -> PointCloud:
+        """Return a cloud with the calibration's part in its sigma."""
+        return replace(cloud, sigma=total_sigma(cloud, T_lm_left, self._rig, calibration))
 
 
 def _statistics(view: View, refined: RefinedDisparity, share: float) -> dict[str, float]:

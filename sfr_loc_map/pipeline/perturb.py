@@ -58,7 +58,7 @@ def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
     if not faults:
         return source
     loc = None if source.loc is None else FaultyLoc(source.loc, faults, seed)
-    nav = None if source.nav is None else _FaultyNav(source.nav, faults, seed + 1)
+    nav = None if source.nav is None else FaultyNav(source.nav, faults, seed + 1)
     for part in (loc, nav):
         if part is not None and len(part) == 0:
             raise InputError(f"the faults leave no pair of '{source.path}': give a smaller share of 'dropped'")
@@ -92,18 +92,24 @@ class FaultyLoc:
             yield pair
 
 
-class _FaultyNav:
+class FaultyNav:
+    """Mapping pairs with injected faults; a `NavSequence` with the poses and the truth of the pairs without."""
+
     def __init__(self, inner: NavSequence, faults: Sequence[Fault], seed: int) -> None:
+        """Choose the affected pairs; the same seed affects the same ones."""
         self._inner, self._perturber = inner, Perturber(faults, seed, len(inner), inner.rig)
 
     @property
     def rig(self) -> StereoRig:
+        """The rig of the faulty calibration."""
         return self._perturber.rig
 
     def __len__(self) -> int:
+        """Return the number of pairs that are left."""
         return int(np.count_nonzero(self._perturber.kept))
 
     def pairs(self) -> Iterator[PosedStereoPair]:
+        """Yield the pairs with their faults."""
         read: deque[tuple[int, PosedStereoPair]] = deque()
 
         def images() -> Iterator[StereoPair]:

@@ -21,8 +21,9 @@ def made(world: Any, slope_field: Any) -> Any:
 
 def test_good_images_pass(made: Any) -> None:
     check_images(made.pair, made.rig)
-    assert check_matches(made.pair, 0.95, GOOD, 48) == ()
-    assert check_matches(made.pair, float("nan"), GOOD, 48) == ()
+    assert check_matches(made.pair, 0.95, GOOD, 0.0, 48) == ()
+    assert check_matches(made.pair, float("nan"), GOOD, 0.0, 48) == ()
+    assert "30 % of the pixels are saturated" in check_matches(made.pair, 0.95, GOOD, 0.3, 48)[0]
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -66,13 +67,13 @@ def test_only_textured_pixels_count() -> None:
     ],
 )
 def test_poor_pairs_are_named(made: Any, share: float, correction: RectificationCorrection, words: str) -> None:
-    (line,) = check_matches(made.pair, share, correction, 48)
+    (line,) = check_matches(made.pair, share, correction, 0.0, 48)
     assert words in line
 
 
 def test_pairs_that_do_not_match_are_refused_with_the_likely_cause(made: Any) -> None:
     with pytest.raises(MappingError, match=r"do not match: 20 % .* rectified, of the same moment"):
-        check_matches(made.pair, 0.2, GOOD, 48)
+        check_matches(made.pair, 0.2, GOOD, 0.0, 48)
     swapped = StereoPair(0, made.pair.right, made.pair.left)
     with pytest.raises(MappingError, match="left and right seem swapped"):
-        check_matches(swapped, 0.2, GOOD, 48)
+        check_matches(swapped, 0.2, GOOD, 0.0, 48)

@@ -38,6 +38,11 @@ class View:
         xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.cloud.xyz).astype(F)
         return replace(self, cloud=replace(self.cloud, xyz=xyz), T_lm_left=T_lm_left)
 
+    def numbered(self, number: int) -> View:
+        """Return the view as that of a pair of another number."""
+        pair = np.full(len(self.cloud), number, np.uint8)
+        return self if np.array_equal(pair, self.cloud.pair) else replace(self, cloud=replace(self.cloud, pair=pair))
+
     def weight_image(self) -> FloatImage:
         """Return the weight of each pixel `(H, W)`, `feather / sigma^2`, 1 / m^2; 0 where there is no point.
 

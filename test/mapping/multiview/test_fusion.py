@@ -121,6 +121,15 @@ def test_no_sample_of_the_ground_is_lost_where_pairs_overlap(two_views: Any) -> 
     assert fused.statistics["merged"] > 0.9 * len(fused.cloud)
 
 
+def test_pairs_are_numbered_in_the_order_given(two_views: Any) -> None:
+    """A pair that was left out leaves no gap: truth, poses and points go by the same number."""
+    second = two_views.views[1]
+    assert second.numbered(1) is second
+    again = second.numbered(0)
+    assert set(again.cloud.pair.tolist()) == {0}
+    np.testing.assert_array_equal(again.cloud.xyz, second.cloud.xyz)
+
+
 def test_one_pair_stays_as_it_is(two_views: Any) -> None:
     view = two_views.views[0]
     fused = fuse_views([view], two_views.rig)
