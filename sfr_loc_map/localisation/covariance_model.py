@@ -13,6 +13,9 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import LocalisationConfig
 
+DRIFT_SHARE = 0.1
+"""Standard deviation of the attitude that a drift of the right camera leaves, as a share of the drift followed."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
@@ -142,6 +145,7 @@ class CovarianceModel:
         covariance = self._of_window(position) + self._start.propagated_to(position)
         covariance = covariance + systematic_covariance(depth_m, self._config.common_px, self._focal_px)
         covariance[:3, :3] += self.path_covariance(calibration)
+        covariance[3:, 3:] += np.eye(3) * (DRIFT_SHARE * calibration.followed_px / self._focal_px) ** 2
         return np.asarray(covariance + self._unseen)
 
     def _of_window(self, position: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from sfr_loc_map.localisation.backend.sliding_window import HostedLandmarks, Sli
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners, load_mask
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
+from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.frontend.sparse_stereo import match_corners
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.parallel import in_background
@@ -94,6 +95,7 @@ class KeyframeBackend:
         Returns:
             Number of landmarks found; the window has begun if they are at least `min_tracked`.
         """
+        self.calibration.interrupt()
         before = self._window, self.landmarks
         self._window = self._new_window()
         self._window.add_keyframe(Pose.of(T_world_left), np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3)))
@@ -104,6 +106,11 @@ class KeyframeBackend:
         else:
             self.keyframe_count += 1
         return found
+
+    def without_drift(self, result: TrackingResult) -> TrackingResult:
+        """Return a result without the drift of the right camera that it shows, which is corrected from now on."""
+        px = self.calibration.learn_shift(self._tracker.right_shift(result))
+        return result if px == 0.0 else self._tracker.with_right_moved(result, RightOffset(u=px))
 
     def wants_keyframe(self, result: TrackingResult) -> bool:
         """Tell whether a pair shall be a keyframe: few landmarks of the last one are left, or they moved far."""

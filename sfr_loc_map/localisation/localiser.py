@@ -126,7 +126,7 @@ class Localiser:
         with self._timer("refine"):
             result = self._tracker.refine(frame, landmarks, start, offset)
         if self._tracker.trusts(result):
-            return result
+            return self._backend.without_drift(result)
         with self._timer("relocate"):
             return self._relocaliser.relocalise(frame, landmarks, offset) or result
 
@@ -136,14 +136,16 @@ class Localiser:
         last, now = track.T_world_left, result.T_world_left
         if doubt is None and backend.keyframe_count < self._doubted_keyframes:
             doubt = StateReason.UNSEEN_MOTION
+        # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images
+        whole = doubt in (None, StateReason.UNSEEN_MOTION)
+        if doubt is None and backend.calibration.drifts:
+            doubt = StateReason.CALIBRATION_DRIFT
         self._status = Status.of_tracked(doubt)
         self._motion.update(frame.stamp_ns, last.inverse() @ now)
         step = now.translation - last.translation
-        track.covariance.step(step, backend.landmarks.median_depth, backend.calibration.offset.u)
+        track.covariance.step(step, backend.landmarks.median_depth, backend.calibration.constant_u)
         track.covariance.set_in_window(np.asarray(np.linalg.inv(result.information) + backend.covariance))
         track.moved(frame.stamp_ns, now, follows=follows)
-        # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images
-        whole = doubt in (None, StateReason.UNSEEN_MOTION)
         by_left = whole and result.left_inlier_count >= self._config.min_tracked
         self._relocaliser.recovered()
         if by_left:

@@ -2,7 +2,8 @@
 
 A rotation of some hundredths of a degree is the commonest error of a rig after a shock or a change of temperature.
 Pitch and roll show in every stereo match as vertical disparity. Yaw changes all depths, hence the length of the path;
-it is observable only where depths from stereo disagree with depths from motion, in the bundle adjustment.
+it is observable only where depths from stereo disagree with depths from motion, in the bundle adjustment. A yaw that
+changes while landmarks are tracked shows in each pair.
 """
 
 from __future__ import annotations
@@ -14,12 +15,16 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import StereoCamera
+from sfr_loc_map.localisation.backend.right_drift import RightDrift
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
+from sfr_loc_map.localisation.frontend.right_shift import RightShift
 
 FIRST_SIGMA_PX: Final = 0.3
 """Standard deviation of the offset along the rows before any observation."""
 DRIFT_PX: Final = 0.002
 """Random walk of the offset per keyframe."""
+DRIFT_UNCERTAINTY: Final = 0.1
+"""Standard deviation of each correction of a drift, as a share of it."""
 MAX_STEP_PX: Final = 0.05
 """Maximum change of the correction along the rows per keyframe."""
 MIN_MATCHES: Final = 20
@@ -39,7 +44,9 @@ class OnlineCalibration:
 
     Attributes:
         offset: Current correction; its `u` is 0 while it is not significant.
-        target_u: Value that `offset.u` approaches in small steps, pixels.
+        target_u: Value that `constant_u` approaches in small steps, pixels.
+        drift_u: Drift that was followed, pixels: a part of `offset.u` beside the constant one.
+        followed_px: Length of all its corrections, pixels.
     """
 
     def __init__(self, camera: StereoCamera, window_keyframes: int) -> None:
@@ -50,7 +57,8 @@ class OnlineCalibration:
             window_keyframes: Keyframes of a window: that many consecutive windows share their observations and count
                 as one.
         """
-        self.offset, self.target_u = RightOffset(), 0.0
+        self.offset, self.target_u, self.drift_u = RightOffset(), 0.0, 0.0
+        self.followed_px, self._drift = 0.0, RightDrift()
         self._camera, self._shared = camera, float(window_keyframes)
         self._mean_u, self._variance_u = 0.0, FIRST_SIGMA_PX**2
         self._information, self._information_vector = np.diag(VERTICAL_PRIOR), np.zeros(2)
@@ -59,6 +67,34 @@ class OnlineCalibration:
     def sigma_u(self) -> float:
         """Standard deviation of `target_u`, pixels."""
         return float(np.sqrt(self._variance_u))
+
+    @property
+    def constant_u(self) -> float:
+        """Offset along the rows without the drift that was followed, pixels."""
+        return self.offset.u - self.drift_u
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the right camera turns, or has just done so."""
+        return self._drift.active
+
+    def interrupt(self) -> None:
+        """Note that the next pair has new landmarks: the shifts of pairs before do not belong to them."""
+        self._drift.interrupt()
+
+    def learn_shift(self, shift: RightShift) -> float:
+        """Take the shift of the right image of a pair against the landmarks.
+
+        Returns:
+            Drift by which `offset.u` was corrected at once, pixels; 0 where there is none.
+        """
+        px = self._drift.learn(shift)
+        if px != 0.0:
+            self.drift_u += px
+            self.followed_px += abs(px)
+            self.offset = replace(self.offset, u=self.offset.u + px)
+            self._variance_u += (DRIFT_UNCERTAINTY * px) ** 2
+        return px
 
     def learn_vertical(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> None:
         """Update pitch and roll from the stereo matches of a keyframe.
@@ -97,11 +133,11 @@ class OnlineCalibration:
         """
         self._variance_u += DRIFT_PX**2
         gain = self._variance_u / (self._variance_u + variance * self._shared)
-        before = self.offset.u
+        before = self.constant_u
         self._mean_u += gain * (before + remaining_u - self._mean_u)
         self._variance_u *= 1.0 - gain
         self.target_u = self._mean_u if abs(self._mean_u) > DETECTION_SIGMAS * self.sigma_u else 0.0
         # small steps: the pose moves a little with each
         u = before + float(np.clip(self.target_u - before, -MAX_STEP_PX, MAX_STEP_PX))
-        self.offset = replace(self.offset, u=u)
+        self.offset = replace(self.offset, u=u + self.drift_u)
         return u - before

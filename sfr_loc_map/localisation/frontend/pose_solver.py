@@ -79,7 +79,7 @@ class _Work(NamedTuple):
 
 
 @jit_fast_ir_inline
-def _fill_covariance(
+def fill_covariance(
     landmark: FloatArray, jacobian: FloatArray, variance: FloatArray, left: bool, right: bool, s: FloatArray
 ) -> None:
     """Fill s `(4, 4)` with `R + J P J^T`: noise of the observation and uncertainty of the landmark."""
@@ -141,7 +141,7 @@ def _linearise(
             continue
         _fill_residuals(observed[n], uv, left, right, residuals[n])
         if is_first:
-            _fill_covariance(landmark_covariance[n], by_landmark, variance[n], left, right, s)
+            fill_covariance(landmark_covariance[n], by_landmark, variance[n], left, right, s)
             _fill_inverse(s, whitening[n])
         total = 0.0
         for i in range(4):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,12 +20,15 @@ from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, track_
 from sfr_loc_map.localisation.frontend.photometric_alignment import Alignment, align_pose
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
+from sfr_loc_map.localisation.frontend.right_shift import RightShift, right_shift
 from sfr_loc_map.localisation.parallel import both
 
 MIN_NCC = 0.6
 """Minimum normalised cross-correlation of a tracked patch."""
 MAX_SHIFT_PX = 2.5
 """Maximum distance of a landmark from its projection, pixels."""
+EXPECTED_OFFSET_PX = 0.5
+"""Offset of right positions beyond which landmarks are sought there: less is within the reach of tracking."""
 SHIFT_ITERATIONS = 6
 POSE_ITERATIONS = 10
 INLIER_CHI2_PER_DOF = 9.0
@@ -149,15 +152,13 @@ class Tracker:
             start: Pose that is right to about two pixels.
             offset: Rotation error of the right camera.
         """
-        found = both(
-            self._track,
-            (frame.left.levels[0], landmarks, plane_homographies(start, landmarks.planes, self._camera, 0.0)),
-            (
-                frame.right.levels[0],
-                landmarks,
-                plane_homographies(start, landmarks.planes, self._camera, self._camera.baseline_m),
-            ),
+        in_left, in_right = (
+            plane_homographies(start, landmarks.planes, self._camera, x) for x in (0.0, self._camera.baseline_m)
         )
+        if abs(offset.u) > EXPECTED_OFFSET_PX:
+            in_right[:, 0] += offset.u * in_right[:, 2]
+        left, right = frame.left.levels[0], frame.right.levels[0]
+        found = both(self._track, (left, landmarks, in_left), (right, landmarks, in_right))
         right_uv = found[1].uv
         observations = np.column_stack((found[0].uv, right_uv - offset.at(right_uv, self._camera)))
         variance = np.stack([self.position_variance(side.covariance, side.residual) for side in found], axis=1)
@@ -166,6 +167,30 @@ class Tracker:
         )
         return TrackingResult(
             solution.pose, solution.information, landmarks, observations, variance, solution.chi2_per_dof
+        )
+
+    def right_shift(self, result: TrackingResult) -> RightShift:
+        """Return by how much the right image is shifted against the landmarks."""
+        seen = StereoObservations(result.observations, result.variance)
+        return right_shift(result.pose, result.landmarks.estimates, seen, self._camera)
+
+    def with_right_moved(self, result: TrackingResult, offset: RightOffset) -> TrackingResult:
+        """Return a result with right positions corrected by one more offset, and the pose that follows."""
+        observations = result.observations.copy()
+        observations[:, 2:] -= offset.at(observations[:, 2:], self._camera)
+        solution = solve_pose(
+            result.pose,
+            result.landmarks.estimates,
+            StereoObservations(observations, result.variance),
+            self._camera,
+            POSE_ITERATIONS,
+        )
+        return replace(
+            result,
+            pose=solution.pose,
+            information=solution.information,
+            observations=observations,
+            chi2_per_dof=solution.chi2_per_dof,
         )
 
     def refine_from_afar(
