@@ -7,8 +7,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -21,6 +19,7 @@ from pathlib import Path
 import psutil
 
 from sfr_loc_map.metrics.records.json_records import to_plain
+from sfr_loc_map.suite.nursery import Nursery, NurseryError
 from sfr_loc_map.suite.task import Task
 from sfr_loc_map.suite.task_process import BAD_INPUT
 
@@ -28,11 +27,12 @@ TRIES = 3
 """A first try, then two more in fresh processes."""
 POLL_S = 0.05
 MESSAGE_LENGTH = 500
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-COMMAND = (sys.executable, "-m", "sfr_loc_map.suite.task_process")
-"""What is run for a task, before the arguments of `task_process`."""
+INSTEAD = ""
+"""A Python file that is run in place of a task: for tests."""
+END_S = 10.0
+_of_thread = threading.local()
 
 
 class Cause(StrEnum):
@@ -156,52 +156,66 @@ def _attempt(task: Task, bounds: Bounds, cache: Path, result: Path, stop: thread
     work.mkdir()
     cache.mkdir(parents=True, exist_ok=True)
     arguments = [str(task_file), str(result), str(cache.absolute()), str(bounds.slot)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    environment |= dict.fromkeys(ONE_THREAD, str(task.threads))
     begin = time.monotonic()
-    with log.open("wb") as stream:
-        process = subprocess.Popen(
-            [*COMMAND, *arguments],
-            cwd=work,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=stream,
-            stderr=stream,
-            start_new_session=True,
-        )
     try:
-        broken, peak = _watch(process, bounds, begin, stop)
-    finally:
-        _end(process)
+        nursery = _nursery(task.threads)
+        pid = nursery.start(arguments, work, log, INSTEAD)
+        code, broken, peak = _watch(nursery, pid, bounds, stop)
+    except NurseryError as error:
+        close_nursery()
+        return Attempt(cause=Cause.FAULT, message=str(error), seconds=time.monotonic() - begin, peak_bytes=0)
     seconds = time.monotonic() - begin
-    if broken is None and process.returncode == 0:
+    if broken is None and code == 0:
         return _Usage(seconds, peak)
-    cause, message = broken or _explain(process.returncode, log)
+    cause, message = broken or _explain(code, log)
     return Attempt(cause=cause, message=message, seconds=seconds, peak_bytes=peak)
 
 
+def _nursery(threads: int) -> Nursery:
+    """Return what starts the tasks of this thread."""
+    known: dict[int, Nursery] = _of_thread.__dict__.setdefault("nurseries", {})
+    if threads not in known:
+        known[threads] = Nursery(threads)
+    return known[threads]
+
+
+def close_nursery() -> None:
+    """End what starts the tasks of this thread; the next task starts it again."""
+    for nursery in _of_thread.__dict__.pop("nurseries", {}).values():
+        nursery.close()
+
+
 def _watch(
-    process: subprocess.Popen[bytes], bounds: Bounds, begin: float, stop: threading.Event
-) -> tuple[tuple[Cause, str] | None, int]:
-    """Wait for the end or a broken limit; return the latter and the largest memory seen."""
-    peak, watched = 0, psutil.Process(process.pid)
+    nursery: Nursery, pid: int, bounds: Bounds, stop: threading.Event
+) -> tuple[int, tuple[Cause, str] | None, int]:
+    """Wait for the end or a broken limit; return the exit code, the limit, and the largest memory seen."""
+    begin, peak = time.monotonic(), 0
     while True:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(POLL_S)
-            return None, peak
-        peak = max(peak, _resident(watched))
-        if peak > bounds.memory_bytes:
-            return (Cause.MEMORY, f"{peak / 1e6:.0f} MB, the limit is {bounds.memory_bytes / 1e6:.0f} MB"), peak
-        if stop.is_set():
-            return (Cause.STOPPED, "ended before it was done"), peak
-        if time.monotonic() - begin > bounds.timeout_s:
-            return (Cause.TIME, f"not done after {bounds.timeout_s:g} s"), peak
+        code = nursery.wait(POLL_S)
+        if code is not None:
+            _kill_session(pid)  # what it has started, if anything
+            return code, None, peak
+        peak = max(peak, _resident(pid))
+        broken = _broken_limit(bounds, peak, time.monotonic() - begin, stop)
+        if broken is not None:
+            _kill_session(pid)
+            code = nursery.wait(END_S)
+            return -signal.SIGKILL if code is None else code, broken, peak
 
 
-def _resident(process: psutil.Process) -> int:
+def _broken_limit(bounds: Bounds, peak: int, seconds: float, stop: threading.Event) -> tuple[Cause, str] | None:
+    if peak > bounds.memory_bytes:
+        return Cause.MEMORY, f"{peak / 1e6:.0f} MB, the limit is {bounds.memory_bytes / 1e6:.0f} MB"
+    if stop.is_set():
+        return Cause.STOPPED, "ended before it was done"
+    return (Cause.TIME, f"not done after {bounds.timeout_s:g} s") if seconds > bounds.timeout_s else None
+
+
+def _resident(pid: int) -> int:
     """Return the resident memory of a process and its children, bytes; 0 once it has ended."""
     total = 0
     with contextlib.suppress(psutil.Error):
+        process = psutil.Process(pid)
         total = process.memory_info().rss
         for child in process.children(recursive=True):
             with contextlib.suppress(psutil.Error):
@@ -209,11 +223,10 @@ def _resident(process: psutil.Process) -> int:
     return total
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the process and all that it started: they are of its own session."""
+def _kill_session(pid: int) -> None:
+    """End a task and all that it started: they are of its own session."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+        os.killpg(pid, signal.SIGKILL)
 
 
 def _explain(code: int, log: Path) -> tuple[Cause, str]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import sys
+import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -27,7 +28,7 @@ TASK = Task(
     code="c",
 )
 BEHAVIOUR = {
-    "memory": "x = bytearray(300_000_000); import time; time.sleep(60)",
+    "memory": "x = bytearray(900_000_000); import time; time.sleep(60)",
     "hang": "import subprocess, sys; subprocess.run([sys.executable, '-c', 'import time; time.sleep(61)'])",
     "crash": "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
     "input": "import sys; print('no such\\ndata set', file=sys.stderr); sys.exit(2)",
@@ -38,14 +39,25 @@ BEHAVIOUR = {
 
 
 def run(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, stop: threading.Event | None = None) -> Outcome:
-    monkeypatch.setattr(execution, "COMMAND", (sys.executable, "-c", BEHAVIOUR[name]))
-    return execute(TASK, Bounds(memory_bytes=150_000_000, timeout_s=1.5), folder, stop)
+    script = folder / "script.py"
+    script.write_text(BEHAVIOUR[name])
+    monkeypatch.setattr(execution, "INSTEAD", str(script))
+    return execute(TASK, Bounds(memory_bytes=600_000_000, timeout_s=1.5), folder, stop)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nursery() -> Iterator[None]:
+    """Start it before any time is taken; end it with the module."""
+    with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory() as folder:
+        run("fault", Path(folder), patch)
+    yield
+    execution.close_nursery()
 
 
 @pytest.mark.parametrize(
     ("name", "cause", "tries", "words"),
     [
-        ("memory", Cause.MEMORY, 3, "the limit is 150 MB"),
+        ("memory", Cause.MEMORY, 3, "the limit is 600 MB"),
         ("hang", Cause.TIME, 3, "not done after 1.5 s"),
         ("crash", Cause.SIGNAL, 3, "SIGSEGV"),
         ("input", Cause.BAD_INPUT, 1, "data set"),

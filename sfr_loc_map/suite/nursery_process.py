@@ -1,0 +1,64 @@
+"""A process that has imported what tasks need and forks one for each: `python -m sfr_loc_map.suite.nursery_process`.
+
+Imports take seconds, a fork takes milliseconds; each task is still a fresh process. Nothing here starts a thread: a
+fork would not take it along. One line of JSON on standard input asks for a task: `arguments` of `task_process.main`,
+the `work` folder, the `log` file, and a Python file to run in its place (`instead`, empty for none). Two lines answer:
+its `pid`, then its exit `code`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import sys
+import traceback
+from typing import Any
+
+from sfr_loc_map.suite import task_process, task_run
+
+FAULT = 70
+assert task_run  # its import is what makes a fork quick
+
+
+def main() -> int:
+    """Fork a process for each line until the input ends."""
+    task_process.die_with_parent()
+    for line in sys.stdin:
+        order = json.loads(line)
+        pid = os.fork()
+        if pid == 0:
+            os._exit(_child(order))
+        print(json.dumps({"pid": pid}), flush=True)
+        _, status = os.waitpid(pid, 0)
+        print(json.dumps({"code": os.waitstatus_to_exitcode(status)}), flush=True)
+    return 0
+
+
+def _child(order: dict[str, Any]) -> int:
+    """Run a task in a session of its own; return its exit code."""
+    os.setsid()
+    os.chdir(order["work"])
+    log = os.open(order["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    null = os.open(os.devnull, os.O_RDONLY)
+    for source, target in ((null, 0), (log, 1), (log, 2)):
+        os.dup2(source, target)
+    code: int | str | None = FAULT
+    try:
+        if order["instead"]:
+            sys.argv = [order["instead"], *order["arguments"]]
+            runpy.run_path(order["instead"], run_name="__main__")
+            code = 0
+        else:
+            code = task_process.main(order["arguments"])
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    except BaseException:
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    return code if isinstance(code, int) else FAULT
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
