@@ -91,7 +91,7 @@ setup(
     entry_points={
         "console_scripts": [
             "sfr = sfr_loc_map.cli.main:main",
-            *(f"{name} = sfr_loc_map.nodes.{name}:main" for name in NODES),
+            *(f"{name} = sfr_loc_map.nodes.process.start:{name}" for name in NODES),
         ]
     },
     zip_safe=False,

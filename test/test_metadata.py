@@ -15,11 +15,11 @@ ROSDEP_NAMES = {"opencv-python-headless": "python3-opencv", "pyyaml": "python3-y
 NOT_IN_ROSDEP = {"lazy-loader", "rosbags", "setuptools", "simplejpeg"}
 
 
-def requirements() -> set[str]:
-    """Return the names of setup.py's `install_requires`."""
+def requirements() -> dict[str, str]:
+    """Return setup.py's `install_requires` by their names."""
     for node in ast.walk(ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))):
         if isinstance(node, ast.keyword) and node.arg == "install_requires":
-            return {re.split(r"[<>=]", text)[0] for text in ast.literal_eval(node.value)}
+            return {re.split(r"[<>=]", text)[0]: text for text in ast.literal_eval(node.value)}
     raise AssertionError("setup.py has no install_requires")
 
 
@@ -35,7 +35,8 @@ def test_version_is_the_same_everywhere() -> None:
 def test_package_xml_names_what_setup_py_requires() -> None:
     package = ET.parse(ROOT / "package.xml").getroot()
     declared = {item.text for item in package.findall("exec_depend")}
-    wanted = {ROSDEP_NAMES.get(name, f"python3-{name}") for name in requirements() - NOT_IN_ROSDEP}
-    assert wanted <= declared
-    comment = (ROOT / "package.xml").read_text(encoding="utf-8")
-    assert all(name in comment for name in NOT_IN_ROSDEP - {"setuptools"}), "package.xml says what pip must bring"
+    needed = requirements()
+    assert {ROSDEP_NAMES.get(name, f"python3-{name}") for name in needed.keys() - NOT_IN_ROSDEP} <= declared
+    for file in ("package.xml", "README.md"):  # what no rosdep key brings has one command
+        command = (ROOT / file).read_text(encoding="utf-8")
+        assert all(f'"{needed[name]}"' in command for name in NOT_IN_ROSDEP - {"setuptools"}), file

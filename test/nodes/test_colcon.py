@@ -1,4 +1,4 @@
-"""The package builds in a colcon workspace and its executables run from there, as `ros2 run` starts them."""
+"""The package builds in a colcon workspace, copied and linked, and runs from there as by `ros2 run`."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = "sfr_loc_map"
 PARTS = ("sfr_loc_map", "config", "launch_scripts", "scripts", "resource", "setup.py", "setup.cfg", "package.xml")
 LEFT_OUT = shutil.ignore_patterns("__pycache__", "*.egg-info")
+WAYS = {"copied": [], "linked": ["--symlink-install"]}
 
 
 @pytest.fixture(scope="module")
-def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def workspaces(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return the folders that the package was installed into, by the way, built side by side."""
     folder = tmp_path_factory.mktemp("workspace")
     package = folder / "src" / PACKAGE
     package.mkdir(parents=True)
@@ -33,32 +35,57 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copy(source, package / name)
         else:
             assert name not in PARTS, name
-    command = [sys.executable, "-m", "colcon", "build", "--event-handlers", "console_direct+"]
-    built = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=200, check=False)
-    assert built.returncode == 0, built.stdout + built.stderr
-    return folder / "install" / PACKAGE
+    command = [sys.executable, "-m", "colcon", "--log-base"]
+    builds = {}
+    for way, options in WAYS.items():
+        bases = ["--base-paths", "src", "--build-base", f"build_{way}", "--install-base", f"install_{way}"]
+        builds[way] = subprocess.Popen(
+            [*command, f"log_{way}", "build", "--event-handlers", "console_direct+", *bases, *options],
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+    for way, build in builds.items():
+        text, _ = build.communicate(timeout=200)
+        assert build.returncode == 0, f"{way}: {text}"
+    return {way: folder / f"install_{way}" for way in WAYS}
 
 
-def test_what_ros2_run_and_launch_look_for_is_installed(workspace: Path) -> None:
-    marker = workspace / "share" / "ament_index" / "resource_index" / "packages" / PACKAGE
-    assert marker.is_file()
-    executables = {path.name for path in (workspace / "lib" / PACKAGE).iterdir()}
+@pytest.fixture(params=WAYS)
+def installed(workspaces: dict[str, Path], request: pytest.FixtureRequest) -> Path:
+    return workspaces[request.param]
+
+
+def test_what_ros2_run_and_launch_look_for_is_installed(installed: Path) -> None:
+    inner = installed / PACKAGE
+    assert (inner / "share" / "ament_index" / "resource_index" / "packages" / PACKAGE).is_file()
+    executables = {path.name for path in (inner / "lib" / PACKAGE).iterdir()}
     assert executables >= {"localisation_node", "mapping_node", "monitor_node"}
-    share = workspace / "share" / PACKAGE
+    share = inner / "share" / PACKAGE
     for name in ("localisation", "replay", "sfr"):
         assert (share / "launch_scripts" / f"{name}.launch.py").is_file()
     for path in (ROOT / "config").rglob("*.yaml"):
         assert (share / "config" / path.relative_to(ROOT / "config")).read_bytes() == path.read_bytes()
+    profile = ROOT / PACKAGE / "nodes" / "process" / "profiles" / "fastdds_shm.xml"
+    assert (share / "config" / "fastdds_shm.xml").read_bytes() == profile.read_bytes()
 
 
-def test_an_executable_runs_from_the_workspace(workspace: Path, tmp_path: Path) -> None:
-    packages = next((workspace / "lib").glob("python3*/site-packages"))
-    environment = os.environ | {"PYTHONPATH": str(packages), "ROS_LOG_DIR": str(tmp_path)}
-    place = [sys.executable, "-c", f"import {PACKAGE}; print({PACKAGE}.__file__)"]
-    where = subprocess.run(place, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert Path(where.stdout.strip()).is_relative_to(packages)
-    node = [sys.executable, str(workspace / "lib" / PACKAGE / "localisation_node")]
-    wrong = ["--ros-args", "-p", "localisation.max_featurs:=300"]
-    done = subprocess.run([*node, *wrong], env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+def test_an_executable_runs_from_the_workspace(installed: Path, tmp_path: Path) -> None:
+    variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {
+        "ROS_LOG_DIR": str(tmp_path)
+    }
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        """Run Python as a shell does that has sourced the workspace."""
+        shell = ["sh", "-c", '. "$0/local_setup.sh" && exec "$@"', str(installed), sys.executable, *words]
+        return subprocess.run(
+            shell, env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+        )
+
+    where = run("-c", f"import {PACKAGE}; print({PACKAGE}.__file__)")
+    assert Path(where.stdout.strip()).is_relative_to(installed.parent), where.stderr
+    node = str(installed / PACKAGE / "lib" / PACKAGE / "localisation_node")
+    done = run(node, "--ros-args", "-p", "localisation.max_featurs:=300")
     assert done.returncode == 2
     assert "max_features" in done.stderr + done.stdout  # the likely name is told

@@ -62,7 +62,7 @@ class NodeProcess:
     def _start(self, log: IO[bytes] | None) -> subprocess.Popen[bytes]:
         # A session of its own: Ctrl-C at the terminal reaches this process alone, which then ends the nodes.
         return subprocess.Popen(
-            [sys.executable, "-m", f"sfr_loc_map.{self._module}", *self._arguments],
+            [sys.executable, "-m", "sfr_loc_map.nodes.process.start", self._module, *self._arguments],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT if log is not None else None,

@@ -4,7 +4,7 @@ from pathlib import Path
 from signal import SIGINT, SIGKILL, SIGTERM
 
 import pytest
-from processes import Process, wait_until
+from processes import Process, handles_signals, wait_until
 
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
@@ -72,6 +72,15 @@ def test_signals_end_a_node_cleanly_however_many(tmp_path: Path) -> None:
                 os.kill(pid, number)
         assert forks.popen.wait(60) == 0
     assert [log.read_text().split("ready\n")[1] for log in logs] == ["shut down\ncode 0\n"] * len(SIGNALS)
+
+
+@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+def test_a_signal_while_modules_are_imported_ends_a_node_in_silence(tmp_path: Path, number: int) -> None:
+    command = ("-m", "sfr_loc_map.nodes.process.start", "nodes.localisation_node")
+    with Process(tmp_path / "node.log", *command) as node:
+        wait_until(lambda: handles_signals(node.popen.pid), "the first module")
+        assert node.end(number) == 0
+        assert node.text == ""
 
 
 def test_a_signal_while_the_node_is_being_made_ends_it_cleanly(tmp_path: Path) -> None:

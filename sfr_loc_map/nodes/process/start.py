@@ -1,0 +1,52 @@
+"""The first module of a node's process: a signal ends it quietly while the others are being imported.
+
+Imports take most of a second, and an interrupt within them would be a traceback. Nothing is open yet, so that the
+process may end at once. It must import nothing of size itself.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def start(module: str) -> int:
+    """Import a module of this package and run its `main`; return its exit code.
+
+    Args:
+        module: Name below `sfr_loc_map`, such as `nodes.localisation_node`; the program has its last part as name.
+    """
+    sys.argv[0] = module.rpartition(".")[2]
+    before = {number: signal.signal(number, _leave) for number in SIGNALS}
+    main = importlib.import_module(f"sfr_loc_map.{module}").main
+    for number, handler in before.items():
+        signal.signal(number, handler)
+    return int(main() or 0)
+
+
+def localisation_node() -> int:
+    """Run the localisation node."""
+    return start("nodes.localisation_node")
+
+
+def mapping_node() -> int:
+    """Run the mapping node."""
+    return start("nodes.mapping_node")
+
+
+def monitor_node() -> int:
+    """Run the monitor node."""
+    return start("nodes.monitor_node")
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(start(sys.argv.pop(1)))
