@@ -22,6 +22,7 @@ from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, sem
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import valid_mask
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
+from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import Registration, register_views
 from sfr_loc_map.mapping.multiview.view import View
@@ -156,6 +157,8 @@ class Mapper:
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
         views = [item.view.numbered(number) for number, item in enumerate(maps)]
+        moving = without_fixed_content(views, self._rig)
+        views = list(moving.views)
         registered = register_views(views, self._rig) if self._refine_poses else Registration(views)
         fused = fuse_views(registered.views, self._rig)
         T_lm_left = tuple(view.T_lm_left for view in registered.views)
@@ -169,8 +172,8 @@ class Mapper:
             self._stated(replace(fused.cloud, sigma=random_sigma), T_lm_left, calibration),
             random_sigma,
             T_lm_left,
-            {**fused.statistics, **registered.statistics},
-            (*fused.warnings, *registered.warnings),
+            {**fused.statistics, **moving.statistics, **registered.statistics},
+            (*moving.warnings, *fused.warnings, *registered.warnings),
         )
 
     def _stated(self, cloud: PointCloud, T_lm_left: Sequence[Transform], calibration: CalibrationSigma) -> PointCloud:

@@ -1,0 +1,140 @@
+"""Content that stays at its pixels while the camera moves: the rover's own body, or rows of another pair.
+
+Its points are those of no ground: each pair puts them elsewhere. A region counts as such if two pairs show the same
+grey levels and the same disparities at the same pixels, although ground there would have moved in the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.disparity.filters import box_mean
+from sfr_loc_map.mapping.multiview.view import View
+
+F = np.float32
+
+STEP = 3
+"""Every third pixel of every third row is compared."""
+WINDOW = 7
+"""Samples along each side of the window that grey levels are correlated over."""
+MIN_CORRELATION = F(0.8)
+MIN_KNOWN = F(0.5)
+"""Share of the window in which both pairs must have points."""
+SAME_DISPARITY_PX = 1.0
+MIN_MOTION_PX = 8.0
+"""Ground must move by so much in the image from one pair to the other: less leaves it correlated with itself."""
+MIN_SPREAD = F(2.0)
+"""Spread of grey levels in the window over that of the noise below which they say nothing."""
+OPENING = 5
+"""Samples along each side of the smallest region."""
+MIN_SHARE = 0.003
+"""Share of the image below which nothing is taken out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovingViews:
+    """Views without the points that do not move with the ground.
+
+    Attributes:
+        views: The views.
+        statistics: `fixed_share_i`, the share of the image of each pair that was taken out, if any.
+        warnings: What was taken out, one line each.
+    """
+
+    views: Sequence[View]
+    statistics: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+def without_fixed_content(views: Sequence[View], rig: StereoRig) -> MovingViews:
+    """Return views without points of content that is fixed to the image; which of two pairs is right stays open."""
+    fixed: dict[int, Mask] = {}
+    warnings = []
+    greys = [_grey_samples(view) for view in views] if len(views) > 1 else []
+    for i, j in combinations(range(len(views)), 2):
+        region = _fixed_region((views[i], views[j]), (greys[i], greys[j]), rig)
+        share = float(region.mean())
+        if share < MIN_SHARE:
+            continue
+        warnings.append(
+            f"{100 * share:.0f} % of the image is the same in pairs {i} and {j} although the camera has moved: the "
+            "rover's own body, or images of another pair; its points are left out"
+        )
+        for number in (i, j):
+            fixed[number] = region | fixed.get(number, np.zeros_like(region))
+    if not fixed:
+        return MovingViews(views)
+    statistics = {f"fixed_share_{number}": float(region.mean()) for number, region in fixed.items()}
+    moving = [_without(view, fixed[number]) if number in fixed else view for number, view in enumerate(views)]
+    return MovingViews(moving, statistics, tuple(warnings))
+
+
+def _grey_samples(view: View) -> FloatImage:
+    """Return the grey level of each sample `(H/3, W/3)` that has a point, NaN elsewhere."""
+    u, v = view.cloud.u, view.cloud.v
+    sampled = np.flatnonzero((u % STEP == 0) & (v % STEP == 0))
+    grey = np.full(view.disparity_px[::STEP, ::STEP].shape, np.nan, F)
+    grey[v[sampled] // STEP, u[sampled] // STEP] = view.cloud.intensity[sampled]
+    return grey
+
+
+def _fixed_region(views: tuple[View, View], greys: tuple[FloatImage, FloatImage], rig: StereoRig) -> Mask:
+    """Return which samples `(H/3, W/3)` belong to content that is fixed to the image."""
+    first, second = (view.disparity_px[::STEP, ::STEP] for view in views)
+    with np.errstate(invalid="ignore"):
+        same = np.abs(first - second) < SAME_DISPARITY_PX
+        moves = _motion_px(first, views, rig) > MIN_MOTION_PX
+    if (same & moves).mean() < MIN_SHARE:
+        return np.zeros(same.shape, np.bool_)
+    noise = F(max(view.noise_grey for view in views))
+    alike = same & moves & (_correlation(*greys, noise) > MIN_CORRELATION)
+    square = np.ones((OPENING, OPENING), np.uint8)
+    core = cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_CLOSE, square)
+    core = cv2.morphologyEx(core, cv2.MORPH_OPEN, square)
+    return np.asarray(cv2.dilate(core, square)).astype(np.bool_)
+
+
+def _motion_px(disparity: FloatImage, views: tuple[View, View], rig: StereoRig) -> FloatImage:
+    """Return how far each sample of the first view moves in the image to the second, pixels; NaN where unknown."""
+    rows, columns = disparity.shape
+    x = (np.arange(columns) * STEP - rig.cx) / rig.fx
+    y = (np.arange(rows) * STEP - rig.cy) / rig.fy
+    depth = rig.fx * rig.baseline_m / disparity
+    points = np.stack((x[None] * depth, y[:, None] * depth, depth), axis=-1)
+    moved = (views[1].T_lm_left.inverse() @ views[0].T_lm_left).apply(points)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        du = moved[..., 0] / moved[..., 2] - x[None]
+        dv = moved[..., 1] / moved[..., 2] - y[:, None]
+    motion = rig.fx * np.hypot(du, dv)
+    return np.asarray(np.where(moved[..., 2] > 0.0, motion, np.inf), F)
+
+
+def _correlation(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
+    """Return the correlation of two images around each sample; 0 where too few are known or there is no texture."""
+    known = np.isfinite(a) & np.isfinite(b)
+    share = np.maximum(box_mean(known.astype(F), WINDOW), F(1e-3))
+    a, b = np.where(known, a, F(0.0)), np.where(known, b, F(0.0))
+    mean_a, mean_b = (box_mean(image, WINDOW) / share for image in (a, b))
+    product = box_mean(a * b, WINDOW) / share - mean_a * mean_b
+    variance_a = box_mean(a * a, WINDOW) / share - mean_a * mean_a
+    variance_b = box_mean(b * b, WINDOW) / share - mean_b * mean_b
+    textured = np.minimum(variance_a, variance_b) > np.square(MIN_SPREAD * noise)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = product / np.sqrt(variance_a * variance_b)
+    return np.asarray(np.where(textured & (share > MIN_KNOWN), correlation, F(0.0)), F)
+
+
+def _without(view: View, region: Mask) -> View:
+    """Return a view without the points of a region of samples."""
+    kept = ~region[view.cloud.v // STEP, view.cloud.u // STEP]
+    disparity = view.disparity_px.copy()
+    rows, columns = disparity.shape
+    disparity[region.repeat(STEP, axis=0).repeat(STEP, axis=1)[:rows, :columns]] = np.nan
+    return replace(view, cloud=view.cloud.select(kept), disparity_px=disparity)
