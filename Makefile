@@ -12,7 +12,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults fuzz lint types config format check clean
+.PHONY: help demo sample test test-fast faults fuzz suite-chaos lint types config format check clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -37,6 +37,9 @@ faults: $(STAMP)  ## Inject one fault after the other into the nodes; the table 
 
 fuzz: $(COMPILED)  ## Feed 2000 mutated files and messages to all readers (SEED=N); what fails is kept in out/fuzz
 	PYTHONPATH=. $(BIN)/python test/fuzz --seed $(SEED)
+
+suite-chaos: $(COMPILED)  ## Run a suite on a Dask cluster whose processes are killed at random; some ten minutes
+	$(BIN)/python test/suite/chaos.py
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .

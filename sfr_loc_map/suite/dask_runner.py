@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import secrets
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT_S = "10s"
+ASK_AGAIN_S = 5.0
 AHEAD = 2
 """Tasks handed out for each place of a worker: while one runs, the next is there."""
 TOKEN = ".token"
@@ -102,6 +104,7 @@ class DaskExecutor:
                 f"'--scheduler' needs Dask ({error}): pip install 'sfr_loc_map[suite]', or use --workers"
             ) from error
         self._address = address
+        self._places, self._asked_s = 1, float("-inf")
         try:
             self._client: Client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
@@ -109,9 +112,12 @@ class DaskExecutor:
 
     @property
     def places(self) -> int:
-        """Tasks that run at a time; at least 1."""
-        workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
-        return max(1, sum(int(worker["nthreads"]) for worker in workers))
+        """Tasks that run at a time; at least 1. The scheduler is asked now and then: with many workers that costs."""
+        now = time.monotonic()
+        if now - self._asked_s > ASK_AGAIN_S:
+            workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+            self._places, self._asked_s = max(1, sum(int(worker["nthreads"]) for worker in workers)), now
+        return self._places
 
     def run(self, tasks: Sequence[Task], bounds: Bounds, store: Store, on_outcome: OnOutcome) -> None:
         """Run tasks.
