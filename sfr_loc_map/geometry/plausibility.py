@@ -129,6 +129,11 @@ def plausible_quats(quats_xyzw: FloatArray) -> Mask:
     return np.asarray((low <= squares) & (squares <= high))
 
 
+def is_finite_covariance(covariance: FloatArray) -> bool:
+    """Tell whether a covariance `(6, 6)` is finite and has no negative variance."""
+    return bool(np.isfinite(covariance).all() and (np.diag(covariance) >= 0.0).all())
+
+
 def is_plausible_covariance(covariance: FloatArray) -> bool:
     """Tell whether `(6, 6)` can be the covariance of a pose: finite, bounded, symmetric, no negative variance."""
     if not (np.abs(covariance) <= MAX_VARIANCE).all():

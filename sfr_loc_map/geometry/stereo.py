@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,6 +81,14 @@ class StereoRig:
                 "the rig has no T_rb_locsb (pose of the stereo rig in RB): add it to rig.json or give a parameter"
             )
         return self.T_rb_sb @ self.T_sb_left
+
+    @property
+    def fingerprint(self) -> str:
+        """What tells this rig from others in files: a hash of all its values."""
+        numbers = [self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.baseline_m]
+        if self.T_rb_sb is not None:
+            numbers += [*self.T_rb_sb.translation.tolist(), *self.T_rb_sb.rotation.reshape(-1).tolist()]
+        return hashlib.sha256(",".join(float(n).hex() for n in numbers).encode()).hexdigest()[:16]
 
     def same_cameras(self, other: StereoRig) -> bool:
         """Tell whether both rigs have the same images, camera matrix and baseline (extrinsics aside)."""

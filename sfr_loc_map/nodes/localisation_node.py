@@ -70,7 +70,8 @@ class LocalisationNodeConfig(PairNodeConfig):
     )
     resume_file: str = param(
         "",
-        doc="File that keeps the last known pose, at which a node that was killed resumes; empty: none is kept.",
+        doc="File that keeps the last known pose of a rig, at which a node that was killed resumes. "
+        "Empty: none is kept.",
     )
     resume_max_age_s: float = param(
         60.0,
@@ -122,6 +123,8 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
         config = self.config
         Localiser.warm_up()  # before the first pair: no call pays for it
         pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
+        if pose_file is not None:
+            pose_file.check()
         self._session = LocalisationSession(config.localisation, pose_file, self.status.warn)
         self._extrinsics = Extrinsics(config.T_rb_locsb, config.rb_frame, config.locsb_frame)
         self._motion_prior = OdometrySubscriber(config.motion_prior, config.rb_frame, self.status.warn)
@@ -217,11 +220,11 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
             motion = self._motion_prior.motion(self._session.tracked_ns, pair.stamp_ns)
             with self._calls.measure() as usage:
                 estimate = localiser.process(pair, motion)
+            self._session.accept(estimate)
         except SfrError as error:
             self._count_unprocessed()
             self.status.error(str(error))
             return
-        self._session.accept(estimate)
         self.publish_estimate(estimate)
         self._publish_debug_image(pair, localiser, estimate, received.frame_id)
         now_ns = self.get_clock().now().nanoseconds

@@ -83,11 +83,13 @@ def _trajectory_uses(name: str) -> tuple[Command, ...]:
 
 
 def read_resume_file(path: Path) -> None:
+    from sfr_loc_map.geometry.stereo import StereoRig
+    from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.pipeline.online.resume import PoseFile
 
-    known = PoseFile(path, 1e12).load(1_800_000_000_000_000_000)
-    if known is not None:
-        known.after_gap().added_covariance(known.T_ds_rb)
+    rig = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12, Transform.identity())
+    PoseFile(path, 1e12).check()
+    PoseFile(path, 1e12).load(1_800_000_000_000_000_000, rig)
 
 
 def plan_simulation(path: Path) -> None:

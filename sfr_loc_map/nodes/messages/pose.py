@@ -16,6 +16,7 @@ from nav_msgs.msg import Odometry
 from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, is_plausible_covariance
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate
@@ -52,14 +53,15 @@ def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
     """Return a pose from outside, which holds at its stamp; a stamp of zero is none.
 
     Raises:
-        InputError: If it is no pose, or its covariance is none: not finite, not symmetric, or a variance negative.
+        InputError: If it is no pose, or its covariance none: not finite, absurd, not symmetric, a variance negative.
     """
     pose = transform_from_pose(message.pose.pose, "initialpose")
     covariance = np.array(message.pose.covariance, np.float64).reshape(6, 6)
-    if not (np.isfinite(covariance).all() and np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12)):
-        raise InputError("initialpose has a covariance that is not finite or not symmetric: zeros say exact")
-    if np.linalg.eigvalsh(covariance).min() < -1e-9 * max(1.0, float(np.abs(covariance).max())):
-        raise InputError("initialpose has a covariance with a negative variance: zeros say exact")
+    if not is_plausible_covariance(covariance):
+        raise InputError(
+            f"initialpose has a covariance that is none: it is symmetric, with variances from 0 to {MAX_VARIANCE:g}; "
+            f"zeros say exact"
+        )
     return StartPose(pose, covariance, stamp_of(message) or None)
 
 

@@ -14,7 +14,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from enum import StrEnum
 
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import InputError, LocalisationError, OutputError
+from sfr_loc_map.geometry.plausibility import is_finite_covariance
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -65,6 +66,7 @@ class LocalisationSession:
         self._config, self._pose_file, self._warn, self._make_localiser = config, pose_file, warn, make_localiser
         self._rig: StereoRig | None = None
         self._localiser: Localiser | None = None
+        self._localiser_rig: StereoRig | None = None
         self._first = self._start = StartPose(Transform.identity())
         self._last: KnownPose | None = None  # the last pose that was published and not lost
 
@@ -129,33 +131,44 @@ class LocalisationSession:
                 "the extrinsics of the stereo rig are not known: give the parameters T_rb_locsb.translation_m and "
                 "T_rb_locsb.quat_xyzw, or publish them on /tf_static"
             )
+        rig = replace(self._rig, T_rb_sb=T_rb_sb)
         if self.phase is Phase.NEW:
             self.phase = Phase.READY
-            self._resume(stamp_ns)
-        self._localiser = self._make_localiser(replace(self._rig, T_rb_sb=T_rb_sb), self._config, self._start)
+            self._resume(stamp_ns, rig)
+        self._localiser, self._localiser_rig = self._make_localiser(rig, self._config, self._start), rig
         self.phase, self.tracked_ns = Phase.RUNNING, None
         return self._localiser
 
     def accept(self, estimate: PoseEstimate) -> None:
-        """Take an estimate of the localiser: the next one may have to start there."""
+        """Take an estimate of the localiser: the next one may have to start there.
+
+        Raises:
+            LocalisationError: If its covariance is none; the next pair starts a localiser at the last known pose.
+        """
+        if not is_finite_covariance(estimate.covariance):
+            self.continue_at_last_pose()
+            raise LocalisationError(
+                f"the covariance of the pose of stamp {estimate.stamp_ns} is none: it is not published, and "
+                f"localisation restarts at its last pose"
+            )
         if self._start.stamp_ns is None:  # it held at this pair
             self._start = replace(self._start, stamp_ns=estimate.stamp_ns)
         if estimate.state is TrackingState.LOST:
             return
         self.tracked_ns = estimate.stamp_ns
         self._last = KnownPose(estimate.stamp_ns, estimate.T_ds_rb, estimate.covariance)
-        if self._pose_file is not None:
+        if self._pose_file is not None and self._localiser_rig is not None:
             try:
-                self._pose_file.save(self._last)
+                self._pose_file.save(self._last, self._localiser_rig)
             except OutputError as error:
                 self._warn(str(error))
 
-    def _resume(self, stamp_ns: int) -> None:
+    def _resume(self, stamp_ns: int, rig: StereoRig) -> None:
         """Start at the kept pose, if there is one that belongs to this run."""
         if self._pose_file is None:
             return
         try:
-            known = self._pose_file.load(stamp_ns)
+            known = self._pose_file.load(stamp_ns, rig)
         except InputError as error:
             self._warn(str(error))
             return

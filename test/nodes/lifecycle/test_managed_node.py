@@ -76,13 +76,20 @@ def test_a_node_goes_through_its_states_and_receives_only_when_active(ros: None,
 
 
 def test_a_transition_that_fails_is_named_and_can_be_tried_again(ros: None, capfd: Capture, tmp_path: Path) -> None:
-    limits = tmp_path / "limits.yaml"
+    limits, precious = tmp_path / "limits.yaml", tmp_path / "thesis"
+    (precious / "chapter").mkdir(parents=True)
     arguments = ["--ros-args", "-p", "autostart:=false", "-p", f"limits_file:={limits}"]
+    arguments += ["-p", f"save_file:={precious}", "-p", "save_period_s:=1.0"]
     with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *arguments) as node:
         assert peer.change(CONFIGURE) == (False, "unconfigured")
         assert "configure failed: cannot read" in node.text
         peer.well(Level.ERROR, "configure failed: cannot read")
         limits.write_text("timing:\n  localisation_p95_s: 1.0\n", encoding="utf-8")
+        assert peer.change(CONFIGURE) == (False, "unconfigured")
+        assert "a folder that is not empty is there" in node.text
+        assert (precious / "chapter").is_dir()
+        (precious / "chapter").rmdir()
+        precious.rmdir()
         assert peer.change(CONFIGURE) == (True, "inactive")
         assert peer.change(ACTIVATE) == (True, "active")
 

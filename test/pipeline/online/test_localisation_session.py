@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, LocalisationError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -21,6 +21,7 @@ from sfr_loc_map.pipeline.online.resume import KnownPose, PoseFile
 RIG = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12)
 OTHER_RIG = replace(RIG, fx=151.0, fy=151.0)
 EXTRINSICS = Transform.identity()
+RIG_ON_ROVER = replace(RIG, T_rb_sb=EXTRINSICS)
 S = 1_000_000_000
 COVARIANCE = np.diag([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
 
@@ -53,7 +54,7 @@ def estimate(stamp_ns: int, pose: Transform, state: TrackingState = TrackingStat
 def session_in(phase: Phase, folder: Path) -> LocalisationSession:
     """Return a session with a kept pose; a running one has tracked two pairs, 0.5 m apart."""
     file = PoseFile(folder / "pose.json", 10.0)
-    file.save(KnownPose(1 * S, KEPT, COVARIANCE))
+    file.save(KnownPose(1 * S, KEPT, COVARIANCE), RIG_ON_ROVER)
     session = LocalisationSession(LocalisationConfig(), file, make_localiser=FakeLocaliser)  # type: ignore[arg-type]
     session.set_rig(RIG)
     if phase is not Phase.NEW:
@@ -106,7 +107,7 @@ TRANSITIONS = [
         (event, before, after, pose, known)
         for event in ("continue", "other rig", "other configuration")
         for before, after, pose, known in (
-            (NEW, NEW, KEPT, "kept"),
+            (NEW, NEW, FIRST, "none") if event == "other rig" else (NEW, NEW, KEPT, "kept"),
             (READY, READY, FIRST, "none"),
             (RUNNING, READY, LAST, "last"),
         )
@@ -183,7 +184,7 @@ def test_wheel_odometry_counts_from_the_last_pair_that_was_tracked(tmp_path: Pat
 def test_a_lost_pose_is_not_kept_and_the_next_localiser_starts_at_the_last_known_one(tmp_path: Path) -> None:
     session = session_in(Phase.RUNNING, tmp_path)
     session.accept(estimate(4 * S, at(9.0), TrackingState.LOST))
-    kept = PoseFile(tmp_path / "pose.json", 10.0).load(5 * S)
+    kept = PoseFile(tmp_path / "pose.json", 10.0).load(5 * S, RIG_ON_ROVER)
     assert kept is not None
     assert kept.stamp_ns == 3 * S
     session.continue_at_last_pose()
@@ -203,6 +204,32 @@ def test_a_start_without_a_stamp_holds_at_its_first_pair_whatever_that_showed(
     session.accept(estimate(4 * S, FIRST, TrackingState.LOST))
     session.continue_at_last_pose()
     assert session.localiser_at(6 * S, EXTRINSICS).start.stamp_ns == 4 * S  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
+def test_an_estimate_whose_covariance_is_none_is_neither_published_nor_kept(tmp_path: Path, value: float) -> None:
+    session = session_in(Phase.RUNNING, tmp_path)
+    covariance = COVARIANCE.copy()
+    covariance[2, 2] = value
+    with pytest.raises(LocalisationError, match="restarts at its last pose"):
+        session.accept(replace(estimate(4 * S, at(2.0)), covariance=covariance))
+    kept = PoseFile(tmp_path / "pose.json", 10.0).load(5 * S, RIG_ON_ROVER)
+    assert kept is not None
+    assert kept.stamp_ns == 3 * S
+    start = session.localiser_at(5 * S, EXTRINSICS).start  # type: ignore[attr-defined]
+    assert (start.T_ds_rb.translation[0], start.stamp_ns) == (1.5, 3 * S)
+
+
+@pytest.mark.parametrize("extrinsics", [at(0.01), EXTRINSICS])
+def test_a_kept_pose_of_another_rig_is_told_and_not_resumed_from(tmp_path: Path, extrinsics: Transform) -> None:
+    session_in(Phase.NEW, tmp_path)
+    warnings: list[str] = []
+    file = PoseFile(tmp_path / "pose.json", 10.0)
+    session = LocalisationSession(LocalisationConfig(), file, warnings.append, FakeLocaliser)  # type: ignore[arg-type]
+    session.set_rig(OTHER_RIG if extrinsics is EXTRINSICS else RIG)
+    localiser = session.localiser_at(2 * S, extrinsics)
+    assert np.array_equal(localiser.pose.translation, FIRST.translation)  # type: ignore[attr-defined]
+    assert "of another rig or calibration" in warnings[0]
 
 
 @pytest.mark.parametrize(("age_s", "start"), [(5, KEPT), (11, FIRST), (-1, FIRST)])
