@@ -18,7 +18,8 @@ help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
 
 demo: $(STAMP)  ## Replay the sample bag through the three nodes, score it, write the report
-	$(BIN)/sfr replay sample/sample.mcap --start truth --out $(OUT)
+	$(BIN)/sfr replay sample/sample.mcap --start truth --out $(OUT) --overwrite
+	@echo "sfr is $(abspath $(BIN)/sfr): run it by that path, or as sfr after: source $(BIN)/activate"
 
 sample: $(DEV_STAMP)  ## Render the sample bag again
 	rm -rf out/sample sample/sample.mcap
@@ -33,7 +34,7 @@ test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor sec
 
 faults: $(STAMP)  ## Inject one fault after the other into the nodes; the table goes to out/faults.md
 	mkdir -p out
-	$(BIN)/sfr campaign faults --json out/faults.json --markdown out/faults.md
+	$(BIN)/sfr campaign faults --json out/faults.json --markdown out/faults.md --overwrite
 
 fuzz: $(COMPILED)  ## Feed 2000 mutated files and messages to all readers (SEED=N); what fails is kept in out/fuzz
 	PYTHONPATH=. $(BIN)/python test/fuzz --seed $(SEED)

@@ -9,6 +9,12 @@ from launch.substitutions import EnvironmentVariable, LaunchConfiguration, Pytho
 COMMAND = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
 
 
+def _switch(name: str) -> PythonExpression:
+    """Return the switch of `sfr replay` that an argument stands for."""
+    after = f"'.lower() == 'true' else '--no-{name}'"
+    return PythonExpression([f"'--{name}' if '", LaunchConfiguration(name), after])
+
+
 def generate_launch_description() -> LaunchDescription:
     """Return the replay with its arguments."""
     option = LaunchConfiguration
@@ -25,6 +31,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "loop", default_value="false", description="true: begin again at the end, until /sfr_player/stop."
             ),
+            DeclareLaunchArgument("overwrite", default_value="false", description="true: replace outputs that exist."),
             DeclareLaunchArgument("start", default_value="identity", description="First pose: identity or truth."),
             # In the domain of the other programs, so that they can watch.
             SetEnvironmentVariable("ROS_DOMAIN_ID", EnvironmentVariable("ROS_DOMAIN_ID", default_value="0")),
@@ -43,7 +50,7 @@ def generate_launch_description() -> LaunchDescription:
                     option("start"),
                     "--start-offset",
                     option("start_offset"),
-                    PythonExpression(["'--loop' if '", option("loop"), "'.lower() == 'true' else '--no-loop'"]),
+                    *(_switch(name) for name in ("loop", "overwrite")),
                 ],
                 output="screen",
             ),

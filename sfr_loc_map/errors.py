@@ -1,12 +1,33 @@
-"""The errors of the suite: one root, one subclass per layer.
+"""The errors of the suite: one root, one subclass per layer, and the exit code of each.
 
 A message is one line that says what was sought, what was found and what to do. The library raises; only
-`sfr_loc_map.cli` prints and sets exit codes.
+`sfr_loc_map.cli` prints and exits.
 """
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import ClassVar
+
+
+class ExitCode(IntEnum):
+    """What a command exits with; the same table for all commands."""
+
+    OK = 0
+    FAILED = 1
+    """A limit was missed, or the doctor found something."""
+    BAD_INPUT = 2
+    """Input or usage."""
+    NOT_JUDGED = 3
+    """Nothing could be judged; with `--lenient` 0."""
+    INTERRUPTED = 130
+    """By SIGINT or SIGTERM; what was finished is reported."""
 
 
 class SfrError(Exception):
     """Root of every error that the suite raises deliberately."""
+
+    exit_code: ClassVar[ExitCode] = ExitCode.BAD_INPUT
 
 
 class ConfigError(SfrError):
@@ -50,4 +71,18 @@ class MissingExtraError(SfrError):
 
 
 class FailedVerdictError(SfrError):
-    """A figure missed its limit: not an error of input, exit code 1."""
+    """A figure missed its limit, or the doctor found something: not an error of input."""
+
+    exit_code = ExitCode.FAILED
+
+
+class NotJudgedError(SfrError):
+    """There is no figure to judge: no data, or estimate and truth that contradict each other by convention."""
+
+    exit_code = ExitCode.NOT_JUDGED
+
+
+class InterruptedRunError(SfrError):
+    """The user ended a run; says what was finished."""
+
+    exit_code = ExitCode.INTERRUPTED

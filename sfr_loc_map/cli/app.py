@@ -1,18 +1,67 @@
-"""The application `sfr` that the subcommands join."""
+"""The application `sfr` that the subcommands join, and the form of its help."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from typing import Any
 
 import typer
+from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 from sfr_loc_map import __version__
 
-app = typer.Typer(
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    help="Stereo localisation, terrain mapping and the metrics that evaluate them.",
+EXIT_CODES = (
+    "Exit codes: 0 all well; 1 a limit was missed, or the doctor found something; 2 bad input or usage; "
+    "3 something could not be judged (0 with --lenient); 130 interrupted, with what was finished reported."
 )
+
+
+class _Command(TyperCommand):
+    """A command whose help shows no Python type beside an argument or a switch, which have names of their own."""
+
+    def get_params(self, ctx: Any) -> list[Any]:  # noqa: ANN401 - click's own, or the copy within typer, by its version
+        """Return the parameters."""
+        return _without_types(super().get_params(ctx))
+
+
+class _Group(TyperGroup):
+    """The same for a group of commands."""
+
+    def get_params(self, ctx: Any) -> list[Any]:  # noqa: ANN401 - as above
+        """Return the parameters."""
+        return _without_types(super().get_params(ctx))
+
+
+def _without_types(params: list[Any]) -> list[Any]:
+    for param in params:
+        if isinstance(param, TyperArgument) or getattr(param, "is_flag", False):
+            param.display_type_rich = _no_type
+    return params
+
+
+def _no_type(ctx: object) -> None:
+    """Return what stands in the column of types."""
+
+
+class App(typer.Typer):
+    """A group of commands with help of that form."""
+
+    def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - those of typer
+        """Make a group that shows its help where no subcommand is given."""
+        super().__init__(cls=_Group, pretty_exceptions_enable=False, **settings)
+
+    def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:  # noqa: ANN401 - those of typer
+        """Return the decorator of a subcommand."""
+        return super().command(name, cls=_Command, **settings)
+
+
+def examples(*lines: str) -> str:
+    """Return the end of a command's help: one example a line."""
+    return "\n\n".join(("Examples:", *lines))
+
+
+app = App(help="Stereo localisation, terrain mapping and the metrics that evaluate them.", epilog=EXIT_CODES)
 
 
 def help_without_command(context: typer.Context) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from sfr_loc_map.cli import bench_faults
+from sfr_loc_map.cli.app import examples
 from sfr_loc_map.cli.bench_common import app, present
 from sfr_loc_map.cli.common import (
     ConditionOption,
@@ -19,32 +20,42 @@ from sfr_loc_map.cli.common import (
     progress_bar,
     read_config,
 )
-from sfr_loc_map.cli.output import JsonOption, check_json
+from sfr_loc_map.cli.output import JsonOption, OverwriteOption, check_outputs
+from sfr_loc_map.cli.verdict import LenientOption, check_conditions
 
 assert bench_faults  # its import adds `sfr bench faults`
 
 PeerPythonOption = Annotated[
-    Path | None, typer.Option("--peer-python", help="Interpreter that has the optional reference methods.")
+    Path | None,
+    typer.Option("--peer-python", metavar="PYTHON", help="Interpreter that has the optional reference methods."),
 ]
-RepeatOption = Annotated[int, typer.Option("--repeat", min=1, help="Passes; medians are shown.")]
-SizesOption = Annotated[int, typer.Option("--sizes", min=1, max=5, help="Image sizes, each half of the one before.")]
-SpacingOption = Annotated[int, typer.Option(min=1, help="Frames from one start to the next.")]
+RepeatOption = Annotated[int, typer.Option("--repeat", min=1, metavar="N", help="Passes; medians are shown.")]
+SizesOption = Annotated[
+    int, typer.Option("--sizes", min=1, max=5, metavar="N", help="Image sizes, each half of the one before.")
+]
+SpacingOption = Annotated[int, typer.Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")]
 
 
-@app.command()
+@app.command(epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"))
 def localise(
     source: SourceArgument,
     peer_python: PeerPythonOption = None,
-    vocabulary: Annotated[Path | None, typer.Option("--vocab", help="Vocabulary of ORB-SLAM3 (text).")] = None,
+    vocabulary: Annotated[
+        Path | None, typer.Option("--vocab", metavar="F.txt", help="Vocabulary of ORB-SLAM3 (text).")
+    ] = None,
     condition: ConditionOption = None,
     spacing: SpacingOption = 10,
     repeat: RepeatOption = 3,
     sizes: SizesOption = 1,
     rate: Annotated[
         float | None,
-        typer.Option(min=0.01, help="Pairs per second for methods that work in the background; default: as recorded."),
+        typer.Option(
+            min=0.01, metavar="HZ", help="Pairs for methods that work in the background; default: as recorded."
+        ),
     ] = None,
     json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    lenient: LenientOption = False,
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
@@ -52,15 +63,13 @@ def localise(
     from sfr_loc_map.bench.localisation_benchmark import BenchmarkSettings, benchmark_localisation
     from sfr_loc_map.bench.reference_methods import localisation_methods
     from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.metrics.condition import Condition
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 
     conditions = tuple(condition or ["distance=5"])
-    for text in conditions:
-        Condition.parse(text)
-    check_json(json_path)
+    check_outputs(json_path, overwrite=overwrite)
     parameters = read_config(LocalisationConfig, config, "localisation")
     sequence = open_drive(source, remap)
+    check_conditions(sequence.ground_truth, conditions, lenient=lenient)
     methods = localisation_methods(peer_python, vocabulary)
     settings = BenchmarkSettings(
         TrajectoryScoreConfig(conditions=conditions, spacing=spacing), repeat, sizes, rate_hz=rate
@@ -71,13 +80,14 @@ def localise(
     present({"source": str(source)} | result.to_json(), json_path)
 
 
-@app.command(name="map")
+@app.command(name="map", epilog=examples("sfr bench map data/ --sizes 2 --json bench.json"))
 def map_(
     source: SourceArgument,
     peer_python: PeerPythonOption = None,
     repeat: RepeatOption = 3,
     sizes: SizesOption = 1,
     json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
@@ -86,7 +96,7 @@ def map_(
     from sfr_loc_map.bench.reference_methods import mapping_methods
     from sfr_loc_map.mapping.config import MappingConfig
 
-    check_json(json_path)
+    check_outputs(json_path, overwrite=overwrite)
     parameters = read_config(MappingConfig, config, "mapping")
     sequence = open_panorama(source, remap)
     methods = mapping_methods(peer_python)
@@ -98,20 +108,21 @@ def map_(
     present({"source": str(source)} | result.to_json(), json_path)
 
 
-@app.command()
+@app.command(epilog=examples("sfr bench score --poses 100000 --no-all-pairs"))
 def score(
-    poses: Annotated[int, typer.Option(min=200, help="Poses of the synthetic drive.")] = 1_000_000,
+    poses: Annotated[int, typer.Option(min=200, metavar="N", help="Poses of the synthetic drive.")] = 1_000_000,
     peer_python: PeerPythonOption = None,
     repeat: RepeatOption = 1,
     all_pairs: Annotated[
         bool, typer.Option("--all-pairs/--no-all-pairs", help="Run evo's slow form, every start, as well.")
     ] = True,
     json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Our trajectory score against evo (evo_rpe), reading of the files included."""
     from sfr_loc_map.bench.score_benchmark import benchmark_score
 
-    check_json(json_path)
+    check_outputs(json_path, overwrite=overwrite)
     with progress_bar("commands") as bar:
         task = bar.add_task("measuring", total=None)
         result = benchmark_score(

@@ -7,10 +7,10 @@ from typing import Any
 
 import typer
 
-from sfr_loc_map.cli.app import help_without_command
+from sfr_loc_map.cli.app import App, help_without_command
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, show, write_text
 
-app = typer.Typer(help="Benchmarks beside other tools: same input, same run, own processes.")
+app = App(help="Benchmarks beside other tools: same input, same run, own processes.")
 app.callback(invoke_without_command=True)(help_without_command)
 
 

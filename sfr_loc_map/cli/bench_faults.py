@@ -2,45 +2,71 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfr_loc_map.cli.app import examples
 from sfr_loc_map.cli.bench_common import app, present
-from sfr_loc_map.cli.common import ConfigOption, RemapOption, open_drive, open_panorama, progress_bar, read_config
-from sfr_loc_map.cli.output import JsonOption, check_json, check_output
-from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
+from sfr_loc_map.cli.common import (
+    ConfigOption,
+    RemapOption,
+    each_tenth,
+    open_drive,
+    open_panorama,
+    progress_bar,
+    read_config,
+)
+from sfr_loc_map.cli.output import JsonOption, OverwriteOption, check_outputs
+from sfr_loc_map.cli.verdict import LenientOption, check_conditions
+from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import LocSequence
 
 SourcesArgument = Annotated[
-    list[Path], typer.Argument(metavar="SRC...", help="Drives with ground truth; more than one only with --random.")
+    list[Path], typer.Argument(metavar="SRC", help="Drives with ground truth; more than one only with --random.")
+]
+FaultOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault",
+        metavar="KIND[:...]",
+        help="As for sfr perturb, several joined by +; repeatable. By default common faults.",
+    ),
+]
+RandomOption = Annotated[
+    int | None,
+    typer.Option("--random", min=1, metavar="N", help="This many drives with random faults, over all sources."),
 ]
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr bench faults data/ --fault torn+noisy --json faults.json",
+        "sfr bench faults data/ drive.mcap --random 100 --seed 4 --markdown faults.md",
+    )
+)
 def faults(
     sources: SourcesArgument,
-    fault: Annotated[
-        list[str] | None,
-        typer.Option("--fault", help="As for `sfr perturb`, several joined by +; repeatable. Default: common faults."),
-    ] = None,
-    random: Annotated[
-        int | None, typer.Option("--random", min=1, help="This many drives with random faults, over all sources.")
-    ] = None,
+    fault: FaultOption = None,
+    random: RandomOption = None,
     maps: Annotated[
         bool, typer.Option("--map", help="The mapper instead, on the mapping pairs of one source.")
     ] = False,
-    pairs: Annotated[int, typer.Option(min=10, help="Most pairs of a drive with random faults.")] = 100,
-    condition: Annotated[str, typer.Option("--condition", help="End of a sub-trajectory.")] = "distance=5",
-    spacing: Annotated[int, typer.Option(min=1, help="Frames from one start to the next.")] = 10,
-    seed: Annotated[int, typer.Option(min=0, help="Seed that selects the affected pairs.")] = 0,
+    pairs: Annotated[int, typer.Option(min=10, metavar="N", help="Most pairs of a drive with random faults.")] = 100,
+    condition: Annotated[
+        str, typer.Option("--condition", metavar="distance=M|time=S|frames=N", help="End of a sub-trajectory.")
+    ] = "distance=5",
+    spacing: Annotated[int, typer.Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")] = 10,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     json_path: JsonOption = None,
-    markdown_path: Annotated[Path | None, typer.Option("--markdown", help="The tables as Markdown.")] = None,
+    markdown_path: Annotated[
+        Path | None, typer.Option("--markdown", metavar="F.md", help="The tables as Markdown.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+    lenient: LenientOption = False,
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
@@ -48,8 +74,7 @@ def faults(
 
     Faults that affect some pairs of a drive affect all pairs of a map, unless their text says otherwise.
     """
-    check_json(json_path)
-    check_output(markdown_path)
+    check_outputs(json_path, markdown_path, overwrite=overwrite, inputs=sources)
     if maps:
         if random is not None:
             raise ConfigError("--random is of drives: leave it or --map out")
@@ -63,6 +88,7 @@ def faults(
     if random is not None:
         _run_random(drives, random, seed, pairs, (json_path, markdown_path), config)
     else:
+        check_conditions(drives[str(sources[0])].ground_truth, (condition,), lenient=lenient)
         _run_each(drives, tuple(fault or ()), (condition, spacing, seed), (json_path, markdown_path), config)
 
 
@@ -107,18 +133,18 @@ def _run_random(
     interrupted = False
     with progress_bar("drives") as bar:
         task = bar.add_task("localising", total=len(plans))
-        report = _reporter(len(plans))
+        report = each_tenth("localising", "drives")
         try:
             for outcome in run_campaign(drives, plans, parameters):
                 outcomes.append(outcome)
                 bar.advance(task)
-                report(len(outcomes))
+                report(len(outcomes), len(plans))
         except KeyboardInterrupt:
             interrupted = True
     campaign = FaultCampaign(seed, outcomes)
     present({"sources": list(drives)} | campaign.to_json(), *outputs)
     if interrupted:
-        raise KeyboardInterrupt
+        raise InterruptedRunError(f"interrupted: {len(outcomes)} of {len(plans)} drives were finished")
     _judge([f"{outcome.plan.source}: {outcome.plan.faults}" for outcome in campaign.silent])
 
 
@@ -155,16 +181,6 @@ def _with_truth(source: Path, remap: list[str] | None) -> LocSequence:
     if sequence.ground_truth is None:
         raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
     return sequence
-
-
-def _reporter(total: int) -> Callable[[int], None]:
-    """Return what says each tenth on standard error where no progress bar is drawn."""
-
-    def report(done: int) -> None:
-        if not sys.stderr.isatty() and done * 10 // total > (done - 1) * 10 // total:
-            typer.echo(f"{done} of {total} drives", err=True)
-
-    return report
 
 
 def _judge(silent: list[str]) -> None:

@@ -9,35 +9,41 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfr_loc_map.cli.app import help_without_command
-from sfr_loc_map.cli.output import check_output, write_text
+from sfr_loc_map.cli.app import App, examples, help_without_command
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, write_text
 from sfr_loc_map.errors import FailedVerdictError
 
 if TYPE_CHECKING:
     from sfr_loc_map.fault_injection.report import Row
 
-app = typer.Typer(help="The node processes over real DDS: injected faults, rates, long runs.")
+app = App(help="The node processes over real DDS: injected faults, rates, long runs.")
 app.callback(invoke_without_command=True)(help_without_command)
 
-JsonFileOption = Annotated[Path | None, typer.Option("--json", help="All figures as JSON.")]
-MinutesOption = Annotated[float, typer.Option(min=0.05, max=10_000.0, help="How long.")]
+JsonFileOption = Annotated[Path | None, typer.Option("--json", metavar="F", help="All figures as JSON.")]
+MinutesOption = Annotated[float, typer.Option(min=0.05, max=10_000.0, metavar="MINUTES", help="How long.")]
 
 
-@app.command()
+@app.command(epilog=examples("sfr campaign faults --json faults.json --markdown faults.md"))
 def faults(
     fault: Annotated[
-        list[str] | None, typer.Option("--fault", help="Name of a row; repeatable. All by default.")
+        list[str] | None,
+        typer.Option("--fault", metavar="ROW", help="Name of a row; repeatable. All by default."),
     ] = None,
-    stop_s: Annotated[float, typer.Option(min=0.5, max=600.0, help="How long SIGSTOP lasts, seconds.")] = 10.0,
+    stop_s: Annotated[float, typer.Option(min=0.5, max=600.0, metavar="S", help="How long SIGSTOP lasts.")] = 10.0,
     restart_limit_s: Annotated[
-        float, typer.Option(min=0.1, max=600.0, help="Longest from the start of a killed node to its first result.")
+        float,
+        typer.Option(min=0.1, max=600.0, metavar="S", help="Longest restart of a killed node."),
     ] = 3.0,
-    soak_minutes: Annotated[float, typer.Option(min=0.0, max=10_000.0, help="Length of the soak; 0: none.")] = 1.0,
+    soak_minutes: Annotated[
+        float, typer.Option(min=0.0, max=10_000.0, metavar="MINUTES", help="Length of the soak; 0: none.")
+    ] = 1.0,
     json_path: JsonFileOption = None,
-    markdown_path: Annotated[Path | None, typer.Option("--markdown", help="The table as Markdown.")] = None,
+    markdown_path: Annotated[Path | None, typer.Option("--markdown", metavar="F.md", help="Table as Markdown.")] = None,
     keep: Annotated[
-        Path | None, typer.Option("--keep", help="Folder for the nodes' logs; by default they are deleted.")
+        Path | None,
+        typer.Option("--keep", metavar="DIR", help="Folder for the nodes' logs; deleted by default."),
     ] = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Inject one fault after the other into the nodes; exit 1 if one of them has another outcome than expected."""
     from sfr_loc_map.fault_injection.report import Verdict, outcome_table, report
@@ -47,8 +53,7 @@ def faults(
 
     settings = CampaignSettings(stop_s=stop_s, restart_limit_s=restart_limit_s, soak_minutes=soak_minutes)
     chosen = select(fault or [], settings)
-    check_output(json_path)
-    check_output(markdown_path)
+    check_outputs(json_path, markdown_path, overwrite=overwrite)
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
         folder = keep or Path(scratch)
         rows, seconds = timed(lambda: run_campaign(chosen, settings, folder, _say))
@@ -61,19 +66,21 @@ def faults(
         raise FailedVerdictError(f"not as expected: {', '.join(failed)}")
 
 
-@app.command()
+@app.command(epilog=examples("sfr campaign rate --minutes 1 --rate 10 --size 512 --json rate.json"))
 def rate(
     minutes: MinutesOption = 10.0,
     rate_hz: Annotated[
-        float, typer.Option("--rate", min=0.0, max=1000.0, help="Pairs per second; 0: lock step, one after the other.")
+        float,
+        typer.Option("--rate", min=0.0, max=1000.0, metavar="HZ", help="Pairs per second; 0: lock step."),
     ] = 10.0,
-    size: Annotated[int, typer.Option(min=64, max=4096, help="Width and height of the images.")] = 1024,
+    size: Annotated[int, typer.Option(min=64, max=4096, metavar="PX", help="Width and height of the images.")] = 1024,
     json_path: JsonFileOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Send stereo pairs through the localisation node: what is lost, what transport and conversion add."""
     from sfr_loc_map.fault_injection.rate import RateSettings, carry_images
 
-    check_output(json_path)
+    check_outputs(json_path, overwrite=overwrite)
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
         result = carry_images(RateSettings(minutes, rate_hz, size), Path(scratch))
     typer.echo(f"{result['pairs_sent']} pairs sent, {result['pairs_localised']} localised, dropped {result['dropped']}")
@@ -83,16 +90,19 @@ def rate(
     _conclude(result, json_path)
 
 
-@app.command()
+@app.command(epilog=examples("sfr campaign monitor --minutes 1 --rate 50 --json monitor.json"))
 def monitor(
     minutes: MinutesOption = 10.0,
-    rate_hz: Annotated[float, typer.Option("--rate", min=0.1, max=1000.0, help="Poses per second.")] = 50.0,
+    rate_hz: Annotated[
+        float, typer.Option("--rate", min=0.1, max=1000.0, metavar="HZ", help="Poses per second.")
+    ] = 50.0,
     json_path: JsonFileOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Send estimates, truth and calls to the monitor: is each of them scored, is its memory flat."""
     from sfr_loc_map.fault_injection.rate import RateSettings, carry_poses
 
-    check_output(json_path)
+    check_outputs(json_path, overwrite=overwrite)
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
         result = carry_poses(RateSettings(minutes, rate_hz), Path(scratch))
     typer.echo(f"{result['poses_sent']} poses sent at {result['rate_hz']:.1f} Hz, {result['poses_scored']} scored")

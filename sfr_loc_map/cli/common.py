@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -29,15 +29,23 @@ C = TypeVar("C")
 SourceArgument = Annotated[
     Path, typer.Argument(metavar="SRC", help="Data set folder, ROS 2 bag (mcap, sqlite3), KITTI or EuRoC sequence.")
 ]
-ConfigOption = Annotated[Path | None, typer.Option("--config", help="YAML file with parameters.")]
+ConfigOption = Annotated[Path | None, typer.Option("--config", metavar="P.yaml", help="File with parameters.")]
 RemapOption = Annotated[
-    list[str] | None, typer.Option("--remap", help="Topic of a bag under another name, FOUND:=EXPECTED; repeatable.")
+    list[str] | None,
+    typer.Option("--remap", metavar="FOUND:=EXPECTED", help="Topic of a bag under another name; repeatable."),
 ]
 ConditionOption = Annotated[
     list[str] | None,
-    typer.Option("--condition", help="End of a sub-trajectory: distance=M, time=S or frames=N; repeatable."),
+    typer.Option(
+        "--condition",
+        metavar="distance=M|time=S|frames=N",
+        show_default="distance=5",
+        help="End of a sub-trajectory; repeatable.",
+    ),
 ]
-StartOption = Annotated[str, typer.Option("--start", help="First pose: identity, or truth for the truth's first pose.")]
+StartOption = Annotated[
+    str, typer.Option("--start", metavar="identity|truth", help="First pose: the identity, or the truth's first pose.")
+]
 
 
 def check_start(start: str) -> str:
@@ -166,6 +174,19 @@ def _section(block: dict[str, Any], section: str) -> dict[str, Any]:
     dotted = {name.removeprefix(prefix): value for name, value in block.items() if name.startswith(prefix)}
     nested = block.get(section)
     return {**(nested if isinstance(nested, dict) else {}), **dotted}
+
+
+def each_tenth(doing: str, unit: str) -> Callable[[int, int], None]:
+    """Return what takes how many of how many are done and prints a line each 10 %, where no progress bar is drawn."""
+    tenth = 0
+
+    def report(done: int, total: int) -> None:
+        nonlocal tenth
+        before, tenth = tenth, max(tenth, 10 * done // max(total, 1))
+        if tenth > before and not Console(stderr=True).is_terminal:
+            typer.echo(f"{doing}: {10 * tenth} % ({done} of {total} {unit})", err=True)
+
+    return report
 
 
 def progress_bar(unit: str) -> Progress:

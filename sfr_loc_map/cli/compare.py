@@ -8,28 +8,38 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
-from sfr_loc_map.cli.output import JsonOption, check_json, check_output, show, write_text
+from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.output import (
+    HTML_SUFFIXES,
+    HtmlOption,
+    JsonOption,
+    OverwriteOption,
+    check_outputs,
+    check_suffix,
+    show,
+    write_text,
+)
 
 TITLE = "Comparison of scores"
 
 
-@app.command()
+@app.command(epilog=examples("sfr compare before.json after.json --html comparison.html"))
 def compare(
     scores: Annotated[
         list[Path],
         typer.Argument(metavar="A.json B.json ...", help="Scores of sfr score --json; the first is the reference."),
     ],
     json_path: JsonOption = None,
-    html: Annotated[Path | None, typer.Option(help="Write a page.")] = None,
+    html: HtmlOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Compare scores of the same data, paired by sub-trajectory."""
     from sfr_loc_map.metrics.comparison import compare_scores
     from sfr_loc_map.report.comparison_tables import comparison_tables
     from sfr_loc_map.report.page import load_score, render_tables
 
-    check_json(json_path)
-    check_output(html, (".html", ".htm"))
+    check_suffix(html, HTML_SUFFIXES)
+    check_outputs(json_path, html, overwrite=overwrite, inputs=scores)
     result = compare_scores([load_score(path) for path in scores], _names(scores))
     tables = comparison_tables(result)
     if html is not None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import RemapOption, SourceArgument, naming, parse_remaps, progress_bar
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, output_folder
 from sfr_loc_map.errors import InputError
 
 
@@ -20,7 +22,13 @@ class Compression(StrEnum):
     ZSTD = "zstd"
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr convert data/ drive.mcap --jpeg-quality 90 --compression zstd",
+        "sfr convert recording.mcap data/ --remap /cam0/image:=loc/left/image_rect",
+        "sfr convert data/ truth.tum",
+    )
+)
 def convert(
     source: SourceArgument,
     destination: Annotated[
@@ -31,11 +39,14 @@ def convert(
         ),
     ],
     remap: RemapOption = None,
-    jpeg_quality: Annotated[int | None, typer.Option(min=1, max=100, help="Images as JPEG (bags only).")] = None,
+    jpeg_quality: Annotated[
+        int | None, typer.Option(min=1, max=100, metavar="Q", help="JPEG images (bags only).")
+    ] = None,
     compression: Annotated[Compression, typer.Option(help="Of a bag's chunks (mcap only).")] = Compression.NONE,
     truth_grid: Annotated[
-        float | None, typer.Option(help="Round true points to this power of two, m (bags only).")
+        float | None, typer.Option(metavar="M", help="Round true points to this power of two (bags only).")
     ] = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Convert a data set folder, ROS 2 bag, KITTI or EuRoC sequence, or TUM trajectory to a bag or a folder."""
     from sfr_loc_map.io.registry import open_source
@@ -43,8 +54,15 @@ def convert(
     from sfr_loc_map.pipeline.convert import ConvertOptions, convert_trajectory, is_trajectory
     from sfr_loc_map.pipeline.convert import convert as run
 
+    if is_trajectory(destination):
+        check_outputs(destination, overwrite=overwrite, inputs=(source,))
+        room: AbstractContextManager[None] = nullcontext()
+    else:
+        room = output_folder(destination, overwrite=overwrite, inputs=(source,))
     if is_trajectory(source) and not source.is_dir():
-        typer.echo(f"{convert_trajectory(load_trajectory(source), destination)} poses: {destination}", err=True)
+        poses = load_trajectory(source)
+        with room:
+            typer.echo(f"{convert_trajectory(poses, destination)} poses: {destination}", err=True)
         return
     opened = open_source(source, parse_remaps(remap))
     if is_trajectory(destination):
@@ -55,7 +73,7 @@ def convert(
         return
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid)
-    with naming(source), progress_bar("pairs") as bar:
+    with room, naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("converting", total=total)
         count = run(opened, destination, options, lambda done: bar.update(task, completed=done))
     typer.echo(f"{count} pairs: {destination}", err=True)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfr_loc_map.cli.app import app
-from sfr_loc_map.cli.common import ConfigOption, RemapOption, parse_remaps, require_ros
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, show
+from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.common import ConfigOption, RemapOption, parse_remaps, progress_bar, require_ros
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, OverwriteOption, check_outputs, show
+from sfr_loc_map.cli.verdict import LenientOption, not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
 if TYPE_CHECKING:
@@ -21,31 +22,43 @@ if TYPE_CHECKING:
 SHOWN_HYPOTHESES = 5
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr doctor data/",
+        "sfr doctor recording.mcap --remap /cam0/image:=loc/left/image_rect",
+        "sfr doctor --graph --namespace rover1 --seconds 5",
+        "sfr doctor estimate.csv data/",
+    )
+)
 def doctor(
     subject: Annotated[
-        Path | None, typer.Argument(metavar="[BAG|EST]", help="Bag; or an estimated trajectory: TUM, csv, bag.")
+        Path | None, typer.Argument(metavar="SRC|EST", help="Any source; or an estimated trajectory: TUM, csv, bag.")
     ] = None,
     truth: Annotated[
-        Path | None, typer.Argument(metavar="[TRUTH]", help="With EST: trajectory, bag or data set folder.")
+        Path | None, typer.Argument(metavar="TRUTH", help="With EST: trajectory, bag or data set folder.")
     ] = None,
     graph: Annotated[bool, typer.Option("--graph", help="Look at the running ROS graph.")] = False,
-    namespace: Annotated[str, typer.Option("--namespace", help="Namespace of the rover (--graph).")] = "",
-    seconds: Annotated[float, typer.Option(min=0.1, max=600.0, help="How long messages are watched (--graph).")] = 3.0,
+    namespace: Annotated[str, typer.Option("--namespace", metavar="NS", help="Namespace of the rover (--graph).")] = "",
+    seconds: Annotated[
+        float, typer.Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched (--graph).")
+    ] = 3.0,
     config: ConfigOption = None,
     remap: RemapOption = None,
     json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    lenient: LenientOption = False,
 ) -> None:
-    """Name the blocking issues of a bag or of the running graph (--graph), each with its fix; exit 1 if there are any.
+    """Name the blocking issues of a source or of the running graph (--graph), each with its fix; exit 1 for any.
 
-    With EST and TRUTH: find the convention mismatch that explains how an estimate disagrees with the truth. The
-    disagreement is the mean error of position per distance travelled and of attitude in radians, re-based at many
-    starts.
+    With EST and TRUTH: find the convention mismatch that explains how an estimate disagrees with the truth; exit 1
+    if there is one, 3 if they have no stamps in common. The disagreement is the mean error of position per distance
+    travelled and of attitude in radians, re-based at many starts.
     """
     if graph != (subject is None) or (graph and truth is not None):
-        raise ConfigError("what shall be looked at? give BAG, or EST and TRUTH, or --graph")
+        raise ConfigError("what shall be looked at? give SRC, or EST and TRUTH, or --graph")
+    check_outputs(json_path, overwrite=overwrite, inputs=[path for path in (subject, truth) if path is not None])
     if subject is not None and truth is not None:
-        _diagnose(subject, truth, json_path)
+        _diagnose(subject, truth, json_path, lenient=lenient)
         return
     remaps = parse_remaps(remap)
     extrinsics_given = _gives_extrinsics(config)
@@ -55,11 +68,26 @@ def doctor(
 
         _examine(observe_graph(seconds, namespace, remaps, extrinsics_given=extrinsics_given), json_path)
     elif subject is not None:
-        from sfr_loc_map.pipeline.doctor.bag_observation import observe_bag
+        _examine(_observe(subject, remaps, extrinsics_given=extrinsics_given), json_path)
 
-        if not subject.exists():
-            raise InputError(f"there is no '{subject}': give a bag, or --graph")
-        _examine(observe_bag(subject, remaps, extrinsics_given=extrinsics_given), json_path)
+
+def _observe(source: Path, remaps: dict[str, str], *, extrinsics_given: bool) -> Observation:
+    """Observe a bag or a source of files.
+
+    Raises:
+        InputError: If there is nothing.
+    """
+    from sfr_loc_map.io.bag import is_bag
+    from sfr_loc_map.pipeline.doctor.bag_observation import observe_bag
+    from sfr_loc_map.pipeline.doctor.source_observation import observe_source
+
+    if not source.exists():
+        raise InputError(f"there is no '{source}': give a data set folder, a bag, KITTI or EuRoC, or --graph")
+    if is_bag(source):
+        return observe_bag(source, remaps, extrinsics_given=extrinsics_given)
+    with progress_bar("pairs") as bar:
+        task = bar.add_task("reading", total=None)
+        return observe_source(source, extrinsics_given=extrinsics_given, progress=lambda: bar.advance(task))
 
 
 def _examine(seen: Observation, json_path: str | None) -> None:
@@ -95,18 +123,22 @@ def _gives_extrinsics(config: Path | None) -> bool:
     return any(isinstance(value, list) and any(value) for value in quats(load_yaml(config)))
 
 
-def _diagnose(estimate: Path, truth: Path, json_path: str | None) -> None:
+def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bool) -> None:
     from sfr_loc_map.metrics.config import ScoreConfig
+    from sfr_loc_map.metrics.convention.disagreement import MIN_POSES
     from sfr_loc_map.metrics.records.json_records import to_plain
     from sfr_loc_map.pipeline.scoring import diagnose_files
 
     diagnosis = diagnose_files(estimate, truth, ScoreConfig())
     show(_json(to_plain(diagnosis)), json_path, [_hypothesis_table(diagnosis)])
-    if json_path == STANDARD_OUTPUT:
-        return
     if diagnosis.found is not None:
-        typer.echo(diagnosis.found.sentence)
-    else:
+        if json_path != STANDARD_OUTPUT:
+            typer.echo(diagnosis.found.sentence)
+        raise FailedVerdictError(f"estimate and truth contradict each other by convention: {diagnosis.found.mismatch}")
+    if diagnosis.disagreement is None:
+        reason = f"'{estimate}' and '{truth}' have fewer than {MIN_POSES} stamps in common"
+        not_judged([reason], lenient=lenient)
+    elif json_path != STANDARD_OUTPUT:
         typer.echo("no single convention mismatch explains the disagreement, if there is any")
 
 

@@ -8,17 +8,27 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
-from sfr_loc_map.cli.output import JsonOption, check_json, check_output, show, write_text
+from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.output import (
+    HTML_SUFFIXES,
+    HtmlOption,
+    JsonOption,
+    OverwriteOption,
+    check_outputs,
+    check_suffix,
+    show,
+    write_text,
+)
 from sfr_loc_map.cli.suite import open_store
 from sfr_loc_map.errors import FailedVerdictError
 
 
-@app.command()
+@app.command(epilog=examples("sfr history runs/2026-01 runs/2026-02 runs/2026-03 --html history.html"))
 def history(
-    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of suites, in the order of time.")],
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
     json_path: JsonOption = None,
-    html: Annotated[Path | None, typer.Option(help="Write a page with figures.")] = None,
+    html: HtmlOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Find the first suite that is certainly worse than what was before; exit code 1 if there is one."""
     from sfr_loc_map.suite.comparison_tables import history_tables
@@ -26,8 +36,8 @@ def history(
     from sfr_loc_map.suite.history_page import render_history
     from sfr_loc_map.suite.history_runs import history_run
 
-    check_json(json_path)
-    check_output(html, (".html", ".htm"))
+    check_suffix(html, HTML_SUFFIXES)
+    check_outputs(json_path, html, overwrite=overwrite)
     result = find_changes([history_run(open_store(folder), str(folder)) for folder in folders])
     if html is not None:
         write_text(render_history(result), html)

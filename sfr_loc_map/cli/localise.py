@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import (
     ConfigOption,
     RemapOption,
@@ -20,43 +20,79 @@ from sfr_loc_map.cli.common import (
     progress_bar,
     read_config,
 )
-from sfr_loc_map.cli.output import check_output
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, warn
+from sfr_loc_map.errors import InterruptedRunError
+
+if TYPE_CHECKING:
+    from sfr_loc_map.geometry.transform import Transform
+    from sfr_loc_map.io.sequence import LocSequence
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.localisation.estimate import PoseEstimate
+    from sfr_loc_map.pipeline.call_record import CallRecord
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr localise data/ -o estimate.csv --stats stats.csv --start truth",
+        "sfr localise drive.mcap -o estimate.tum --config config/localisation.yaml",
+        "sfr localise data/ -o estimate.csv --video tracks.avi",
+    )
+)
 def localise(
     source: SourceArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Trajectory: .csv, or TUM for .txt and .tum.")],
-    stats: Annotated[Path | None, typer.Option(help="CSV with a row for each call: time, memory, state, ...")] = None,
-    video: Annotated[Path | None, typer.Option(help="Feature-track video, .avi or .mp4.")] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="T.csv", help="Trajectory; TUM for .txt and .tum.")],
+    stats: Annotated[
+        Path | None, typer.Option(metavar="S.csv", help="A row for each call: time, memory, state, ...")
+    ] = None,
+    video: Annotated[Path | None, typer.Option(metavar="V.avi", help="Feature-track video, .avi or .mp4.")] = None,
     start: StartOption = "identity",
     config: ConfigOption = None,
     remap: RemapOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Estimate the trajectory of a drive, with the same code as the node."""
     from sfr_loc_map.io.trajectory_file import TUM_SUFFIXES, save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.pipeline.offline import localise as run
-    from sfr_loc_map.pipeline.offline import no_observer, save_stats, start_pose, trajectory_of
-    from sfr_loc_map.pipeline.video import track_video
+    from sfr_loc_map.pipeline.offline import save_stats, start_pose, trajectory_of
+    from sfr_loc_map.pipeline.tracking_summary import states_text, tracking_warning
 
     check_start(start)
-    check_output(output, (".csv", *TUM_SUFFIXES))
-    check_output(stats)
+    check_suffix(output, (".csv", *TUM_SUFFIXES))
+    check_outputs(output, stats, video, overwrite=overwrite, inputs=(source,))
     parameters = read_config(LocalisationConfig, config, "localisation")
     sequence = open_drive(source, remap)
     with naming(source):
         first_pose = start_pose(sequence, start)
-    estimates, records = [], []
-    video_writer = nullcontext(no_observer) if video is None else track_video(video, sequence.rig)
-    with naming(source), video_writer as watch, progress_bar("pairs") as bar:
-        task = bar.add_task("localising", total=len(sequence))
-        for estimate, record in run(sequence, parameters, first_pose, watch):
-            estimates.append(estimate)
-            records.append(record)
-            bar.advance(task)
-    save_trajectory(output, trajectory_of(estimates))
+        done = _run(sequence, parameters, first_pose, video)
+    records = [record for _, record in done]
+    save_trajectory(output, trajectory_of(estimate for estimate, _ in done))
     if stats is not None:
         save_stats(stats, records)
-    lost = sum(record.state == "lost" for record in records)
-    typer.echo(f"{len(estimates)} poses, {lost} lost: {output}", err=True)
+    typer.echo(f"{len(done)} poses, {states_text(records)}: {output}", err=True)
+    text = tracking_warning(records, source)
+    if text is not None:
+        warn(text)
+    if len(done) < len(sequence):
+        raise InterruptedRunError(f"interrupted: {len(done)} of {len(sequence)} pairs were localised, and written")
+
+
+def _run(
+    sequence: LocSequence, parameters: LocalisationConfig, first_pose: Transform, video: Path | None
+) -> list[tuple[PoseEstimate, CallRecord]]:
+    """Localise a drive; interrupted, return what was finished."""
+    from sfr_loc_map.pipeline.offline import localise as run
+    from sfr_loc_map.pipeline.offline import no_observer
+    from sfr_loc_map.pipeline.video import track_video
+
+    done = []
+    video_writer = nullcontext(no_observer) if video is None else track_video(video, sequence.rig)
+    with video_writer as watch, progress_bar("pairs") as bar:
+        task = bar.add_task("localising", total=len(sequence))
+        try:
+            for result in run(sequence, parameters, first_pose, watch):
+                done.append(result)
+                bar.advance(task)
+        except KeyboardInterrupt:
+            if not done:
+                raise
+    return done

@@ -1,8 +1,7 @@
 """The command `sfr`: one module per subcommand, errors in one line, exit codes.
 
 A subcommand's module imports what is heavy inside its function, so that `sfr --help` is quick. It raises `SfrError`;
-only this module prints errors: exit 2 for bad input or usage, 1 for a failed verdict (`FailedVerdictError`), 0
-otherwise.
+only this module prints errors and exits, with the code of the error (`errors.ExitCode`).
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import sys
 import typer
 
 from sfr_loc_map.cli.app import app
-from sfr_loc_map.errors import FailedVerdictError, SfrError
+from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.printable import one_line
 
 COMMANDS = (
@@ -35,7 +34,6 @@ COMMANDS = (
 )
 """Subcommands in the order of the help."""
 GROUPS = ("bench", "campaign", "suite")
-INTERRUPTED = 130
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version
 
@@ -61,15 +59,14 @@ def main() -> int:
     except SystemExit:  # whoever read the output has closed it
         return 0
     except (KeyboardInterrupt, typer.Abort):
-        code = INTERRUPTED
-    except FailedVerdictError as verdict:
-        return _say(str(verdict), 1)
+        code = ExitCode.INTERRUPTED
     except Exception as error:
-        if os.environ.get("SFR_DEBUG"):
+        expected = isinstance(error, SfrError) and error.exit_code is not ExitCode.BAD_INPUT
+        if os.environ.get("SFR_DEBUG") and not expected:
             raise
-        return _say(_line(error), 2)
-    if code == INTERRUPTED:
-        return _say("stopped by the user", INTERRUPTED)
+        return _say(_line(error), error.exit_code if isinstance(error, SfrError) else ExitCode.BAD_INPUT)
+    if code == ExitCode.INTERRUPTED:
+        return _say("interrupted: nothing was finished", ExitCode.INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import (
     ConfigOption,
     RemapOption,
@@ -18,13 +18,20 @@ from sfr_loc_map.cli.common import (
     progress_bar,
     read_config,
 )
-from sfr_loc_map.cli.output import check_output
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix
 
 
-@app.command(name="map")
+@app.command(
+    name="map",
+    epilog=examples(
+        "sfr map data/ -o cloud.ply --stats stats.csv",
+        "sfr map panorama.mcap -o cloud.npz --no-fuse",
+        "sfr map data/ -o cloud.ply --dem 0.05 --colour --covariance",
+    ),
+)
 def map_cloud(
     source: SourceArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Cloud: .ply, .pcd or .npz.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd or .npz.")],
     fuse: Annotated[bool, typer.Option("--fuse/--no-fuse", help="One cloud, or the points of every pair.")] = True,
     dem: Annotated[
         float | None,
@@ -39,9 +46,10 @@ def map_cloud(
     refine_poses: Annotated[
         bool, typer.Option("--refine-poses", help="Correct the poses of later pairs by registration of the overlaps.")
     ] = False,
-    stats: Annotated[Path | None, typer.Option(help="CSV with a row for each call: time, memory, ...")] = None,
+    stats: Annotated[Path | None, typer.Option(metavar="S.csv", help="A row for each call: time, memory, ...")] = None,
     config: ConfigOption = None,
     remap: RemapOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Map up to three stereo pairs, with the same code as the node."""
     from sfr_loc_map.io.cloud_file import SUFFIXES
@@ -49,11 +57,9 @@ def map_cloud(
     from sfr_loc_map.pipeline.map_outputs import MapOutputs, map_warnings, save_map
     from sfr_loc_map.pipeline.offline import map_pairs, save_stats
 
-    check_output(output, SUFFIXES)
-    check_output(stats)
+    check_suffix(output, SUFFIXES)
     outputs = MapOutputs(output, fuse, dem, colour, covariance)
-    for path in outputs.beside.values():
-        check_output(path)
+    check_outputs(output, stats, *outputs.beside.values(), overwrite=overwrite, inputs=(source,))
     parameters = read_config(MappingConfig, config, "mapping")
     if refine_poses:
         parameters = replace(parameters, refine_poses=True)

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import SourceArgument, naming, progress_bar
+from sfr_loc_map.cli.output import OverwriteOption, output_folder
 from sfr_loc_map.errors import ConfigError
 
 FAULT_HELP = (
@@ -18,15 +19,23 @@ FAULT_HELP = (
 )
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr perturb data/ faulty/ --fault dropped:share=0.2 --fault blurred:amount=3,camera=left",
+        "sfr perturb drive.mcap faulty.mcap --fault body:amount=0.3 --seed 4",
+    )
+)
 def perturb(
     source: SourceArgument,
-    destination: Annotated[Path, typer.Argument(help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")],
+    destination: Annotated[
+        Path, typer.Argument(metavar="DST", help="*.mcap, *.db3 or *.bag: a ROS 2 bag; else a data set folder.")
+    ],
     fault: Annotated[
         list[str] | None,
-        typer.Option("--fault", help=FAULT_HELP),
+        typer.Option("--fault", metavar="KIND[:...]", help=FAULT_HELP),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed that selects the affected pairs.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Copy a source and inject faults: of single pairs, of the cameras, of the view, of clock and calibration."""
     from sfr_loc_map.io.registry import open_source
@@ -38,7 +47,8 @@ def perturb(
     faults = [parse_fault(text) for text in fault]
     opened = open_source(source, {})
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
-    with naming(source), progress_bar("pairs") as bar:
+    room = output_folder(destination, overwrite=overwrite, inputs=(source,))
+    with room, naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("injecting faults", total=total)
         count = run(opened, destination, faults, seed, lambda done: bar.update(task, completed=done))
     typer.echo(f"{count} of {total} pairs: {destination}", err=True)

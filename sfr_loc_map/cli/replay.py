@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import (
     ConditionOption,
     ConfigOption,
@@ -23,13 +23,15 @@ from sfr_loc_map.cli.common import (
     read_config,
     require_ros,
 )
-from sfr_loc_map.cli.output import check_output
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, warn
 from sfr_loc_map.cli.score import LimitsOption, present, score_config
-from sfr_loc_map.errors import NodeError, OutputError
+from sfr_loc_map.cli.verdict import LenientOption, conclude, read_limits
+from sfr_loc_map.errors import InterruptedRunError, NodeError, OutputError
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.io.sequence import Source
+    from sfr_loc_map.metrics.score import Score
     from sfr_loc_map.metrics.verdicts.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
@@ -39,14 +41,23 @@ OutOption = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
 ]
 RateOption = Annotated[
-    float, typer.Option(min=0.0, help="0: wait for the result of each pair; else multiple of the recorded speed.")
+    float,
+    typer.Option(
+        min=0.0, metavar="R", help="0: wait for the result of each pair; else multiple of the recorded speed."
+    ),
 ]
 LoopOption = Annotated[bool, typer.Option("--loop/--no-loop", help="Restart at the end, until q or Ctrl-C.")]
-OffsetOption = Annotated[float, typer.Option(min=0.0, help="Seconds of the source that are left out.")]
+OffsetOption = Annotated[float, typer.Option(min=0.0, metavar="S", help="Part of the source that is left out.")]
 PausedOption = Annotated[bool, typer.Option("--start-paused", help="Wait for space, s or ~/resume.")]
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr replay data/ --start truth --out out/",
+        "sfr replay drive.mcap --rate 1 --loop --out out/ --overwrite",
+        "sfr replay data/ --limits limits.yaml --condition distance=10",
+    )
+)
 def replay(
     source: SourceArgument,
     out: OutOption = None,
@@ -59,35 +70,34 @@ def replay(
     start: StartOption = "identity",
     config: ConfigOption = None,
     remap: RemapOption = None,
+    overwrite: OverwriteOption = False,
+    lenient: LenientOption = False,
 ) -> None:
     """Play a source to the three nodes over topics, record what they answer, score it.
 
     Keys, where standard input is a terminal: space pauses and resumes, s or the right arrow plays one pair, the left
     arrow goes 5 s back and f 5 s on, up and down change the rate, l the loop, q ends and scores. The same as services
     of /sfr_player: ~/pause, ~/resume, ~/toggle_paused, ~/play_next, ~/stop, ~/set_loop; parameters rate and seek_s.
-    The last run is scored: each jump begins a new one.
+    The end and each jump begin a new run; the last one that was played to its end is scored, else the last one.
+    Ctrl-C ends as q does, exit 130.
     """
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.metrics.verdicts.limits import load_limits
 
     check_start(start)
     remaps = parse_remaps(remap)
     opened = open_source(source, remaps)
-    parsed_limits = load_limits(limits) if limits is not None else None
+    parsed_limits, asked = read_limits(limits, condition)
     require_ros("replay")
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.nodes.replay.options import ReplayOptions, is_ros_parameter_file
 
-    first_pose = _first_pose(opened, start)
-    with naming(source):
-        first_pose(start_offset)
     options = ReplayOptions(
         localisation=read_config(LocalisationConfig, config, "localisation"),
         mapping=read_config(MappingConfig, config, "mapping"),
         score=score_config(condition, {}),
         limits=limits,
-        start=first_pose,
+        start=_first_pose(opened, start, start_offset),
         rate=rate,
         offset_s=start_offset,
         paused=start_paused,
@@ -95,55 +105,83 @@ def replay(
         remap=remaps,
         parameter_file=config if config is not None and is_ros_parameter_file(config) else None,
     )
-    _replay_and_score(source, opened, options, parsed_limits, out)
+    score = _replay_and_score(source, opened, options, parsed_limits, (out, overwrite))
+    conclude(score, asked, lenient=lenient or (limits is None and not condition))  # of what nobody named it warns
 
 
-def _first_pose(source: Source, start: str) -> Callable[[float], Transform | None]:
-    """Return what gives the pose at the first pair after so many seconds, None for the identity."""
+def _first_pose(source: Source, start: str, offset_s: float) -> Callable[[float], Transform | None]:
+    """Return what gives the pose at the first pair after so many seconds, None for the identity.
+
+    Raises:
+        InputError: If there is none after `offset_s`.
+    """
     from sfr_loc_map.pipeline.offline import start_pose
 
-    loc = source.loc
-    return lambda offset_s: None if loc is None or start == "identity" else start_pose(loc, start, offset_s)
+    def pose(offset_s: float) -> Transform | None:
+        return None if source.loc is None or start == "identity" else start_pose(source.loc, start, offset_s)
+
+    with naming(source.path):
+        pose(offset_s)
+    return pose
 
 
 def _replay_and_score(
-    path: Path, source: Source, options: ReplayOptions, limits: Limits | None, out: Path | None
-) -> None:
-    """Replay, write the outputs to a folder if one is given, print the score."""
+    path: Path, source: Source, options: ReplayOptions, limits: Limits | None, output: tuple[Path | None, bool]
+) -> Score:
+    """Replay, write the outputs to a folder if one is given, print the score.
+
+    Args:
+        path: The source.
+        source: The source, opened.
+        options: How it is replayed.
+        limits: Limits to judge by.
+        output: Folder for the outputs, and whether they may replace others.
+
+    Raises:
+        InterruptedRunError: If the user ended the replay; what was finished is written and printed.
+    """
     import tempfile
 
     from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
 
-    with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch, _folder(out or Path(scratch)) as folder:
-        files = ReplayFiles(folder)
-        with naming(path):
-            result = _run(source, options)
-        save_replay(result, files)
-        score = score_replay(source, result, files, options.score, limits)
-        try:
-            present(score, None if out is None else str(files.report), None if out is None else files.page)
-        finally:
-            _say_where(result, files, out)
+    out, overwrite = output
+    with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch:
+        files = ReplayFiles(out or Path(scratch))
+        with _room_for(files, overwrite=overwrite):
+            with naming(path):
+                result, interruption = _run(source, options)
+            for file in files.all:
+                file.unlink(missing_ok=True)  # of an earlier run, which may have written more of them
+            save_replay(result, files)
+            score = score_replay(source, result, files, options.score, limits)
+            try:
+                present(score, None if out is None else str(files.report), None if out is None else files.page)
+            finally:
+                _say_where(path, result, files, out)
+    if interruption:
+        raise InterruptedRunError(interruption)
+    return score
 
 
 @contextmanager
-def _folder(out: Path) -> Iterator[Path]:
+def _room_for(files: ReplayFiles, *, overwrite: bool) -> Iterator[None]:
     """Make the folder of the outputs; take it away again if nothing came to be in it."""
+    out = files.folder
     made = not out.exists()
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder '{out}': {error.strerror}; choose another --out") from error
     try:
-        check_output(out / "report.json")
-        yield out
+        check_outputs(*files.all, overwrite=overwrite)
+        yield
     finally:
         if made and not any(out.iterdir()):
             out.rmdir()
 
 
-def _run(source: Source, options: ReplayOptions) -> ReplayResult:
-    """Replay with progress bars and return what came out."""
+def _run(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
+    """Replay with progress bars and return what came out, and what was finished if the user ended it."""
     from sfr_loc_map.nodes.replay.replay import AGAIN
     from sfr_loc_map.nodes.replay.replay import replay as run
     from sfr_loc_map.pipeline.replay import ReplayResult
@@ -162,6 +200,8 @@ def _run(source: Source, options: ReplayOptions) -> ReplayResult:
                     bar.reset(task, total=totals[name])
 
         results = run(source, options, lambda task: bar.advance(tasks[task]), say)
+    if results.interrupted and not results.count:
+        raise KeyboardInterrupt
     played = len(results.published_stamps("loc"))
     missing = played - len(results.rows)
     if missing > 0:
@@ -169,12 +209,19 @@ def _run(source: Source, options: ReplayOptions) -> ReplayResult:
     if results.published_stamps("nav") and not results.clouds:
         raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
     cloud, mapped_ns = results.last_map()
-    return ReplayResult(results.trajectory, cloud, results.records, results.report, mapped_ns)
+    result = ReplayResult(results.trajectory, cloud, results.records, results.report, mapped_ns)
+    count = f"{len(results.published)} of {sum(totals.values())} pairs"
+    return result, f"interrupted: {count} were played, and scored" if results.interrupted else ""
 
 
-def _say_where(result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
-    lost = sum(record.state == "lost" for record in result.records)
-    typer.echo(f"{len(result.estimate)} poses, {lost} lost", err=True)
+def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
+    from sfr_loc_map.pipeline.tracking_summary import states_text, tracking_warning
+
+    typer.echo(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)
+    localised = [record for record in result.records if record.covariance is not None]
+    text = tracking_warning(localised, source)
+    if text is not None:
+        warn(text)
     if out is not None:
         page = files.page if files.page.exists() else files.report
         typer.echo(f"report: {page}")

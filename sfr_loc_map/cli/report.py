@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
-from sfr_loc_map.cli.output import write_text
+from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, write_text
 from sfr_loc_map.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -29,13 +29,22 @@ class Format(StrEnum):
 SUFFIXES = {".html": Format.HTML, ".htm": Format.HTML, ".md": Format.MARKDOWN, ".csv": Format.CSV}
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr report out/report.json -o page.html",
+        "sfr report out/report.json -o tables.md",
+        "sfr report out/report.json --format pdf-ready -o print.html",
+    )
+)
 def report(
     score: Annotated[
         Path, typer.Argument(metavar="SCORE.json", help="Score, as sfr score --json or sfr replay write.")
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="File; report.html beside the score, or standard output.")
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="F", help="File; by default report.html beside the score, or standard output."
+        ),
     ] = None,
     form: Annotated[
         Format | None,
@@ -44,14 +53,17 @@ def report(
             help="Page with figures, tables as Markdown or CSV, or a page of tables to print; by the ending.",
         ),
     ] = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Make the report page, or tables, of a score."""
     from sfr_loc_map.report.page import load_score
 
     chosen = form or _format_of(output)
-    text = _text(load_score(score), chosen)
     if output is None and chosen is Format.HTML:
         output = score.with_name("report.html")
+    loaded = load_score(score)
+    check_outputs(output, overwrite=overwrite, inputs=(score,))
+    text = _text(loaded, chosen)
     if output is None:
         sys.stdout.write(text)
         return

@@ -7,14 +7,21 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import require_ros
 from sfr_loc_map.errors import InputError
 
 ROS_ARGS = "--ros-args"
 
 
-@app.command(context_settings={"ignore_unknown_options": True})  # what it does not know is passed on to ROS
+@app.command(
+    context_settings={"ignore_unknown_options": True},  # what it does not know is passed on to ROS
+    epilog=examples(
+        "sfr run",
+        "sfr run localisation --params-file config/localisation.yaml --namespace rover1",
+        "sfr run all -r loc/left/image_rect:=/eye/left --respawn",
+    ),
+)
 def run(
     words: Annotated[
         list[str] | None,
@@ -26,13 +33,17 @@ def run(
     ] = None,
     params_file: Annotated[
         list[Path] | None,
-        typer.Option("--params-file", help="ROS parameter file, for all nodes named in it; repeatable."),
+        typer.Option(
+            "--params-file", metavar="P.yaml", help="ROS parameter file, for all nodes named in it; repeatable."
+        ),
     ] = None,
-    namespace: Annotated[str, typer.Option("--namespace", help="Namespace of nodes and topics.")] = "",
+    namespace: Annotated[str, typer.Option("--namespace", metavar="NS", help="Namespace of nodes and topics.")] = "",
     remap: Annotated[
         list[str] | None, typer.Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
     ] = None,
-    log_level: Annotated[str, typer.Option("--log-level", help="debug, info, warn or error.")] = "info",
+    log_level: Annotated[
+        str, typer.Option("--log-level", metavar="debug|info|warn|error", help="Least severe messages shown.")
+    ] = "info",
     respawn: Annotated[
         bool, typer.Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
     ] = False,

@@ -8,32 +8,55 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import ConditionOption
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, check_json, check_output, show
-from sfr_loc_map.errors import ConfigError, FailedVerdictError, MissingExtraError
+from sfr_loc_map.cli.output import (
+    HTML_SUFFIXES,
+    STANDARD_OUTPUT,
+    HtmlOption,
+    JsonOption,
+    OverwriteOption,
+    check_outputs,
+    check_suffix,
+    show,
+    warn,
+)
+from sfr_loc_map.cli.verdict import LenientOption, conclude, read_limits
+from sfr_loc_map.errors import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.config import ScoreConfig
-    from sfr_loc_map.metrics.score import Score, Verdict
+    from sfr_loc_map.metrics.score import Score
 
-LimitsOption = Annotated[Path | None, typer.Option("--limits", help="Limits (YAML); exit code 1 if one is missed.")]
+LimitsOption = Annotated[
+    Path | None, typer.Option("--limits", metavar="F.yaml", help="Limits; exit code 1 if one is missed.")
+]
 StatsOption = Annotated[
-    list[Path] | None, typer.Option(help="CSV with the calls (time, memory, state, covariance); repeatable.")
+    list[Path] | None,
+    typer.Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable."),
 ]
 TargetTimingOption = Annotated[
-    Path | None, typer.Option(help="CSV with calls on the target: processing_time_s, state, peak_rss_bytes.")
+    Path | None,
+    typer.Option(metavar="S.csv", help="Calls on the target: processing_time_s, state, peak_rss_bytes."),
 ]
 RangeOption = Annotated[
-    tuple[float, float], typer.Option("--range", help="Ranges of the truth that count for coverage, m.")
+    tuple[float, float],
+    typer.Option("--range", metavar="FROM_M TO_M", help="Ranges of the truth that count for coverage."),
 ]
 FusedOption = Annotated[
     bool | None,
     typer.Option("--fused/--not-fused", help="Whether the cloud is fused, for a file that does not say so."),
 ]
+SpacingOption = Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")]
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr score estimate.csv data/ --condition distance=5 --condition time=60",
+        "sfr score cloud.ply data/ --limits limits.yaml --json score.json --html score.html",
+        "sfr score estimate.csv truth.tum --json -",
+    )
+)
 def score(
     estimate: Annotated[
         Path, typer.Argument(metavar="EST", help="Trajectory (TUM, csv, bag) or cloud (.ply, .pcd, .npz).")
@@ -42,25 +65,30 @@ def score(
         Path, typer.Argument(metavar="TRUTH", help="Trajectory, bag or data set; for a cloud a source with truth.")
     ],
     condition: ConditionOption = None,
-    spacing: Annotated[int, typer.Option(help="Frames from one start to the next.")] = 10,
-    rebase: Annotated[str, typer.Option(help="Taken from the estimate at a start: pose or position.")] = "pose",
+    spacing: SpacingOption = 10,
+    rebase: Annotated[str, typer.Option(metavar="pose|position", help="Taken from the estimate at a start.")] = "pose",
     limits: LimitsOption = None,
     stats: StatsOption = None,
-    target: Annotated[str | None, typer.Option(help="Name of the target that --target-timing was measured on.")] = None,
+    target: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Name of the target that --target-timing was measured on.")
+    ] = None,
     target_timing: TargetTimingOption = None,
-    associate: Annotated[str, typer.Option(help="Truth of an estimate: auto, match or interpolate.")] = "auto",
-    max_gap: Annotated[float, typer.Option(help="Longest gap of the truth that is interpolated, s.")] = 1.0,
+    associate: Annotated[
+        str, typer.Option(metavar="auto|match|interpolate", help="How an estimate finds its truth.")
+    ] = "auto",
+    max_gap: Annotated[float, typer.Option(metavar="S", help="Longest gap of the truth that is interpolated.")] = 1.0,
     scored_range: RangeOption = (0.0, 10.0),
     fused: FusedOption = None,
     json_path: JsonOption = None,
-    html: Annotated[Path | None, typer.Option(help="Write a page with figures.")] = None,
+    html: HtmlOption = None,
+    overwrite: OverwriteOption = False,
+    lenient: LenientOption = False,
 ) -> None:
-    """Score an estimate against the truth."""
-    from sfr_loc_map.metrics.verdicts.limits import load_limits
+    """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.pipeline.score_inputs import ScoreInputs
     from sfr_loc_map.pipeline.scoring import score_files
 
-    parsed_limits = load_limits(limits) if limits is not None else None
+    parsed_limits, asked = read_limits(limits, condition)
     settings: dict[str, object] = {
         "trajectory.spacing": spacing,
         "trajectory.rebase": rebase,
@@ -73,9 +101,11 @@ def score(
     if (target is None) != (target_timing is None):
         raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
     inputs = replace(ScoreInputs.of(estimate, truth, stats or ()), target=target_timing, target_name=target or "")
-    check_json(json_path)
-    check_output(html, (".html", ".htm"))
-    present(score_files(inputs, config, parsed_limits, fused=fused), json_path, html)
+    check_suffix(html, HTML_SUFFIXES)
+    check_outputs(json_path, html, overwrite=overwrite, inputs=(estimate, truth, *(stats or ())))
+    result = score_files(inputs, config, parsed_limits, fused=fused)
+    present(result, json_path, html)
+    conclude(result, asked, lenient=lenient)
 
 
 def score_config(conditions: list[str] | None, settings: dict[str, object]) -> ScoreConfig:
@@ -96,7 +126,6 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
 
     Raises:
         ConfigError: If there is nothing in it.
-        FailedVerdictError: If a limit was missed.
     """
     from sfr_loc_map.metrics.score_json import to_json
     from sfr_loc_map.report.score_tables import summary_tables
@@ -108,16 +137,8 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     if html is not None:
         _write_page(score, html)
     for warning in score.warnings:
-        typer.echo(f"sfr: warning: {warning}", err=True)
-    if score.failed:
-        missed = ", ".join(map(_missed, score.failed))
-        raise FailedVerdictError(f"{len(score.failed)} of {len(score.verdicts)} limits missed: {missed}")
-
-
-def _missed(item: Verdict) -> str:
-    """Return a limit that was missed, in the words of the limits file."""
-    name = item.metric.removesuffix("_min")
-    return f"{name} {item.value:.6g} {'>' if name == item.metric else 'against'} {item.limit:g}"
+        if warning != score.contradiction:  # that ends the command
+            warn(warning)
 
 
 def _write_page(score: Score, html: Path) -> None:

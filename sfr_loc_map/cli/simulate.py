@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,12 +10,19 @@ import typer
 import yaml
 
 from sfr_loc_map.bounded_input import parse_yaml
-from sfr_loc_map.cli.app import app
-from sfr_loc_map.cli.common import progress_bar
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.common import each_tenth, progress_bar
+from sfr_loc_map.cli.output import OverwriteOption, output_folder
+from sfr_loc_map.errors import ConfigError, InterruptedRunError
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr simulate data/",
+        "sfr simulate config/simulation/sample.yaml data/ --seed 4 --workers 4",
+        "sfr simulate drive.mcap --set terrain.relief_m=0.2 --set loc.width=512",
+    )
+)
 def simulate(
     paths: Annotated[
         list[Path],
@@ -22,14 +30,16 @@ def simulate(
             metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the folder or bag to make."
         ),
     ],
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
+    seed: Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of everything random.")] = None,
+    workers: Annotated[int, typer.Option(min=1, metavar="N", help="Processes.")] = 2,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="One setting, as terrain.relief_m=0.2.")
     ] = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Render a drive or a panorama with exact truth; a stopped run continues when called again."""
     from sfr_loc_map.config import build, load_yaml
+    from sfr_loc_map.pipeline.simulate import can_continue
     from sfr_loc_map.pipeline.simulate import simulate as run
     from sfr_loc_map.simulation.config import SimulationConfig
 
@@ -40,10 +50,25 @@ def simulate(
     if seed is not None:
         values["seed"] = seed
     config = build(SimulationConfig, values, origin=str(paths[0]) if len(paths) == 2 else "settings")
-    with progress_bar("images") as bar:
-        task = bar.add_task("rendering", total=None)
-        count = run(config, paths[-1], workers, lambda done, total: bar.update(task, completed=done, total=total))
-    typer.echo(f"{count} pairs: {paths[-1]}", err=True)
+    out = paths[-1]
+    room = nullcontext() if can_continue(config, out) else output_folder(out, overwrite=overwrite, inputs=paths[:-1])
+    with room, progress_bar("images") as bar:
+        task, report = bar.add_task("rendering", total=None), each_tenth("rendering", "images")
+        state = (0, 0)
+
+        def progress(done: int, total: int) -> None:
+            nonlocal state
+            state = done, total
+            bar.update(task, completed=done, total=total)
+            report(done, total)
+
+        try:
+            count = run(config, out, workers, progress)
+        except KeyboardInterrupt:
+            raise InterruptedRunError(
+                f"interrupted: {state[0]} of {state[1]} images are rendered; the same command continues"
+            ) from None
+    typer.echo(f"{count} pairs: {out}", err=True)
 
 
 def parse_settings(settings: list[str] | None) -> dict[str, Any]:

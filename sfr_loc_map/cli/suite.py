@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import help_without_command
-from sfr_loc_map.cli.output import JsonOption, check_json, check_output, show, write_text
+from sfr_loc_map.cli.app import App, examples, help_without_command
+from sfr_loc_map.cli.output import (
+    HTML_SUFFIXES,
+    HtmlOption,
+    JsonOption,
+    OverwriteOption,
+    check_outputs,
+    check_suffix,
+    show,
+    write_text,
+)
 from sfr_loc_map.cli.suite_progress import progress
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
@@ -18,17 +27,23 @@ if TYPE_CHECKING:
     from sfr_loc_map.suite.store import Store
     from sfr_loc_map.suite.summary import Summary
 
-app = typer.Typer(help="Suites of runs: many sources, configurations and faults, resumed where they stopped.")
+app = App(help="Suites of runs: many sources, configurations and faults, resumed where they stopped.")
 app.callback(invoke_without_command=True)(help_without_command)
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
 
 
-@app.command()
+@app.command(
+    epilog=examples(
+        "sfr suite run suite.yaml --out runs/today --workers 4",
+        "sfr suite run suite.yaml --out runs/today --dry-run",
+        "sfr suite run suite.yaml --out runs/today --retry-failed --json -",
+    )
+)
 def run(
     suite: Annotated[Path, typer.Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the results; continued if it is there.")],
-    workers: Annotated[int | None, typer.Option(min=1, help="Tasks at a time; default: one for each core.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786 (extra [suite])."),
@@ -37,6 +52,7 @@ def run(
     only: Annotated[str, typer.Option(metavar="KEY", help="Run this one task again, done or not.")] = "",
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try again what failed before.")] = False,
     json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Run what is not done yet. Interrupted, it goes on where it was; done work is never done twice."""
     from sfr_loc_map.suite.page import write_summary
@@ -45,7 +61,7 @@ def run(
     from sfr_loc_map.suite.store import Store
     from sfr_loc_map.suite.summary import summarise
 
-    check_json(json_path)
+    check_outputs(json_path, overwrite=overwrite)
     specification = load_specification(suite)
     store = Store(out)
     with store.locked():
@@ -68,25 +84,26 @@ def run(
     _present(summary, store, suite, json_path)
 
 
-@app.command()
-def report(folder: FolderArgument, json_path: JsonOption = None) -> None:
+@app.command(epilog=examples("sfr suite report runs/today --json summary.json"))
+def report(folder: FolderArgument, json_path: JsonOption = None, overwrite: OverwriteOption = False) -> None:
     """Write the report page again from the results that are there."""
     from sfr_loc_map.suite.page import write_summary
     from sfr_loc_map.suite.summary import summarise
 
-    check_json(json_path)
+    check_outputs(json_path, overwrite=overwrite)
     store = open_store(folder)
     summary = summarise(store)
     write_summary(summary, store.folder)
     _present(summary, store, None, json_path)
 
 
-@app.command()
+@app.command(epilog=examples("sfr suite compare runs/before runs/after --html comparison.html"))
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A", help="Folder of the suite that is the reference.")],
     other: Annotated[Path, typer.Argument(metavar="B", help="Folder of the suite that is compared with it.")],
     json_path: JsonOption = None,
-    html: Annotated[Path | None, typer.Option(help="Write a page.")] = None,
+    html: HtmlOption = None,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Compare two suites over the drives that both have: better, worse, or no difference shown."""
     from sfr_loc_map.report.page import render_tables
@@ -94,8 +111,8 @@ def compare(
     from sfr_loc_map.suite.comparison_tables import comparison_tables
     from sfr_loc_map.suite.summary import summarise
 
-    check_json(json_path)
-    check_output(html, (".html", ".htm"))
+    check_suffix(html, HTML_SUFFIXES)
+    check_outputs(json_path, html, overwrite=overwrite)
     reference, compared = (summarise(open_store(folder)) for folder in (first, other))
     result = compare_suites(reference, compared, (str(first), str(other)))
     tables = comparison_tables(result)

@@ -5,10 +5,11 @@ The bag is opened for each pass and closed after it, so nothing is held open, an
 
 from __future__ import annotations
 
+import difflib
 import heapq
 import logging
 import struct
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.bounded_input import check_regular
 from sfr_loc_map.constants import NS_PER_S
-from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.io.mcap_recovery import RecoveringReader, is_unfinished
 from sfr_loc_map.io.sqlite_check import check_whole
 
@@ -31,6 +32,20 @@ POSE = "geometry_msgs/msg/PoseStamped"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POINTS = "sensor_msgs/msg/PointCloud2"
 TF = "tf2_msgs/msg/TFMessage"
+TOPICS_READ = (
+    *(
+        f"{task}/{side}/{part}"
+        for task in ("loc", "nav")
+        for side in ("left", "right")
+        for part in ("image_rect", "image_rect/compressed", "camera_info")
+    ),
+    "nav/pose",
+    "localisation/odometry",
+    "ground_truth/odometry",
+    "ground_truth/points",
+    "tf_static",
+)
+"""Names of the topics that are read from a bag, within any one namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, "stereo_msgs/msg/DisparityImage"}
 """Types whose first field is a header."""
 
@@ -76,6 +91,7 @@ class Bag:
 
         Raises:
             InputError: If the bag is missing, empty or broken, or `remap` names a topic that is not there.
+            ConfigError: If `remap` gives a topic a name that nothing reads.
         """
         self.path = path
         self._files = _reader_paths(path)
@@ -202,11 +218,15 @@ class Bag:
     def _renamed(self, remap: Mapping[str, str]) -> dict[str, str]:
         wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
         names = {topic: topic.strip("/") for topic in self._types}
-        unknown = sorted(set(wanted) - set(names.values()))
-        if unknown:
-            raise InputError(
-                f"bag '{self.path}' has no topic '{unknown[0]}' to remap: it has {', '.join(sorted(self._types))}"
-            )
+        for old, new in wanted.items():
+            if old not in names.values():
+                near = _near(old, sorted(self._types))
+                raise InputError(f"bag '{self.path}' has no topic '{old}' to remap as '{new}': {near}")
+            if not any(f"/{new}".endswith(f"/{name}") for name in TOPICS_READ):
+                raise ConfigError(
+                    f"'--remap {old}:={new}': no topic is read as '{new}', so that '{old}' would be left out of "
+                    f"'{self.path}': {_near(new, TOPICS_READ)}"
+                )
         return {topic: wanted.get(name, name) for topic, name in names.items()}
 
     @contextmanager
@@ -253,6 +273,12 @@ def _header_stamp(raw: bytes) -> int:
     """Return the stamp of a message that begins with a header, without deserialising it (CDR, XTypes 1.3, 7.4)."""
     seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
     return int(seconds) * NS_PER_S + int(nanoseconds)
+
+
+def _near(name: str, known: Sequence[str]) -> str:
+    """Return which of the known names a wrong one may stand for."""
+    near = difflib.get_close_matches(name, [item.strip("/") for item in known], n=3)
+    return (f"did you mean {' or '.join(near)}? " if near else "") + f"there are {', '.join(known)}"
 
 
 def _line(error: Exception) -> str:

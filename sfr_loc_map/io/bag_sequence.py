@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
@@ -235,7 +236,9 @@ def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:
         InputError: If it is broken, or has the images of neither task.
     """
     bag = Bag(path, remap)
-    has = {task: bag.find(f"{task}/left/image_rect", IMAGE, COMPRESSED) for task in ("loc", "nav")}
+    has = {
+        task: any(bag.find(f"{task}/{side}/image_rect", IMAGE, COMPRESSED) for side in SIDES) for task in ("loc", "nav")
+    }
     if not any(has.values()):
         raise InputError(
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "

@@ -26,7 +26,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.camera_info import baseline_from_projection
-from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines
+from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines, whole_pairs
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.text_numbers import parse_stamp_ns
 from sfr_loc_map.io.trajectory_file import check_order
@@ -68,8 +68,9 @@ def open_euroc(path: Path) -> Source:
         ]
         return np.asarray(images[0], np.uint8), np.asarray(images[1], np.uint8)
 
-    sequence = ImageFileSequence(rig, _load_truth(folder / TRUTH / "data.csv"), _pairs(folder), left.size, rectify)
-    return Source(path, "euroc", sequence, None)
+    entries, left_out = whole_pairs(_pairs(folder), f"'{folder}'")
+    sequence = ImageFileSequence(rig, _load_truth(folder / TRUTH / "data.csv"), entries, left.size, rectify)
+    return Source(path, "euroc", sequence, None, left_out)
 
 
 def _load_camera(path: Path) -> _Camera:

@@ -26,8 +26,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.image_codec import read_grey
+from sfr_loc_map.io.image_file_sequence import whole_pairs
 from sfr_loc_map.io.rig_file import load_rig
-from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.text_numbers import parse_number, parse_stamp_ns
 from sfr_loc_map.io.trajectory_file import check_order, load_trajectory
 
@@ -61,7 +62,7 @@ class FolderLocSequence:
             InputError: If a file is missing or broken, or stamps go backwards.
         """
         self._rig = load_rig(folder / "rig.json")
-        self._entries = _load_pairs(folder)
+        self._entries, self.left_out = _load_pairs(folder)
         self._truth = _load_truth(folder / "groundtruth.csv")
 
     @property
@@ -103,7 +104,7 @@ class FolderNavSequence:
             InputError: If a file is missing or broken, or stamps go backwards.
         """
         self._rig = load_rig(folder / "rig.json")
-        self._entries = _load_pairs(folder)
+        self._entries, self.left_out = _load_pairs(folder)
 
     @property
     def rig(self) -> StereoRig:
@@ -143,19 +144,17 @@ def open_folder(path: Path) -> Source:
     Raises:
         InputError: If a file is missing or broken.
     """
-    loc: LocSequence | None = None
-    nav: NavSequence | None = None
+    loc: FolderLocSequence | None = None
+    nav: FolderNavSequence | None = None
     if (path / "pairs.csv").exists() or (path / "rig.json").exists():
         if NAV_COLUMNS[3] in _header(path / "pairs.csv"):
             nav = FolderNavSequence(path)
         else:
             loc = FolderLocSequence(path)
-        return Source(path, "sfr", loc, nav)
-    if (path / "loc").is_dir():
-        loc = FolderLocSequence(path / "loc")
-    if (path / "nav").is_dir():
-        nav = FolderNavSequence(path / "nav")
-    return Source(path, "sfr", loc, nav)
+    else:
+        loc = FolderLocSequence(path / "loc") if (path / "loc").is_dir() else None
+        nav = FolderNavSequence(path / "nav") if (path / "nav").is_dir() else None
+    return Source(path, "sfr", loc, nav, sum(part.left_out for part in (loc, nav) if part is not None))
 
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
@@ -215,7 +214,7 @@ def _read_rows(path: Path) -> list[list[str]]:
     return rows
 
 
-def _load_pairs(folder: Path) -> list[_Entry]:
+def _load_pairs(folder: Path) -> tuple[list[_Entry], int]:
     path = folder / "pairs.csv"
     header, *rows = _read_rows(path)
     allowed = (LOC_COLUMNS, NAV_COLUMNS, (*NAV_COLUMNS, TRUTH_COLUMN))
@@ -230,8 +229,8 @@ def _load_pairs(folder: Path) -> list[_Entry]:
     if not entries:
         raise InputError(f"'{path}' lists no pair: at least one is needed")
     check_order([entry.stamp_ns for entry in entries], f"'{path}'", strict=True)
-    _check_files(path, entries)
-    return entries
+    _check_truth(path, entries)
+    return whole_pairs(entries, f"'{path}'")
 
 
 def _headers(allowed: tuple[tuple[str, ...], ...]) -> str:
@@ -254,10 +253,8 @@ def _entry(folder: Path, where: str, row: dict[str, str]) -> _Entry:
     return _Entry(stamp, folder / row["left"], folder / row["right"], pose, truth)
 
 
-def _check_files(path: Path, entries: list[_Entry]) -> None:
-    """Say at once which files are missing, not after an hour of work."""
-    files = [file for entry in entries for file in (entry.left, entry.right, entry.truth) if file is not None]
-    missing = [str(file) for file in files if not file.is_file()]
+def _check_truth(path: Path, entries: list[_Entry]) -> None:
+    """Say at once that a truth is missing, not after an hour of work."""
+    missing = [str(entry.truth) for entry in entries if entry.truth is not None and not entry.truth.is_file()]
     if missing:
-        rest = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-        raise InputError(f"'{path}' names files that are not there: {', '.join(missing[:3])}{rest}; restore them")
+        raise InputError(f"'{path}' names a truth that is not there: {missing[0]}; restore it, or leave out its name")

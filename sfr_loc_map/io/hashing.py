@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError
 
@@ -30,6 +34,15 @@ def hash_path(path: Path) -> str:
         return digest.hexdigest()
     except OSError as error:
         raise InputError(f"cannot read '{error.filename}' to hash it: {error.strerror}; check the rights") from error
+
+
+def hash_arrays(arrays: Iterable[NDArray[np.generic]]) -> str:
+    """Return the SHA-256 of the shapes, types and bytes of arrays, in their order."""
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
 
 
 def _hash_file(path: Path) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.errors import InputError
@@ -13,6 +15,51 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.text_numbers import parse_number
+
+_log = logging.getLogger(__name__)
+NAMED_FILES = 3
+"""Missing files that a message names."""
+
+
+class PairOfFiles(Protocol):
+    """The two files of a pair."""
+
+    @property
+    def left(self) -> Path:
+        """Left image."""
+        ...
+
+    @property
+    def right(self) -> Path:
+        """Right image."""
+        ...
+
+
+E = TypeVar("E", bound=PairOfFiles)
+
+
+def whole_pairs(entries: Sequence[E], name: str) -> tuple[list[E], int]:
+    """Return the pairs both images of which are there, and how many are not; warn of those in one line.
+
+    Args:
+        entries: At least one pair.
+        name: What lists them, for messages.
+
+    Raises:
+        InputError: If none is left.
+    """
+    missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
+    if not missing:
+        return list(entries), 0
+    gone = set(missing)
+    whole = [entry for entry in entries if entry.left not in gone and entry.right not in gone]
+    rest = f" and {len(missing) - NAMED_FILES} more" if len(missing) > NAMED_FILES else ""
+    files = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
+    if not whole:
+        raise InputError(f"{name} names images that are not there: {files}; restore them")
+    left_out = len(entries) - len(whole)
+    _log.warning("%s: %d of %d pairs left out, images are not there: %s", name, left_out, len(entries), files)
+    return whole, left_out
 
 
 @dataclass(frozen=True, slots=True)

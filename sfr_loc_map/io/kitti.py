@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.camera_info import TOLERANCE, baseline_from_projection
 from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines
+from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines, whole_pairs
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import check_order, parse_seconds
 
@@ -46,11 +46,13 @@ def open_kitti(path: Path) -> Source:
         ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)
     ]
-    height, width = read_grey(entries[0].left).shape
+    whole, left_out = whole_pairs(entries, f"'{path / 'times.txt'}'")
+    height, width = read_grey(whole[0].left).shape
     projections = _load_calibration(path / "calib.txt")
     rig = _rig(projections, left, right, (width, height), path / "calib.txt")
     truth = _load_poses(path, stamps, rig, -projections[left][3] / projections[left][0])
-    return Source(path, "kitti", ImageFileSequence(rig, truth, entries, (width, height), lambda a, b: (a, b)), None)
+    sequence = ImageFileSequence(rig, truth, whole, (width, height), lambda a, b: (a, b))
+    return Source(path, "kitti", sequence, None, left_out)
 
 
 def _load_times(path: Path) -> list[int]:

@@ -59,9 +59,11 @@ class Source:
         format: Name of its format (`sfr`, `bag`, `kitti`, `euroc`).
         loc: The drive, or None where it has none.
         nav: The mapping pairs, or None where it has none.
+        left_out: Pairs of files that are listed but not there.
     """
 
     path: Path
     format: str
     loc: LocSequence | None
     nav: NavSequence | None
+    left_out: int = 0

@@ -25,6 +25,7 @@ class ScoreParts:
         calls: Of one or several sources of calls, on this host.
         target: Of calls measured elsewhere.
         warnings: One line for each.
+        contradiction: Convention mismatch of estimate and truth.
         provenance: What it was made of.
     """
 
@@ -33,6 +34,7 @@ class ScoreParts:
     calls: Sequence[ScoredCalls] = ()
     target: TargetScore | None = None
     warnings: tuple[str, ...] = ()
+    contradiction: str | None = None
     provenance: Provenance | None = None
 
 
@@ -52,6 +54,7 @@ def build_score(parts: ScoreParts, limits: Limits | None = None) -> Score:
         target=parts.target,
         verdicts=(),
         warnings=parts.warnings,
+        contradiction=parts.contradiction,
         provenance=parts.provenance,
         details=_details(parts, calls),
     )

@@ -20,6 +20,7 @@ from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.records.json_records import Key, to_plain
 from sfr_loc_map.metrics.records.score_details import SubTrajectoryRows
+from sfr_loc_map.metrics.same_data import check_same_data, sub_trajectories_of
 from sfr_loc_map.metrics.score import CallScore, Interval, MapScore, PeakMemory, SampleStatistic, Score
 from sfr_loc_map.metrics.statistics.quantiles import student_quantile
 from sfr_loc_map.metrics.statistics.running_statistics import norm
@@ -157,10 +158,13 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
         names: Name of each.
 
     Raises:
-        MetricsError: If there are fewer than two scores, or nothing that two of them have in common.
+        MetricsError: If there are fewer than two scores, two of different data, or nothing that two of them have in
+            common.
     """
     if len(scores) < 2:
         raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")
+    for score, name in zip(scores[1:], names[1:], strict=True):
+        check_same_data(scores[0], score, (names[0], name))
     pairs = [
         pair for score, name in zip(scores[1:], names[1:], strict=True) for pair in _paired(scores[0], score, name)
     ]
@@ -178,14 +182,9 @@ def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:
             f"the first score is re-based by {rebase[0]}, '{name}' by {rebase[1]}: unlike figures are not compared; "
             "score both alike"
         )
-    theirs = {part.condition: part for part in _sub_trajectories(other)}
-    mine = [part for part in _sub_trajectories(first) if part.condition in theirs]
+    theirs = {part.condition: part for part in sub_trajectories_of(other)}
+    mine = [part for part in sub_trajectories_of(first) if part.condition in theirs]
     return [pair for part in mine for pair in _condition_pairs(part, theirs[part.condition], name)]
-
-
-def _sub_trajectories(score: Score) -> tuple[SubTrajectoryRows, ...]:
-    details = None if score.details is None else score.details.trajectory
-    return () if details is None else details.sub_trajectories
 
 
 def _condition_pairs(part: SubTrajectoryRows, other: SubTrajectoryRows, name: str) -> list[PairedDifference]:

@@ -108,10 +108,12 @@ class InputFile:
     Attributes:
         path: As given.
         sha256: Hash of the content.
+        data_sha256: Of a truth the hash of its values, whatever file they were read from; None of other inputs.
     """
 
     path: str
     sha256: str
+    data_sha256: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,6 +147,8 @@ class Score:
         target: Calls that were measured elsewhere.
         verdicts: One for each limit, in the order of the limits.
         warnings: One line for each.
+        contradiction: The convention mismatch by which estimate and truth contradict each other, so that the figures
+            of the trajectory judge nothing; None where there is none.
         provenance: What it was made of.
         details: What figures are drawn from.
     """
@@ -156,6 +160,7 @@ class Score:
     target: TargetScore | None = None
     verdicts: tuple[Verdict, ...]
     warnings: tuple[str, ...] = ()
+    contradiction: str | None = None
     provenance: Provenance | None = None
     details: Details | None = None
 

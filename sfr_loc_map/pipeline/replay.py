@@ -80,6 +80,11 @@ class ReplayFiles:
         """The score as a page."""
         return self.folder / "report.html"
 
+    @property
+    def all(self) -> tuple[Path, ...]:
+        """All of them."""
+        return self.estimate, self.stats, self.cloud, self.monitor_report, self.report, self.page
+
 
 def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
     """Write trajectory, statistics, cloud and the monitor's report, as far as they are there.

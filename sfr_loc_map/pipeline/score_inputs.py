@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -165,23 +165,29 @@ def camera_extrinsics(truth: Path) -> Transform | None:
     return None if loc is None or loc.rig.T_rb_sb is None else loc.rig.T_rb_left
 
 
-def provenance(inputs: ScoreInputs, config: ScoreConfig) -> Provenance:
-    """Return what the score was made of: version, inputs with hashes, settings, host, time."""
+def provenance(inputs: ScoreInputs, config: ScoreConfig, data: Mapping[str, str]) -> Provenance:
+    """Return what the score was made of: version, inputs with hashes, settings, host, time.
+
+    Args:
+        inputs: Files.
+        config: Settings.
+        data: Hash of the values of inputs by role (`truth`, `map_truth`).
+    """
     named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
     named["target"] = inputs.target
     named |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
     return Provenance(
         version=__version__,
-        inputs={name: _input_file(name, path) for name, path in named.items() if path is not None},
+        inputs={name: _input_file(name, path, data.get(name)) for name, path in named.items() if path is not None},
         configuration=flatten(config),
         host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )
 
 
-def _input_file(name: str, path: Path) -> InputFile:
+def _input_file(name: str, path: Path, data_sha256: str | None) -> InputFile:
     """Return name and hash of an input; of a data set folder that gives a true trajectory only that file counts."""
     if name == "truth" and path.is_dir() and not is_bag(path):
         found = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
         path = found[0] if found else path
-    return InputFile(path=str(path), sha256=hash_path(path))
+    return InputFile(path=str(path), sha256=hash_path(path), data_sha256=data_sha256)

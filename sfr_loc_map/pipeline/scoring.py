@@ -9,6 +9,7 @@ from pathlib import Path
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.cloud_file import LoadedCloud
+from sfr_loc_map.io.hashing import hash_arrays
 from sfr_loc_map.metrics.build import ScoreParts, build_score
 from sfr_loc_map.metrics.calls.resource_score import score_calls, score_target
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map, score_nearest
@@ -93,15 +94,27 @@ def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Sc
     """
     config = with_conditions(config, limits)
     drive, cloud = run.drive, run.cloud
+    mismatch = None if drive is None else convention_mismatch(drive, config)
     parts = ScoreParts(
         calls=[score_calls(item.calls) for item in run.stats],
         target=None if run.target is None else score_target(run.target.calls, run.inputs.target_name),
         trajectory=None if drive is None else score_trajectory(drive.estimates, drive.truth, config.trajectory),
-        warnings=() if drive is None else warnings(drive, config),
+        warnings=() if mismatch is None else (mismatch,),
+        contradiction=mismatch,
         map=None if cloud is None else score_cloud(cloud, config),
-        provenance=provenance(run.inputs, config),
+        provenance=provenance(run.inputs, config, _truth_hashes(run)),
     )
     return build_score(parts, limits)
+
+
+def _truth_hashes(run: Run) -> dict[str, str]:
+    """Return the hash of the values of each truth: a folder and the bag it was converted to have the same."""
+    hashes = {}
+    if run.drive is not None:
+        hashes["truth"] = hash_arrays((run.drive.truth.stamps_ns, run.drive.truth.positions))
+    if run.cloud is not None:
+        hashes["map_truth"] = hash_arrays(truth.points for truth in run.cloud.truths)
+    return hashes
 
 
 def score_files(
@@ -129,11 +142,11 @@ def score_files(
     return score_run(Run(inputs, stats, target, drive, cloud), config, limits)
 
 
-def warnings(drive: ScoredDrive, config: ScoreConfig) -> tuple[str, ...]:
-    """Return one line if a convention mismatch explains the errors."""
+def convention_mismatch(drive: ScoredDrive, config: ScoreConfig) -> str | None:
+    """Return in one line which convention mismatch explains the errors, None if none does."""
     association = config.trajectory.association
     found = diagnose(drive.estimates.trajectory, drive.truth, association, drive.T_rb_left).found
-    return () if found is None else (f"{found.sentence} (sfr doctor tells more)",)
+    return None if found is None else f"{found.sentence} (sfr doctor EST TRUTH tells more)"
 
 
 def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:

@@ -104,6 +104,15 @@ def simulate(
     return count
 
 
+def can_continue(config: SimulationConfig, out: Path) -> bool:
+    """Tell whether a folder holds an unfinished run with these settings."""
+    try:
+        same = build(SimulationConfig, load_yaml(out / SETTINGS)) == config
+    except ConfigError:
+        return False
+    return same and not all((folder / "pairs.csv").exists() for folder in task_folders(Plan.make(config), out).values())
+
+
 def task_folders(plan: Plan, out: Path) -> dict[Task, Path]:
     """Return the folder of each task that a plan has."""
     tasks = [task for task in Task if plan.count(task)]
@@ -168,11 +177,16 @@ def _render(plan: Plan, out: Path, jobs: list[Job], workers: int, progress: Call
             progress(done)
         return
     context = multiprocessing.get_context("spawn")
+    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (text, out, os.getpid()))
     try:
         for done, future in enumerate(as_completed([pool.submit(_run, job) for job in jobs]), start=1):
             future.result()
             progress(done)
+    except KeyboardInterrupt:  # what a worker is at takes up to half a minute, and is made again anyway
+        for worker in set(multiprocessing.active_children()) - others:
+            worker.terminate()
+        raise
     except BrokenProcessPool as error:
         raise OutputError(
             "a worker process ended early (out of memory?): run the command again to continue, with fewer --workers"

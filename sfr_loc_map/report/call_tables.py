@@ -12,20 +12,32 @@ HOST = "host"
 """First word of the name of a clock of this machine."""
 
 
-def clock_text(timing: TimingScore | None) -> str:
-    """Return which clock the times were measured with, and that a host time is no other time."""
+def clock_text(timing: TimingScore | None, target: str = "") -> str:
+    """Return which clock the times were measured with, and that a host time is no other time.
+
+    Args:
+        timing: Times of calls; empty text without.
+        target: Name of the target whose calls were read in as well, empty for none.
+    """
     clocks = sorted({calls.clock for _, calls in timing.kinds()}) if timing is not None else []
     if not clocks:
-        return "Not measured."
+        return ""
     text = f"Clock: {', '.join(clocks)}."
     if any(clock.startswith(HOST) for clock in clocks):
-        text += " Host times are of the machine the run was made on, not of the target (GR740)."
+        text += f" Host times are of the machine the run was made on{f', not of {target}' if target else ''}."
     return text
+
+
+def target_name(score: Score) -> str:
+    """Return the name of the target whose calls were read in, empty for none."""
+    return "" if score.target is None else score.target.name
 
 
 def time_table(score: Score) -> Table | None:
     """Return the times of the calls."""
-    return None if score.timing is None else _time_table(score.timing, "time", "Time per call", "timing")
+    if score.timing is None:
+        return None
+    return _time_table(score.timing, "time", "Time per call", "timing", target_name(score))
 
 
 def target_tables(score: Score) -> list[Table | None]:
@@ -39,7 +51,7 @@ def target_tables(score: Score) -> list[Table | None]:
     ]
 
 
-def _time_table(timing: TimingScore, name: str, title: str, place: str) -> Table | None:
+def _time_table(timing: TimingScore, name: str, title: str, place: str, target: str = "") -> Table | None:
     rows: list[Row] = []
     for kind, calls in timing.kinds():
         key = f"{place}.{kind}_s"
@@ -57,7 +69,7 @@ def _time_table(timing: TimingScore, name: str, title: str, place: str) -> Table
         return None
     titles = ("p50", "p95", "p99", "max", "mean + 3 sigma", "first call", "max without it")
     columns = (Column("call", words=True), *(Column(title, SECOND) for title in titles), Column("n"), Column("clock"))
-    return Table(name, title, columns, tuple(rows), clock_text(timing))
+    return Table(name, title, columns, tuple(rows), clock_text(timing, target))
 
 
 def stage_table(score: Score) -> Table | None:

@@ -9,7 +9,7 @@ from typing import Any
 from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.records.score_details import CallHistogram, CallSeries
 from sfr_loc_map.metrics.score import CallScore, Score
-from sfr_loc_map.report.call_tables import HOST, clock_text
+from sfr_loc_map.report.call_tables import HOST, clock_text, target_name
 from sfr_loc_map.report.plots import Plot, Trace, axis, line, log_axis, marks, scaled, seconds_since
 from sfr_loc_map.tables.numbers import MIB
 
@@ -42,7 +42,9 @@ def cost_figures(score: Score) -> list[Plot]:
         clock = "host time" if times is not None and times.clock.startswith(HOST) else "time"
         histogram = sum(calls.histogram.counts) >= MIN_HISTOGRAM
         if histogram:
-            figures.append(_histogram(kind, clock, calls.histogram, times, clock_text(score.timing)))
+            figures.append(
+                _histogram(kind, clock, calls.histogram, times, clock_text(score.timing, target_name(score)))
+            )
         if len(calls.series.stamp_ns) > 1:
             figures.append(_timeline(kind, clock, calls.series, "half" if histogram else "full"))
     return figures

@@ -167,7 +167,9 @@ def _sections(score: Score) -> list[tuple[str, list[Plot]]]:
 
 
 def _overall(score: Score) -> Overall:
-    """Return the verdict over all limits."""
+    """Return the verdict over all limits; no figure judges where estimate and truth contradict each other."""
+    if score.contradiction is not None:
+        return Overall(NO_VERDICT, f"Not judged: {score.contradiction}", OPEN_CLASS, NO_VERDICT_ICON)
     states = [item.state for item in score.verdicts]
     if not states:
         return Overall(NO_VERDICT, "No limits were given: there is no verdict.", OPEN_CLASS, NO_VERDICT_ICON)

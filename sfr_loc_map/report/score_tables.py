@@ -6,7 +6,14 @@ import re
 
 from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.score import Score, Verdict
-from sfr_loc_map.report.call_tables import clock_text, memory_table, stage_table, target_tables, time_table
+from sfr_loc_map.report.call_tables import (
+    clock_text,
+    memory_table,
+    stage_table,
+    target_name,
+    target_tables,
+    time_table,
+)
 from sfr_loc_map.report.map_tables import map_error, map_table
 from sfr_loc_map.report.score_cells import figure, keyed_conditions, statistic_columns, statistic_row
 from sfr_loc_map.report.trajectory_tables import association_table, component_table, consistency_table, growth_table
@@ -122,7 +129,8 @@ def headline_table(score: Score) -> Table | None:
         Column("n"),
     )
     note = "Interval: of mean + 3 sigma. n: sub-trajectories, map points or calls. "
-    return Table("headline", "Figures", columns, tuple(rows), note + frames_text(score) + clock_text(score.timing))
+    note += frames_text(score) + clock_text(score.timing, target_name(score))
+    return Table("headline", "Figures", columns, tuple(rows), note.rstrip())
 
 
 def frames_text(score: Score) -> str:

@@ -44,6 +44,19 @@ def rewritten_bag(path: Path, edit: Edit) -> Path:
     return path
 
 
+def renamed_bag(path: Path, before: str, after: str) -> Path:
+    """Write a good bag again with a part of all names changed."""
+    good = good_bag(path.with_name(f"before_{path.name}"))
+    with Reader(good) as reader, Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            c.topic: writer.add_connection(c.topic.replace(before, after), c.msgtype, typestore=TYPESTORE)
+            for c in reader.connections
+        }
+        for connection, recorded_ns, raw in reader.messages():
+            writer.write(connections[connection.topic], recorded_ns, raw)
+    return path
+
+
 def missing(path: Path) -> Path:
     return path
 

@@ -18,7 +18,7 @@ Made = Callable[[Path], Path]
 MadeOnce = Callable[[Made], Path]
 
 LOCALISE = ("localise", "-o", "{out}/t.csv", "--stats", "{out}/s.csv", "--start", "truth")
-MAP = ("map", "-o", "{out}/c.ply", "--stats", "{out}/s.csv")
+MAP = ("map", "-o", "{out}/c.ply", "--stats", "{out}/m.csv")
 TO_BAG = ("convert", "{out}/b.mcap")
 TO_FOLDER = ("convert", "{out}/f")
 PERTURB = ("perturb", "{out}/p", "--fault", "noisy")
@@ -312,6 +312,18 @@ def test_line_breaks_in_names_do_not_make_two_lines(sfr: Sfr, tmp_path: Path, ou
     check(sfr("localise", tmp_path / "a\nb", "-o", out / "t.csv"), "a b", "there is no", out)
 
 
+@pytest.mark.parametrize("command", ["convert", "map"])
+def test_a_remapping_to_a_name_that_nothing_reads_leaves_nothing_out_in_silence(
+    sfr: Sfr, made_once: MadeOnce, out: Path, command: str
+) -> None:
+    bag = made_once(broken.good_bag)
+    arguments = {"convert": (bag, out / "f"), "map": (bag, "-o", out / "c.ply")}
+    result = sfr(command, *arguments[command], "--remap", "/loc/left/image_rect:=/loc/left/image_rct")
+    check(result, bag, "no topic is read as 'loc/left/image_rct'.* did you mean loc/left/image_rect", out)
+    result = sfr(command, *arguments[command], "--remap", "/loc/lft/image_rect:=/loc/left/image_rect")
+    check(result, bag, "no topic 'loc/lft/image_rect' .* did you mean loc/left/image_rect", out)
+
+
 @pytest.mark.parametrize(
     ("make", "arguments"),
     [
@@ -338,5 +350,5 @@ def test_what_is_good_passes(sfr: Sfr, tmp_path: Path, out: Path) -> None:
             result = sfr(name, source, *rest)
             assert result.code == 0, result
     assert np.genfromtxt(out / "f" / "t.csv", delimiter=",", skip_header=1).shape == (3, 8)
-    for name in ("t.csv", "s.csv", "c.ply"):
+    for name in ("t.csv", "s.csv", "m.csv", "c.ply"):
         assert (out / "b" / name).stat().st_size > 0

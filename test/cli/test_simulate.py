@@ -46,7 +46,10 @@ def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> 
     out = tmp_path / "data"
     made = sfr("simulate", tiny, out, "--workers", "1", "--seed", "8", "--set", "drive.pairs=2")
     assert (made.code, made.out) == (0, "")
-    assert made.err.strip() == f"3 pairs: {out}"
+    *tenths, last = made.err.splitlines()
+    assert last == f"3 pairs: {out}"
+    assert tenths[0] == "rendering: 10 % (1 of 7 images)"
+    assert tenths[-1] == "rendering: 100 % (7 of 7 images)"
     settings = yaml.safe_load((out / "simulation.yaml").read_text())
     assert (settings["seed"], settings["drive.pairs"], settings["loc.width"]) == (8, 2, 48)
     source = open_source(out, {})
@@ -69,15 +72,19 @@ def test_settings_of_a_run_make_the_same_run(sfr: Sfr, tmp_path: Path, tiny: Pat
 
 
 @pytest.mark.slow
-def test_other_settings_over_a_run_are_refused(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
+def test_a_run_is_replaced_only_if_that_is_wanted(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
     pytest.importorskip("embreex")
     out, bag = tmp_path / "data", tmp_path / "run.mcap"
     assert sfr("simulate", tiny, out, "--workers", "1").code == 0
     before = sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*"))
-    refused(sfr("simulate", tiny, out, "--seed", "9"), str(out), "other settings", "remove it or choose another name")
+    for arguments in ((), ("--seed", "9")):
+        refused(sfr("simulate", tiny, out, *arguments), str(out), "not empty", "--overwrite")
     assert sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*")) == before
     assert sfr("simulate", tiny, bag, "--workers", "1").code == 0
-    refused(sfr("simulate", tiny, bag, "--workers", "1"), str(bag), "it exists", "choose another name")
+    refused(sfr("simulate", tiny, bag, "--workers", "1"), str(bag), "not empty", "choose another name")
+    assert sfr("simulate", tiny, out, "--workers", "1", "--seed", "9", "--overwrite").code == 0
+    assert yaml.safe_load((out / "simulation.yaml").read_text())["seed"] == 9
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "run.mcap", "tiny.yaml"]
 
 
 @pytest.mark.parametrize(
@@ -116,7 +123,8 @@ def test_output_that_is_something_else_is_left_alone(sfr: Sfr, tmp_path: Path, t
     full = tmp_path / "full"
     full.mkdir()
     (full / "mine.txt").write_text("mine")
-    refused(sfr("simulate", tiny, full), str(full), "no simulation")
+    for arguments in ((), ("--overwrite",)):
+        refused(sfr("simulate", tiny, full, *arguments), str(full), "remove it")
     refused(sfr("simulate", tiny, full / "mine.txt" / "data"), "mine.txt")
     assert [(path.name, path.read_text()) for path in full.iterdir()] == [("mine.txt", "mine")]
 

@@ -24,7 +24,7 @@ from made_worlds import (
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-from sfr_loc_map.errors import InputError, OutputError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError, OutputError, SfrError
 from sfr_loc_map.io import bag_messages as messages
 from sfr_loc_map.io.bag import TYPESTORE, Bag
 from sfr_loc_map.io.bag_poses import read_trajectory
@@ -121,7 +121,7 @@ def test_truth_grid_rounds_to_its_half(tmp_path: Path, world: World) -> None:
 def test_foreign_topics_by_remap_and_namespace(tmp_path: Path, world: World) -> None:
     entries = [(topic.replace("/loc/left/image_rect", "/front_l/pic"), *rest) for topic, *rest in loc_entries(world)]
     bag = write_messages(tmp_path / "foreign", entries)
-    with pytest.raises(InputError, match=r"neither loc/left/image_rect.*'?/front_l/pic.*--remap"):
+    with pytest.raises(InputError, match=r"no topic 'loc/left/image_rect'.*/front_l/pic.*--remap"):
         open_source(bag)
     for old, new in (("/front_l/pic", "/loc/left/image_rect"), ("front_l/pic", "loc/left/image_rect")):
         loc = open_source(bag, {old: new}).loc
@@ -163,8 +163,20 @@ def test_two_namespaces_are_ambiguous(tmp_path: Path, world: World) -> None:
 
 
 def test_unknown_remap_names_the_topics(tmp_path: Path, world: World) -> None:
-    with pytest.raises(InputError, match=r"no topic 'nope'.*/loc/left/camera_info"):
-        open_source(write_bag(tmp_path / "x.mcap", world), {"nope": "loc/left/image_rect"})
+    bag = write_bag(tmp_path / "x.mcap", world)
+    with pytest.raises(InputError, match=r"no topic 'nope'.*there are .*/loc/left/camera_info"):
+        open_source(bag, {"nope": "loc/left/image_rect"})
+    with pytest.raises(InputError, match=r"no topic 'loc/lft/image_rect'.*did you mean loc/left/image_rect"):
+        open_source(bag, {"loc/lft/image_rect": "loc/left/image_rect"})
+
+
+def test_a_topic_that_is_renamed_to_what_nothing_reads_is_not_left_out_in_silence(tmp_path: Path, world: World) -> None:
+    """Also within a namespace; without the check the drive would be gone and the panorama read alone."""
+    bag = write_bag(tmp_path / "x.mcap", world)
+    for name in ("/loc/left/image_rct", "image", "rover/loc/left/pose"):
+        with pytest.raises(ConfigError, match=r"no topic is read as .*there are loc/left/image_rect"):
+            open_source(bag, {"/loc/left/image_rect": name})
+    assert open_source(bag, {"/loc/left/image_rect": "/rover/loc/left/image_rect"}).loc is not None
 
 
 def test_bag_without_metadata_or_as_storage_file(tmp_path: Path, world: World) -> None:

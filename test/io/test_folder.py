@@ -124,7 +124,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "stamp no number": (edit_text("loc/pairs.csv", lambda t: t.replace("17", "x17", 1)), "line 2: stamp 'x17"),
     "backwards": (edit_text("loc/pairs.csv", swap_lines), "must be in order"),
     "truth backwards": (edit_text("loc/groundtruth.csv", swap_lines), "groundtruth.csv.*must be in order"),
-    "file missing": (lambda f: (f / "loc/left/000003.png").unlink(), r"left/000003.png"),
+    "truth missing": (lambda f: (f / "nav/truth/000000.npy").unlink(), r"a truth that is not there: .*000000.npy"),
     "size": (resize, r"000002.png' .*is 23 x 16.*24 x 16"),
     "flipped bytes": (flip, r"000001.png.*broken"),
     "cut off": (cut, r"000001.png.*(broken|cut off)"),

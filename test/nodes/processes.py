@@ -84,14 +84,10 @@ def handles_signals(pid: int) -> bool:
     return bool(int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
 
 
-def segments_of(pids: list[int], at_least: int = 0) -> set[Path]:
-    """Return the segments of Fast DDS, of some bytes and more, that processes have mapped.
-
-    Its small port files, which may serve others too, are left out.
-    """
+def segments_of(pids: list[int]) -> set[Path]:
+    """Return the segments of Fast DDS that processes have mapped (its small port files may serve others too)."""
     lines = [line for pid in pids for line in Path(f"/proc/{pid}/maps").read_text().splitlines()]
-    found = {Path(line.split()[-1]) for line in lines if "/dev/shm/fastrtps_" in line and "_port" not in line}
-    return {path for path in found if path.stat().st_size >= at_least}
+    return {Path(line.split()[-1]) for line in lines if "/dev/shm/fastrtps_" in line and "_port" not in line}
 
 
 class Peer:

@@ -5,7 +5,6 @@ import time
 import weakref
 from dataclasses import dataclass
 from pathlib import Path
-from signal import SIGINT
 
 import pytest
 
@@ -17,7 +16,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped
 from made_scene import LOC_RIG, NAV_RIG, T_RB_LOCSB, loc_pair, nav_pair
 from nav_msgs.msg import Odometry
 from our_localisation import OurLocalisation
-from processes import Peer, Process, segments_of
+from processes import Peer
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from scenes import calls, raw, send_infos, send_pair
@@ -28,7 +27,6 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.localisation_node import LocalisationNode, LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNode
-from sfr_loc_map.nodes.process.environment import PROFILE_VARIABLE
 
 MOUNT = [
     Parameter("T_rb_locsb.translation_m", value=T_RB_LOCSB.translation.tolist()),
@@ -107,29 +105,10 @@ def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None) -> No
         node.destroy_node()
 
 
-@pytest.mark.parametrize("name", ["our_localisation.py", "our_rover.py"])
-def test_the_page_shows_the_example_that_is_tested(name: str) -> None:
+def test_the_page_shows_the_example_that_is_tested() -> None:
     page = (Path(__file__).parents[2] / "docs" / "nodes.md").read_text(encoding="utf-8")
-    example = Path(__file__).with_name(name).read_text(encoding="utf-8")
+    example = Path(__file__).with_name("our_localisation.py").read_text(encoding="utf-8")
     assert f"```python\n{example}```" in page
-
-
-@pytest.mark.slow
-def test_two_nodes_of_a_program_of_ones_own_start_and_end_together(
-    own_domain: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv(PROFILE_VARIABLE)
-    script = str(Path(__file__).with_name("our_rover.py"))
-    with Process(tmp_path / "rover.log", script) as rover:
-        rover.wait_for("listens to /rover1/nav/pose")
-        assert "listens to /rover1/initialpose" in rover.text
-        assert segments_of([rover.popen.pid], at_least=2**26)  # the profile of the nodes
-        assert rover.end(SIGINT, SIGINT) == 0
-        assert "Traceback" not in rover.text
-    with Process(tmp_path / "bad.log", script, "--ros-args", "-p", "queue_size:=0") as rover:
-        rover.wait_for("'queue_size' is 0: must lie in 1 .. 1000")
-        assert rover.popen.wait(10) == 2
-        assert "Traceback" not in rover.text
 
 
 def test_a_node_that_cannot_start_says_why_to_the_program(ros: None) -> None:

@@ -40,7 +40,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 
 
 def scored(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *arguments: object) -> dict[str, Any]:
-    assert run(monkeypatch, "score", *arguments, "--json", tmp_path / "score.json") == 0
+    assert run(monkeypatch, "score", *arguments, "--json", tmp_path / "score.json", "--overwrite") == 0
     return dict(json.loads((tmp_path / "score.json").read_text()))
 
 
@@ -252,18 +252,18 @@ def test_a_wrong_convention_is_warned_of_and_the_doctor_finds_it(
     late = Trajectory(truth.stamps_ns + 10**12, truth.positions, truth.quats_xyzw)
     for name, content in (("truth", truth), ("wrong", wrong), ("late", late)):
         save_trajectory(tmp_path / f"{name}.tum", content)
-    assert run(monkeypatch, "score", tmp_path / "wrong.tum", tmp_path / "truth.tum", "--json", "-") == 0
+    assert run(monkeypatch, "score", tmp_path / "wrong.tum", tmp_path / "truth.tum", "--json", "-") == 3
     captured = capsys.readouterr()
     assert "conjugated" in json.loads(captured.out)["warnings"][0]
     assert captured.err.count("\n") == 1
-    assert captured.err.startswith("sfr: warning: ")
+    assert captured.err.startswith("sfr: not judged: the estimate looks wrong: ")
     assert run(monkeypatch, "score", tmp_path / "truth.tum", tmp_path / "truth.tum", "--json", "-") == 0
     captured = capsys.readouterr()
     assert "warnings" not in json.loads(captured.out)
     assert captured.err == ""
-    assert run(monkeypatch, "doctor", tmp_path / "wrong.tum", tmp_path / "truth.tum", "--json", "-") == 0
+    assert run(monkeypatch, "doctor", tmp_path / "wrong.tum", tmp_path / "truth.tum", "--json", "-") == 1
     assert json.loads(capsys.readouterr().out)["found"]["mistake"] == "conjugated quaternion"
-    assert run(monkeypatch, "doctor", tmp_path / "late.tum", tmp_path / "truth.tum") == 0
+    assert run(monkeypatch, "doctor", tmp_path / "late.tum", tmp_path / "truth.tum") == 1
     assert "-1000.000 s" in capsys.readouterr().out
     assert run(monkeypatch, "doctor", tmp_path / "truth.tum", tmp_path / "truth.tum") == 0
     assert "no single convention mismatch" in capsys.readouterr().out

@@ -1,6 +1,7 @@
 """A simulated data set: read back, the same for any number of workers, continued after a kill, refused when unlike."""
 
 import hashlib
+import os
 import signal
 import subprocess
 import sys
@@ -70,10 +71,27 @@ def test_same_bytes_with_two_workers(made: Path, tmp_path: Path) -> None:
     assert digest(tmp_path / "two") == digest(made)
 
 
-def start(config: Path, out: Path) -> subprocess.Popen[bytes]:
+def wait_for_workers(pid: int, end: float) -> list[int]:
+    """Wait until both workers of a run are at work for a second; return their ids."""
+    ids: list[int] = []
+    while time.monotonic() < end and len(ids) < 2:
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        ids = [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+        time.sleep(0.05)
+    while time.monotonic() < end and any(_processor_s(child) < 1.0 for child in ids):
+        time.sleep(0.05)
+    return ids
+
+
+def _processor_s(pid: int) -> float:
+    ticks = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+
+
+def start(config: Path, out: Path, stderr: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
     code = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
     command = [sys.executable, "-c", code, "simulate", str(config), str(out), "--workers", "2"]
-    return subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(command, stderr=stderr)
 
 
 def test_run_killed_twice_continues_to_the_same_bytes(tmp_path: Path) -> None:
@@ -100,6 +118,25 @@ def test_run_killed_twice_continues_to_the_same_bytes(tmp_path: Path) -> None:
     assert start(config, out).wait() == 0
     assert all(path.stat().st_mtime_ns == made_ns for path, made_ns in kept.items())
     assert digest(out) == digest(whole)
+
+
+def test_ctrl_c_ends_a_run_at_once_and_says_what_is_done(tmp_path: Path) -> None:
+    """An image of this run takes far longer than that."""
+    slow = build(SimulationConfig, {**TINY, "drive.pairs": 2, "sensor.samples": 4000})
+    out, config = tmp_path / "out", tmp_path / "config.yaml"
+    config.write_text(settings_text(slow))
+    with start(config, out, subprocess.PIPE) as process:
+        end = time.monotonic() + 100
+        while time.monotonic() < end and not list(out.glob("loc/left")):
+            time.sleep(0.05)
+        workers = wait_for_workers(process.pid, end)
+        process.send_signal(signal.SIGINT)
+        asked = time.monotonic()
+        assert process.wait(30) == 130
+        assert time.monotonic() - asked < 5.0  # 0.2 s where nothing else runs
+        assert process.stderr is not None
+        assert process.stderr.read().decode().splitlines()[-1].startswith("sfr: interrupted: 0 of ")
+    assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
 
 
 def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:

@@ -176,3 +176,17 @@ def test_consistency_in_words(mean: float, words: str) -> None:
     nees = replace(score.map.errors.sigma_nees, mean=mean, interval95=(0.9, 1.1))
     changed = replace(score, map=replace(score.map, errors=replace(score.map.errors, sigma_nees=nees)))
     assert table(changed, "consistency").rows[-1][-1].text == words
+
+
+def test_host_times_name_the_target_that_was_read_in_or_none() -> None:
+    score = whole_score()
+    assert score.timing is not None
+    target = TargetScore(name="LEON4", timing=score.timing, memory=score.memory)
+    for shown, named in ((replace(score, target=None), ""), (replace(score, target=target), ", not of LEON4")):
+        note = table(shown, "headline").note
+        assert note.endswith(f" Host times are of the machine the run was made on{named}.")
+        assert table(shown, "time").note in note
+    silent = score_markdown(replace(score, target=None, timing=None))
+    assert "GR740" not in score_markdown(replace(score, target=None))
+    assert "Clock" not in silent
+    assert "measured" not in silent.lower()

@@ -53,8 +53,7 @@ def nodes(context: LaunchContext, files: dict[str, str]) -> list[Any]:
         files: Name of the argument that gives the parameter file, by task.
 
     Raises:
-        ConfigError: If a remapping has not the form FROM:=TO, a switch is neither true nor false, or a parameter file
-            is missing.
+        ConfigError: If a remapping has not the form FROM:=TO.
     """
 
     def value(name: str) -> str:
@@ -63,11 +62,7 @@ def nodes(context: LaunchContext, files: dict[str, str]) -> list[Any]:
     remaps = [tuple(item.split(":=")) for item in value("remaps").split()]
     if any(len(remap) != 2 or not all(remap) for remap in remaps):
         raise ConfigError(f"remaps:={value('remaps')}: FROM:=TO, separated by blanks, is needed")
-    sim_time = [{"use_sim_time": True}] if _switch("use_sim_time", value("use_sim_time")) else []
-    respawn = _switch("respawn", value("respawn"))
-    for name in files.values():
-        if not Path(value(name)).is_file():  # the nodes of a file that is missing would start with their defaults
-            raise ConfigError(f"{name}:={value(name)}: there is no such file; give an existing parameter file")
+    sim_time = [{"use_sim_time": True}] if value("use_sim_time").lower() == "true" else []
     return [
         Node(
             package=PACKAGE,
@@ -76,21 +71,10 @@ def nodes(context: LaunchContext, files: dict[str, str]) -> list[Any]:
             parameters=[value(files[task]), *sim_time],
             remappings=remaps,
             arguments=["--ros-args", "--log-level", value("log_level")],
-            respawn=respawn,
+            respawn=value("respawn").lower() == "true",
             respawn_delay=1.0,
             output="screen",
         )
         for task in TASKS
         if task in files
     ]
-
-
-def _switch(name: str, word: str) -> bool:
-    """Return a launch argument that is true or false, as YAML writes it.
-
-    Raises:
-        ConfigError: If it is neither.
-    """
-    if word.lower() not in ("true", "false"):
-        raise ConfigError(f"{name}:={word}: true or false is needed")
-    return word.lower() == "true"

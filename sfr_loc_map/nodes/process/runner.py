@@ -1,4 +1,4 @@
-"""Runs one or several nodes as the main program of a process."""
+"""Runs a node as the main program of a process."""
 
 from __future__ import annotations
 
@@ -19,34 +19,33 @@ from sfr_loc_map.nodes.process.node_process import end_with_supervisor
 from sfr_loc_map.printable import one_line
 
 
-def run(*factories: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Run nodes on one executor until SIGINT or SIGTERM.
+def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """Run one node until SIGINT or SIGTERM.
 
-    Both end them with exit code 0, also when more of them come while they end.
+    Both end it with exit code 0, also when more of them come while it ends.
 
     Args:
-        factories: Each makes a node after ROS has started.
+        factory: Makes the node after ROS has started.
         arguments: Command line; that of the process by default.
 
     Returns:
-        Exit code: 0, or 2 where a node cannot start or cannot go on (one line on standard error says why).
+        Exit code: 0, or 2 where the node cannot start or cannot go on (one line on standard error says why).
     """
-    nodes: list[Node] = []
+    node: Node | None = None
     try:
         environment.prepare()
         end_with_supervisor()
         _start(list(sys.argv if arguments is None else arguments))
         executor = SingleThreadedExecutor()
-        for factory in factories:
-            nodes.append(_make(factory))
-            executor.add_node(nodes[-1])
-            if isinstance(nodes[-1], ManagedNode):
-                nodes[-1].start()
+        node = _make(factory)
+        executor.add_node(node)
+        if isinstance(node, ManagedNode):
+            node.start()
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except SfrError as error:
-        print(f"{_name(nodes)}: {one_line(str(error))}", file=sys.stderr)
+        print(f"{_name(node)}: {one_line(str(error))}", file=sys.stderr)
         return 2
     except Exception:
         if ok():
@@ -54,7 +53,7 @@ def run(*factories: Callable[[], Node], arguments: Sequence[str] | None = None) 
         # A signal has shut ROS down while a callback ran; the next ROS call of the callback failed.
     finally:
         _ignore_signals()  # a second one must not interrupt the shutdown
-        for node in nodes:
+        if node is not None:
             node.destroy_node()
         try_shutdown()
         _ignore_signals()  # the shutdown puts the former handlers back
@@ -88,5 +87,5 @@ def _ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def _name(nodes: Sequence[Node]) -> str:
-    return str(nodes[-1].get_name()) if nodes else Path(sys.argv[0]).stem
+def _name(node: Node | None) -> str:
+    return str(node.get_name()) if node is not None else Path(sys.argv[0]).stem

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.nodes.process import environment
@@ -114,6 +115,35 @@ def sigterm_as_interrupt() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def first_signal_stops(stop: Callable[[], None]) -> Iterator[Callable[[], bool]]:
+    """Let the first SIGINT or SIGTERM call `stop`, so that a run ends in good order; the next one does as before.
+
+    Args:
+        stop: What ends the run.
+
+    Yields:
+        What tells whether there was a signal.
+    """
+    before: dict[int, Any] = {}
+    received = []
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        restore()
+        stop()
+
+    before.update({number: signal.signal(number, handle) for number in (signal.SIGTERM, signal.SIGINT)})
+    try:
+        yield lambda: bool(received)
+    finally:
+        restore()
 
 
 def node_names(tasks: Sequence[str]) -> list[str]:

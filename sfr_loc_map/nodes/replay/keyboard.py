@@ -17,9 +17,12 @@ class Keyboard:
     """Reads single keys without waiting, where standard input is a terminal in the foreground; a context manager."""
 
     def __init__(self) -> None:
-        """Find out whether there is a keyboard."""
+        """Find out whether there is a keyboard; a terminal that is not the controlling one has none."""
         self._descriptor = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
-        self.is_there = self._descriptor >= 0 and os.tcgetpgrp(self._descriptor) == os.getpgrp()
+        try:
+            self.is_there = self._descriptor >= 0 and os.tcgetpgrp(self._descriptor) == os.getpgrp()
+        except OSError:
+            self.is_there = False
         self._before: list[Any] = []
 
     def __enter__(self) -> Keyboard:

@@ -92,7 +92,7 @@ class Player:
         for name in self._resets:
             self._node.call(f"{name}/reset", f"{name} did not reset")
         self._node.spin_for(SETTLE_S)  # results on their way
-        self.collector.results.reset()
+        self.collector.begin_run()
 
     def play(self, messages: Iterator[Message], progress: Callable[[str], None]) -> None:
         """Publish messages until their end or until the controls interrupt.

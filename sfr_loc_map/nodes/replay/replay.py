@@ -11,7 +11,7 @@ from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.nodes.process import environment
-from sfr_loc_map.nodes.process.supervisor import Supervisor, sigterm_as_interrupt
+from sfr_loc_map.nodes.process.supervisor import Supervisor, first_signal_stops, sigterm_as_interrupt
 from sfr_loc_map.nodes.replay.keyboard import Keyboard
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments, pairs_per_map
 from sfr_loc_map.nodes.replay.player import Player
@@ -38,7 +38,8 @@ def replay(
         say: Called with what is being done.
 
     Returns:
-        What the nodes have published.
+        What the nodes have published in the last run that was played to its end, without one in the last that has a
+        result. The first SIGINT or SIGTERM while it plays ends it as the operator's key does.
 
     Raises:
         InputError: If the source is broken, or a node refuses its input.
@@ -68,9 +69,12 @@ def replay(
                 player.wait_until_ready()
                 if keyboard.is_there:
                     say(HELP)
-                _play(source, options, player, progress, say)
-                say("collecting")
-                return collector.finish(pairs_per_map(source), has_map_truth=POINTS_TOPIC in topics)
+                with first_signal_stops(controls.stop) as interrupted:
+                    _play(source, options, player, progress, say)
+                    say("collecting")
+                    results = collector.finish(pairs_per_map(source), has_map_truth=POINTS_TOPIC in topics)
+                    results.interrupted = interrupted()
+                return results
 
 
 def _play(
@@ -92,10 +96,12 @@ def _play(
             player.set_pose(pose)
         say(f"{announcement} {offset_s:g} s")
         player.play(start_at(messages_of(source, options.remap), offset_s, controls.moved_to), progress)
+        player.collector.results.whole = not controls.interrupted
         at_end = controls.seek_s is None
         offset_s, announcement = controls.next_start_s(), AGAIN
         if offset_s is not None and at_end:
-            player.collector.settle()
+            maps = len(player.collector.results.published_stamps("nav")) // max(pairs_per_map(source), 1)
+            player.collector.settle(maps)
 
 
 def check_source(source: Source) -> None:

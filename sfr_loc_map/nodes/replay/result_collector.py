@@ -41,6 +41,7 @@ class ResultCollector:
             node: Joins the graph; its executor receives the results while this waits.
         """
         self.results = ReplayResults()
+        self._before: ReplayResults | None = None
         self._node = node
         depth = QoSProfile(depth=QUEUE_DEPTH)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -69,6 +70,15 @@ class ResultCollector:
 
         self._node.wait_for(received, ANSWER_TIMEOUT_S, problem)
 
+    def begin_run(self) -> None:
+        """Collect the results of another run; those of the run before are kept, see `finish`."""
+        self._before, self.results = self._to_be_scored(), ReplayResults()
+
+    def _to_be_scored(self) -> ReplayResults:
+        """Return the last run that was played to its end, without one the last that has a result."""
+        before, last = self._before, self.results
+        return last if before is None or last.whole or (last.count and not before.whole) else before
+
     def settle(self, clouds: int = 0) -> None:
         """Wait for the results of all published pairs, as long as some are received.
 
@@ -84,10 +94,15 @@ class ResultCollector:
     def finish(self, pairs_per_map: int, *, has_map_truth: bool) -> ReplayResults:
         """Wait for the results that are still missing: pairs, cloud, the monitor's report.
 
+        Returns:
+            The last run that was played to its end, without one the last that has a result.
+
         Args:
             pairs_per_map: Pairs after which the mapper publishes a cloud by itself.
             has_map_truth: Whether the true points were published, so that the report scores the map.
         """
+        if self._to_be_scored() is self._before:
+            return self._before
         mapped = self.results.published_stamps("nav")
         clouds = len(mapped) // pairs_per_map if pairs_per_map else 0
         if mapped and len(mapped) % pairs_per_map:

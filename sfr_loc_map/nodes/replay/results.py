@@ -27,6 +27,8 @@ class ReplayResults:
         report: Last report of the monitor (JSON), empty where there is none.
         input_error: What a node reports of input that it cannot use, empty if none does.
         published: Task and stamp of each pair that was published to the nodes.
+        whole: Whether the run was played to its end.
+        interrupted: Whether a signal ended the replay.
     """
 
     rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
@@ -37,12 +39,8 @@ class ReplayResults:
     report: str = ""
     input_error: str = ""
     published: set[tuple[str, int]] = field(default_factory=set)
-
-    def reset(self) -> None:
-        """Remove what belongs to the run before."""
-        for part in (self.rows, self.covariances, self.localisation, self.mapping, self.clouds, self.published):
-            part.clear()
-        self.report = ""
+    whole: bool = False
+    interrupted: bool = False
 
     @property
     def trajectory(self) -> Trajectory:

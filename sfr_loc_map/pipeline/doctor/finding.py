@@ -19,6 +19,7 @@ class Cause(StrEnum):
 
     BROKEN = "broken"
     UNFINISHED = "unfinished"
+    MISSING_IMAGES = "missing_images"
     AMBIGUOUS = "ambiguous"
     NO_TOPIC = "no_topic"
     NO_PUBLISHER = "no_publisher"

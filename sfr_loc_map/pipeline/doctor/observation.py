@@ -101,7 +101,7 @@ class HostMemory:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """A bag, or a graph over some time.
+    """A bag, a source of files, or a graph over some time.
 
     Attributes:
         subject: What was observed, for messages.
@@ -118,6 +118,8 @@ class Observation:
         memory: Shared memory of the host.
         broken: Why reading ended early, empty if it did not.
         unfinished: Whether the bag was not closed, so that its last second may be missing.
+        left_out: Of a source of files (data set folder, KITTI, EuRoC) the pairs that are listed but not there; its
+            topics are what it would be played as. None of a bag or a graph.
     """
 
     subject: str
@@ -134,6 +136,12 @@ class Observation:
     memory: HostMemory = field(default_factory=HostMemory)
     broken: str = ""
     unfinished: bool = False
+    left_out: int | None = None
+
+    @property
+    def files(self) -> bool:
+        """Whether it is a source of files."""
+        return self.left_out is not None
 
     @property
     def tasks(self) -> list[str]:

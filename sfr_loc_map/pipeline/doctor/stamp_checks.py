@@ -70,7 +70,12 @@ def check_truth(seen: Observation) -> Iterator[Finding]:
             continue
         topic, images = seen.topics.get(name), seen.image_stamps(task)
         if topic is None or not topic.offers or not len(topic.stamps_ns):
-            yield warning(Cause.TRUTH, name, "there is no truth: nothing can be scored", "record or publish it")
+            yield warning(
+                Cause.TRUTH,
+                name,
+                "there is no truth: nothing can be scored",
+                "add it" if seen.files else "record or publish it",
+            )
         elif set(topic.types) - set(EXPECTED[name]):
             yield from check_topic(seen, name, topic)
         elif len(images) and not _overlap(topic.stamps_ns, images):

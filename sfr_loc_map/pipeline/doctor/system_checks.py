@@ -17,18 +17,21 @@ def check_extrinsics(seen: Observation) -> Iterator[Finding]:
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
     if "loc" not in seen.tasks or given:
         return
-    if seen.extrinsics_in_tf is None:
+    if seen.files:
+        text = "rig.json does not have it, and no parameter"
+    elif seen.extrinsics_in_tf is None:
         text = "/tf_static cannot be read without tf2_msgs, and no parameter has it"
     elif any(name.strip("/").endswith("tf_static") for name in seen.others):
         text = "/tf_static does not connect rb and locsb, and no parameter has it"
     else:
         text = "neither a parameter nor /tf_static has it"
+    place = "it to rig.json" if seen.files else "rb to locsb to /tf_static"
     fix = "set T_rb_locsb.translation_m and quat_xyzw of localisation_node"
     yield blocking(
         Cause.FRAMES,
         "extrinsics of the localisation rig (T_rb_locsb)",
         text,
-        fix if seen.live else f"{fix} (--config), or add rb to locsb to /tf_static",
+        fix if seen.live else f"{fix} (--config), or add {place}",
     )
 
 

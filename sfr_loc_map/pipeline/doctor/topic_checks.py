@@ -15,9 +15,17 @@ FEW_LOST = 0.01
 
 
 def check_readable(seen: Observation) -> Iterator[Finding]:
-    """Yield whether a bag is broken or was not closed."""
+    """Yield whether a bag or source is broken, was not closed or lacks files."""
     if seen.broken:
-        yield blocking(Cause.BROKEN, seen.subject, seen.broken, "record or copy it again; what is whole can be read")
+        fix = "correct or copy the file again" if seen.files else "record or copy it again; what is whole can be read"
+        yield blocking(Cause.BROKEN, seen.subject, seen.broken, fix)
+    if seen.left_out:
+        yield warning(
+            Cause.MISSING_IMAGES,
+            seen.subject,
+            f"{seen.left_out} pairs are listed whose images are not there: they are left out",
+            "restore the files, or take the pairs out of the list",
+        )
     if seen.unfinished:
         yield warning(
             Cause.UNFINISHED,

@@ -117,27 +117,20 @@ def test_nodes_are_those_installed_and_get_parameter_files_that_exist(
 
 
 @pytest.mark.parametrize("name", ["sfr.launch.py", "localisation.launch.py"])
-def test_values_of_arguments_reach_the_nodes(described: Any, name: str, tmp_path: Path) -> None:
+def test_values_of_arguments_reach_the_nodes(described: Any, name: str) -> None:
     plain = of_kind(described(name), "Node")[0].options
     assert (plain["namespace"], plain["remappings"], plain["respawn"]) == ("", [], False)
     file = "params_file" if name == "localisation.launch.py" else "localisation_params_file"
-    given = tmp_path / "p.yaml"
-    given.touch()
-    values = {"namespace": "rover1", "log_level": "debug", "use_sim_time": "True", "respawn": "true", file: str(given)}
+    values = {"namespace": "rover1", "log_level": "debug", "use_sim_time": "True", "respawn": "true", file: "/p.yaml"}
     remaps = "loc/left/image_rect:=/eye/left  loc/right/image_rect:=/eye/right"
     node = of_kind(described(name, remaps=remaps, **values), "Node")[0].options
     assert (node["namespace"], node["respawn"]) == ("rover1", True)
-    assert node["parameters"] == [str(given), {"use_sim_time": True}]
+    assert node["parameters"] == ["/p.yaml", {"use_sim_time": True}]
     assert node["arguments"] == ["--ros-args", "--log-level", "debug"]
     assert node["remappings"] == [("loc/left/image_rect", "/eye/left"), ("loc/right/image_rect", "/eye/right")]
     for broken in ("a", "a:=", "a:=b:=c"):
         with pytest.raises(ConfigError, match="FROM:=TO"):
             described(name, remaps=broken)
-    for argument, word in (("use_sim_time", "1"), ("respawn", "yes"), ("use_sim_time", "")):
-        with pytest.raises(ConfigError, match=f"{argument}:={word}: true or false is needed"):
-            described(name, **{argument: word})
-    with pytest.raises(ConfigError, match=f"{file}:=/nowhere.yaml: there is no such file"):
-        described(name, **{file: "/nowhere.yaml"})
 
 
 def test_the_replay_calls_the_command_with_options_that_it_has(described: Any) -> None:
@@ -152,11 +145,12 @@ def test_the_replay_calls_the_command_with_options_that_it_has(described: Any) -
     text = CliRunner().invoke(app, ["replay", "--help"], env={"COLUMNS": "200", "TERM": "dumb"}).output
     assert all(option in text for option in options if isinstance(option, str))
     assert [o for o in options if isinstance(o, str)] == ["--out", "--rate", "--start", "--start-offset"]
-    before, argument, after = options[-1].args[0]
-    assert argument.args == ("loop",)
-    for value, expected in (("true", "--loop"), ("True", "--loop"), ("false", "--no-loop"), ("", "--no-loop")):
-        assert eval(before + value + after) == expected
-        assert expected in text
+    for name, option in zip(("loop", "overwrite"), options[-2:], strict=True):
+        before, argument, after = option.args[0]
+        assert argument.args == (name,)
+        for value, no in (("true", ""), ("True", ""), ("false", "no-"), ("", "no-")):
+            assert eval(before + value + after) == f"--{no}{name}"
+            assert f"--{no}{name}" in text
 
 
 def test_launch_files_are_installed() -> None:

@@ -40,3 +40,24 @@ def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_restored() -> No
         check=True,
     )
     assert done.stdout == "False []\n"
+
+
+def test_a_terminal_that_is_not_the_controlling_one_has_no_keys() -> None:
+    """As with `setsid`, in containers and under some schedulers: to ask for its foreground group is an error."""
+    code = (
+        "from sfr_loc_map.nodes.replay.keyboard import Keyboard\nwith Keyboard() as k: print(k.is_there, k.pressed())"
+    )
+    ours, theirs = pty.openpty()
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            stdin=theirs,
+            capture_output=True,
+            text=True,
+            start_new_session=True,
+            check=False,
+        )
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert (done.returncode, done.stdout) == (0, "False []\n"), done.stderr

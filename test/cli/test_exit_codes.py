@@ -1,0 +1,197 @@
+"""The one table of exit codes: what is a verdict, what is bad input, and where nothing could be judged."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_result import Sfr
+from made_scene import write_folder
+
+from sfr_loc_map.errors import ExitCode
+from sfr_loc_map.geometry.rotation import quat_conjugate
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.trajectory_file import save_trajectory
+
+SECOND_NS = 1_000_000_000
+CODES = Path(__file__).parents[2] / "docs" / "operating.md"
+
+
+def drive(count: int = 25, *, offset_m: float = 0.0) -> Trajectory:
+    """A curved drive of half a metre a second; the estimate of it errs by little."""
+    turn = 0.05 * np.arange(count)
+    heading = np.column_stack((np.zeros((count, 2)), np.sin(turn / 2), np.cos(turn / 2)))
+    steps = 0.5 * np.column_stack((np.cos(turn), np.sin(turn), 0.1 * np.sin(3 * turn)))
+    positions = np.cumsum(np.vstack((np.zeros(3), steps[:-1])), axis=0)
+    noise = offset_m * np.random.default_rng(3).normal(size=(count, 3))
+    return Trajectory(np.arange(count, dtype=np.int64) * SECOND_NS, positions + noise, heading)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """An estimate and the truth, 12 m long."""
+    estimate, truth = tmp_path / "estimate.csv", tmp_path / "truth.csv"
+    save_trajectory(estimate, drive(offset_m=0.001))
+    save_trajectory(truth, drive())
+    return estimate, truth
+
+
+def limits_file(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("condition", "reason"),
+    [
+        ("distance=50", "condition distance=50: the drive is 12.0 m long"),
+        ("time=60", "condition time=60: the drive lasts 24.0 s"),
+        ("frames=100", "condition frames=100: the drive has 25 frames"),
+    ],
+)
+def test_a_condition_that_the_drive_never_meets_is_not_judged(
+    sfr: Sfr, files: tuple[Path, Path], condition: str, reason: str
+) -> None:
+    result = sfr("score", *files, "--condition", condition, "--condition", "distance=5")
+    assert result.code == ExitCode.NOT_JUDGED
+    (line,) = result.err.splitlines()
+    assert line.startswith("sfr: not judged: ")
+    assert reason in line
+    assert "--lenient" in line
+    assert "position error over 5 m" in result.out
+    lenient = sfr("score", *files, "--condition", condition, "--lenient")
+    assert lenient.code == 0
+    assert f"sfr: warning: not judged: {reason}" in lenient.err
+
+
+@pytest.mark.parametrize("command", ["localise", "faults"])
+def test_a_benchmark_says_before_its_work_that_nothing_can_be_judged(
+    sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    source, out = write_folder(tmp_path / "source", 12, 0), tmp_path / "b.json"
+    conditions = ("distance=50", "time=1.2", "frames=12")
+    for condition in conditions:
+        result = sfr("bench", command, source, "--condition", condition, "--json", out)
+        assert result.code == ExitCode.NOT_JUDGED
+        assert f"condition {condition}: the drive " in result.err
+    assert "the drive has 12 frames" in result.err
+    assert not out.exists()
+
+
+def test_one_pose_is_not_judged(sfr: Sfr, tmp_path: Path, files: tuple[Path, Path]) -> None:
+    alone, whole = tmp_path / "one.csv", drive()
+    save_trajectory(alone, Trajectory(whole.stamps_ns[:1], whole.positions[:1], whole.quats_xyzw[:1]))
+    result = sfr("score", alone, files[1])
+    assert result.code == ExitCode.NOT_JUDGED
+    assert "one pose of the estimate has a true pose" in result.err
+
+
+def test_the_default_condition_counts_only_where_none_is_named(sfr: Sfr, tmp_path: Path) -> None:
+    truth = tmp_path / "short.csv"
+    save_trajectory(truth, drive(8))
+    assert sfr("score", truth, truth).code == ExitCode.NOT_JUDGED
+    limits = limits_file(tmp_path / "l.yaml", "trajectory:\n  - condition: frames=2\n    position_mean_m: 1\n")
+    assert sfr("score", truth, truth, "--limits", limits, "--spacing", "1").code == 0
+
+
+@pytest.mark.parametrize(
+    ("limits", "reason"),
+    [
+        ("map:\n  coverage_min: 0.5\n", "limit coverage_min: no data"),
+        ("timing:\n  localisation_p95_s: 0.5\n", "limit localisation_p95_s: no data"),
+        (
+            "minimum_count: 100\ntrajectory:\n  - condition: distance=2\n    heading_mean_deg: 1\n",
+            "limit heading_mean_deg over 2 m: only ",
+        ),
+        (
+            "trajectory:\n  - condition: distance=50\n    heading_mean_deg: 1\n    position_mean_m: 1\n",
+            "condition distance=50: the drive is 12.0 m long",
+        ),
+    ],
+)
+def test_a_limit_without_data_is_not_judged(
+    sfr: Sfr, tmp_path: Path, files: tuple[Path, Path], limits: str, reason: str
+) -> None:
+    path = limits_file(tmp_path / "limits.yaml", limits)
+    result = sfr("score", *files, "--limits", path)
+    assert result.code == ExitCode.NOT_JUDGED
+    assert reason in result.err
+    assert result.err.count(reason) == 1
+    assert sfr("score", *files, "--limits", path, "--lenient").code == 0
+
+
+def test_a_missed_limit_counts_before_one_without_data(sfr: Sfr, tmp_path: Path, files: tuple[Path, Path]) -> None:
+    text = "trajectory:\n  - condition: distance=5\n    position_mean_m: 0\nmap:\n  coverage_min: 0.5\n"
+    result = sfr("score", *files, "--limits", limits_file(tmp_path / "limits.yaml", text))
+    assert result.code == ExitCode.FAILED
+    assert result.err.startswith("sfr: 1 of 2 limits missed")
+
+
+def mismatched(kind: str) -> Trajectory:
+    whole = drive(60)
+    if kind == "conjugated":
+        return Trajectory(whole.stamps_ns, whole.positions, quat_conjugate(whole.quats_xyzw))
+    if kind == "wxyz":
+        return Trajectory(whole.stamps_ns, whole.positions, np.roll(whole.quats_xyzw, 1, axis=1))
+    return Trajectory(whole.stamps_ns, 1000.0 * whole.positions, whole.quats_xyzw)
+
+
+@pytest.mark.parametrize("kind", ["conjugated", "wxyz", "millimetres"])
+def test_a_convention_mismatch_judges_nothing_and_is_a_finding_of_the_doctor(
+    sfr: Sfr, tmp_path: Path, kind: str
+) -> None:
+    estimate, truth, report = tmp_path / "estimate.csv", tmp_path / "truth.csv", tmp_path / "s.json"
+    save_trajectory(estimate, mismatched(kind))
+    save_trajectory(truth, drive(60))
+    limits = limits_file(tmp_path / "l.yaml", "trajectory:\n  - condition: distance=5\n    position_mean_m: 0.01\n")
+    result = sfr("score", estimate, truth, "--limits", limits, "--json", report)
+    assert result.code == ExitCode.NOT_JUDGED
+    (line,) = result.err.splitlines()
+    assert line.startswith("sfr: not judged: the estimate looks wrong: ")
+    score = json.loads(report.read_text())
+    assert score["contradiction"] in line
+    assert score["warnings"] == [score["contradiction"]]
+    page = tmp_path / "page.html"
+    assert sfr("report", report, "-o", page).code == 0
+    assert "Not judged: the estimate looks wrong" in page.read_text()
+    found = sfr("doctor", estimate, truth)
+    assert found.code == ExitCode.FAILED
+    assert "contradict each other by convention" in found.err
+    assert "the estimate looks wrong" in found.out
+
+
+def test_the_doctor_tells_agreement_from_nothing_to_compare(sfr: Sfr, tmp_path: Path, files: tuple[Path, Path]) -> None:
+    assert sfr("doctor", *files).code == 0
+    few = tmp_path / "few.csv"
+    whole = drive()
+    save_trajectory(few, Trajectory(whole.stamps_ns[:3], whole.positions[:3], whole.quats_xyzw[:3]))
+    result = sfr("doctor", few, files[1])
+    assert result.code == ExitCode.NOT_JUDGED
+    assert "have fewer than 8 stamps in common" in result.err
+
+
+def test_scores_of_different_data_are_not_compared(sfr: Sfr, tmp_path: Path, files: tuple[Path, Path]) -> None:
+    """Also where the stamps are alike, as those of two simulated drives."""
+    other = tmp_path / "other.csv"
+    whole = drive()
+    save_trajectory(other, Trajectory(whole.stamps_ns, 1.5 * whole.positions, whole.quats_xyzw))
+    copy, bag = tmp_path / "copy.tum", tmp_path / "truth.mcap"
+    assert sfr("convert", files[1], bag).code == 0
+    assert sfr("convert", files[1], copy).code == 0
+    for name, truth in (("a", files[1]), ("b", other), ("copy", copy), ("bag", bag)):
+        assert sfr("score", files[0], truth, "--json", tmp_path / f"{name}.json", "--lenient").code == 0
+    result = sfr("compare", tmp_path / "a.json", tmp_path / "b.json")
+    assert (result.code, result.out) == (2, "")
+    assert "different data: the truth of 'a.json'" in result.err
+    for same in ("copy", "bag"):
+        assert sfr("compare", tmp_path / "a.json", tmp_path / f"{same}.json").code == 0
+
+
+def test_the_table_is_in_the_help_and_in_the_docs(sfr: Sfr) -> None:
+    text = " ".join(sfr("--help").out.split())
+    table = CODES.read_text(encoding="utf-8")
+    for code in ExitCode:
+        assert f" {code:d} " in text
+        assert f"| {code:d} |" in table

@@ -1,0 +1,138 @@
+"""The one rule for outputs: none is replaced without --overwrite, no two share a file, nothing foreign is destroyed."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import broken_sources as broken
+import pytest
+from cli_result import Sfr
+
+from sfr_loc_map.cli.output import output_folder
+from sfr_loc_map.errors import OutputError
+
+MadeOnce = Callable[[Callable[[Path], Path]], Path]
+TUM = "".join(f"{t}.0 {0.5 * t} 0 0 0 0 0 1\n" for t in range(30))
+TWICE = {
+    "localise": ("localise", "{source}", "-o", "{out}/z.csv", "--stats", "{out}/../out/z.csv"),
+    "video": ("localise", "{source}", "-o", "{out}/z.csv", "--stats", "{out}/z.avi", "--video", "{out}/z.avi"),
+    "map": ("map", "{source}", "-o", "{out}/z.ply", "--stats", "{out}/z.ply"),
+    "map beside": ("map", "{source}", "-o", "{out}/z.ply", "--colour", "--stats", "{out}/z.colour.ply"),
+    "score": ("score", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
+    "compare": ("compare", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
+    "bench": ("bench", "faults", "{source}", "--json", "{out}/z", "--markdown", "{out}/z"),
+    "campaign": ("campaign", "faults", "--json", "{out}/z", "--markdown", "{out}/z"),
+    "input": ("score", "{tum}", "{tum}", "--json", "{tum}", "--overwrite"),
+}
+EXISTS = {
+    "localise": ("localise", "{source}", "-o", "{file}.csv"),
+    "stats": ("localise", "{source}", "-o", "{out}/t.csv", "--stats", "{file}.csv"),
+    "map": ("map", "{source}", "-o", "{file}.ply"),
+    "score": ("score", "{tum}", "{tum}", "--json", "{file}.json"),
+    "page": ("score", "{tum}", "{tum}", "--html", "{file}.html"),
+    "compare": ("compare", "{tum}", "{tum}", "--json", "{file}.json"),
+    "doctor": ("doctor", "{source}", "--json", "{file}.json"),
+    "trajectory": ("convert", "{source}", "{file}.csv"),
+    "campaign": ("campaign", "rate", "--json", "{file}.json"),
+}
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def tum(tmp_path: Path) -> Path:
+    path = tmp_path / "e.tum"
+    path.write_text(TUM)
+    return path
+
+
+@pytest.mark.parametrize("case", TWICE)
+def test_two_outputs_on_one_path_are_refused(sfr: Sfr, made_once: MadeOnce, out: Path, tum: Path, case: str) -> None:
+    source = made_once(broken.good_folder)
+    result = sfr(*(word.format(source=source, out=out, tum=tum) for word in TWICE[case]))
+    assert (result.code, result.out) == (2, "")
+    assert "; give each a name of its own" in result.err
+    assert list(out.iterdir()) == []
+    assert tum.read_text() == TUM
+
+
+@pytest.mark.parametrize("case", EXISTS)
+def test_a_file_that_exists_is_refused(sfr: Sfr, made_once: MadeOnce, out: Path, tum: Path, case: str) -> None:
+    file = out / "precious"
+    for suffix in (".csv", ".ply", ".json", ".html"):
+        file.with_suffix(suffix).write_text("precious")
+    source = made_once(broken.good_folder)
+    result = sfr(*(word.format(source=source, out=out, file=file, tum=tum) for word in EXISTS[case]))
+    assert (result.code, result.out) == (2, "")
+    assert "a file is there; choose another name or give --overwrite" in result.err
+    assert {path.read_text() for path in out.iterdir()} == {"precious"}
+
+
+def test_overwrite_replaces_a_file_and_standard_output_is_free(sfr: Sfr, out: Path, tum: Path) -> None:
+    file = out / "s.json"
+    file.write_text("old")
+    assert sfr("score", tum, tum, "--json", file, "--overwrite").code == 0
+    assert file.read_text().startswith("{")
+    for _ in range(2):
+        assert sfr("score", tum, tum, "--json", "-").code == 0
+    assert sfr("report", file, "--format", "md").code == 0
+    for code in (0, 2):
+        assert sfr("report", file).code == code
+    assert sfr("report", file, "--overwrite").code == 0
+
+
+@pytest.mark.parametrize("place", ["/dev/null", "link"])
+def test_what_is_no_regular_file_is_never_replaced(sfr: Sfr, out: Path, tum: Path, place: str) -> None:
+    link = out / "link"
+    link.symlink_to("/dev/null")
+    path = link if place == "link" else Path(place)
+    result = sfr("score", tum, tum, "--json", path, "--overwrite")
+    assert result.code == 2
+    assert "it is no regular file" in result.err
+    assert link.is_symlink()
+
+
+@pytest.mark.parametrize("name", ["folder", "bag.mcap"])
+def test_overwrite_replaces_a_data_set_or_bag(sfr: Sfr, made_once: MadeOnce, out: Path, name: str) -> None:
+    source, place = made_once(broken.good_folder), out / name
+    assert sfr("convert", source, place).code == 0
+    refused = sfr("convert", source, place)
+    assert refused.code == 2
+    assert "--overwrite" in refused.err
+    assert sfr("perturb", source, place, "--fault", "noisy", "--overwrite").code == 0
+    assert sfr("convert", place, out / "again.mcap").code == 0
+    assert sorted(path.name for path in out.iterdir()) == ["again.mcap", name]
+
+
+def test_a_folder_that_holds_something_else_stays(sfr: Sfr, made_once: MadeOnce, out: Path) -> None:
+    source, place = made_once(broken.good_folder), out / "mine"
+    shutil.copytree(source, place)
+    (place / "notes.txt").write_text("precious")
+    result = sfr("convert", source, place, "--overwrite")
+    assert result.code == 2
+    assert "no data set or bag alone; remove it yourself" in result.err
+    assert (place / "notes.txt").read_text() == "precious"
+    for destination in (place, place / "loc"):
+        within = sfr("convert", place / "loc", destination, "--overwrite")
+        assert within.code == 2
+        assert "an input of this command is in it" in within.err
+
+
+def test_what_was_to_be_replaced_is_back_where_the_command_fails(tmp_path: Path) -> None:
+    place = broken.good_folder(tmp_path / "data")
+
+    def fail() -> None:
+        assert not place.exists()
+        raise OutputError("disk full")
+
+    with pytest.raises(OutputError), output_folder(place, overwrite=True):
+        fail()
+    assert (place / "loc" / "pairs.csv").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["data"]
