@@ -40,7 +40,7 @@ class ManagedNode(BaseNode[C]):
     ) -> None:
         """Declare the parameters; see `BaseNode`."""
         super().__init__(name, task, config_type, live, **options)
-        self._transitions = Transitions(self._report_failure, self.get_logger().error)
+        self._transitions = Transitions(self._report_failure, self._log_error)
         answer_invalid_transitions(self, lambda: self.status.publish_health(only_changes=True))
 
     def start(self) -> None:
@@ -130,8 +130,12 @@ class ManagedNode(BaseNode[C]):
         release_memory()
 
     def _report_failure(self, text: str) -> None:
-        self.get_logger().error(text)
+        self._log_error(text)
         self.status.health.note_problem(Level.ERROR, text)
+
+    def _log_error(self, text: str) -> None:
+        if self.context.ok():  # else a signal has shut ROS down within the transition, which then failed of it
+            self.get_logger().error(text)
 
     def _log_inactive(self) -> None:
         self.get_logger().info("inactive")

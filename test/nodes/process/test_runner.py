@@ -90,6 +90,35 @@ def test_a_signal_while_the_node_is_being_made_ends_it_cleanly(tmp_path: Path) -
         assert "Traceback" not in node.text
 
 
+MANAGED = """
+import sys, time
+from std_msgs.msg import String
+from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
+from sfr_loc_map.nodes.lifecycle.node_config import PairNodeConfig
+from sfr_loc_map.nodes.process.runner import run
+
+class Slow(ManagedNode[PairNodeConfig]):
+    def __init__(self):
+        super().__init__("slow", "mapping", PairNodeConfig, live=())
+
+    def setup(self):
+        print("setting up", flush=True)
+        time.sleep(1.0)
+        self.endpoints.add_publisher(String, "x", 1)
+
+sys.exit(run(Slow))
+"""
+
+
+def test_a_signal_while_the_node_is_configured_ends_it_cleanly(tmp_path: Path) -> None:
+    script = tmp_path / "managed.py"
+    script.write_text(MANAGED, encoding="utf-8")
+    with Process(tmp_path / "node.log", str(script)) as node:
+        node.wait_for("setting up")
+        assert node.end(SIGTERM) == 0
+        assert "Traceback" not in node.text
+
+
 def test_an_error_of_ours_is_one_line_and_exit_2(tmp_path: Path) -> None:
     with process(tmp_path, "raise NodeError('sought a,\\n found b')") as node:
         assert node.popen.wait(60) == 2
