@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ class PointCloud:
         pair: `(N,)` uint8, index of the stereo pair within its set (0, 1, 2).
         fused: Whether several pairs were fused to one surface (True), or each pair's points stand as it saw them
             (False). None where nobody has said so.
+        pair_stamps_ns: Stamps of the pairs 0, 1, ... that the points name, None where nobody has said so.
     """
 
     xyz: NDArray[np.float32]
@@ -47,6 +48,7 @@ class PointCloud:
     v: NDArray[np.uint16]
     pair: NDArray[np.uint8]
     fused: bool | None = None
+    pair_stamps_ns: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and types.
@@ -87,23 +89,29 @@ class PointCloud:
         return records
 
     @classmethod
-    def from_structured(cls, records: NDArray[np.void], fused: bool | None = None) -> PointCloud:
+    def from_structured(
+        cls, records: NDArray[np.void], fused: bool | None = None, pair_stamps_ns: tuple[int, ...] | None = None
+    ) -> PointCloud:
         """Return the cloud of records that have the fields of `FIELD_TYPES`, in any order and layout."""
         xyz = np.empty((len(records), 3), np.float32)
         for axis, name in enumerate("xyz"):
             xyz[:, axis] = records[name]
         rest = {name: np.ascontiguousarray(records[name], FIELD_TYPES[name]) for name in COLUMNS[1:]}
-        return cls(xyz, **rest, fused=fused)
+        return cls(xyz, **rest, fused=fused, pair_stamps_ns=pair_stamps_ns)
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
         """Return the chosen points."""
-        return PointCloud(**{name: getattr(self, name)[which] for name in COLUMNS}, fused=self.fused)
+        return replace(self, **{name: getattr(self, name)[which] for name in COLUMNS})
 
     @classmethod
     def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
-        """Return one cloud with the points of all; whether it is fused is known where all say the same."""
+        """Return one cloud with the points of all; what all say of themselves it says as well."""
         if not clouds:
             return cls.empty()
-        said = {cloud.fused for cloud in clouds}
+        fused, stamps = {cloud.fused for cloud in clouds}, {cloud.pair_stamps_ns for cloud in clouds}
         columns = {name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in COLUMNS}
-        return cls(**columns, fused=said.pop() if len(said) == 1 else None)
+        return cls(
+            **columns,
+            fused=fused.pop() if len(fused) == 1 else None,
+            pair_stamps_ns=stamps.pop() if len(stamps) == 1 else None,
+        )

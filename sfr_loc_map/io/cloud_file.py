@@ -2,7 +2,8 @@
 
 Written are all fields of `FIELD_TYPES` in their types: PLY and PCD binary little endian, NPZ one array a field. Read
 are any order and any number type of the fields, text and binary, and clouds of other programs with x, y, z alone.
-Whether the cloud is fused stands in the file: `comment sfr fused true` (PLY), `# sfr fused true` (PCD), `fused` (NPZ).
+Whether the cloud is fused and which pairs it is made of stand in the file: comments `sfr fused true` and
+`sfr pair_stamps_ns 1 2 3` (PLY, PCD), or members of these names (NPZ).
 """
 
 from __future__ import annotations
@@ -20,14 +21,12 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
 from sfr_loc_map.io.array_file import parse_npz
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.cloud_records import CloudRecords
+from sfr_loc_map.io.cloud_records import FUSED, MAX_PAIR_STAMPS, PAIR_STAMPS, CloudRecords, Columns
 from sfr_loc_map.io.pcd import pcd_bytes, read_pcd
 from sfr_loc_map.io.ply import ply_bytes, read_ply
 
 SUFFIXES = (".ply", ".pcd", ".npz")
 PIXEL_FIELDS = ("u", "v", "pair")
-FUSED_MEMBER = "fused"
-"""Member of an NPZ file: one truth value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,24 +103,34 @@ def _loaded(path: Path, content: CloudRecords) -> LoadedCloud:
                 raise InputError(f"cloud '{path}': field {name} must hold whole numbers from 0 to {limit}")
         with np.errstate(invalid="ignore", over="ignore"):  # what is too large for the type becomes infinite
             records[name] = values
-    return LoadedCloud(xyz[finite], PointCloud.from_structured(records, content.fused))
+    return LoadedCloud(xyz[finite], PointCloud.from_structured(records, content.fused, content.pair_stamps_ns))
 
 
 def _npz_bytes(cloud: PointCloud) -> bytes:
     records, buffer = cloud.to_structured(), io.BytesIO()
     members = {name: np.ascontiguousarray(records[name]) for name in FIELD_TYPES}
     if cloud.fused is not None:
-        members[FUSED_MEMBER] = np.array(cloud.fused)
+        members[FUSED] = np.array(cloud.fused)
+    if cloud.pair_stamps_ns is not None:
+        members[PAIR_STAMPS] = np.array(cloud.pair_stamps_ns, np.int64)
     np.savez(buffer, **members)  # type: ignore[arg-type]
     return buffer.getvalue()
 
 
 def _read_npz(data: bytes) -> CloudRecords:
-    columns = parse_npz(data, (*FIELD_TYPES, FUSED_MEMBER))
+    columns = parse_npz(data, (*FIELD_TYPES, FUSED, PAIR_STAMPS))
     lengths = {name: len(values) for name, values in columns.items() if name in FIELD_TYPES and values.ndim == 1}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"its arrays differ in length: {lengths}")
-    fused = columns.get(FUSED_MEMBER)
+    fused, stamps = _said(columns)
+    return CloudRecords({name: columns[name] for name in lengths}, fused, stamps)
+
+
+def _said(members: Columns) -> tuple[bool | None, tuple[int, ...] | None]:
+    """Return whether the cloud of an archive is fused, and the stamps of its pairs; None for what it does not say."""
+    fused, stamps = members.get(FUSED), members.get(PAIR_STAMPS)
     if fused is not None and (fused.shape != () or fused.dtype != np.bool_):
-        raise ValueError(f"its member '{FUSED_MEMBER}' is {fused.dtype} {fused.shape}: one truth value is needed")
-    return CloudRecords({name: columns[name] for name in lengths}, None if fused is None else bool(fused))
+        raise ValueError(f"its member '{FUSED}' is {fused.dtype} {fused.shape}: one truth value is needed")
+    if stamps is not None and (stamps.ndim != 1 or stamps.dtype.kind not in "iu" or len(stamps) > MAX_PAIR_STAMPS):
+        raise ValueError(f"its member '{PAIR_STAMPS}' is {stamps.dtype} {stamps.shape}: whole nanoseconds are needed")
+    return None if fused is None else bool(fused), None if stamps is None else tuple(stamps.tolist())

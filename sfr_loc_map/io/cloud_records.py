@@ -10,10 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.cloud import PointCloud
+
 Columns = dict[str, NDArray[Any]]
 """Values of each field, one a point."""
-FUSED_COMMENT = "sfr fused"
-"""Comment of PLY and PCD files that says whether the cloud is fused; `true` or `false` follows."""
+FUSED = "fused"
+PAIR_STAMPS = "pair_stamps_ns"
+"""Names of what a file says of its cloud: comments `sfr fused true`, `sfr pair_stamps_ns 1 2 3`, or members of NPZ."""
+_COMMENT = "sfr "
+_MAX_STAMP = 2**63
+MAX_PAIR_STAMPS = 256
+"""As many pairs as the points' `pair` can name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,29 +30,48 @@ class CloudRecords:
     Attributes:
         columns: Values of each field.
         fused: Whether the cloud is fused, None where the file does not say so.
+        pair_stamps_ns: Stamps of its pairs, None where the file does not say so.
     """
 
     columns: Columns
     fused: bool | None = None
+    pair_stamps_ns: tuple[int, ...] | None = None
 
 
-def fused_comments(cloud_fused: bool | None) -> list[str]:
-    """Return the comments of a cloud file, without the format's sign of a comment: none where it is not known."""
-    return [] if cloud_fused is None else [f"{FUSED_COMMENT} {str(cloud_fused).lower()}"]
+def cloud_comments(cloud: PointCloud) -> list[str]:
+    """Return what a cloud says of itself, as comments without the format's sign of one."""
+    comments = [] if cloud.fused is None else [f"{_COMMENT}{FUSED} {str(cloud.fused).lower()}"]
+    if cloud.pair_stamps_ns is not None:
+        comments.append(f"{_COMMENT}{PAIR_STAMPS} {' '.join(map(str, cloud.pair_stamps_ns))}")
+    return comments
 
 
-def fused_by_comments(comments: Iterable[str]) -> bool | None:
-    """Return whether a cloud is fused by the comments of its file, None where none says so.
+def records_of(columns: Columns, comments: Iterable[str]) -> CloudRecords:
+    """Return the records of a file with what its comments say of the cloud.
 
     Raises:
-        ValueError: If one says neither `true` nor `false`, or two differ.
+        ValueError: If a comment says what it cannot, or two differ.
     """
-    said = {text[len(FUSED_COMMENT) :].strip() for text in comments if text.startswith(FUSED_COMMENT + " ")}
-    if not said:
-        return None
-    if len(said) > 1 or not said <= {"true", "false"}:
-        raise ValueError(f"its comment '{FUSED_COMMENT} {' '.join(sorted(said))}' must end in true or false")
-    return said == {"true"}
+    said: dict[str, str] = {}
+    for text in comments:
+        name, _, value = text.removeprefix(_COMMENT).partition(" ")
+        if text.startswith(_COMMENT) and said.setdefault(name, value.strip()) != value.strip():
+            raise ValueError(f"its comments '{_COMMENT}{name}' differ")
+    fused, stamps = said.get(FUSED), said.get(PAIR_STAMPS)
+    if fused not in (None, "true", "false"):
+        raise ValueError(f"its comment '{_COMMENT}{FUSED} {fused}' must end in true or false")
+    return CloudRecords(
+        columns, None if fused is None else fused == "true", None if stamps is None else _stamps(stamps)
+    )
+
+
+def _stamps(text: str) -> tuple[int, ...]:
+    words = text.split()
+    if len(words) > MAX_PAIR_STAMPS or not all(
+        word.isascii() and word.isdecimal() and len(word) < 20 and int(word) < _MAX_STAMP for word in words
+    ):
+        raise ValueError(f"its comment '{_COMMENT}{PAIR_STAMPS}' must list whole nanoseconds")
+    return tuple(int(word) for word in words)
 
 
 def columns_of(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) -> Columns:

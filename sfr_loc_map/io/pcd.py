@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
-from sfr_loc_map.io.cloud_records import CloudRecords, columns_of, fused_by_comments, fused_comments
+from sfr_loc_map.io.cloud_records import CloudRecords, cloud_comments, columns_of, records_of
 
 
 def pcd_bytes(cloud: PointCloud) -> bytes:
@@ -15,7 +16,7 @@ def pcd_bytes(cloud: PointCloud) -> bytes:
     kinds = [PointCloud.dtype()[name] for name in FIELD_TYPES]
     head = [
         "# .PCD v0.7 - Point Cloud Data file format",
-        *(f"# {text}" for text in fused_comments(cloud.fused)),
+        *(f"# {text}" for text in cloud_comments(cloud)),
         "VERSION 0.7",
         f"FIELDS {' '.join(FIELD_TYPES)}",
         f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
@@ -40,7 +41,6 @@ def read_pcd(data: bytes) -> CloudRecords:
         KeyError: If its header misses a line.
     """
     head, start, comments = _header(data)
-    fused = fused_by_comments(comments)
     if head["DATA"] not in (["ascii"], ["binary"]):
         raise ValueError(f"its data is '{' '.join(head['DATA'])}' where ascii or binary is needed")
     width, height = int(head["WIDTH"][0]), int(head["HEIGHT"][0])
@@ -48,8 +48,9 @@ def read_pcd(data: bytes) -> CloudRecords:
     if height > 1 and "u" not in columns and "v" not in columns:
         v, u = np.divmod(np.arange(width * height), width)
         columns = {**columns, "u": u, "v": v, "pair": columns.get("pair", np.zeros(width * height))}
-        fused = False if fused is None else fused
-    return CloudRecords(columns, fused)
+        records = records_of(columns, comments)
+        return replace(records, fused=bool(records.fused))
+    return records_of(columns, comments)
 
 
 def _header(data: bytes) -> tuple[dict[str, list[str]], int, list[str]]:

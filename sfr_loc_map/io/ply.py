@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
-from sfr_loc_map.io.cloud_records import CloudRecords, columns_of, fused_by_comments, fused_comments
+from sfr_loc_map.io.cloud_records import CloudRecords, cloud_comments, columns_of, records_of
 
 PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -25,7 +25,7 @@ def ply_bytes(cloud: PointCloud) -> bytes:
     """Return a cloud as a PLY file with all its fields."""
     dtype = PointCloud.dtype()
     properties = [f"property {PLY_NAMES[dtype[name].str[1:]]} {name}" for name in FIELD_TYPES]
-    comments = [f"comment {text}" for text in fused_comments(cloud.fused)]
+    comments = [f"comment {text}" for text in cloud_comments(cloud)]
     vertices = [f"element vertex {len(cloud)}", *properties]
     head = ["ply", "format binary_little_endian 1.0", *comments, *vertices, "end_header"]
     return ("\n".join(head) + "\n").encode() + cloud.to_structured().tobytes()
@@ -46,7 +46,7 @@ def read_ply(data: bytes) -> CloudRecords:
     dtype = np.dtype([(name, PLY_ORDERS[order] + kind) for name, kind in fields])
     columns = columns_of(data[body:], dtype, count, is_text=order == "ascii")
     comments = (line.removeprefix("comment ").strip() for line in lines if line.startswith("comment "))
-    return CloudRecords(columns, fused_by_comments(comments))
+    return records_of(columns, comments)
 
 
 def _ply_header(lines: list[str]) -> tuple[str, int, list[tuple[str, str]]]:

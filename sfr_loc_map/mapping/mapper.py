@@ -168,8 +168,10 @@ class Mapper:
                 mine = np.flatnonzero(fused.cloud.pair == number)
                 random_sigma[mine] = item.saturation.widened(fused.cloud.select(mine))
         calibration = widest([item.calibration for item in maps])
+        stamps_ns = tuple(item.stamp_ns for item in maps)
+        cloud = replace(fused.cloud, sigma=random_sigma, pair_stamps_ns=stamps_ns)
         return FusedMap(
-            self._stated(replace(fused.cloud, sigma=random_sigma), T_lm_left, calibration),
+            self._stated(cloud, T_lm_left, calibration),
             random_sigma,
             T_lm_left,
             {**fused.statistics, **moving.statistics, **registered.statistics},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -109,7 +109,8 @@ class MapRun:
     @property
     def unfused(self) -> PointCloud:
         """The points of every pair."""
-        return PointCloud.concatenate([item.cloud for item in self.maps])
+        stamps_ns = tuple(item.stamp_ns for item in self.maps)
+        return replace(PointCloud.concatenate([item.cloud for item in self.maps]), pair_stamps_ns=stamps_ns)
 
     @property
     def unfused_random_sigma(self) -> NDArray[np.float32]:

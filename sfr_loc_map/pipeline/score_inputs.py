@@ -141,17 +141,30 @@ def load_scored_cloud(path: Path, fused: bool | None = None) -> LoadedCloud:
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
 
 
-def load_map_truth(path: Path) -> list[PairTruth]:
+def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[PairTruth]:
     """Read the truth of the mapping pairs of a source.
 
+    Args:
+        path: The source.
+        stamps_ns: Pairs that are wanted, in their order; None for all.
+
     Raises:
-        InputError: If the source has no mapping pairs.
+        InputError: If the source has no mapping pairs, or one that is wanted is not there.
         MetricsError: If a pair has no truth.
     """
     nav = open_source(path).nav
     if nav is None:
         raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
-    return truths_of(list(nav.pairs()), nav.rig)
+    if stamps_ns is None:
+        return truths_of(list(nav.pairs()), nav.rig)
+    pairs = {item.pair.stamp_ns: item for item in nav.pairs() if item.pair.stamp_ns in set(stamps_ns)}
+    missing = [str(stamp_ns) for stamp_ns in stamps_ns if stamp_ns not in pairs]
+    if missing:
+        raise InputError(
+            f"the cloud was made of pairs of stamps {', '.join(missing)}, which '{path}' does not have: give the "
+            "source that it was made from"
+        )
+    return truths_of([pairs[stamp_ns] for stamp_ns in stamps_ns], nav.rig)
 
 
 def camera_extrinsics(truth: Path) -> Transform | None:

@@ -138,7 +138,9 @@ def score_files(
         estimates, truth = load_estimates(inputs.estimate, stats), load_truth(inputs.truth)
         drive = ScoredDrive(estimates, truth, camera_extrinsics(inputs.truth))
     if inputs.cloud is not None and inputs.map_truth is not None:
-        cloud = ScoredCloud(load_scored_cloud(inputs.cloud, fused), load_map_truth(inputs.map_truth))
+        loaded = load_scored_cloud(inputs.cloud, fused)
+        stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
+        cloud = ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns))
     return score_run(Run(inputs, stats, target, drive, cloud), config, limits)
 
 

@@ -54,14 +54,16 @@ def test_files_are_what_others_expect(tmp_path: Path) -> None:
         assert (arrays["u"].dtype, arrays["pair"].dtype) == (np.uint16, np.uint8)
 
 
-@pytest.mark.parametrize("fused", [True, False, None])
+@pytest.mark.parametrize(("fused", "stamps_ns"), [(True, (1, 2**62)), (False, ()), (None, None)])
 @pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
-def test_a_cloud_file_says_whether_it_is_fused(tmp_path: Path, suffix: str, fused: bool | None) -> None:
+def test_a_cloud_file_says_whether_it_is_fused_and_of_which_pairs(
+    tmp_path: Path, suffix: str, fused: bool | None, stamps_ns: tuple[int, ...] | None
+) -> None:
     path = tmp_path / f"c{suffix}"
-    save_cloud(path, replace(random_cloud(3), fused=fused))
+    save_cloud(path, replace(random_cloud(3), fused=fused, pair_stamps_ns=stamps_ns))
     cloud = load_cloud(path).cloud
     assert cloud is not None
-    assert cloud.fused is fused
+    assert (cloud.fused, cloud.pair_stamps_ns) == (fused, stamps_ns)
     if suffix == ".npz":
         with np.load(path) as arrays:
             assert arrays["fused"].tolist() is fused if fused is not None else "fused" not in arrays.files
@@ -77,9 +79,17 @@ def test_a_file_that_says_something_else_of_fusion_is_refused(tmp_path: Path) ->
         path.write_bytes(path.read_bytes().replace(sign + b" sfr fused true", sign + b" sfr fused maybe"))
         with pytest.raises(InputError, match="must end in true or false"):
             load_cloud(path)
-    np.savez(tmp_path / "c.npz", x=[1.0], y=[1.0], z=[1.0], u=[1], v=[2], pair=[0], fused=[1.0])
-    with pytest.raises(InputError, match="one truth value is needed"):
-        load_cloud(tmp_path / "c.npz")
+    columns = {"x": [1.0], "y": [1.0], "z": [1.0], "u": [1], "v": [2], "pair": [0]}
+    for name, value in (("fused", [1.0]), ("pair_stamps_ns", [1.5])):
+        np.savez(tmp_path / "c.npz", **columns, **{name: value})
+        with pytest.raises(InputError, match="needed"):
+            load_cloud(tmp_path / "c.npz")
+    save_cloud(tmp_path / "d.ply", replace(random_cloud(3), pair_stamps_ns=(5,)))
+    for text, words in ((b"-5", "whole nanoseconds"), (b"9" * 30, "whole nanoseconds")):
+        path = tmp_path / "e.ply"
+        path.write_bytes((tmp_path / "d.ply").read_bytes().replace(b"stamps_ns 5", b"stamps_ns " + text))
+        with pytest.raises(InputError, match=words):
+            load_cloud(path)
 
 
 def test_ply_of_others(tmp_path: Path) -> None:

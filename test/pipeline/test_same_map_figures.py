@@ -7,12 +7,14 @@ from typing import Any
 import pytest
 from made_scene import write_folder
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.pipeline.offline import MapRun, map_pairs
@@ -42,7 +44,9 @@ def live_map(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]:
     for record in run.records:
         says = {"fused": float(cloud.fused is True)} if record.state == "fused" else {}
         monitor.add_call(replace(record, statistics={**record.statistics, **says}))
-    monitor.map_inputs.add_cloud(run.maps[-1].stamp_ns, replace(cloud, fused=None))  # the message does not say it
+    monitor.map_inputs.add_cloud(
+        run.maps[-1].stamp_ns, replace(cloud, fused=None, pair_stamps_ns=None)
+    )  # the message does not say
     assert monitor.score_maps()
     return dict(to_dict(monitor.result())["map"])
 
@@ -76,3 +80,19 @@ def test_every_path_and_file_format_takes_a_cloud_for_what_it_says(tmp_path: Pat
     for name in ("cloud.pcd", "cloud.npz"):
         save_cloud(tmp_path / name, cloud)
         assert to_dict(score_files(ScoreInputs.of(tmp_path / name, source.path), ScoreConfig()))["map"] == replayed
+
+
+def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None:
+    """Of four pairs the first two were refused: the cloud's pairs 0 and 1 are the source's 2 and 3."""
+    source = open_source(write_folder(tmp_path / "source", 0, 4), {})
+    assert source.nav is not None
+    mapper = Mapper(source.nav.rig, MappingConfig())
+    last = list(source.nav.pairs())[2:]
+    cloud = mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, k) for k, item in enumerate(last)]).cloud
+    save_cloud(tmp_path / "c.ply", cloud)
+    score = to_dict(score_files(ScoreInputs.of(tmp_path / "c.ply", source.path), ScoreConfig()))["map"]
+    assert (score["pairs"], score["coverage"] > 0.8) == (2, True)
+    assert score["point_error_m"]["p50"] < 0.02
+    save_cloud(tmp_path / "d.ply", replace(cloud, pair_stamps_ns=(1, 2)))
+    with pytest.raises(InputError, match="give the source that it was made from"):
+        score_files(ScoreInputs.of(tmp_path / "d.ply", source.path), ScoreConfig())

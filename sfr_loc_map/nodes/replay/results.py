@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.online.pair_sets import PairSets
+from sfr_loc_map.pipeline.online.pair_sets import PairSet, PairSets
 
 
 @dataclass(slots=True)
@@ -74,8 +74,8 @@ class ReplayResults:
         pairs = known.get(stamp_ns)
         if pairs is None:
             stamps = tuple(self.published_stamps("nav"))
-            return replace(cloud, fused=len(stamps) > 1), stamps
-        return replace(cloud, fused=pairs.fused), pairs.stamps_ns
+            pairs = PairSet(stamps, len(stamps) > 1)
+        return replace(cloud, fused=pairs.fused, pair_stamps_ns=pairs.stamps_ns), pairs.stamps_ns
 
     def published_stamps(self, task: str) -> list[int]:
         """Return the stamps of the pairs of a task (`loc` or `nav`) that were published."""
