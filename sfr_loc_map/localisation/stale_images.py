@@ -1,7 +1,7 @@
 """Images that repeat those of the pair before, whole or in part: a frozen camera, a torn transfer.
 
 The noise of a camera makes two images of one scene differ in every textured row, so rows that are equal to the last bit
-were not exposed again.
+were not exposed again. A frozen image may have new noise (`frozen_images`).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import GreyImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.estimate import StateReason
+from sfr_loc_map.localisation.frozen_images import is_frozen
 
 MIN_ROW_RANGE: Final = 8
 """Range of the grey levels of a row that has texture: sky and saturated rows are equal in all images."""
@@ -62,15 +63,24 @@ class StaleImageFilter:
         self._stale: tuple[StaleRows | None, StaleRows | None] = None, None
 
     def repeats(self, pair: StereoPair) -> bool:
-        """Tell whether both images are those of the pair before."""
-        return self._before is not None and is_duplicate_pair(self._before, pair)
+        """Tell whether both images are those of the pair before, but for new noise."""
+        before = self._before
+        if before is None:
+            return False
+        return is_duplicate_pair(before, pair) or all(
+            np.array_equal(*images) or is_frozen(*images)
+            for images in ((before.left, pair.left), (before.right, pair.right))
+        )
 
     def fresh(self, pair: StereoPair) -> tuple[StereoPair, StateReason | None]:
         """Return the pair with stale parts blanked, and the reason to doubt it, if there is one."""
         before, self._before = self._before, pair
         if before is None:
             return pair, None
-        found = stale_rows(before.left, pair.left), stale_rows(before.right, pair.right)
+        found = _stale(before.left, pair.left), _stale(before.right, pair.right)
+        # a frozen image is always compared with the one that was exposed
+        kept = [old if side.all else new for side, old, new in zip(found, _images(before), _images(pair), strict=True)]
+        self._before = StereoPair(pair.stamp_ns, kept[0], kept[1])
         last, self._stale = self._stale, found
         left, right = (_new_rows(now, then) for now, then in zip(found, last, strict=True))
         if not (left.any() or right.any()):
@@ -82,6 +92,17 @@ class StaleImageFilter:
 def is_duplicate_pair(before: StereoPair, now: StereoPair) -> bool:
     """Tell whether two pairs have bit-identical images."""
     return np.array_equal(before.left, now.left) and np.array_equal(before.right, now.right)
+
+
+def _stale(before: GreyImage, now: GreyImage) -> StaleRows:
+    """Return the rows of an image that are stale: those that are equal, or all of a frozen one."""
+    if is_frozen(before, now):
+        return StaleRows(np.ones(len(now), np.bool_), all=True)
+    return stale_rows(before, now)
+
+
+def _images(pair: StereoPair) -> tuple[GreyImage, GreyImage]:
+    return pair.left, pair.right
 
 
 def _new_rows(now: StaleRows, before: StaleRows | None) -> Mask:

@@ -10,30 +10,30 @@ from sfr_loc_map.simulation.faults import SHARES_OF_IMAGE, FaultKind
 from sfr_loc_map.simulation.image_faults import IMAGE_FAULTS, ROTATION_AXES
 
 AMOUNTS: Final[dict[FaultKind, tuple[float, float]]] = {
-    FaultKind.DROPPED: (0.0, 0.0),
-    FaultKind.REPEATED: (0.0, 0.0),
-    FaultKind.SWAPPED: (0.0, 0.0),
-    FaultKind.IDENTICAL: (0.0, 0.0),
-    FaultKind.FROZEN: (0.0, 3.0),
-    FaultKind.TORN: (0.2, 0.8),
-    FaultKind.BLACK: (0.0, 0.0),
-    FaultKind.START: (1.0, 10.0),
-    FaultKind.FADE: (0.0, 0.0),
-    FaultKind.BLINDED: (0.3, 1.5),
-    FaultKind.SATURATION: (0.2, 0.9),
-    FaultKind.BLURRED: (1.0, 5.0),
-    FaultKind.NOISY: (5.0, 30.0),
-    FaultKind.EXPOSURE: (0.3, 1.8),
     FaultKind.BODY: (0.1, 0.4),
     FaultKind.OBJECT: (0.1, 0.4),
-    FaultKind.DIRT: (0.03, 0.2),
     FaultKind.SHADOW: (0.1, 0.3),
+    FaultKind.DIRT: (0.03, 0.2),
     FaultKind.ROLL: (0.05, 0.2),
     FaultKind.PITCH: (0.03, 0.1),
     FaultKind.YAW: (0.01, 0.1),
     FaultKind.DRIFT: (0.05, 0.4),
+    FaultKind.BLURRED: (1.0, 5.0),
+    FaultKind.BLINDED: (0.3, 1.5),
+    FaultKind.EXPOSURE: (0.3, 1.8),
+    FaultKind.SATURATION: (0.2, 0.9),
+    FaultKind.FADE: (0.0, 0.0),
+    FaultKind.NOISY: (5.0, 30.0),
+    FaultKind.START: (1.0, 10.0),
+    FaultKind.BLACK: (0.0, 0.0),
+    FaultKind.FROZEN: (0.0, 3.0),
+    FaultKind.TORN: (0.2, 0.8),
+    FaultKind.REPEATED: (0.0, 0.0),
+    FaultKind.IDENTICAL: (0.0, 0.0),
+    FaultKind.SWAPPED: (0.0, 0.0),
+    FaultKind.DROPPED: (0.0, 0.0),
 }
-"""Range of the amount of each kind.
+"""Range of the amount of each kind, in the order from the scene to the receiver: view, lens, exposure, transfer.
 
 Wrong stamps are no fault of a pose, and a wrong focal length or baseline is unobservable: neither is drawn.
 """
@@ -45,9 +45,9 @@ ONE_CAMERA: Final = (*IMAGE_FAULTS, *SHARES_OF_IMAGE, FaultKind.FROZEN)
 
 
 def random_faults(rng: np.random.Generator, pairs: int) -> str:
-    """Return one to three faults for a drive of some pairs, joined by `+`, each as `parse_fault` reads it."""
+    """Return one to three faults for a drive of some pairs, joined by `+`, in the order in which they happen."""
     count = 1 + int(rng.choice(len(COUNTS), p=COUNTS))
-    kinds = rng.choice(len(AMOUNTS), count, replace=False)
+    kinds = sorted(rng.choice(len(AMOUNTS), count, replace=False))
     return "+".join(_random_fault(rng, list(AMOUNTS)[kind], pairs) for kind in kinds)
 
 

@@ -1,0 +1,61 @@
+"""Images that stay as they were but for new noise: a frozen camera, told from a rover that stands still.
+
+Both show the same scene twice. A camera that is exposed again has noise of its own in either image: where noise made
+the first one brighter, the second one is darker, as far as they differ at all (regression to the mean, slope -1/2). An
+old image with noise added differs by what does not depend on it (slope 0).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
+
+ROW_STEPS: Final = (16, 2)
+"""Every so many rows are compared; more of them where the first ones do not decide."""
+MAX_NOISE: Final = 12.0
+"""Standard deviation of a difference, grey levels, beyond which it is no noise: most moving images are told by it."""
+MAX_NEIGHBOUR_CORRELATION: Final = 0.2
+"""Correlation of neighbouring pixels of a difference beyond which it is no noise: what moves leaves edges."""
+UNEXPOSED, OVEREXPOSED = 8, 247
+"""Grey levels beyond which noise is cut off."""
+MIN_PIXELS: Final = 256
+"""Fewest exposed pixels that tell anything."""
+MIDDLE_SLOPE: Final = -0.25
+"""Slope of the difference over the first image, between that of two exposures and that of an old image."""
+STANDARD_ERRORS: Final = 4.0
+
+
+def is_frozen(before: GreyImage, now: GreyImage) -> bool:
+    """Tell whether an image is one before it with new noise; equal images have none and are not told."""
+    for step in ROW_STEPS:
+        first = before[::step].astype(np.float32)
+        change = now[::step] - first
+        if not _is_noise(change):
+            return False
+        exposed = (first[:, 1:-1] > UNEXPOSED) & (first[:, 1:-1] < OVEREXPOSED)
+        if np.count_nonzero(exposed) < MIN_PIXELS:
+            return False
+        fine, fine_change = _second_difference(first)[exposed], _second_difference(change)[exposed]
+        power = float(np.mean(np.square(fine_change)))
+        slope = float(np.mean(fine * fine_change)) / power
+        error = float(np.sqrt(np.mean(np.square(fine)) / power / len(fine)))
+        if abs(slope - MIDDLE_SLOPE) > STANDARD_ERRORS * error:
+            return slope > MIDDLE_SLOPE
+    return False
+
+
+def _is_noise(change: FloatImage) -> bool:
+    """Tell whether two images differ by noise alone: little, and each pixel for itself."""
+    centred = change - change.mean()
+    variance = float(np.mean(np.square(centred)))
+    if not 0.0 < variance < MAX_NOISE**2:
+        return False
+    return float(np.mean(centred[:, 1:] * centred[:, :-1])) < MAX_NEIGHBOUR_CORRELATION * variance
+
+
+def _second_difference(image: FloatImage) -> FloatImage:
+    """Return what varies from pixel to pixel along the rows: noise, and little of the scene."""
+    return np.asarray(2.0 * image[:, 1:-1] - image[:, :-2] - image[:, 2:], np.float32)
