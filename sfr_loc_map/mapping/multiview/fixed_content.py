@@ -15,21 +15,20 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.disparity.filters import box_mean
 from sfr_loc_map.mapping.multiview.view import View
 
 F = np.float32
 
 STEP = 3
 """Every third pixel of every third row is compared."""
-WINDOW = 7
-"""Samples along each side of the window that grey levels are correlated over."""
-MIN_CORRELATION = F(0.8)
-MIN_KNOWN = F(0.5)
-"""Share of the window in which both pairs must have points."""
+WINDOW = 9
+"""Samples along each side of the window that grey levels are compared over."""
+MIN_LIKENESS = F(0.8)
+MIN_KNOWN = F(0.6)
+"""Share of the window in which both pairs must have points: more than at the border of the image."""
 SAME_DISPARITY_PX = 1.0
 MIN_MOTION_PX = 8.0
-"""Ground must move by so much in the image from one pair to the other: less leaves it correlated with itself."""
+"""Ground must move by so much in the image from one pair to the other: less leaves it like itself."""
 MIN_SPREAD = F(2.0)
 """Spread of grey levels in the window over that of the noise below which they say nothing."""
 OPENING = 5
@@ -94,7 +93,7 @@ def _fixed_region(views: tuple[View, View], greys: tuple[FloatImage, FloatImage]
     if (same & moves).mean() < MIN_SHARE:
         return np.zeros(same.shape, np.bool_)
     noise = F(max(view.noise_grey for view in views))
-    alike = same & moves & (_correlation(*greys, noise) > MIN_CORRELATION)
+    alike = same & moves & (_likeness(*greys, noise) > MIN_LIKENESS)
     square = np.ones((OPENING, OPENING), np.uint8)
     core = cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_CLOSE, square)
     core = cv2.morphologyEx(core, cv2.MORPH_OPEN, square)
@@ -116,19 +115,26 @@ def _motion_px(disparity: FloatImage, views: tuple[View, View], rig: StereoRig) 
     return np.asarray(np.where(moved[..., 2] > 0.0, motion, np.inf), F)
 
 
-def _correlation(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
-    """Return the correlation of two images around each sample; 0 where too few are known or there is no texture."""
+def _likeness(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
+    """Return `1 - mean (a - b)^2 / (var a + var b)` around each sample: 1 for equal images, 0 for unrelated ones.
+
+    It is 0 where too few samples are known or there is no texture.
+    """
     known = np.isfinite(a) & np.isfinite(b)
-    share = np.maximum(box_mean(known.astype(F), WINDOW), F(1e-3))
+    share = _window_mean(known.astype(F))
     a, b = np.where(known, a, F(0.0)), np.where(known, b, F(0.0))
-    mean_a, mean_b = (box_mean(image, WINDOW) / share for image in (a, b))
-    product = box_mean(a * b, WINDOW) / share - mean_a * mean_b
-    variance_a = box_mean(a * a, WINDOW) / share - mean_a * mean_a
-    variance_b = box_mean(b * b, WINDOW) / share - mean_b * mean_b
-    textured = np.minimum(variance_a, variance_b) > np.square(MIN_SPREAD * noise)
+    count = np.maximum(share, F(1e-3))
+    difference = _window_mean(np.square(a - b)) / count
+    variances = [_window_mean(image * image) / count - np.square(_window_mean(image) / count) for image in (a, b)]
+    textured = np.minimum(*variances) > np.square(MIN_SPREAD * noise)
     with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = product / np.sqrt(variance_a * variance_b)
-    return np.asarray(np.where(textured & (share > MIN_KNOWN), correlation, F(0.0)), F)
+        likeness = F(1.0) - difference / (variances[0] + variances[1])
+    return np.asarray(np.where(textured & (share > MIN_KNOWN), likeness, F(0.0)), F)
+
+
+def _window_mean(image: FloatImage) -> FloatImage:
+    """Return the mean over the window around each sample; beyond the border there is nothing."""
+    return np.asarray(cv2.blur(image, (WINDOW, WINDOW), borderType=cv2.BORDER_CONSTANT), F)
 
 
 def _without(view: View, region: Mask) -> View:
