@@ -20,7 +20,9 @@ from sfr_loc_map.cli.output import (
     write_text,
 )
 from sfr_loc_map.cli.suite_progress import progress
-from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
+from sfr_loc_map.cli.verdict import LenientOption, not_judged
+from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
+from sfr_loc_map.printable import one_line
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.runner import Executor
@@ -53,6 +55,7 @@ def run(
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try again what failed before.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
+    lenient: LenientOption = False,
 ) -> None:
     """Run what is not done yet. Interrupted, it goes on where it was; done work is never done twice."""
     from sfr_loc_map.suite.page import write_summary
@@ -75,17 +78,28 @@ def run(
         if dry_run:
             _say_plan(store, [task.key for task in tasks], len(plan.tasks), places)
             return
+        interrupted = False
         try:
             with progress(len(tasks)) as advance:
                 run_tasks(tasks, specification.settings, store, executor, advance)
-        finally:  # an interrupted suite reports what it has
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:  # whatever ended it, the suite reports what it has
             summary = summarise(store, plan.refusals)
             write_summary(summary, store.folder)
-    _present(summary, store, suite, json_path)
+    if interrupted:
+        done = f"{summary.done} of {summary.tasks} tasks are done and reported"
+        raise InterruptedRunError(f"interrupted: {done}; the same command goes on")
+    _present(summary, store, json_path, lenient=lenient, again=f"sfr suite run {suite} --out {out}")
 
 
 @app.command(epilog=examples("sfr suite report runs/today --json summary.json"))
-def report(folder: FolderArgument, json_path: JsonOption = None, overwrite: OverwriteOption = False) -> None:
+def report(
+    folder: FolderArgument,
+    json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    lenient: LenientOption = False,
+) -> None:
     """Write the report page again from the results that are there."""
     from sfr_loc_map.suite.page import write_summary
     from sfr_loc_map.suite.summary import summarise
@@ -94,7 +108,7 @@ def report(folder: FolderArgument, json_path: JsonOption = None, overwrite: Over
     store = open_store(folder)
     summary = summarise(store)
     write_summary(summary, store.folder)
-    _present(summary, store, None, json_path)
+    _present(summary, store, json_path, lenient=lenient)
 
 
 @app.command(epilog=examples("sfr suite compare runs/before runs/after --html comparison.html"))
@@ -166,12 +180,13 @@ def _say_plan(store: Store, keys: list[str], total: int, places: int) -> None:
     typer.echo(f"{len(keys)} of {total} tasks to run, {cost}")
 
 
-def _present(summary: Summary, store: Store, suite: Path | None, json_path: str | None) -> None:
+def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: bool, again: str = "") -> None:
     """Print the tables and say how it ended.
 
     Raises:
         FailedVerdictError: If a limit was missed.
         InputError: If a task failed or a source could not be read.
+        NotJudgedError: If a limit could not be judged, and `lenient` is not given.
     """
     from sfr_loc_map.metrics.modes import VerdictState
     from sfr_loc_map.suite.tables import suite_tables
@@ -180,11 +195,15 @@ def _present(summary: Summary, store: Store, suite: Path | None, json_path: str 
     typer.echo(f"report: {store.folder / 'report.html'}", err=True)
     for failure in summary.failures:
         last = failure.attempts[-1]
-        again = f"; again: sfr suite run {suite} --out {store.folder} --only {failure.key[:12]}" if suite else ""
-        typer.echo(f"failed: {failure.label}: {last.cause}: {last.message}{again}", err=True)
-    missed = [item for group in summary.groups for item in group.verdicts if item.state is VerdictState.FAIL]
+        repeat = f"; again: {again} --only {failure.key[:12]}" if again else ""
+        typer.echo(one_line(f"failed: {failure.label}: {last.cause}: {last.message}{repeat}"), err=True)
+    verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
+    missed = sum(item.state is VerdictState.FAIL for _, item in verdicts)
     if missed:
-        raise FailedVerdictError(f"{len(missed)} of {len(summary.states)} limits over all drives missed")
+        raise FailedVerdictError(f"{missed} of {len(verdicts)} limits over all drives missed")
     if summary.failed or summary.refusals:
         count = summary.failed + len(summary.refusals)
         raise InputError(f"{count} tasks or sources failed: each is named above")
+    undecided = [(group, item) for group, item in verdicts if item.state is VerdictState.NOT_ENOUGH_DATA]
+    reasons = [f"{item.metric} of {group.task}, {group.configuration}: not enough data" for group, item in undecided]
+    not_judged(reasons, lenient=lenient)
