@@ -93,6 +93,8 @@ def _text_columns(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
     names = dtype.names or ()
     widths = [int(np.prod(dtype[name].shape)) for name in names]
     table = np.zeros((0, sum(widths)))
+    if len(body) + 1 < 2 * count * sum(widths):  # each number has a digit and an end
+        raise ValueError(f"{len(body)} bytes of text found where {count} points of {sum(widths)} numbers are needed")
     if count:
         table = np.loadtxt(io.BytesIO(body), np.float64, ndmin=2, max_rows=count)
     if table.shape != (count, sum(widths)):

@@ -182,7 +182,7 @@ def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
         points = parse_npy(read_bytes(path, 24 * rig.height * rig.width + 2 * MAX_HEADER))
     except (OSError, ValueError) as error:
         raise InputError(f"cannot read truth '{path}': {error}; a .npy file is needed") from error
-    if points.shape != (rig.height, rig.width, 3) or points.dtype.kind != "f":
+    if points.shape != (rig.height, rig.width, 3) or points.dtype.newbyteorder("=") != np.float32:
         raise InputError(
             f"truth '{path}' is {points.dtype} {points.shape}: float32 ({rig.height}, {rig.width}, 3) is needed"
         )

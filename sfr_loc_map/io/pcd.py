@@ -9,6 +9,11 @@ import numpy as np
 
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.io.cloud_records import CloudRecords, cloud_comments, columns_of, records_of
+from sfr_loc_map.io.text_numbers import parse_count
+
+PCD_TYPES = {"I1", "I2", "I4", "I8", "U1", "U2", "U4", "U8", "F4", "F8"}
+MAX_COUNT = 4096
+"""Most values of one field of a point: descriptors have some hundreds."""
 
 
 def pcd_bytes(cloud: PointCloud) -> bytes:
@@ -43,7 +48,9 @@ def read_pcd(data: bytes) -> CloudRecords:
     head, start, comments = _header(data)
     if head["DATA"] not in (["ascii"], ["binary"]):
         raise ValueError(f"its data is '{' '.join(head['DATA'])}' where ascii or binary is needed")
-    width, height = int(head["WIDTH"][0]), int(head["HEIGHT"][0])
+    width, height = parse_count(head["WIDTH"][0]), parse_count(head["HEIGHT"][0])
+    if "POINTS" in head and parse_count(head["POINTS"][0]) != width * height:
+        raise ValueError(f"it has POINTS {head['POINTS'][0]} where WIDTH and HEIGHT say {width * height}")
     columns = columns_of(data[start:], _record_type(head), width * height, is_text=head["DATA"] == ["ascii"])
     if height > 1 and "u" not in columns and "v" not in columns:
         v, u = np.divmod(np.arange(width * height), width)
@@ -75,8 +82,9 @@ def _header(data: bytes) -> tuple[dict[str, list[str]], int, list[str]]:
 def _record_type(head: dict[str, list[str]]) -> np.dtype[Any]:
     names = head["FIELDS"]
     layout = zip(names, head["TYPE"], head["SIZE"], head.get("COUNT", ["1"] * len(names)), strict=True)
-    fields = [
-        (f"{name}{i}" if name == "_" else name, f"<{kind.lower()}{size}", int(count))  # `_` is padding, many times
-        for i, (name, kind, size, count) in enumerate(layout)
-    ]
+    fields = []
+    for i, (name, kind, size, count) in enumerate(layout):
+        if kind + size not in PCD_TYPES or not 1 <= parse_count(count) <= MAX_COUNT:
+            raise ValueError(f"its field {name} has TYPE {kind}, SIZE {size}, COUNT {count}, which is not read")
+        fields.append((f"{name}{i}" if name == "_" else name, f"<{kind.lower()}{size}", int(count)))  # `_` is padding
     return np.dtype([(name, kind) if count == 1 else (name, kind, (count,)) for name, kind, count in fields])

@@ -6,6 +6,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.io.cloud_records import CloudRecords, cloud_comments, columns_of, records_of
+from sfr_loc_map.io.text_numbers import parse_count
 
 PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -57,9 +58,9 @@ def _ply_header(lines: list[str]) -> tuple[str, int, list[tuple[str, str]]]:
     if order not in PLY_ORDERS or not elements:
         raise ValueError("its PLY header has no known format or no vertices")
     (_, element, count, *_), *body = elements[0]
-    if element != "vertex" or int(count) < 0:
-        raise ValueError(f"its first element is '{element}' of {count} where 'vertex' is needed")
-    return order, int(count), [_ply_field(words) for words in body if words[0] == "property"]
+    if element != "vertex":
+        raise ValueError(f"its first element is '{element}' where 'vertex' is needed")
+    return order, parse_count(count), [_ply_field(words) for words in body if words[0] == "property"]
 
 
 def _elements(header: list[list[str]]) -> list[list[list[str]]]:

@@ -10,6 +10,7 @@ import math
 import re
 
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
+_COUNT = re.compile(r"[0-9]{1,12}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 MAX_NUMBER_LENGTH = 400
 STAMP_LIMIT = 2**63
@@ -24,6 +25,17 @@ def parse_stamp_ns(text: str) -> int:
     if not _WHOLE.fullmatch(text.strip(" \t")):
         raise ValueError("it is no whole number of 64 bits")
     return fitting(int(text))
+
+
+def parse_count(text: str) -> int:
+    """Return a number of things, as a header gives it.
+
+    Raises:
+        ValueError: If it is no whole number from 0 of at most 12 digits.
+    """
+    if not _COUNT.fullmatch(text):
+        raise ValueError(f"'{text[:40]}' is no number of points, bytes or values")
+    return int(text)
 
 
 def fitting(stamp_ns: int) -> int:

@@ -71,7 +71,7 @@ class LocalisationConfig:
     motion: MotionBounds = field(default_factory=MotionBounds)
     left_mask: str = param(
         "",
-        doc="Image file, 0 where the left camera sees the rover itself: no feature is detected there. Empty: none.",
+        doc="PNG file, 0 where the left camera sees the rover itself: no feature is detected there. Empty: none.",
     )
     right_mask: str = param("", doc="The same for the right camera.")
     pixel_floor: float = param(

@@ -166,6 +166,47 @@ def test_broken_files(tmp_path: Path, name: str, data: bytes, words: str) -> Non
     assert str(tmp_path) in str(caught.value)
 
 
+PCD_HEAD = (
+    "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n1 2 3\n"
+)
+PLY_HEAD = (
+    "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("WIDTH 1\nHEIGHT 1", "WIDTH -1\nHEIGHT -1", "'-1' is no number"),
+        ("WIDTH 1", "WIDTH 1_0", "'1_0' is no number"),
+        ("WIDTH 1", f"WIDTH {'9' * 5000}", "is no number"),
+        ("WIDTH 1\nHEIGHT 1\nPOINTS 1", "WIDTH 900000000000\nHEIGHT 1\nPOINTS 900000000000", "bytes of text found"),
+        ("POINTS 1", "POINTS 7", "WIDTH and HEIGHT say 1"),
+        ("COUNT 1 1 1", "COUNT 1 1 999999999", "which is not read"),
+        ("COUNT 1 1 1", "COUNT 1 1 0", "which is not read"),
+        ("TYPE F F F", "TYPE F F O", "TYPE O, SIZE 4"),
+        ("SIZE 4 4 4", "SIZE 4 4 3", "TYPE F, SIZE 3"),
+        ("vertex 1", "vertex -1", "'-1' is no number"),
+        ("vertex 1", "vertex 900000000000", "bytes of text found"),
+        ("vertex 1", f"vertex {'9' * 5000}", "is no number"),
+    ],
+)
+def test_headers_whose_numbers_are_none_are_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
+    name, head = ("c.ply", PLY_HEAD) if old.startswith("vertex") else ("c.pcd", PCD_HEAD)
+    (tmp_path / name).write_text(head)
+    assert load_cloud(tmp_path / name).xyz.tolist() == [[1, 2, 3]]
+    (tmp_path / name).write_text(head.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        load_cloud(tmp_path / name)
+
+
+@pytest.mark.parametrize("values", [["1.0"], [1 + 2j], [b"1"], [None]])
+def test_arrays_that_are_no_real_numbers_are_refused(tmp_path: Path, values: list[object]) -> None:
+    np.savez(tmp_path / "c.npz", x=[1.0], y=[1.0], z=np.array(values))
+    with pytest.raises(InputError, match="real numbers are needed"):
+        load_cloud(tmp_path / "c.npz")
+
+
 def test_cut_off_files(tmp_path: Path) -> None:
     for suffix in (".ply", ".pcd", ".npz"):
         path = tmp_path / f"c{suffix}"

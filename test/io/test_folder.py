@@ -91,12 +91,15 @@ def swap_lines(text: str) -> str:
     return "\n".join([head, second, first, *rest])
 
 
-def edit_nan(folder: Path) -> None:
-    path = folder / "nav/pairs.csv"
-    *rest, last = path.read_text().splitlines()
-    words = last.split(",")
-    words[3] = "nan"
-    path.write_text("\n".join([*rest, ",".join(words)]))
+def edit_last_pose(x: str) -> Callable[[Path], None]:
+    def edit(folder: Path) -> None:
+        path = folder / "nav/pairs.csv"
+        *rest, last = path.read_text().splitlines()
+        words = last.split(",")
+        words[3] = x
+        path.write_text("\n".join([*rest, ",".join(words)]))
+
+    return edit
 
 
 def edit_no_image(folder: Path) -> None:
@@ -129,8 +132,18 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "flipped bytes": (flip, r"000001.png.*broken"),
     "cut off": (cut, r"000001.png.*(broken|cut off)"),
     "no image": (edit_no_image, "000001.png"),
-    "nan in pose": (edit_nan, "line 3.*not a finite number"),
+    "nan in pose": (edit_last_pose("nan"), "line 3.*not a finite number"),
     "truth no array": (lambda f: (f / "nav/truth/000000.npy").write_bytes(b"x") and None, r"truth .*000000.npy"),
+    "truth float64": (
+        lambda f: np.save(f / "nav/truth/000000.npy", np.zeros((16, 26, 3))),
+        r"truth .*000000.npy' is float64 .*float32 \(16, 26, 3\) is needed",
+    ),
+    "stamp with underscore": (edit_text("loc/pairs.csv", lambda t: t.replace("\n17", "\n1_7", 1)), "line 2: stamp"),
+    "position of 1e308": (edit_last_pose("1e308"), "line 3: a position is"),
+    "position with underscore": (edit_last_pose("1_0"), "line 3: '1_0' is not a finite number"),
+    "principal point of 1e300": (edit_rig(lambda c: c["k"].__setitem__(5, 1e300)), "principal point"),
+    "integer of 400 digits": (edit_rig(lambda c: c["k"].__setitem__(5, 10**400)), "an integer of 401 digits"),
+    "translation of 1e308": (edit_rig(lambda c: c["T_rb_locsb"].update(translation_m=[0, 0, 1e308])), "a position is"),
     "truth size": (
         lambda f: np.save(f / "nav/truth/000000.npy", np.zeros((3, 4, 3), np.float32)),
         r"\(3, 4, 3\).*\(16, 26, 3\)",

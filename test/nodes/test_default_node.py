@@ -93,7 +93,7 @@ def test_parameters_are_open_until_the_node_is_configured(ros: None, tmp_path: P
     assert change("health.period_s", 0.5) == ""
     assert "must lie in 1 .. 1000" in change("queue_size", 0) or "out of range" in change("queue_size", 0)
     assert "read-only" in change("autostart", True)
-    assert "mask '/nowhere.png': nothing that can be read" in change("localisation.left_mask", "/nowhere.png")
+    assert "mask '/nowhere.png': No such file" in change("localisation.left_mask", "/nowhere.png")
     node.trigger_configure()
     assert node.config.queue()[1] == 3
     (odometry,) = node.get_publishers_info_by_topic("/localisation/odometry")
@@ -112,10 +112,10 @@ def test_a_file_that_is_gone_is_named_when_the_node_is_configured(ros: None, tmp
     file = Parameter("localisation.right_mask", value=str(mask))
     node = LocalisationNode(parameter_overrides=[*MOUNTED, file])
     mask.unlink()
-    with pytest.raises(ConfigError, match="nothing that can be read"):
+    with pytest.raises(ConfigError, match="No such file"):
         node.start()
     node.destroy_node()
-    with pytest.raises(ConfigError, match="nothing that can be read"):
+    with pytest.raises(ConfigError, match="No such file"):
         LocalisationNode(parameter_overrides=[*MOUNTED, file])
 
 

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.bounded_input import read_bytes
+from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
 
 BLOCK = 7
 """Side of the neighbourhood over which the gradients of a corner are summed, pixels."""
+
+
+MAX_MASK_BYTES = 64_000_000
+_PNG_HEAD = re.compile(rb"\x89PNG\r\n\x1a\n.{4}IHDR(.{4})(.{4})", re.DOTALL)
+"""Signature, and the header that comes first: width and height (ISO/IEC 15948, 11.2.2)."""
 
 
 def find_corners(
@@ -81,9 +91,18 @@ def read_mask(path: str) -> NDArray[np.uint8]:
     Raises:
         ConfigError: If it cannot be read.
     """
-    mask = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+    try:
+        data = read_bytes(Path(path), MAX_MASK_BYTES)
+        head = _PNG_HEAD.match(data)
+        if head is None:
+            raise ConfigError(f"mask '{path}': no PNG; give a grey PNG of the size of the images")
+        check_image_size(*(int.from_bytes(side, "big") for side in head.groups()))
+        mask = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except (OSError, GeometryError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"mask '{path}': {reason}; give a grey PNG of the size of the images") from error
     if mask is None:
-        raise ConfigError(f"mask '{path}': nothing that can be read; give a grey image of the size of the images")
+        raise ConfigError(f"mask '{path}': broken; give a grey PNG of the size of the images")
     return np.asarray(mask, dtype=np.uint8)
 
 
