@@ -10,6 +10,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.io.text_numbers import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.resource_score import Calls, stage_of
 
@@ -92,7 +93,7 @@ def _stamps(path: Path, rows: list[dict[str, str]]) -> IntArray:
     if "stamp_ns" not in rows[0]:
         return np.arange(len(rows), dtype=np.int64)
     try:
-        return np.array([int(row["stamp_ns"]) for row in rows], np.int64)
+        return np.array([parse_stamp_ns(row["stamp_ns"] or "") for row in rows], np.int64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"statistics '{path}': a stamp is no whole number of nanoseconds ({error})") from error
 
