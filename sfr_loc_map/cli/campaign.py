@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,10 +12,14 @@ import typer
 
 from sfr_loc_map.cli.app import App, examples, help_without_command
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs, write_text
-from sfr_loc_map.errors import FailedVerdictError
+from sfr_loc_map.errors import FailedVerdictError, InterruptedRunError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sfr_loc_map.fault_injection.fault import Fault
     from sfr_loc_map.fault_injection.report import Row
+    from sfr_loc_map.fault_injection.settings import CampaignSettings
 
 app = App(help="The node processes over real DDS: injected faults, rates, long runs.")
 app.callback(invoke_without_command=True)(help_without_command)
@@ -47,7 +52,7 @@ def faults(
 ) -> None:
     """Inject one fault after the other into the nodes; exit 1 if one of them has another outcome than expected."""
     from sfr_loc_map.fault_injection.report import Verdict, outcome_table, report
-    from sfr_loc_map.fault_injection.run import run_campaign, select, timed
+    from sfr_loc_map.fault_injection.run import select
     from sfr_loc_map.fault_injection.settings import CampaignSettings
     from sfr_loc_map.tables.markdown import to_markdown
 
@@ -56,12 +61,14 @@ def faults(
     check_outputs(json_path, markdown_path, overwrite=overwrite)
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
         folder = keep or Path(scratch)
-        rows, seconds = timed(lambda: run_campaign(chosen, settings, folder, _say))
+        rows, seconds = _run(chosen, settings, folder)
     _write_json(report(rows, settings, seconds), json_path)
     if markdown_path is not None:
         write_text(to_markdown([outcome_table(rows)]), markdown_path)
     failed = [row.name for row in rows if row.verdict is Verdict.FAIL]
     typer.echo(f"{len(rows)} rows in {seconds:.0f} s, {len(failed)} not as expected")
+    if len(rows) < len(chosen):
+        raise InterruptedRunError(f"interrupted: {len(rows)} of {len(chosen)} rows were finished, and reported")
     if failed:
         raise FailedVerdictError(f"not as expected: {', '.join(failed)}")
 
@@ -108,6 +115,25 @@ def monitor(
     typer.echo(f"{result['poses_sent']} poses sent at {result['rate_hz']:.1f} Hz, {result['poses_scored']} scored")
     typer.echo(f"processor {100 * result['processor_share']:.0f} % of one core")
     _conclude(result, json_path)
+
+
+def _run(faults: Sequence[Fault], settings: CampaignSettings, folder: Path) -> tuple[list[Row], float]:
+    """Inject faults; return their rows, of an interrupted campaign those that were finished, and the time taken, s."""
+    from sfr_loc_map.fault_injection.run import run_campaign
+
+    rows: list[Row] = []
+
+    def done(row: Row) -> None:
+        rows.append(row)
+        _say(row)
+
+    begin = time.monotonic()
+    try:
+        run_campaign(faults, settings, folder, done)
+    except KeyboardInterrupt:
+        if not rows:
+            raise
+    return rows, time.monotonic() - begin
 
 
 def _conclude(result: dict[str, Any], json_path: Path | None) -> None:

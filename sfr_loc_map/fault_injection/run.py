@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -157,9 +156,3 @@ def run_ordered(order: str) -> None:
     faults = select([wanted["fault"]], settings)
     (row,) = run_campaign(faults, settings, Path(wanted["folder"]), in_namespace=True)
     Path(wanted["answer"]).write_text(json.dumps(asdict(row)), encoding="utf-8")
-
-
-def timed(work: Callable[[], list[Row]]) -> tuple[list[Row], float]:
-    """Return the rows of a campaign and how long it took, seconds."""
-    begin = time.monotonic()
-    return work(), time.monotonic() - begin

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -187,6 +188,27 @@ def test_scores_of_different_data_are_not_compared(sfr: Sfr, tmp_path: Path, fil
     assert "different data: the truth of 'a.json'" in result.err
     for same in ("copy", "bag"):
         assert sfr("compare", tmp_path / "a.json", tmp_path / f"{same}.json").code == 0
+
+
+def test_an_interrupted_campaign_reports_the_rows_that_were_finished(
+    sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("rclpy")
+    from sfr_loc_map.fault_injection import run
+    from sfr_loc_map.fault_injection.report import Row, Verdict
+
+    row = Row("kill-localisation", "it is killed", "it comes again", "it came", "one pair", 1.0, Verdict.PASS, {})
+
+    def interrupted(faults: object, settings: object, folder: object, done: Callable[[Row], None]) -> None:
+        done(row)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "run_campaign", interrupted)
+    report = tmp_path / "f.json"
+    result = sfr("campaign", "faults", "--json", report)
+    assert result.code == ExitCode.INTERRUPTED
+    assert "interrupted: 1 of " in result.err
+    assert "kill-localisation" in report.read_text()
 
 
 def test_the_table_is_in_the_help_and_in_the_docs(sfr: Sfr) -> None:
