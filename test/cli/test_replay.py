@@ -99,7 +99,7 @@ def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path) -> None:
     with Process(tmp_path / "log", *COMMAND, "replay", str(source), "--out", str(out), "--rate", "1") as replay:
         pids = wait_until(lambda: len(nodes_of(replay.popen.pid)) == 3 and nodes_of(replay.popen.pid), "three nodes")
         name = f"sfr_loc_map.nodes.{victim}".encode()
-        (pid,) = [pid for pid in pids if name in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        (pid,) = wait_until(lambda: [p for p in pids if name in Path(f"/proc/{p}/cmdline").read_bytes()], "its program")
         wait_until(lambda: handles_signals(pid), "the start of the node")
         shared = segments_of([*pids, replay.popen.pid])
         os.kill(pid, signal.SIGTERM)

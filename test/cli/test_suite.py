@@ -10,8 +10,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,11 +18,6 @@ from cli_result import Sfr
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "suite"))
 from made_suites import made_suite
-
-from sfr_loc_map.cli.suite import _judge
-from sfr_loc_map.errors import NotJudgedError
-from sfr_loc_map.metrics.modes import VerdictState
-from sfr_loc_map.metrics.score import Verdict
 
 SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 DRIVES = 3
@@ -89,15 +82,12 @@ def test_stopped_twice_it_goes_on_and_ends_with_the_same_results(suite: Path, se
     )
     command += ["suite", "run", str(suite), "--out", str(out), "--workers", "2"]
     for number, (how, code) in enumerate([(signal.SIGINT, 130), (signal.SIGKILL, -9)], 1):
-        with (tmp_path / "log").open("w") as log:
-            process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         end = time.monotonic() + 60
         while len(list((out / "results").glob("*.json"))) < number and time.monotonic() < end:
             time.sleep(0.02)
         os.kill(process.pid, how)
         assert process.wait(20) == code
-        told = f" of {DRIVES} tasks are finished, and reported" in (tmp_path / "log").read_text()
-        assert told == (how is signal.SIGINT)
     kept = {path: path.stat().st_mtime_ns for path in (out / "results").glob("*.json")}
     assert 2 <= len(kept) <= DRIVES
     (out / "index.sqlite").unlink()
@@ -143,22 +133,6 @@ def test_what_fails_is_named_with_the_command_that_repeats_it(sfr: Sfr, tmp_path
     assert "bad input" in done.err
     assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 1 tasks to run")
     assert "1 of 1" in sfr("suite", "run", suite, "--out", out, "--dry-run", "--retry-failed").out
-
-
-def test_a_limit_without_data_is_not_judged() -> None:
-    verdict = Verdict(
-        metric="coverage_min",
-        limit=0.5,
-        value=None,
-        ci95=None,
-        count=0,
-        state=VerdictState.NOT_ENOUGH_DATA,
-        certain=None,
-    )
-    summary: Any = SimpleNamespace(groups=[SimpleNamespace(verdicts=[verdict])], failed=0, refusals=())
-    with pytest.raises(NotJudgedError, match="not judged: limit coverage_min: not enough data"):
-        _judge(summary, lenient=False)
-    _judge(summary, lenient=True)
 
 
 def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
