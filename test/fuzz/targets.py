@@ -9,12 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import mutations as m
+import numpy as np
 from message_mutations import MCAP, SQLITE
-from world import KINDS
+from world import KINDS, LOC_RIG, T_RB_LOCSB, loc_pair
 
 from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession
+from sfr_loc_map.pipeline.online.resume import PoseFile
 
 Command = tuple[str, ...]
 Reader = Callable[[Path], None]
@@ -82,14 +87,30 @@ def _trajectory_uses(name: str) -> tuple[Command, ...]:
     )
 
 
-def read_resume_file(path: Path) -> None:
-    from sfr_loc_map.geometry.stereo import StereoRig
-    from sfr_loc_map.geometry.transform import Transform
-    from sfr_loc_map.pipeline.online.resume import PoseFile
+def check_estimate(estimate: PoseEstimate, farthest_m: float) -> None:
+    """Check that an estimate can be published.
 
-    rig = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12, Transform.identity())
-    PoseFile(path, 1e12).check()
-    PoseFile(path, 1e12).load(1_800_000_000_000_000_000, rig)
+    Raises:
+        ArithmeticError: If its pose or covariance is absurd.
+    """
+    position, covariance = estimate.T_ds_rb.translation, estimate.covariance
+    if not (np.isfinite(position).all() and np.abs(position).max() < farthest_m and np.isfinite(covariance).all()):
+        raise ArithmeticError(f"{estimate.state} at {position} with variances {np.diag(covariance)}")
+    if estimate.state is not TrackingState.LOST and np.linalg.eigvalsh(covariance)[0] < -1e-9 * np.trace(covariance):
+        raise ArithmeticError(f"{estimate.state} with a covariance that is none: {np.linalg.eigvalsh(covariance)}")
+
+
+def resume(path: Path) -> None:
+    """Start at a kept pose as a node does, and process two pairs."""
+    file = PoseFile(path, 1e12)
+    file.check()
+    session = LocalisationSession(LocalisationConfig(), file)
+    session.set_rig(LOC_RIG)
+    for index in range(2):
+        pair = loc_pair(index)
+        estimate = session.localiser_at(pair.stamp_ns, T_RB_LOCSB).process(pair)
+        session.accept(estimate)
+        check_estimate(estimate, 1.1e9)
 
 
 def plan_simulation(path: Path) -> None:
@@ -212,7 +233,7 @@ TARGETS: tuple[Target, ...] = (
             ("compare", "{w}/score2.json", "{w}/score.json"),
         ),
     ),
-    Target("resume file", "resume.json", m.JSON, (read_resume_file,)),
+    Target("resume file", "resume.json", m.JSON, (resume,)),
     Target("scenario", "scenario.yaml", m.YAML, (plan_simulation,)),
     Target("arguments", "arguments.json", (m.json_tree,), (run_arguments,)),
 )

@@ -16,6 +16,7 @@ from made_scene import (
     T_RB_LOCSB,
     fill,
     image,
+    loc_pair,
     true_pose,
     write_bag,
     write_folder,
@@ -30,6 +31,7 @@ from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.trajectory_file import save_trajectory
 
+__all__ = ["KINDS", "LOC_RIG", "T_RB_LOCSB", "encoded_image", "loc_pair", "make_world"]
 REPOSITORY = Path(__file__).resolve().parents[2]
 POSES = 60
 KINDS = ("jpg", "pgm", "ppm", "bmp", "tiff", "webp", "hdr", "exr", "jp2", "ras", "gif", "pfm")
