@@ -22,6 +22,8 @@ MB = 1_000_000
 MAX_TEXT_BYTES = MB
 """Largest settings file, rig or list of topics: a legitimate one has some kilobytes."""
 MAX_JSON_BYTES = 64 * MB
+MAX_IMAGE_BYTES = 512 * MB
+MAX_CLOUD_BYTES = 4096 * MB
 MAX_TABLE_BYTES = 256 * MB
 """Largest table of text: a trajectory of 1.5 million poses."""
 MAX_TABLE_LINES = 4_000_000
@@ -102,8 +104,10 @@ def check_regular(path: Path) -> None:
     """Check that a path is a regular file, or a link to one.
 
     Raises:
-        OSError: If it is missing or something else.
+        OSError: If it is missing or something else, or its name is that of no file.
     """
+    if "\0" in str(path):  # Python would raise a ValueError
+        raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.bounded_input import MAX_CLOUD_BYTES, read_bytes
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
@@ -56,7 +57,7 @@ def load_cloud(path: Path) -> LoadedCloud:
     if path.suffix not in readers:
         raise InputError(f"cloud '{path}' ends in '{path.suffix}': {', '.join(readers)} are read")
     try:
-        records = readers[path.suffix](path.read_bytes())
+        records = readers[path.suffix](read_bytes(path, MAX_CLOUD_BYTES))
     except OSError as error:
         raise InputError(f"cannot read cloud '{path}': {error.strerror}; give a .ply, .pcd or .npz file") from error
     except (ValueError, KeyError, IndexError, TypeError) as error:

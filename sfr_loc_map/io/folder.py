@@ -27,6 +27,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.image_file_sequence import whole_pairs
+from sfr_loc_map.io.point_image import checked_points
 from sfr_loc_map.io.rig_file import load_rig
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.text_numbers import parse_number, parse_stamp_ns
@@ -186,8 +187,7 @@ def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
         raise InputError(
             f"truth '{path}' is {points.dtype} {points.shape}: float32 ({rig.height}, {rig.width}, 3) is needed"
         )
-    with np.errstate(invalid="ignore", over="ignore"):  # what is too large for the type becomes infinite
-        return points.astype(np.float32, copy=False)
+    return checked_points(points, f"truth '{path}'")
 
 
 def _load_truth(path: Path) -> Trajectory | None:

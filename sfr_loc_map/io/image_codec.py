@@ -16,6 +16,7 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
+from sfr_loc_map.bounded_input import MAX_IMAGE_BYTES, read_bytes
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.plausibility import check_image_size
@@ -65,7 +66,7 @@ def read_grey(path: Path) -> GreyImage:
         InputError: If the file is missing or its data is broken.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path, MAX_IMAGE_BYTES)
     except OSError as error:
         raise InputError(f"cannot read image '{path}': {error.strerror}; check the list of pairs") from error
     try:

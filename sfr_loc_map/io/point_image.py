@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
 from sfr_loc_map.geometry.stereo import StereoRig
 
 
@@ -15,7 +16,7 @@ def points_image(message: Any, rig: StereoRig) -> NDArray[np.float32]:  # noqa: 
     """Return an organised sensor_msgs/PointCloud2 as `(H, W, 3)` float32, metres.
 
     Raises:
-        InputError: If it is not of the rig's size or has no float32 x, y, z.
+        InputError: If it is not of the rig's size, has no float32 x, y, z, or a coordinate is absurd.
     """
     offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == 7}
     shape, step, row = (int(message.height), int(message.width)), int(message.point_step), int(message.row_step)
@@ -30,4 +31,20 @@ def points_image(message: Any, rig: StereoRig) -> NDArray[np.float32]:  # noqa: 
         {"names": list("xyz"), "formats": [order] * 3, "offsets": [offsets[n] for n in "xyz"], "itemsize": step}
     )
     records = np.ndarray(shape, layout, np.frombuffer(message.data, np.uint8), strides=(row, step))
-    return np.stack([records[name] for name in "xyz"], axis=-1).astype(np.float32, copy=False)
+    points = np.stack([records[name].astype("<f4") for name in "xyz"], axis=-1)
+    return checked_points(points, "ground_truth/points")
+
+
+def checked_points(points: NDArray[np.floating], name: str) -> NDArray[np.float32]:
+    """Return true points as float32, NaN where a number is not finite.
+
+    Raises:
+        InputError: If a coordinate is absurd; `name` says whose.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):  # a NaN that signals; what is too large for float32
+        points = np.array(points, np.float32)
+    known = np.isfinite(points)
+    points[~known] = np.nan
+    if np.abs(points[known]).max(initial=0.0) > MAX_POSITION_M:
+        raise InputError(f"{name} has a coordinate beyond {MAX_POSITION_M:g} m; NaN stands for no truth")
+    return points

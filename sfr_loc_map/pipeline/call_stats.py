@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.io.text_numbers import parse_stamp_ns
@@ -78,8 +80,8 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
 
 def _rows(path: Path, needed: str) -> list[dict[str, str]]:
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream))
+        text = read_table(path).decode("utf-8-sig")
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot read statistics '{path}': {reason}; give a CSV with one row for each call") from error

@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, Template
 from markupsafe import Markup
 
 from sfr_loc_map import __version__
+from sfr_loc_map.bounded_input import MAX_JSON_BYTES, read_text
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.modes import VerdictState
@@ -61,7 +62,7 @@ def load_score(path: Path) -> Score:
         InputError: If the file cannot be read or holds no score.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, MAX_JSON_BYTES)
     except OSError as error:
         raise InputError(f"cannot read score '{path}': {error.strerror}; give the JSON of sfr score --json") from error
     except ValueError as error:

@@ -33,6 +33,14 @@ WORKER_GROWTH = 400_000_000
 TICK_S = 0.05
 
 
+@dataclass(frozen=True)
+class Limits:
+    """What an input may take, and where the targets come from (`module:function`)."""
+
+    cpu_s: float = MAX_CPU_S
+    targets: str = "targets:all_targets"
+
+
 @dataclass
 class Failure:
     """An input that failed, kept as a file."""
@@ -69,10 +77,11 @@ class Summary:
 class Worker:
     """A worker process."""
 
-    def __init__(self, world: Path, log: Path) -> None:
+    def __init__(self, world: Path, log: Path, limits: Limits) -> None:
+        self._limits = limits
         self._log = log.open("w", encoding="utf-8")
         self.process = subprocess.Popen(
-            [sys.executable, str(HERE / "fuzz_worker.py"), str(world)],
+            [sys.executable, str(HERE / "fuzz_worker.py"), str(world), limits.targets],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,
@@ -112,7 +121,7 @@ class Worker:
             largest = max(largest, self._memory() - memory)
             if largest > KILL_GROWTH:
                 return self._killed("memory", f"more than {largest // 10**6} MB", used, largest)
-            if used > MAX_CPU_S or waited > MAX_WALL_S:
+            if used > self._limits.cpu_s or waited > MAX_WALL_S:
                 return self._killed("hang", f"{used:.0f} s of the processor, {waited:.0f} s", used, largest)
 
     def _killed(self, kind: str, text: str, seconds: float, growth: int) -> Outcome:
@@ -179,8 +188,8 @@ def judged(outcome: Outcome) -> Outcome:
 class Campaign:
     """Inputs of all targets, one after the other, until a number or a time is reached."""
 
-    def __init__(self, world: Path, out: Path, seed: int, workers: int) -> None:
-        self.summary = Summary()
+    def __init__(self, world: Path, out: Path, seed: int, workers: int, limits: Limits | None = None) -> None:
+        self.summary, self._limits = Summary(), limits or Limits()
         self._world, self._out, self._seed, self._workers = world, out, seed, workers
         self._lock = threading.Lock()
         self._broken: Exception | None = None
@@ -216,7 +225,7 @@ class Campaign:
             if worker is None or worker.grown:
                 if worker is not None:
                     worker.close()
-                worker = Worker(self._world, self._out / f"worker-{number}.log")
+                worker = Worker(self._world, self._out / f"worker-{number}.log", self._limits)
             target, index = order
             outcome = judged(worker.run({"target": target, "seed": self._seed, "index": index, "keep": str(keep)}))
             with self._lock:
@@ -242,7 +251,7 @@ class Campaign:
 def again(world: Path, target: str, file: Path, out: Path) -> Outcome:
     """Run one kept input alone."""
     out.mkdir(parents=True, exist_ok=True)
-    worker = Worker(world, out / "again.log")
+    worker = Worker(world, out / "again.log", Limits())
     try:
         return judged(
             worker.run({"target": target, "file": str(file.resolve()), "keep": str((out / "again.input").resolve())})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import importlib
 import json
 import os
 import resource
@@ -16,14 +17,21 @@ os.environ.pop("OPENCV_LOG_LEVEL", None)
 
 import cv2
 import execution
-from targets import all_targets
+from targets import Target
 
 ADDRESS_SPACE = 8 * 2**30
 """Bytes that may be reserved beyond what the warm process has: protects the host, not the measure of memory."""
 
 
+def _targets(place: str) -> dict[str, Target]:
+    """Return the targets of a function, given as `module:function`."""
+    module, _, function = place.partition(":")
+    found: dict[str, Target] = getattr(importlib.import_module(module), function)()
+    return found
+
+
 def main() -> int:
-    """Answer orders until standard input ends."""
+    """Answer orders until standard input ends; arguments are the world and where the targets come from."""
     faulthandler.enable()
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)  # whatever a library prints must not be taken for an answer
@@ -34,7 +42,7 @@ def main() -> int:
     try:
         shutil.copytree(source, world)
         os.chdir(scratch)
-        targets = all_targets()
+        targets = _targets(sys.argv[2])
         problems = [text for target in targets.values() for text in execution.refused_valid_inputs(target, world, out)]
         if problems:
             raise SystemExit("\n".join(problems))

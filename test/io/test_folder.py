@@ -144,6 +144,18 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "principal point of 1e300": (edit_rig(lambda c: c["k"].__setitem__(5, 1e300)), "principal point"),
     "integer of 400 digits": (edit_rig(lambda c: c["k"].__setitem__(5, 10**400)), "an integer of 401 digits"),
     "translation of 1e308": (edit_rig(lambda c: c["T_rb_locsb"].update(translation_m=[0, 0, 1e308])), "a position is"),
+    "truth beyond the sky": (
+        lambda f: np.save(f / "nav/truth/000000.npy", np.full((16, 26, 3), 1e30, np.float32)),
+        r"truth .*000000.npy.*beyond 1e.09 m",
+    ),
+    "truth of complex numbers": (
+        lambda f: np.save(f / "nav/truth/000000.npy", np.zeros((16, 26, 3), np.complex64)),
+        r"truth .*000000.npy.*real numbers",
+    ),
+    "image with a zero byte in its name": (
+        edit_text("loc/pairs.csv", lambda text: text.replace("left/000000.png", "left/\0.png")),
+        "names files that are not there",
+    ),
     "truth size": (
         lambda f: np.save(f / "nav/truth/000000.npy", np.zeros((3, 4, 3), np.float32)),
         r"\(3, 4, 3\).*\(16, 26, 3\)",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,6 +21,7 @@ from sfr_loc_map.io.image_codec import (
     encode_png,
     image_from_compressed_message,
     image_from_message,
+    read_grey,
 )
 
 images = hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))
@@ -141,3 +144,12 @@ def test_broken_images_are_refused_in_silence(data: bytes, words: str, capfd: py
     with pytest.raises(InputError, match=words):
         decode_grey(data)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("a\0.png", "zero byte"), ("none.png", "No such file"), ("pipe", "a named pipe")]
+)
+def test_what_is_no_file_is_refused_at_once(name: str, words: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match=f"cannot read image .*{words}"):
+        read_grey(tmp_path / name)

@@ -1,0 +1,58 @@
+"""The fuzzer notices every kind of failure, repeats itself, and a slice of its inputs is taken by the readers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from campaign import Campaign, Limits
+from execution import make_input, run_input
+from made_failures import FAILURES, made_targets
+from made_score import make_made_files
+from targets import TARGETS
+from world import make_world
+
+SEED = 20
+COSTLY = {"localisation config", "arguments", "JPG", "mcap", "mcap of JPEG", "sqlite3", "metadata.yaml", "resume file"}
+"""What takes more than a tenth of a second each, or has tests enough elsewhere."""
+SLICE = [target for target in TARGETS if target.name not in COSTLY]
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fuzz") / "world"
+    make_world(folder)
+    make_made_files(folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_a_slice_of_the_inputs_is_accepted_or_refused(world: Path, tmp_path: Path) -> None:
+    found = []
+    for target in SLICE:
+        outcome = run_input(target, make_input(target, world, SEED, 1), world, tmp_path / "out")
+        found += [] if outcome.good else [f"{target.name}: {outcome.kind}: {outcome.text}"]
+    assert not found
+
+
+def test_inputs_depend_on_the_seed_alone(world: Path) -> None:
+    for target in SLICE[:8]:
+        first, again, other = (make_input(target, world, seed, 3) for seed in (1, 1, 2))
+        assert first == again
+        assert first != other
+
+
+@pytest.mark.slow
+def test_every_kind_of_failure_is_noticed_and_kept(tmp_path: Path) -> None:
+    world, out = tmp_path / "world", tmp_path / "out"
+    world.mkdir()
+    (world / "file").write_bytes(b"valid")
+    limits = Limits(cpu_s=0.5, targets="made_failures:made_targets")
+    summary = Campaign(world, out, 1, 1, limits).run(list(made_targets()), len(FAILURES) + 1, 100.0)
+    found = {failure.target: failure for failure in summary.failures}
+    assert set(found) == set(FAILURES)
+    for name, failure in found.items():
+        assert name in failure.outcome.kind
+        assert failure.file.read_bytes() == b"spoilt"
+        assert str(failure.file) in failure.command
+    assert summary.by_target["refused"] == {"refused": 1}
