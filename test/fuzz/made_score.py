@@ -8,12 +8,10 @@ import json
 from pathlib import Path
 
 from targets import SCORE, run_command
+from world import LOC_RIG
 
-from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.pipeline.online.resume import KnownPose, PoseFile
-
-RESUME_RIG = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12, Transform.identity())
 
 
 def make_made_files(world: Path) -> None:
@@ -22,7 +20,7 @@ def make_made_files(world: Path) -> None:
 
     (world / "arguments.json").write_text(json.dumps(["name.csv", "distance=5", "/a:=/b"]))
     PoseFile(world / "resume.json", 1.0).save(
-        KnownPose(1_700_000_000_000_000_000, Transform.identity(), np.eye(6)), RESUME_RIG
+        KnownPose(1_700_000_000_000_000_000, Transform.identity(), np.eye(6)), LOC_RIG
     )
     limits = ("--limits", "{w}/limits_example.yaml", "--stats", "{w}/stats.csv")
     for name, extra in (("score.json", limits), ("score2.json", ())):
