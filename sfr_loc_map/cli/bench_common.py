@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from sfr_loc_map.cli.app import App, help_without_command
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, show, write_text
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, say, show, write_text
 
 app = App(help="Benchmarks beside other tools: same input, same run, own processes.")
 app.callback(invoke_without_command=True)(help_without_command)
@@ -27,7 +25,7 @@ def present(result: dict[str, Any], json_path: str | None, markdown_path: Path |
     if json_path == STANDARD_OUTPUT:
         return
     for name, reason in result["missing"].items():
-        typer.echo(f"left out: {name}: {reason}")
+        say(f"left out: {name}: {reason}")
     for part in (result, *result.get("sizes", ())):
         for name, reason in part.get("failed", {}).items():
-            typer.echo(f"failed: {name}: {reason}")
+            say(f"failed: {name}: {reason}")

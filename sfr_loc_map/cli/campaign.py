@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sfr_loc_map.cli.app import App, examples, help_without_command
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, write_text
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, say, write_text
 from sfr_loc_map.errors import FailedVerdictError, InterruptedRunError
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def faults(
     if markdown_path is not None:
         write_text(to_markdown([outcome_table(rows)]), markdown_path)
     failed = [row.name for row in rows if row.verdict is Verdict.FAIL]
-    typer.echo(f"{len(rows)} rows in {seconds:.0f} s, {len(failed)} not as expected")
+    say(f"{len(rows)} rows in {seconds:.0f} s, {len(failed)} not as expected")
     if len(rows) < len(chosen):
         raise InterruptedRunError(f"interrupted: {len(rows)} of {len(chosen)} rows were finished, and reported")
     if failed:
@@ -90,10 +90,10 @@ def rate(
     check_outputs(json_path, overwrite=overwrite)
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
         result = carry_images(RateSettings(minutes, rate_hz, size), Path(scratch))
-    typer.echo(f"{result['pairs_sent']} pairs sent, {result['pairs_localised']} localised, dropped {result['dropped']}")
+    say(f"{result['pairs_sent']} pairs sent, {result['pairs_localised']} localised, dropped {result['dropped']}")
     for name, times in result["times"].items():
         figures = ", ".join(f"{key} {1e3 * value:.1f}" for key, value in times.items())
-        typer.echo(f"{name.removesuffix('_s'):20}{figures} ms")
+        say(f"{name.removesuffix('_s'):20}{figures} ms")
     _conclude(result, json_path)
 
 
@@ -112,8 +112,8 @@ def monitor(
     check_outputs(json_path, overwrite=overwrite)
     with tempfile.TemporaryDirectory(prefix="sfr_campaign.") as scratch:
         result = carry_poses(RateSettings(minutes, rate_hz), Path(scratch))
-    typer.echo(f"{result['poses_sent']} poses sent at {result['rate_hz']:.1f} Hz, {result['poses_scored']} scored")
-    typer.echo(f"processor {100 * result['processor_share']:.0f} % of one core")
+    say(f"{result['poses_sent']} poses sent at {result['rate_hz']:.1f} Hz, {result['poses_scored']} scored")
+    say(f"processor {100 * result['processor_share']:.0f} % of one core")
     _conclude(result, json_path)
 
 
@@ -139,7 +139,7 @@ def _run(faults: Sequence[Fault], settings: CampaignSettings, folder: Path) -> t
 def _conclude(result: dict[str, Any], json_path: Path | None) -> None:
     memory = result["memory"]
     slope = f"{memory['slope_mb_h']:+.1f} +- {2 * memory['error_mb_h']:.1f} MB/h"
-    typer.echo(f"memory {memory['mb'][-1]:.0f} MB, {slope} after the warm-up")
+    say(f"memory {memory['mb'][-1]:.0f} MB, {slope} after the warm-up")
     _write_json(result, json_path)
     if result["failures"]:
         raise FailedVerdictError("; ".join(result["failures"]))
@@ -147,7 +147,7 @@ def _conclude(result: dict[str, Any], json_path: Path | None) -> None:
 
 def _say(row: Row) -> None:
     time = "" if row.recover_s is None else f", recovered in {row.recover_s:.1f} s"
-    typer.echo(f"{row.verdict:8}{row.name}{time}: {row.observed}; lost: {row.lost or '-'}")
+    say(f"{row.verdict:8}{row.name}{time}: {row.observed}; lost: {row.lost or '-'}")
 
 
 def _write_json(content: object, path: Path | None) -> None:

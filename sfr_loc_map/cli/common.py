@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from sfr_loc_map.cli.output import say
 from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.errors import (
     ConfigError,
@@ -184,7 +185,7 @@ def each_tenth(doing: str, unit: str) -> Callable[[int, int], None]:
         nonlocal tenth
         before, tenth = tenth, max(tenth, 10 * done // max(total, 1))
         if tenth > before and not Console(stderr=True).is_terminal:
-            typer.echo(f"{doing}: {10 * tenth} % ({done} of {total} {unit})", err=True)
+            say(f"{doing}: {10 * tenth} % ({done} of {total} {unit})", err=True)
 
     return report
 

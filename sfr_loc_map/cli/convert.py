@@ -11,7 +11,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import RemapOption, SourceArgument, naming, parse_remaps, progress_bar
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, output_folder
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, output_folder, say
 from sfr_loc_map.errors import InputError
 
 
@@ -62,18 +62,18 @@ def convert(
     if is_trajectory(source) and not source.is_dir():
         poses = load_trajectory(source)
         with room:
-            typer.echo(f"{convert_trajectory(poses, destination)} poses: {destination}", err=True)
+            say(f"{convert_trajectory(poses, destination)} poses: {destination}", err=True)
         return
     opened = open_source(source, parse_remaps(remap))
     if is_trajectory(destination):
         truth = opened.loc.ground_truth if opened.loc is not None else None
         if truth is None:
             raise InputError(f"'{source}' has no true trajectory to write as '{destination}'")
-        typer.echo(f"{convert_trajectory(truth, destination)} poses: {destination}", err=True)
+        say(f"{convert_trajectory(truth, destination)} poses: {destination}", err=True)
         return
     total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
     options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid)
     with room, naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("converting", total=total)
         count = run(opened, destination, options, lambda done: bar.update(task, completed=done))
-    typer.echo(f"{count} pairs: {destination}", err=True)
+    say(f"{count} pairs: {destination}", err=True)

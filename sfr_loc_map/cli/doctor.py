@@ -10,7 +10,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import ConfigOption, RemapOption, parse_remaps, progress_bar, require_ros
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, OverwriteOption, check_outputs, show
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, OverwriteOption, check_outputs, say, show
 from sfr_loc_map.cli.verdict import LenientOption, not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
@@ -99,10 +99,10 @@ def _examine(seen: Observation, json_path: str | None) -> None:
     show(_json(content), json_path, ())
     if json_path != STANDARD_OUTPUT:
         for finding in findings:
-            typer.echo(f"{'STOPS' if finding.is_blocking else 'warns'}  {finding.where}: {finding.text}")
-            typer.echo(f"       fix: {finding.fix}")
+            say(f"{'STOPS' if finding.is_blocking else 'warns'}  {finding.where}: {finding.text}")
+            say(f"       fix: {finding.fix}")
         if not findings:
-            typer.echo(f"{seen.subject}: no blocking issue")
+            say(f"{seen.subject}: no blocking issue")
     if stops:
         raise FailedVerdictError(f"{stops} blocking issue{'s' * (stops > 1)} on {seen.subject}")
 
@@ -133,13 +133,13 @@ def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bo
     show(_json(to_plain(diagnosis)), json_path, [_hypothesis_table(diagnosis)])
     if diagnosis.found is not None:
         if json_path != STANDARD_OUTPUT:
-            typer.echo(diagnosis.found.sentence)
+            say(diagnosis.found.sentence)
         raise FailedVerdictError(f"estimate and truth contradict each other by convention: {diagnosis.found.mismatch}")
     if diagnosis.disagreement is None:
         reason = f"'{estimate}' and '{truth}' have fewer than {MIN_POSES} stamps in common"
         not_judged([reason], lenient=lenient)
     elif json_path != STANDARD_OUTPUT:
-        typer.echo("no single convention mismatch explains the disagreement, if there is any")
+        say("no single convention mismatch explains the disagreement, if there is any")
 
 
 def _hypothesis_table(diagnosis: Diagnosis) -> Table:

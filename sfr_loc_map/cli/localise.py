@@ -20,7 +20,7 @@ from sfr_loc_map.cli.common import (
     progress_bar,
     read_config,
 )
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, warn
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, say, warn
 from sfr_loc_map.errors import InterruptedRunError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def localise(
     save_trajectory(output, trajectory_of(estimate for estimate, _ in done))
     if stats is not None:
         save_stats(stats, records)
-    typer.echo(f"{len(done)} poses, {states_text(records)}: {output}", err=True)
+    say(f"{len(done)} poses, {states_text(records)}: {output}", err=True)
     text = tracking_warning(records, source)
     if text is not None:
         warn(text)

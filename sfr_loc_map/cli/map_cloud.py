@@ -18,7 +18,7 @@ from sfr_loc_map.cli.common import (
     progress_bar,
     read_config,
 )
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, say
 
 
 @app.command(
@@ -71,7 +71,7 @@ def map_cloud(
     if stats is not None:
         save_stats(stats, run.records)
     for line in map_warnings(run):
-        typer.echo(f"Warning: {line}", err=True)
-    typer.echo(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)
+        say(f"Warning: {line}", err=True)
+    say(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)
     for path in outputs.beside.values():
-        typer.echo(str(path), err=True)
+        say(str(path), err=True)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.printable import one_line
+from sfr_loc_map.printable import one_line, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -143,7 +143,7 @@ def write_text(text: str, path: Path) -> None:
     from sfr_loc_map.io.atomic import atomic_path
 
     with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def show(json_text: str, place: str | None, tables: Iterable[Table]) -> None:
@@ -160,4 +160,9 @@ def show(json_text: str, place: str | None, tables: Iterable[Table]) -> None:
 
 def warn(text: str) -> None:
     """Print a warning, one line on standard error."""
-    typer.echo(f"sfr: warning: {one_line(text)}", err=True)
+    say(f"sfr: warning: {one_line(text)}", err=True)
+
+
+def say(text: str, *, err: bool = False) -> None:
+    """Print a text that may hold names and words of files: printable, on standard output or standard error."""
+    typer.echo(printable(text), err=err)

@@ -9,7 +9,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import SourceArgument, naming, progress_bar
-from sfr_loc_map.cli.output import OverwriteOption, output_folder
+from sfr_loc_map.cli.output import OverwriteOption, output_folder, say
 from sfr_loc_map.errors import ConfigError
 
 FAULT_HELP = (
@@ -51,4 +51,4 @@ def perturb(
     with room, naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("injecting faults", total=total)
         count = run(opened, destination, faults, seed, lambda done: bar.update(task, completed=done))
-    typer.echo(f"{count} of {total} pairs: {destination}", err=True)
+    say(f"{count} of {total} pairs: {destination}", err=True)

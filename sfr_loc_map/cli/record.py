@@ -9,7 +9,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import require_ros
-from sfr_loc_map.cli.output import OverwriteOption, output_folder
+from sfr_loc_map.cli.output import OverwriteOption, output_folder, say
 
 
 @app.command(
@@ -39,9 +39,9 @@ def record(
 
     options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
     with output_folder(out, overwrite=overwrite):
-        counts = run(out, options, lambda text: typer.echo(text, err=True))
+        counts = run(out, options, lambda text: say(text, err=True))
     count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))
-    typer.echo(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")
+    say(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")
     for name, topic in counts.items():
         if topic.lost:
-            typer.echo(f"  {topic.lost} of {name} lost in transport", err=True)
+            say(f"  {topic.lost} of {name} lost in transport", err=True)

@@ -23,10 +23,11 @@ from sfr_loc_map.cli.common import (
     read_config,
     require_ros,
 )
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, warn
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, say, warn
 from sfr_loc_map.cli.score import LimitsOption, present, score_config
 from sfr_loc_map.cli.verdict import LenientOption, conclude, read_limits
 from sfr_loc_map.errors import InterruptedRunError, NodeError, OutputError
+from sfr_loc_map.printable import printable
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.transform import Transform
@@ -191,21 +192,21 @@ def _run(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
     with progress_bar("pairs") as bar:
         tasks = {name: bar.add_task(labels[name], total=total) for name, total in totals.items()}
 
-        def say(text: str) -> None:
+        def show_line(text: str) -> None:
             again = text.startswith(AGAIN)
             if again or bar.console.is_terminal:
-                bar.console.print(text, highlight=False)
+                bar.console.print(printable(text), highlight=False, markup=False)
             if again:
                 for name, task in tasks.items():
                     bar.reset(task, total=totals[name])
 
-        results = run(source, options, lambda task: bar.advance(tasks[task]), say)
+        results = run(source, options, lambda task: bar.advance(tasks[task]), show_line)
     if results.interrupted and not results.count:
         raise KeyboardInterrupt
     played = len(results.published_stamps("loc"))
     missing = played - len(results.rows)
     if missing > 0:
-        typer.echo(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
+        say(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
     if results.published_stamps("nav") and not results.clouds:
         raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
     cloud, mapped_ns = results.last_map()
@@ -217,11 +218,11 @@ def _run(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
 def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
     from sfr_loc_map.pipeline.tracking_summary import states_text, tracking_warning
 
-    typer.echo(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)
+    say(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)
     localised = [record for record in result.records if record.covariance is not None]
     text = tracking_warning(localised, source)
     if text is not None:
         warn(text)
     if out is not None:
         page = files.page if files.page.exists() else files.report
-        typer.echo(f"report: {page}")
+        say(f"report: {page}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, write_text
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, say, write_text
 from sfr_loc_map.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def report(
         sys.stdout.write(text)
         return
     write_text(text, output)
-    typer.echo(f"report: {output}")
+    say(f"report: {output}")
 
 
 def _text(score: Score, form: Format) -> str:

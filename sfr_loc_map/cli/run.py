@@ -9,6 +9,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import require_ros
+from sfr_loc_map.cli.output import say
 from sfr_loc_map.errors import InputError
 
 ROS_ARGS = "--ros-args"
@@ -62,6 +63,4 @@ def run(
     for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
         arguments += ["-r", item]
     nodes = node_names(given[:cut])
-    run_nodes(
-        nodes, [*arguments, *given[cut + 1 :]], lambda text: typer.echo(f"sfr run: {text}", err=True), respawn=respawn
-    )
+    run_nodes(nodes, [*arguments, *given[cut + 1 :]], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)

@@ -12,7 +12,7 @@ import yaml
 from sfr_loc_map.bounded_input import parse_yaml
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import each_tenth, progress_bar
-from sfr_loc_map.cli.output import OverwriteOption, output_folder
+from sfr_loc_map.cli.output import OverwriteOption, output_folder, say
 from sfr_loc_map.errors import ConfigError, InterruptedRunError
 
 
@@ -68,7 +68,7 @@ def simulate(
             raise InterruptedRunError(
                 f"interrupted: {state[0]} of {state[1]} images are rendered; the same command continues"
             ) from None
-    typer.echo(f"{count} pairs: {out}", err=True)
+    say(f"{count} pairs: {out}", err=True)
 
 
 def parse_settings(settings: list[str] | None) -> dict[str, Any]:

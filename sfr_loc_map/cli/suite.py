@@ -16,6 +16,7 @@ from sfr_loc_map.cli.output import (
     OverwriteOption,
     check_outputs,
     check_suffix,
+    say,
     show,
     write_text,
 )
@@ -70,7 +71,7 @@ def run(
     with store.locked():
         plan = plan_suite(specification, store)
         for refusal in plan.refusals:
-            typer.echo(f"sfr: warning: left out: {refusal.reason}", err=True)
+            say(f"sfr: warning: left out: {refusal.reason}", err=True)
         tasks = Selection(only, retry_failed).of(plan, store)
         if only and not tasks:
             raise ConfigError(f"'--only {only}': no task has this key; see the index of '{out}'")
@@ -172,12 +173,12 @@ def _say_plan(store: Store, keys: list[str], total: int, places: int) -> None:
         if entry.seconds is not None:
             known.setdefault(entry.task.kind, []).append(entry.seconds)
     for key in keys:
-        typer.echo(f"{key}  {entries[key].task.label}")
+        say(f"{key}  {entries[key].task.label}")
     like = [known.get(entries[key].task.kind, []) for key in keys]
     cost = "cost not known before a like task has run"
     if all(like):
         cost = f"about {sum(sum(times) / len(times) for times in like) / places:.0f} s, {places} at a time"
-    typer.echo(f"{len(keys)} of {total} tasks to run, {cost}")
+    say(f"{len(keys)} of {total} tasks to run, {cost}")
 
 
 def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: bool, again: str = "") -> None:
@@ -192,11 +193,11 @@ def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: 
     from sfr_loc_map.suite.tables import suite_tables
 
     show(json.dumps(summary.to_dict(), allow_nan=False) + "\n", json_path, suite_tables(summary))
-    typer.echo(f"report: {store.folder / 'report.html'}", err=True)
+    say(f"report: {store.folder / 'report.html'}", err=True)
     for failure in summary.failures:
         last = failure.attempts[-1]
         repeat = f"; again: {again} --only {failure.key[:12]}" if again else ""
-        typer.echo(one_line(f"failed: {failure.label}: {last.cause}: {last.message}{repeat}"), err=True)
+        say(one_line(f"failed: {failure.label}: {last.cause}: {last.message}{repeat}"), err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
     missed = sum(item.state is VerdictState.FAIL for _, item in verdicts)
     if missed:

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import typer
-
 from sfr_loc_map.cli.common import progress_bar
+from sfr_loc_map.cli.output import say
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.execution import Outcome
@@ -33,11 +32,11 @@ def progress(total: int) -> Iterator[OnOutcome]:
             failed += not outcome.done
             bar.advance(shown)
             if not outcome.done:
-                typer.echo(f"failed: {task.label}: {outcome.failures[-1].cause}", err=True)
+                say(f"failed: {task.label}: {outcome.failures[-1].cause}", err=True)
             now = time.monotonic()
             if bar.disable and (now - last > LINE_EVERY_S or done == total):
                 last = now
                 left = (now - begin) / done * (total - done)
-                typer.echo(f"{done} of {total} tasks, {failed} failed, about {left:.0f} s left", err=True)
+                say(f"{done} of {total} tasks, {failed} failed, about {left:.0f} s left", err=True)
 
         yield advance

@@ -103,7 +103,7 @@ class Bag:
         if self.unfinished:
             _log.warning("bag '%s' was not finished: it is read up to its last whole part", path)
         with self._reading() as readers:
-            self._types = {c.topic: c.msgtype for reader in readers for c in reader.connections}
+            self._types = _types_of(readers)
             count = sum(reader.message_count for reader in readers)
         if not count:
             raise InputError(f"bag '{path}' holds no message: record it again")
@@ -251,6 +251,18 @@ def _require_regular(file: Path) -> None:
         check_regular(file)
     except OSError as error:
         raise InputError(f"bag '{file}' cannot be read: {error.strerror}; give a .mcap or .db3 file") from error
+
+
+def _types_of(readers: list[RecoveringReader]) -> dict[str, str]:
+    """Return the types of all topics; a database can hold values of any kind in any column.
+
+    Raises:
+        TypeError: If a name or a type is no text.
+    """
+    types = {c.topic: c.msgtype for reader in readers for c in reader.connections}
+    if not all(isinstance(text, str) for pair in types.items() for text in pair):
+        raise TypeError("the name or the type of a topic is no text")
+    return types
 
 
 def _storage_files(folder: Path) -> list[Path]:

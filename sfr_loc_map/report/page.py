@@ -78,7 +78,7 @@ def write_page(score: Score, path: Path) -> None:
     """
     text = render_page(score)
     with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def render_page(score: Score, *, figures: bool = True) -> str:

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from cli_result import Result, Sfr
 
+from sfr_loc_map.cli.output import say, warn
+
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 ESCAPE = "\x1b]0;taken over\x07\x1b[31m"
 HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
@@ -53,3 +55,12 @@ def test_a_warning_of_the_library_is_one_printable_line(
     assert line.startswith("sfr: warning: bag '")
     assert not CONTROL.search(line)
     assert len(line) < 700
+
+
+def test_results_are_said_in_printable_form(capsys: pytest.CaptureFixture[str]) -> None:
+    say(f"report: {ESCAPE}\udc80")
+    warn(f"{ESCAPE}\n" + "z" * 10_000)
+    out, err = capsys.readouterr()
+    assert out == "report: \\x1b]0;taken over\\x07\\x1b[31m\\udc80\n"
+    assert err.startswith("sfr: warning: \\x1b]0;taken")
+    assert len(err) < 700

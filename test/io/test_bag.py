@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import shutil
+import sqlite3
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
@@ -389,6 +391,33 @@ def test_flipped_bytes_in_sqlite_never_give_another_error(tmp_path: Path, world:
             errors += 1
             assert str(bag) in str(error)  # noqa: PT017 - which error comes is open, its form is not
     assert errors > 10
+
+
+HOSTILE_SQL = {
+    "names of bytes": "UPDATE topics SET name = x'ff00'",
+    "one name for all": "UPDATE topics SET name = 'same'",
+    "unknown types": "UPDATE topics SET type = 'a/msg/B'",
+    "types of lines": "UPDATE topics SET type = char(10) || 'x'",
+    "another form of messages": "UPDATE topics SET serialization_format = 'json'",
+    "messages of text": "UPDATE messages SET data = 'text'",
+    "messages of a number": "UPDATE messages SET data = 17",
+    "empty messages": "UPDATE messages SET data = x''",
+    "stamps of text": "UPDATE messages SET timestamp = 'soon'",
+    "messages of no topic": "UPDATE messages SET topic_id = 99",
+    "no topics": "DELETE FROM topics",
+    "no table": "DROP TABLE messages",
+}
+
+
+@pytest.mark.parametrize("statement", HOSTILE_SQL.values(), ids=HOSTILE_SQL)
+def test_a_database_of_other_values_is_one_error(statement: str, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "x.db3", make_world(1), nav=False)
+    (storage,) = bag.glob("*.db3")
+    with sqlite3.connect(storage) as connection:
+        connection.execute(statement)
+    connection.close()
+    with pytest.raises(SfrError, match=re.escape(str(bag))):
+        read_all(bag)
 
 
 def test_broken_jpeg_names_the_stamp(tmp_path: Path, world: World) -> None:
