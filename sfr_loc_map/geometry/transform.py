@@ -123,6 +123,12 @@ def propagated_covariance(covariance: FloatArray, displacement: FloatArray) -> F
         covariance: Position and rotation about the fixed axes of a frame, ROS order.
         displacement: `(3,)` from the pose to the other one, metres, same frame.
     """
+    carried = propagation(displacement)
+    return np.asarray(carried @ covariance @ carried.T)
+
+
+def propagation(displacement: FloatArray) -> FloatArray:
+    """Return F `(6, 6)`, which takes the error of a pose to that of a pose fixed to it, see `propagated_covariance`."""
     carried = np.eye(6)
     carried[:3, 3:] = -skew(displacement)
-    return np.asarray(carried @ covariance @ carried.T)
+    return carried

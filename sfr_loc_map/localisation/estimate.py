@@ -95,6 +95,28 @@ class TrackingStatistics:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class StepEstimate:
+    """The motion since the pose before, in RB at that pose.
+
+    Attributes:
+        seconds: Time since the pose before; 0 at the first pose.
+        motion: `(6,)` metres and rotation vector, radians.
+        covariance: `(6, 6)` of it, ROS order, independent from step to step.
+        systematic: `(6,)` one standard deviation of the error that all steps have alike: those of several steps add up.
+    """
+
+    seconds: float
+    motion: FloatArray
+    covariance: FloatArray
+    systematic: FloatArray
+
+    @property
+    def uncertainty(self) -> FloatArray:
+        """Covariance and systematic part as `(27,)`: the upper triangle, then the vector."""
+        return np.concatenate((self.covariance[np.triu_indices(6)], self.systematic))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
     """Pose of the rover at one pair.
 
@@ -108,6 +130,7 @@ class PoseEstimate:
         stage_s: Seconds of each stage by name, read-only: `wait` for the keyframe of the call before, which took
             `keyframe` in the background; `pyramid`, `align`, `refine`, and `relocate` where tracking failed.
         reason: Why the state is degraded or lost, None otherwise.
+        step: The motion since the pose before; None when lost.
     """
 
     stamp_ns: int
@@ -117,6 +140,7 @@ class PoseEstimate:
     statistics: TrackingStatistics = TrackingStatistics()
     stage_s: Mapping[str, float] = field(default_factory=dict)
     reason: StateReason | None = None
+    step: StepEstimate | None = None
 
     def __post_init__(self) -> None:
         """Keep the stage times as they are now, whatever the timer adds later."""

@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
-from sfr_loc_map.localisation.backend.sliding_window import HostedLandmarks, SlidingWindow
+from sfr_loc_map.localisation.backend.sliding_window import HostedLandmarks, KeyframeDrift, SlidingWindow
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners, load_mask
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
@@ -80,6 +80,11 @@ class KeyframeBackend:
     def covariance(self) -> FloatArray:
         """Covariance `(6, 6)` of the newest keyframe's pose in the window."""
         return self._window.last_covariance
+
+    @property
+    def drift(self) -> KeyframeDrift | None:
+        """How well the newest keyframe is known from the one before; None in the first of a window."""
+        return self._window.drift()
 
     def wait(self) -> float | None:
         """Wait for the keyframe in work; return the seconds that it took, None without one."""

@@ -13,6 +13,7 @@ from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
     StateReason,
     Status,
+    StepEstimate,
     TrackingState,
     TrackingStatistics,
     lost_covariance,
@@ -26,6 +27,7 @@ from sfr_loc_map.localisation.relocalisation import Relocaliser
 from sfr_loc_map.localisation.stage_timer import StageTimer
 from sfr_loc_map.localisation.stale_images import StaleImageFilter
 from sfr_loc_map.localisation.start_pose import StartPose
+from sfr_loc_map.localisation.step_uncertainty import StepModel
 
 
 class Localiser:
@@ -58,6 +60,7 @@ class Localiser:
         self._motion = MotionModel(self._rig.T_rb_left)
         self._relocaliser = Relocaliser(self._tracker, self._config, self._rig.camera)
         self._track = PoseTrack(self._rig, self._config, StartPose.of(start))
+        self._steps = StepModel(self._rig, self._config)
         self._stale = StaleImageFilter()
         self._status, self._timer = Status(TrackingState.INITIALISING), StageTimer()
         self._doubted_keyframes = 0
@@ -152,7 +155,8 @@ class Localiser:
             self._relocaliser.remember(frame.image, result)
         wanted = by_left and backend.wants_keyframe(result)
         statistics = _statistics(result, backend.calibration.offset, backend.keyframe_count + wanted)
-        estimate = self._estimate(frame.stamp_ns, statistics)
+        moved = self._steps.tracked(frame.stamp_ns, result, backend.drift, backend.calibration)
+        estimate = self._estimate(frame.stamp_ns, statistics, moved)
         if wanted:  # the backend belongs to its thread from here until the next call has waited
             backend.add_keyframe(frame, result)
         return estimate
@@ -161,7 +165,7 @@ class Localiser:
         """Return the last pose again; the rover may stand still, or have moved."""
         self._track.covariance.allow_unseen(self._track.unseen(pair.stamp_ns))
         self._status = Status(TrackingState.DEGRADED, StateReason.REPEATED_IMAGES)
-        return self._estimate(pair.stamp_ns, TrackingStatistics(repeated=1))
+        return self._estimate(pair.stamp_ns, TrackingStatistics(repeated=1), self._unseen_step(pair.stamp_ns))
 
     def _begin(self, frame: StereoFrame) -> PoseEstimate:
         """Begin a window at the last known pose; stay lost without enough landmarks."""
@@ -175,11 +179,15 @@ class Localiser:
             self._doubted_keyframes = backend.keyframe_count + self._config.window_keyframes - 1
         landmarks, position = backend.landmarks, track.T_world_left.translation
         covariance = track.covariance.after_gap(position, track.unseen(frame.stamp_ns))
+        step = self._unseen_step(frame.stamp_ns)
         self._motion.restart(frame.stamp_ns)
         track.covariance.start(position, covariance, backend.covariance, landmarks.median_depth)
         track.moved(frame.stamp_ns, track.T_world_left, follows=False)
         self._relocaliser.restart(frame.image, landmarks)
-        return self._estimate(frame.stamp_ns, TrackingStatistics(features=found))
+        return self._estimate(frame.stamp_ns, TrackingStatistics(features=found), step)
+
+    def _unseen_step(self, stamp_ns: int) -> StepEstimate:
+        return self._steps.unseen(stamp_ns, self._track.T_world_left, self._track.unseen_of_rb(stamp_ns))
 
     def _lose(self, frame: StereoFrame, reason: StateReason) -> PoseEstimate:
         """Report that the pose is unknown; begin a new window where good images come and none is recognised."""
@@ -191,7 +199,7 @@ class Localiser:
         """Return the last pose as lost."""
         self._motion.stop()
         self._status = Status(TrackingState.LOST, reason)
-        return self._estimate(stamp_ns, statistics)
+        return self._estimate(stamp_ns, statistics, None)
 
     def _finish_keyframe(self) -> None:
         """Wait for the keyframe in work, and go on from its adjusted pose; leave a window that is not plausible."""
@@ -207,22 +215,15 @@ class Localiser:
         self._track.covariance.set_in_window(covariance)
         self._relocaliser.update(self._backend.landmarks)
 
-    def _estimate(self, stamp_ns: int, statistics: TrackingStatistics) -> PoseEstimate:
-        track = self._track
+    def _estimate(self, stamp_ns: int, statistics: TrackingStatistics, step: StepEstimate | None) -> PoseEstimate:
+        track, status = self._track, self._status
         if track.bind(stamp_ns):
             self._backend.leave_window()
         covariance = lost_covariance()
-        if self._status.state is not TrackingState.LOST:
+        if status.state is not TrackingState.LOST:
             covariance = track.covariance_of_rb(self._backend.landmarks.median_depth, self._backend.calibration)
-        return PoseEstimate(
-            stamp_ns,
-            track.T_ds_rb,
-            covariance,
-            self._status.state,
-            statistics,
-            self._timer.seconds,
-            self._status.reason,
-        )
+        stages = self._timer.seconds
+        return PoseEstimate(stamp_ns, track.T_ds_rb, covariance, status.state, statistics, stages, status.reason, step)
 
 
 def _check_size(pair: StereoPair, rig: StereoRig) -> None:

@@ -110,9 +110,13 @@ class PoseTrack:
         """Return how long before a stamp, seconds, the pose was known last."""
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
+    def unseen_of_rb(self, stamp_ns: int) -> FloatArray:
+        """Return the covariance `(6, 6)` of the motion since the pose was known last, in RB there."""
+        return unseen_covariance(self.unseen_s(stamp_ns), self._speed, self._bounds)
+
     def unseen(self, stamp_ns: int) -> FloatArray:
-        """Return the covariance `(6, 6)` of the left camera in the world by motion since the pose was known last."""
-        covariance = unseen_covariance(self.unseen_s(stamp_ns), self._speed, self._bounds)
+        """Return the same of the left camera, in the world."""
+        covariance = self.unseen_of_rb(stamp_ns)
         return self._of_left(covariance, self.T_world_left.rotation @ self._T_rb_left.rotation.T)
 
     def moved(self, stamp_ns: int, T_world_left: Transform, *, follows: bool) -> None:

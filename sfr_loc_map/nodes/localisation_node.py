@@ -231,9 +231,9 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
         times = latencies(received.times, pair.stamp_ns, time.time_ns(), now_ns) | {"conversion_s": conversion_s}
         statistics = estimate.figures | ({} if motion is None else {"motion_prior": 1.0})
         level = LEVELS[estimate.state]
-        call = Call(
-            estimate.stamp_ns, usage, estimate.state.value, level, statistics, times, reason=estimate.reason_text
-        )
+        step = None if estimate.step is None else estimate.step.uncertainty
+        result = (estimate.state.value, level, statistics, times, estimate.reason_text, step)
+        call = Call(estimate.stamp_ns, usage, *result)
         self.status.note_call(call, self._calls.publish(call, self.counts()))
 
     def _count_unprocessed(self) -> None:

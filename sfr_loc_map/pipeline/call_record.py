@@ -20,6 +20,8 @@ class CallRecord:
         above_idle_bytes: The same above the idle process, None where it cannot be measured.
         statistics: Figures of the call by name.
         covariance: `(6, 6)` of the pose (ROS order), None for mapping.
+        step: `(27,)` upper triangle of the covariance of the motion since the pose before, in RB there, then one
+            standard deviation of the error that all such motions have alike; None where not known.
         reason: Why it is degraded or lost, in one word; empty otherwise.
     """
 
@@ -31,3 +33,4 @@ class CallRecord:
     statistics: Mapping[str, float] = field(default_factory=dict)
     covariance: FloatArray | None = None
     reason: str = ""
+    step: FloatArray | None = None

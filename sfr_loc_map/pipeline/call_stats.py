@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from sfr_loc_map.metrics.calls.resource_score import Calls, stage_of
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), strict=True))
 
+STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CallStats:
@@ -26,10 +29,12 @@ class CallStats:
     Attributes:
         calls: Times, states and memory.
         covariance: `(N, 21)` upper triangles, NaN where not known; None if the file has none.
+        steps: `(N, 27)` steps between the poses, NaN where not known; None if the file has none.
     """
 
     calls: Calls
     covariance: FloatArray | None
+    steps: FloatArray | None
 
     def lost_at(self, stamps_ns: IntArray) -> Mask:
         """Return for each stamp whether the state of its call is lost."""
@@ -45,12 +50,19 @@ class CallStats:
 
     def covariance_at(self, stamps_ns: IntArray) -> FloatArray | None:
         """Return the covariance `(N, 21)` of each stamp, NaN where there is none; None if the file has none."""
-        if self.covariance is None:
+        return self._at(stamps_ns, self.covariance)
+
+    def steps_at(self, stamps_ns: IntArray) -> FloatArray | None:
+        """Return the step to each stamp, `(N, 27)`, NaN where there is none; None if the file has none."""
+        return self._at(stamps_ns, self.steps)
+
+    def _at(self, stamps_ns: IntArray, values: FloatArray | None) -> FloatArray | None:
+        if values is None:
             return None
         rows = {stamp: row for row, stamp in enumerate(self.calls.stamps_ns.tolist())}
-        unknown = np.full(len(COVARIANCE_NAMES), np.nan)
+        unknown = np.full(values.shape[1], np.nan)
         chosen = [rows.get(stamp) for stamp in stamps_ns.tolist()]
-        return np.array([unknown if row is None else self.covariance[row] for row in chosen]).reshape(-1, 21)
+        return np.array([unknown if row is None else values[row] for row in chosen]).reshape(-1, values.shape[1])
 
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
@@ -72,10 +84,14 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
         _column(path, rows, "above_idle_bytes"),
         {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))},
     )
-    covariance = None
-    if all(name in rows[0] for name in COVARIANCE_NAMES):
-        covariance = np.column_stack([_column(path, rows, name) for name in COVARIANCE_NAMES])
-    return CallStats(calls, covariance)
+    return CallStats(calls, *(_columns(path, rows, names) for names in (COVARIANCE_NAMES, STEP_NAMES)))
+
+
+def _columns(path: Path, rows: list[dict[str, str]], names: Sequence[str]) -> FloatArray | None:
+    """Return columns `(N, K)`, None if one is missing."""
+    if not all(name in rows[0] for name in names):
+        return None
+    return np.column_stack([_column(path, rows, name) for name in names])
 
 
 def _rows(path: Path, needed: str) -> list[dict[str, str]]:

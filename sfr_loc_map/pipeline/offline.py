@@ -25,6 +25,7 @@ from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.metrics.calls.resources import CallMeter
 from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.pipeline.call_stats import COVARIANCE_NAMES, STEP_NAMES
 
 UPPER = np.triu_indices(6)
 """Rows and columns of the upper triangle of a pose covariance."""
@@ -66,6 +67,7 @@ def localise(
                 estimate.figures,
                 estimate.covariance,
                 estimate.reason_text,
+                None if estimate.step is None else estimate.step.uncertainty,
             ),
         )
 
@@ -151,21 +153,24 @@ def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
 
 
 def save_stats(path: Path, records: list[CallRecord]) -> None:
-    """Write one row a call: costs, state, reason, statistics, upper triangle of the covariance where there is one."""
+    """Write one row a call: costs, state, reason, statistics, and of a pose its covariance and that of its step."""
     names = sorted({name for record in records for name in record.statistics})
     with_covariance = any(record.covariance is not None for record in records)
-    covariance_names = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)] if with_covariance else []
+    pose_names = [*COVARIANCE_NAMES, *STEP_NAMES] if with_covariance else []
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         header = ["stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes"]
-        writer.writerow([*header, *names, *covariance_names])
+        writer.writerow([*header, *names, *pose_names])
         writer.writerows(_stats_row(record, names) for record in records)
 
 
 def _stats_row(record: CallRecord, names: list[str]) -> list[str | int]:
     memory = (record.peak_rss_bytes, record.above_idle_bytes)
     statistics = (record.statistics.get(name) for name in names)
-    covariance = [] if record.covariance is None else record.covariance[UPPER].tolist()
+    pose: list[str] = []
+    if record.covariance is not None:
+        pose = list(map(repr, record.covariance[UPPER].tolist()))
+        pose += [""] * len(STEP_NAMES) if record.step is None else map(repr, record.step.tolist())
     return [
         record.stamp_ns,
         repr(record.processing_time_s),
@@ -173,5 +178,5 @@ def _stats_row(record: CallRecord, names: list[str]) -> list[str | int]:
         record.reason,
         *("" if item is None else item for item in memory),
         *("" if value is None else repr(float(value)) for value in statistics),
-        *map(repr, covariance),
+        *pose,
     ]

@@ -74,7 +74,7 @@ def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
         if stamps & set(item.calls.stamps_ns.tolist()):
             stamps_ns = trajectory.stamps_ns
             states = item.lost_at(stamps_ns), item.degraded_at(stamps_ns)
-            return Estimates.of(trajectory, *states, item.covariance_at(stamps_ns))
+            return Estimates.of(trajectory, *states, item.covariance_at(stamps_ns), item.steps_at(stamps_ns))
     return Estimates.of(trajectory)
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import made_scene
@@ -16,6 +17,7 @@ from loc_drive import black, drive, errors, localiser, noisy, run
 from made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, true_pose
 
 from sfr_loc_map.errors import GeometryError, LocalisationError
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -181,6 +183,32 @@ def test_set_pose_is_where_the_next_estimate_starts(estimates: list[PoseEstimate
         found = by.process(DRIVE[index])
         np.testing.assert_allclose(found.T_ds_rb.matrix, (T_set @ motion).matrix, atol=1e-9)
         assert found.state is TrackingState.TRACKING
+
+
+def test_steps_are_the_motions_between_the_poses(estimates: list[PoseEstimate]) -> None:
+    for before, now in pairwise(estimates):
+        step, moved = now.step, before.T_ds_rb.inverse() @ now.T_ds_rb
+        assert step is not None
+        assert step.seconds == pytest.approx(PERIOD_NS * 1e-9)
+        np.testing.assert_allclose(step.motion[:3], moved.translation, atol=1e-9)
+        np.testing.assert_allclose(step.motion[3:], rotvec_from_matrix(moved.rotation), atol=1e-9)
+        assert np.linalg.eigvalsh(step.covariance).min() > 0.0
+
+
+def test_steps_say_what_was_not_seen() -> None:
+    again = [replace(DRIVE[5], stamp_ns=DRIVE[index].stamp_ns) for index in (6, 7)]
+    steps = [estimate.step for estimate in run([*DRIVE[:6], *again, black(8), DRIVE[9]])]
+    assert steps[8] is None
+    assert steps[0] is not None
+    assert steps[0].seconds == 0.0
+    variance = 0.0
+    for step in steps[6:8]:
+        assert step is not None
+        np.testing.assert_array_equal(step.motion, 0.0)
+        variance += step.covariance[0, 0]
+    assert np.sqrt(variance) == pytest.approx(0.2, rel=0.2)  # 1 m/s over both together
+    assert steps[9] is not None
+    assert np.sqrt(steps[9].covariance[0, 0]) < 0.02
 
 
 def test_a_pose_with_a_stamp_of_the_past_holds_there_with_its_covariance(estimates: list[PoseEstimate]) -> None:

@@ -141,11 +141,39 @@ def test_live_equals_offline_with_degraded_poses(*, ahead: bool) -> None:
     score = LiveTrajectoryScore(CONFIG)
     for k in range(400):
         if degraded[k] and ahead:
-            score.note_degraded(int(estimate[0][k]))
+            score.note_call(int(estimate[0][k]), None, degraded=True)
         score.add_estimate(int(estimate[0][k]), estimate[1][k], estimate[2][k])
         score.add_truth(int(truth[0][k]), truth[1][k], truth[2][k])
         if degraded[k] and not ahead:
-            score.note_degraded(int(estimate[0][k]))
+            score.note_call(int(estimate[0][k]), None, degraded=True)
     offline_score = score_trajectory(Estimates.of(trajectory(estimate), None, degraded), trajectory(truth), CONFIG)
     assert score.result().score == offline_score.score
     assert offline_score.score.degraded == np.count_nonzero(degraded)
+
+
+def test_live_equals_offline_with_the_covariances_of_steps() -> None:
+    truth, estimate = drive(16, 600)
+    rng = np.random.default_rng(16)
+    roots = rng.normal(0, 0.01, (600, 6, 6))
+    steps = np.column_stack(((roots @ roots.transpose(0, 2, 1))[:, *np.triu_indices(6)], rng.normal(0, 0.01, (600, 6))))
+    steps[[100, 430]] = np.nan  # calls that were not received
+    covariance, lost = np.broadcast_to(np.eye(6), (600, 6, 6)).copy(), np.zeros(600, bool)
+    lost[200:210] = True
+    covariance[lost] = 9999.0 * np.eye(6)
+    score = LiveTrajectoryScore(CONFIG)
+    for k in range(600):
+        stamp = int(estimate[0][k])
+        if np.isfinite(steps[k]).all() and not lost[k]:
+            score.note_call(stamp, steps[k], degraded=False)
+        score.add_estimate(stamp, estimate[1][k], estimate[2][k], covariance[k], bool(lost[k]))
+        score.add_truth(int(truth[0][k]), truth[1][k], truth[2][k])
+        if k % 97 == 0:
+            score.result()
+    upper = covariance[:, *np.triu_indices(6)]
+    estimates = Estimates.of(trajectory(estimate), lost, covariance=upper, steps=steps)
+    whole = score_trajectory(estimates, trajectory(truth), CONFIG)
+    assert as_json(score.result()) == as_json(whole)
+    nees = whole.score.first.nees
+    assert nees is not None
+    assert nees.from_steps > 0
+    assert nees.not_usable > 0  # where a step is not known the covariance would have to grow, and does not

@@ -16,6 +16,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.trajectory.association import lost_by_covariance
+from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.pipeline.call_stats import load_call_stats
+from sfr_loc_map.pipeline.offline import save_stats
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 60.0
 
@@ -91,6 +94,15 @@ def test_statistics_bring_states_times_and_memory(
     assert score["timing"]["localisation_s"]["max"] == 0.03
     assert score["memory"]["localisation_peak_bytes"] == 1000
     assert score["memory"]["localisation_above_idle_bytes"] is None
+
+
+def test_a_file_of_calls_holds_each_step_to_the_last_bit(tmp_path: Path) -> None:
+    step, path = np.random.default_rng(0).normal(size=27) / 3.0, tmp_path / "stats.csv"
+    call, pose = (0.1, "tracking", None, None), {"covariance": np.eye(6)}
+    save_stats(path, [CallRecord(0, *call, **pose), CallRecord(1, *call, **pose, step=step)])
+    found = load_call_stats(path).steps_at(np.array([0, 1, 2]))
+    assert found is not None
+    np.testing.assert_array_equal(found, [np.full(27, np.nan), step, np.full(27, np.nan)])
 
 
 def test_times_of_a_target_stand_under_its_name(

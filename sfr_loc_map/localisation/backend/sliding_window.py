@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate, Prior, adjust, marginalise_oldest
 from sfr_loc_map.localisation.backend.linearisation import BundleProblem
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, Pyramid
@@ -107,6 +109,21 @@ class Observations:
         return replace(self, uv=uv)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyframeDrift:
+    """How well the newest keyframe is known from the one before.
+
+    Attributes:
+        covariance: `(6, 6)` of the left camera, position and rotation about the world's axes.
+        metres: Length of the motion between them.
+        radians: Angle of it.
+    """
+
+    covariance: FloatArray
+    metres: float
+    radians: float
+
+
 class SlidingWindow:
     """Keyframes adjusted together, oldest first, and their landmarks.
 
@@ -139,6 +156,16 @@ class SlidingWindow:
     def last_covariance(self) -> FloatArray:
         """Covariance `(6, 6)` of the newest keyframe's pose."""
         return self.pose_covariance[-6:, -6:]
+
+    def drift(self) -> KeyframeDrift | None:
+        """Return how well the newest keyframe is known from the one before, None where there is none."""
+        if len(self) < 2:
+            return None
+        displacement = self.keyframes.positions[-1] - self.keyframes.positions[-2]
+        turn = rotvec_from_matrix(self.keyframes.rotations[-2].T @ self.keyframes.rotations[-1])
+        relative = np.hstack((-propagation(displacement), np.eye(6)))
+        covariance = np.asarray(relative @ self.pose_covariance[-12:, -12:] @ relative.T)
+        return KeyframeDrift(covariance, float(np.linalg.norm(displacement)), float(np.linalg.norm(turn)))
 
     @property
     def newest_observations(self) -> FloatArray:

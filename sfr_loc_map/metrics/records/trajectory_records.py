@@ -16,7 +16,7 @@ class NeesPart:
     """Normalised estimation error squared of some components (Bar-Shalom, Li, Kirubarajan 2001, section 5.4).
 
     Attributes:
-        mean: `sum e_i^T Q_i^-1 e_i / n`, Q what the covariance grew by over the sub-trajectory.
+        mean: `sum e_i^T Q_i^-1 e_i / n`, Q the covariance of the end given the start.
         expected: Number of components: the mean of an honest covariance.
         interval95: 2.5 % and 97.5 % points of chi-square with `expected n` degrees of freedom, over n.
         consistent: Whether the mean lies in it.
@@ -35,6 +35,8 @@ class NeesScore:
     Attributes:
         count: Sub-trajectories with a usable covariance.
         not_usable: Sub-trajectories over which the covariance did not grow, so that it cannot be tested.
+        from_steps: Of those counted, how many were judged by the covariances of the steps between; the others by the
+            growth of the published covariance.
         pose: Position and attitude, 6 components.
         position: 3 components.
         attitude: 3 components.
@@ -42,6 +44,7 @@ class NeesScore:
 
     count: int
     not_usable: int
+    from_steps: int = 0
     pose: NeesPart
     position: NeesPart
     attitude: NeesPart

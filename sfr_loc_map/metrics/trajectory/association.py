@@ -26,6 +26,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.modes import AssociationMode
 from sfr_loc_map.metrics.score import AssociationCounts
+from sfr_loc_map.metrics.trajectory.relative_covariance import SUM_SIZE, StepSums, accumulated
 from sfr_loc_map.metrics.trajectory.stamp_matching import (
     bracketed,
     count_unordered,
@@ -50,12 +51,33 @@ class Estimates:
         degraded: `(N,)` bool, the localiser had a reason to doubt the pose.
         covariance: `(N, 21)` float64, upper triangle of the covariance, ROS order (m^2, rad^2), NaN where not known;
             None if it is known of none.
+        steps: `(N, 27)` float64, step to each pose (see `relative_covariance`), NaN where not known; None if it is
+            known of none.
+        sums: `(N, 43)` float64, sums of the steps at the rows that were summed; None where there are none.
     """
 
     trajectory: Trajectory
     lost: Mask
     degraded: Mask
     covariance: FloatArray | None
+    steps: FloatArray | None = None
+    sums: FloatArray | None = None
+
+    def summed(self, rows: NDArray[np.intp], before: StepSums) -> tuple[Estimates, StepSums]:
+        """Return the estimates with the sums of their steps, and where later ones begin.
+
+        Args:
+            rows: Rows in the order of their stamps, without duplicates.
+            before: Sums of the poses before.
+        """
+        if self.steps is None:
+            return self, before
+        quats = unit_quats(self.trajectory.quats_xyzw[rows])
+        positions = np.ascontiguousarray(self.trajectory.positions[rows])
+        found, after = accumulated(self.steps[rows], self.lost[rows], positions, quats, before)
+        sums = np.full((len(self.trajectory), SUM_SIZE), np.nan)
+        sums[rows] = found
+        return replace(self, sums=sums), after
 
     @classmethod
     def of(
@@ -64,6 +86,7 @@ class Estimates:
         lost: Mask | None = None,
         degraded: Mask | None = None,
         covariance: FloatArray | None = None,
+        steps: FloatArray | None = None,
     ) -> Estimates:
         """Return estimates, by default none of them lost or degraded and without covariances.
 
@@ -79,7 +102,7 @@ class Estimates:
                 f"{count} estimates need as many flags and covariances of {COVARIANCE_SIZE} numbers: "
                 f"got {lost.shape}, {degraded.shape} and {shape}"
             )
-        return cls(trajectory, lost, degraded, covariance)
+        return cls(trajectory, lost, degraded, covariance, steps)
 
 
 def lost_by_covariance(covariance: FloatArray) -> Mask:
@@ -101,6 +124,7 @@ class Frames:
         lost: `(N,)` bool.
         degraded: `(N,)` bool.
         covariance: `(N, 21)` float64, or None.
+        sums: `(N, 43)` float64, sums of the steps up to each estimate, or None.
     """
 
     stamps_ns: IntArray
@@ -111,6 +135,7 @@ class Frames:
     lost: Mask
     degraded: Mask
     covariance: FloatArray | None
+    sums: FloatArray | None
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -127,6 +152,7 @@ class Frames:
             self.lost[which],
             self.degraded[which],
             None if self.covariance is None else self.covariance[which],
+            None if self.sums is None else self.sums[which],
         )
 
 
@@ -138,6 +164,7 @@ def associate(
     gt_rows = unique_rows(truth.stamps_ns)
     est_stamps, gt_stamps = estimates.trajectory.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
     mode = decide_mode(est_stamps, gt_stamps, config)
+    estimates, _ = estimates.summed(est_rows, StepSums.none())
     frames, counts = join(estimates, est_rows, truth, gt_rows, config, mode)
     given = AssociationCounts(
         estimate_poses=len(estimates.trajectory),
@@ -192,6 +219,7 @@ def _side_by_side(
         estimates.lost[est_rows],
         estimates.degraded[est_rows],
         None if estimates.covariance is None else estimates.covariance[est_rows],
+        None if estimates.sums is None else estimates.sums[est_rows],
     )
 
 
@@ -212,7 +240,10 @@ def _interpolated(
 
 
 def _merge(first: Frames, second: Frames) -> Frames:
-    covariances = [frames.covariance for frames in (first, second) if frames.covariance is not None]
+    covariances, sums = (
+        [values for frames in (first, second) if (values := getattr(frames, name)) is not None]
+        for name in ("covariance", "sums")
+    )
     both = Frames(
         np.concatenate((first.stamps_ns, second.stamps_ns)),
         np.concatenate((first.gt_pos, second.gt_pos)),
@@ -222,5 +253,6 @@ def _merge(first: Frames, second: Frames) -> Frames:
         np.concatenate((first.lost, second.lost)),
         np.concatenate((first.degraded, second.degraded)),
         np.concatenate(covariances) if covariances else None,
+        np.concatenate(sums) if sums else None,
     )
     return both.rows(np.argsort(both.stamps_ns, kind="stable"))

@@ -15,6 +15,7 @@ from sfr_loc_map.metrics.statistics.running_statistics import Decimated, Moments
 from sfr_loc_map.metrics.trajectory.association import Frames
 from sfr_loc_map.metrics.trajectory.confidence import BlockSums, interval95
 from sfr_loc_map.metrics.trajectory.consistency import Consistency, PoseSample
+from sfr_loc_map.metrics.trajectory.relative_covariance import unknown_sums
 from sfr_loc_map.metrics.trajectory.sub_trajectories import KINDS, Progress, find_ends
 from sfr_loc_map.metrics.trajectory.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
 
@@ -90,6 +91,7 @@ class ConditionScorer:
             est_pos=frames.est_pos[new],
             est_quat=frames.est_quat[new],
             **({} if frames.covariance is None or self._brief else {"covariance": frames.covariance[new]}),
+            **({} if frames.sums is None or self._brief else {"sums": frames.sums[new]}),
         )
 
     def _score(self, frames: Frames, progress: Progress, rows: NDArray[np.intp], ends: IntArray) -> None:
@@ -111,9 +113,13 @@ class ConditionScorer:
     def _check_covariance(self, frames: Frames, progress: Progress, rows: NDArray[np.intp], ends: IntArray) -> None:
         if frames.covariance is None:
             return
-        starts, names = self._starts, ("gt_pos", "gt_quat", "est_pos", "est_quat", "covariance")
-        first = PoseSample(*(starts[name] for name in names))
-        last = PoseSample(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, frames.covariance)
+        starts = self._starts
+        first_sums, last_sums = unknown_sums(len(starts["frame"])), unknown_sums(len(frames))
+        if frames.sums is not None:
+            first_sums, last_sums = starts["sums"], frames.sums
+        true, found = (starts["gt_pos"], starts["gt_quat"]), (starts["est_pos"], starts["est_quat"])
+        first = PoseSample(*true, *found, starts["covariance"], first_sums)
+        last = PoseSample(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, frames.covariance, last_sums)
         numbers = starts["frame"]
         for row, end in zip(rows.tolist(), ends.tolist(), strict=True):
             start = int(numbers[row])

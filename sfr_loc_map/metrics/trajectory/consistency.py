@@ -1,9 +1,11 @@
-"""Is the odometry's covariance honest? Normalised estimation error squared (NEES) of sub-trajectories.
+"""Is the covariance honest? Normalised estimation error squared (NEES) of sub-trajectories.
 
 The covariance that odometry publishes is of the pose since its start, so two poses of one run share most of it. What
-happened between them is compared with what the covariance grew by: with `F = [[I, -[dp]x], [0, I]]`, dp the
-estimated displacement, an error of the start's pose moves the end by F, and the growth is `Q = P_end - F P_start F^T`.
-If it is honest, `e^T Q^-1 e` has a chi-square distribution with 6 degrees of freedom, e the error of position and
+happened between them is compared with Q, the covariance of the end given the start, from the covariances of the steps
+between them (`relative_covariance`). Where these are not known, Q is what the published covariance grew by: with
+`F = [[I, -[dp]x], [0, I]]`, dp the estimated displacement, an error of the start's pose moves the end by F, and the
+growth is `Q = P_end - F P_start F^T`; it is not usable where the covariance shrank, as when a calibration was learnt.
+If Q is honest, `e^T Q^-1 e` has a chi-square distribution with 6 degrees of freedom, e the error of position and
 attitude (fixed axes of DS) over the sub-trajectory. Only sub-trajectories that share no frame are taken, so that n of
 them are independent, and their mean lies between the 2.5 % and 97.5 % points of chi-square with 6 n degrees, over n,
 in 95 % of all cases (Bar-Shalom, Li, Kirubarajan 2001, section 5.4).
@@ -22,6 +24,7 @@ from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.metrics.score import NeesPart, NeesScore
 from sfr_loc_map.metrics.statistics.quantiles import chi2_quantile
 from sfr_loc_map.metrics.trajectory.association import UPPER
+from sfr_loc_map.metrics.trajectory.relative_covariance import relative_covariance
 
 POSE, POSITION, ATTITUDE = slice(0, 6), slice(0, 3), slice(3, 6)
 PARTS = (POSE, POSITION, ATTITUDE)
@@ -36,6 +39,7 @@ class PoseSample(NamedTuple):
         est_pos: `(..., 3)` estimated position.
         est_quat: `(..., 4)` estimated attitude.
         covariance: `(..., 21)` upper triangle of the covariance, ROS order.
+        sums: `(..., 43)` sums of the steps up to it; NaN where not known.
     """
 
     gt_pos: FloatArray
@@ -43,6 +47,7 @@ class PoseSample(NamedTuple):
     est_pos: FloatArray
     est_quat: FloatArray
     covariance: FloatArray
+    sums: FloatArray
 
     def row(self, index: int) -> PoseSample:
         """Return one row."""
@@ -58,7 +63,7 @@ class Consistency:
 
     def __init__(self) -> None:
         self._totals = np.zeros(len(PARTS))
-        self._count = 0
+        self._count = self._from_steps = 0
         self._not_usable = 0
         self.free_from = 0
 
@@ -75,7 +80,10 @@ class Consistency:
         if not all(known):
             return
         self.free_from = frames[1]
-        growth = covariance_growth(covariances[0], covariances[1], end.est_pos - start.est_pos)
+        growth = relative_covariance(start.sums, end.sums, end.est_pos)
+        from_steps = growth is not None
+        if growth is None:
+            growth = covariance_growth(covariances[0], covariances[1], end.est_pos - start.est_pos)
         error = relative_error(start, end)
         try:
             squares = [_nees(error[part], growth[part, part]) for part in PARTS]
@@ -83,6 +91,7 @@ class Consistency:
             self._not_usable += 1
             return
         self._count += 1
+        self._from_steps += from_steps
         self._totals += squares
 
     def result(self) -> NeesScore | None:
@@ -91,7 +100,12 @@ class Consistency:
             return None
         pose, position, attitude = (self._part(k, part.stop - part.start) for k, part in enumerate(PARTS))
         return NeesScore(
-            count=self._count, not_usable=self._not_usable, pose=pose, position=position, attitude=attitude
+            count=self._count,
+            not_usable=self._not_usable,
+            from_steps=self._from_steps,
+            pose=pose,
+            position=position,
+            attitude=attitude,
         )
 
     def _part(self, index: int, degrees: int) -> NeesPart:

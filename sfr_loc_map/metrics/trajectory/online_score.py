@@ -21,6 +21,7 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.modes import AssociationMode
 from sfr_loc_map.metrics.score import AssociationCounts
 from sfr_loc_map.metrics.trajectory.association import COVARIANCE_SIZE, Estimates, Frames, join
+from sfr_loc_map.metrics.trajectory.relative_covariance import STEP_SIZE, StepSums
 from sfr_loc_map.metrics.trajectory.stamp_matching import AUTO_STAMPS, decide_mode, tolerance_ns, unique_rows
 from sfr_loc_map.metrics.trajectory.trajectory_score import ScoredTrajectory, TrajectoryScorer
 
@@ -29,6 +30,7 @@ WINDOW_POSES = 64
 MAX_WAITING_POSES = 100_000
 """Poses of one kind that wait for the other kind; beyond, the older half is settled without."""
 
+UNKNOWN_STEP = np.full(STEP_SIZE, np.nan)
 Row = tuple[float, ...]
 
 
@@ -83,7 +85,8 @@ class LiveTrajectoryScore:
         self._mode: AssociationMode | None = None
         self._settled_until: int | None = None
         self._truth_before: tuple[int, Row] | None = None
-        self._degraded: set[int] = set()
+        self._calls: dict[int, tuple[bool, FloatArray]] = {}
+        self._steps_before = StepSums.none()
 
     def add_truth(self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
         """Add a true pose of RB in DS.
@@ -119,11 +122,17 @@ class LiveTrajectoryScore:
         row = (*map(float, position), *map(float, quat_xyzw), float(lost), *triangle)
         self._add(self._estimates, stamp_ns, row)
 
-    def note_degraded(self, stamp_ns: int) -> None:
-        """Note that the localiser doubts its pose of a stamp, which may come before or after this."""
+    def note_call(self, stamp_ns: int, step: FloatArray | None, *, degraded: bool) -> None:
+        """Note what the localiser said of its pose of a stamp, which may come before or after this.
+
+        Args:
+            stamp_ns: The stamp.
+            step: `(27,)` step to the pose, None where not known.
+            degraded: Whether the localiser doubts the pose.
+        """
         late = self._settled_until is not None and stamp_ns <= self._settled_until
-        if not late and len(self._degraded) < MAX_WAITING_POSES:
-            self._degraded.add(stamp_ns)
+        if not late and len(self._calls) < MAX_WAITING_POSES:
+            self._calls[stamp_ns] = degraded, UNKNOWN_STEP if step is None else step
 
     def result(self, *, details: bool = True) -> ScoredTrajectory:
         """Return what `score_trajectory` returns for all poses so far; the run goes on unchanged.
@@ -133,7 +142,7 @@ class LiveTrajectoryScore:
         """
         scorer, counts = self._scorer.copy(), self._counts
         mode = self._mode or self._decide(len(self._estimates.stamps), len(self._truth.stamps))
-        frames, portion = self._associated(len(self._estimates.stamps), len(self._truth.stamps), mode)
+        frames, portion, _ = self._associated(len(self._estimates.stamps), len(self._truth.stamps), mode)
         if len(frames):
             scorer.push(frames)
         return scorer.result(self._given(counts + portion), mode, details=details)
@@ -164,7 +173,7 @@ class LiveTrajectoryScore:
             return
         if self._mode is None:
             self._mode = self._decide(est_count, gt_count)
-        frames, portion = self._associated(est_count, gt_count, self._mode)
+        frames, portion, self._steps_before = self._associated(est_count, gt_count, self._mode)
         self._counts += portion
         if len(frames):
             self._scorer.push(frames)
@@ -173,7 +182,7 @@ class LiveTrajectoryScore:
         self._estimates.drop(est_count)
         self._truth.drop(gt_count)
         self._settled_until = until
-        self._degraded = {stamp for stamp in self._degraded if stamp > until}
+        self._calls = {stamp: call for stamp, call in self._calls.items() if stamp > until}
 
     def _first_stamps_settled(self, est_count: int, gt_count: int) -> bool:
         if not est_count or not gt_count:
@@ -189,7 +198,9 @@ class LiveTrajectoryScore:
         ]
         return decide_mode(stamps[0].astype(np.int64), stamps[1].astype(np.int64), self._config.association)
 
-    def _associated(self, est_count: int, gt_count: int, mode: AssociationMode) -> tuple[Frames, AssociationCounts]:
+    def _associated(
+        self, est_count: int, gt_count: int, mode: AssociationMode
+    ) -> tuple[Frames, AssociationCounts, StepSums]:
         """Return the frames of the first poses that wait; true poses beside them are there to interpolate."""
         est_stamps, est = self._estimates.arrays(est_count)
         beside = gt_count + 1 if gt_count < len(self._truth.stamps) else gt_count
@@ -200,15 +211,16 @@ class LiveTrajectoryScore:
         trajectory = Trajectory(est_stamps, est[:, :3], est[:, 3:7])
         extra = est[:, 8:] if len(est) else np.empty((0, COVARIANCE_SIZE))
         lost = est[:, 7] > 0 if len(est) else np.empty(0, np.bool_)
-        degraded = np.array([stamp in self._degraded for stamp in est_stamps.tolist()], np.bool_)
-        estimates = Estimates.of(trajectory, lost, degraded, extra)
+        calls = [self._calls.get(stamp, (False, UNKNOWN_STEP)) for stamp in est_stamps.tolist()]
+        degraded, steps = np.array([call[0] for call in calls], np.bool_), np.array([call[1] for call in calls])
+        estimates = Estimates.of(trajectory, lost, degraded, extra, steps.reshape(-1, STEP_SIZE))
         truth = Trajectory(gt_stamps, gt[:, :3], gt[:, 3:])
         est_rows, gt_rows = unique_rows(est_stamps), unique_rows(gt_stamps)
+        estimates, after = estimates.summed(est_rows, self._steps_before)
         frames, counts = join(estimates, est_rows, truth, gt_rows, self._config.association, mode)
         own = np.unique(self._truth.stamps[:gt_count])
-        return frames, replace(
-            counts, estimate_duplicates=est_count - len(est_rows), truth_duplicates=gt_count - len(own)
-        )
+        duplicates = est_count - len(est_rows), gt_count - len(own)
+        return frames, replace(counts, estimate_duplicates=duplicates[0], truth_duplicates=duplicates[1]), after
 
     def _given(self, counts: AssociationCounts) -> AssociationCounts:
         """Return the counts with the poses given so far."""

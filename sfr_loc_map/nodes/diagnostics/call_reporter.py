@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.calls.resources import CallMeter, CallUsage
+from sfr_loc_map.metrics.trajectory.relative_covariance import STEP_SIZE
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.pipeline.call_record import CallRecord
@@ -51,6 +54,7 @@ class Call:
         statistics: Its figures by name.
         times: Times around it, seconds, by name.
         reason: Why it is degraded or lost, in one word; empty otherwise.
+        step: `(27,)` of the localiser, as in `CallRecord`; None where there is none.
     """
 
     stamp_ns: int
@@ -60,6 +64,7 @@ class Call:
     statistics: Mapping[str, float]
     times: Mapping[str, float] = field(default_factory=dict)
     reason: str = ""
+    step: FloatArray | None = None
 
     @property
     def result(self) -> str:
@@ -108,6 +113,8 @@ class CallReporter:
             **took,
         }
         values |= {STATISTIC + name: float(value) for name, value in call.statistics.items()}
+        if call.step is not None:
+            values["step"] = " ".join(map(repr, call.step.tolist()))
         values |= dict(counts)
         name = call_name(self._node.get_fully_qualified_name())
         self._publisher.publish(
@@ -137,10 +144,16 @@ def task_record(status: DiagnosticStatus) -> TaskRecord | None:
             above_idle_bytes=_optional(values, "above_idle_bytes"),
             statistics=statistics,
             reason=values.get("reason", ""),
+            step=_step(values.get("step", "")),
         )
         return TaskRecord(values["task"], record, values.get("memory_method", ""))
     except (KeyError, ValueError) as error:
         raise InputError(f"status '{status.name}' on {TOPIC} cannot be read: {error}") from error
+
+
+def _step(text: str) -> FloatArray | None:
+    numbers = np.array([float(word) for word in text.split()[: STEP_SIZE + 1]])
+    return numbers if len(numbers) == STEP_SIZE and np.isfinite(numbers).all() else None
 
 
 def _optional(values: Mapping[str, str], name: str) -> int | None:

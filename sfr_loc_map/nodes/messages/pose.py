@@ -10,7 +10,16 @@ import importlib
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, PoseWithCovarianceStamped, Quaternion, TransformStamped, Vector3
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    TransformStamped,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+)
 from nav_msgs.msg import Odometry
 
 from sfr_loc_map.constants import LOST_VARIANCE
@@ -19,9 +28,12 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, is_plausible_covariance
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.localisation.estimate import PoseEstimate, StepEstimate
 from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.nodes.messages.fields import header_msg
+
+FIRST_VELOCITY_VARIANCE = 1.0
+"""Of the velocity at the first pose, (m/s)^2 and (rad/s)^2: it has no pose before."""
 
 
 def pose_msg(pose: Transform, quat_xyzw: FloatArray) -> Pose:
@@ -66,12 +78,24 @@ def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
 
 
 def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:
-    """Return an estimate as odometry; the velocity is not estimated and says so by its covariance."""
+    """Return an estimate as odometry; the velocity is the mean one since the pose before, in RB there."""
     message = Odometry(header=header_msg(estimate.stamp_ns, parent), child_frame_id=child)
     message.pose.pose = pose_msg(estimate.T_ds_rb, estimate.T_ds_rb.quat_xyzw)
     message.pose.covariance = np.array(estimate.covariance, dtype=np.float64).reshape(36)
-    message.twist.covariance = (np.eye(6) * LOST_VARIANCE).reshape(36)
+    message.twist = twist_msg(estimate.step)
     return message
+
+
+def twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
+    """Return the mean velocity of a step, with 9999 on the diagonal of its covariance where there is none."""
+    if step is None:
+        return TwistWithCovariance(covariance=(np.eye(6) * LOST_VARIANCE).reshape(36))
+    velocity, covariance = np.zeros(6), np.eye(6) * FIRST_VELOCITY_VARIANCE
+    if step.seconds > 0.0:
+        velocity, covariance = step.motion / step.seconds, step.covariance / step.seconds**2
+    x, y, z, roll, pitch, yaw = velocity.tolist()
+    twist = Twist(linear=Vector3(x=x, y=y, z=z), angular=Vector3(x=roll, y=pitch, z=yaw))
+    return TwistWithCovariance(twist=twist, covariance=covariance.reshape(36))
 
 
 def odometry_row(message: Odometry) -> tuple[int, tuple[float, float, float], tuple[float, float, float, float]]:

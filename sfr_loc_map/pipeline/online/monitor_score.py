@@ -77,8 +77,8 @@ class MonitorScore:
     def add_call(self, record: CallRecord) -> None:
         """Add a call; calls of the mapper say which pairs a cloud is made of."""
         self._calls.add(record)
-        if record.state == TrackingState.DEGRADED:
-            self._trajectory.note_degraded(record.stamp_ns)
+        if record.state == TrackingState.DEGRADED or record.step is not None:
+            self._trajectory.note_call(record.stamp_ns, record.step, degraded=record.state == TrackingState.DEGRADED)
         self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:

@@ -16,13 +16,17 @@ from sfr_loc_map.metrics.calls.resources import CallUsage
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter, task_record
 from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, status_msg, values_of
 
+STEP = np.random.default_rng(0).normal(size=27) / 3.0
+
 
 def published(usage: CallUsage) -> DiagnosticStatus:
     node = rclpy.create_node("tried", namespace="/rover")
     taken: list[DiagnosticArray] = []
     reporter = CallReporter(node, "localisation", type("P", (), {"publish": staticmethod(taken.append)}))
     statistics = {"inliers": np.float64(1 / 3), "features": 12}
-    reporter.publish(Call(5, usage, "lost", Level.ERROR, statistics, reason="few_landmarks"), {"dropped_stale": 4})
+    reporter.publish(
+        Call(5, usage, "lost", Level.ERROR, statistics, reason="few_landmarks", step=STEP), {"dropped_stale": 4}
+    )
     node.destroy_node()
     return deserialize_message(serialize_message(taken[0]), DiagnosticArray).status[0]
 
@@ -39,6 +43,7 @@ def test_a_call_comes_back_to_the_last_bit(ros: None) -> None:
     assert (record.stamp_ns, record.processing_time_s) == (5, 0.1 + 0.2)
     assert (record.state, record.reason) == ("lost", "few_landmarks")
     assert (record.peak_rss_bytes, record.above_idle_bytes) == (123456789, 1000)
+    np.testing.assert_array_equal(record.step, STEP)
     assert record.statistics == {"inliers": 1 / 3, "features": 12.0}
 
 

@@ -14,7 +14,7 @@ from scenes import sent
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.estimate import PoseEstimate, StepEstimate, TrackingState
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.pose import (
     covariance_of,
@@ -42,7 +42,22 @@ def test_odometry_holds_the_estimate_to_the_last_bit_and_the_orientation_of_ros(
     assert quat[2] == pytest.approx(half)
     assert Transform.from_quat(position, quat).rotation @ [1, 0, 0] == pytest.approx([0, 1, 0])
     assert np.array_equal(covariance_of(message), covariance)
-    assert np.array(message.twist.covariance)[0] == 9999.0
+    assert np.array(message.twist.covariance)[0] == 9999.0  # no step is known
+
+
+def test_velocity_is_that_since_the_pose_before() -> None:
+    motion, covariance = np.array([0.1, -0.02, 0.03, 0.01, 0.0, -0.2]), np.diag(np.arange(1.0, 7.0))
+    for step, velocity, variance in (
+        (StepEstimate(0.5, motion, covariance, np.zeros(6)), 2.0 * motion, 4.0),
+        (StepEstimate(0.5, np.zeros(6), covariance, np.zeros(6)), np.zeros(6), 4.0),
+        (StepEstimate(0.0, np.zeros(6), covariance, np.zeros(6)), np.zeros(6), 1.0),
+    ):
+        estimate = PoseEstimate(STAMP_NS, Transform.identity(), covariance, TrackingState.TRACKING, step=step)
+        twist = sent(odometry_msg(estimate, "ds", "rb")).twist
+        linear, angular = twist.twist.linear, twist.twist.angular
+        found = (linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+        np.testing.assert_array_equal(found, velocity)
+        assert np.array(twist.covariance)[0] == variance
 
 
 def test_every_field_is_of_its_own_type_whatever_numpy_gives() -> None:

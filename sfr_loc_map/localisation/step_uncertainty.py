@@ -1,0 +1,114 @@
+"""How well the motion between two poses is known: from it follows the relative covariance of any two poses.
+
+The pose covariance is that since the start, most of which two poses share, and it shrinks when the right camera's yaw
+is learnt; it does not tell how well the motion between two poses is known. That is made of steps:
+
+- drift, independent from step to step: the covariance of the newest keyframe given the one before, of their joint
+  adjustment, in proportion to the size of the step;
+- a common error of all disparities, alike in all steps: it scales each by `depth / (fx baseline)`, and adds up with
+  its sign.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.sliding_window import KeyframeDrift
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.covariance_model import covariance_of_point
+from sfr_loc_map.localisation.estimate import StepEstimate
+from sfr_loc_map.localisation.frontend.tracking import TrackingResult
+
+KEYFRAME_PX: Final = 0.01
+"""Standard deviation of the position error of a keyframe that its landmarks share, pixels at their median depth."""
+MIN_SHARE: Final = 0.02
+"""Share of a keyframe's drift that the smallest step has: no pose is exactly that of the one before."""
+MIN_SIZE_SHARE: Final = 0.25
+"""Smallest size of a keyframe interval, in intervals as the flow triggers them."""
+FIRST_VARIANCE: Final = 1e-12
+"""Keeps each covariance of a step positive definite (m^2, rad^2)."""
+
+
+class StepModel:
+    """Follows the poses that are given out, and gives the step to each its covariance."""
+
+    def __init__(self, rig: StereoRig, config: LocalisationConfig) -> None:
+        """Start without a pose.
+
+        Raises:
+            GeometryError: If the extrinsics of the rig are unknown.
+        """
+        self._rig, self._config = rig, config
+        self._interval = config.keyframe_flow * rig.width / rig.fx
+        """Size of the motion between two keyframes, radians of optical flow."""
+        self._before: tuple[int, Transform] | None = None
+        self._unseen = np.zeros((6, 6))
+
+    def unseen(self, stamp_ns: int, T_world_left: Transform, covariance: FloatArray) -> StepEstimate:
+        """Return the step to a pose that stays because nothing is seen.
+
+        Args:
+            stamp_ns: Its stamp.
+            T_world_left: Left camera.
+            covariance: `(6, 6)` of all motion since the pose was known, in RB.
+        """
+        seconds = 0.0 if self._before is None else (stamp_ns - self._before[0]) / NS_PER_S
+        self._before, before = (stamp_ns, T_world_left), self._unseen
+        self._unseen = covariance
+        more = covariance - before + FIRST_VARIANCE * np.eye(6)
+        return StepEstimate(seconds, np.zeros(6), more, np.zeros(6))
+
+    def tracked(
+        self, stamp_ns: int, result: TrackingResult, drift: KeyframeDrift | None, calibration: OnlineCalibration
+    ) -> StepEstimate:
+        """Return the step to a pose that was tracked.
+
+        Args:
+            stamp_ns: Its stamp.
+            result: How it was tracked.
+            drift: Of the newest keyframe; None in the first of a window.
+            calibration: What is known of the right camera.
+        """
+        now, depth_m = result.T_world_left, result.landmarks.median_depth
+        before_ns, before = (stamp_ns, now) if self._before is None else self._before
+        self._before, self._unseen = (stamp_ns, now), np.zeros((6, 6))
+        covariance = self._drift(before.inverse() @ now, depth_m, drift, result)
+        # the same of RB, in RB before
+        T_rb_left = self._rig.T_rb_left
+        motion = T_rb_left @ before.inverse() @ now @ T_rb_left.inverse()
+        to_rb = T_rb_left.rotation @ before.rotation.T
+        lever = -motion.rotation @ T_rb_left.translation
+        of_rb = covariance_of_point(covariance, to_rb, lever) + FIRST_VARIANCE * np.eye(6)
+        systematic = to_rb @ self._systematic(now.translation - before.translation, depth_m, calibration)
+        vector = np.concatenate((motion.translation, rotvec_from_matrix(motion.rotation)))
+        seconds = (stamp_ns - before_ns) / NS_PER_S
+        return StepEstimate(seconds, vector, of_rb, np.concatenate((systematic, np.zeros(3))))
+
+    def _drift(
+        self, motion: Transform, depth_m: float, drift: KeyframeDrift | None, result: TrackingResult
+    ) -> FloatArray:
+        """Return the covariance `(6, 6)` of a motion of the left camera, in the world."""
+        metres, radians = np.linalg.norm(motion.translation), np.linalg.norm(rotvec_from_matrix(motion.rotation))
+        if drift is None:  # the pose given the landmarks stands for the drift of the first keyframe
+            covariance, interval = np.asarray(np.linalg.inv(result.information)), self._interval
+        else:
+            size = drift.metres / depth_m + drift.radians
+            covariance, interval = drift.covariance, max(size, MIN_SIZE_SHARE * self._interval)
+        share = max(float(metres / depth_m + radians) / interval, MIN_SHARE)
+        common = np.zeros(6)
+        common[:3] = (KEYFRAME_PX * depth_m / self._rig.fx) ** 2
+        return np.asarray(share * (self._config.inflation * covariance + np.diag(common)))
+
+    def _systematic(self, step: FloatArray, depth_m: float, calibration: OnlineCalibration) -> FloatArray:
+        """Return one standard deviation `(3,)` of what the common error of all disparities adds to a step `(3,)`."""
+        remaining = calibration.target_u - calibration.constant_u
+        sigma_px = np.sqrt(self._config.common_disparity_px**2 + calibration.sigma_u**2 + remaining**2)
+        return np.asarray(sigma_px * depth_m / (self._rig.fx * self._rig.baseline_m) * step)
