@@ -96,7 +96,7 @@ def read_mask(path: str) -> NDArray[np.uint8]:
         head = _PNG_HEAD.match(data)
         if head is None:
             raise ConfigError(f"mask '{path}': no PNG; give a grey PNG of the size of the images")
-        check_image_size(*(int.from_bytes(side, "big") for side in head.groups()))
+        check_image_size(int.from_bytes(head[1], "big"), int.from_bytes(head[2], "big"))
         mask = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
     except (OSError, GeometryError) as error:
         reason = getattr(error, "strerror", None) or error

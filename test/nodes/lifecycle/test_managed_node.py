@@ -2,6 +2,7 @@
 
 # ruff: noqa: E402 - ROS may be absent
 import json
+import math
 import time
 from pathlib import Path
 from signal import SIGINT, SIGTERM
@@ -103,6 +104,10 @@ def test_parameters_change_live_as_a_whole_or_not_at_all(ros: None, capfd: Captu
         ok, reason = peer.set(localisation__max_features=300, localisation__keyframe_share=7.0)
         assert not ok
         assert "keyframe_share" in reason
+        for absurd in ({"localisation__common_px": 1e300}, {"localisation__inflation": math.inf}):
+            ok, reason = peer.set(**absurd)
+            assert not ok
+            assert "range" in reason
         ok, reason = peer.set(queue_size=7)
         assert (ok, "read-only" in reason) == (False, True)
         assert peer.set(localisation__max_features=300, localisation__keyframe_share=0.5) == (True, "")
