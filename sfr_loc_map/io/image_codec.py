@@ -20,7 +20,7 @@ from sfr_loc_map.bounded_input import MAX_IMAGE_BYTES, read_bytes
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.io.image_header import FORMATS, JPEG_MAGIC, PNG_MAGIC, claimed_size
+from sfr_loc_map.io.image_header import FORMATS, JPEG_MAGIC, PNG_MAGIC, claimed_size, decoded_pixel_bytes
 
 ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     "mono8": (np.uint8, 1),
@@ -32,6 +32,9 @@ ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     "8UC3": (np.uint8, 3),
 }
 """Encodings of sensor_msgs/Image that are read: type of a sample and samples per pixel."""
+MAX_DECODED_BYTES = 2**27
+"""Largest image that is decoded: 8192 x 8192 in 8-bit grey twice, 5792 x 5792 in colour."""
+ROWS_AT_ONCE = 256
 SILENT = 0
 """Level of OpenCV's log."""
 
@@ -50,13 +53,22 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImag
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     if image.dtype == np.uint16:
-        image = ((image.astype(np.uint32) + 128) // 257).astype(np.uint8)
+        image = _eight_bits(image)
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
         raise InputError(f"image of {image.dtype} {image.shape} found: 8 or 16 bit grey or colour is needed")
     if image.ndim == 3:
         code = cv2.COLOR_BGR2GRAY if order == "bgr" else cv2.COLOR_RGB2GRAY
         image = cv2.cvtColor(np.ascontiguousarray(image[:, :, :3]), code)
     return np.ascontiguousarray(image)
+
+
+def _eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return 16 bits as 8, rounded; a part at a time, so that large images take no multiple of their memory."""
+    out = np.empty(image.shape, np.uint8)
+    for first in range(0, len(image), ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
+        out[rows] = (image[rows].astype(np.uint32) + 128) // 257
+    return out
 
 
 def read_grey(path: Path) -> GreyImage:
@@ -91,6 +103,10 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
         check_image_size(*size, "it")
     except GeometryError as error:
         raise InputError(str(error)) from error
+    if size[0] * size[1] * decoded_pixel_bytes(raw) > MAX_DECODED_BYTES:
+        raise InputError(
+            f"it is {size[0]} x {size[1]} in colour or 16 bits: up to {MAX_DECODED_BYTES} bytes are decoded"
+        )
     if raw.startswith(JPEG_MAGIC):
         return _decode_jpeg(raw)
     if raw.startswith(PNG_MAGIC):

@@ -25,6 +25,16 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
     return None
 
 
+def decoded_pixel_bytes(data: bytes) -> int:
+    """Return how many bytes a pixel of an image file may have once decoded; 0 where the header is cut off."""
+    if data.startswith(PNG_MAGIC):
+        depth, colour = data[24:25], data[25:26]
+        return (2 if depth == b"\x10" else 1) * (1 if colour == b"\0" else 4)
+    if data.startswith((JPEG_MAGIC, b"P2", b"P5")):  # 8-bit grey, whatever the file has; rarely 16 bits
+        return 1
+    return 4
+
+
 def _png_size(data: bytes) -> tuple[int, int] | None:
     """Return the size in the IHDR chunk, which comes first (ISO/IEC 15948, 11.2.2)."""
     return struct.unpack(">II", data[16:24]) if len(data) >= 24 else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,6 +20,7 @@ from sfr_loc_map.io.image_codec import (
     decode_grey,
     encode_jpeg,
     encode_png,
+    grey8,
     image_from_compressed_message,
     image_from_message,
     read_grey,
@@ -153,3 +155,18 @@ def test_what_is_no_file_is_refused_at_once(name: str, words: str, tmp_path: Pat
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match=f"cannot read image .*{words}"):
         read_grey(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("depth", "colour", "side"), [(8, 0, 8193), (8, 2, 8000), (16, 0, 20_000), (16, 6, 5000), (8, 3, 8000)]
+)
+def test_a_small_png_that_decodes_to_much_is_refused_before_it_is_decoded(depth: int, colour: int, side: int) -> None:
+    header = struct.pack(">II5B", side, side, depth, colour, 0, 0, 0)
+    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", len(header)) + b"IHDR" + header + bytes(100)
+    with pytest.raises(InputError, match=r"up to \d+ (in all|bytes are decoded)"):
+        decode_grey(data)
+
+
+def test_sixteen_bits_are_rounded_in_parts_as_in_one() -> None:
+    image = np.random.default_rng(0).integers(0, 2**16, (600, 7), dtype=np.uint16)
+    assert np.array_equal(grey8(image), np.round(image / 257.0).astype(np.uint8))
