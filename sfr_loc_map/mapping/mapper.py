@@ -141,7 +141,8 @@ class Mapper:
         cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
         view = View(cloud, disparity, T_lm_left, refined.noise)
         check = check_calibration(self._calibration, rotation, self._rig)
-        random_sigma = clipped.widened(cloud)
+        random_sigma = cloud.sigma.copy()
+        clipped.widen(random_sigma, cloud, slice(None))
         stated = self._stated(replace(cloud, sigma=random_sigma), [T_lm_left] * (index + 1), check.sigma)
         statistics = _statistics(view, refined, share) | _rotation_statistics(rotation)
         statistics["saturated_share"] = clipped.share
@@ -165,8 +166,7 @@ class Mapper:
         random_sigma = fused.cloud.sigma.copy()
         for number, item in enumerate(maps):
             if item.saturation.share > 0.0:
-                mine = np.flatnonzero(fused.cloud.pair == number)
-                random_sigma[mine] = item.saturation.widened(fused.cloud.select(mine))
+                item.saturation.widen(random_sigma, fused.cloud, np.flatnonzero(fused.cloud.pair == number))
         calibration = widest([item.calibration for item in maps])
         stamps_ns = tuple(item.stamp_ns for item in maps)
         cloud = replace(fused.cloud, sigma=random_sigma, pair_stamps_ns=stamps_ns)

@@ -70,7 +70,8 @@ def consistency_table(score: Score) -> Table | None:
     errors = score.map.errors if score.map is not None else None
     if errors is not None and errors.sigma_nees is not None:
         count = Cell.number(errors.sigma_nees.count, "map.sigma_nees.count")
-        rows += _consistency_row("sigma of the map points", errors.sigma_nees, "map.sigma_nees", count)
+        below = "calibration better than stated"  # its part of sigma is common to all points
+        rows += _consistency_row("sigma of the map points", errors.sigma_nees, "map.sigma_nees", count, below)
     if not rows:
         return None
     titles = ("mean", "expected", "95 % of consistent ones", "n", "in words")
@@ -80,18 +81,20 @@ def consistency_table(score: Score) -> Table | None:
     return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note)
 
 
-def _consistency_row(title: str, nees: NeesPart | SigmaNees, key: str, count: Cell) -> list[Row]:
+def _consistency_row(
+    title: str, nees: NeesPart | SigmaNees, key: str, count: Cell, below: str = "too large a sigma"
+) -> list[Row]:
     if nees.mean is None or nees.interval95 is None:
         return []
     figures = Cell.number(nees.mean, f"{key}.mean"), Cell.number(nees.expected, f"{key}.expected")
     bounds = Cell.interval(nees.interval95, f"{key}.interval95")
-    return [(Cell.head(title), *figures, bounds, count, Cell(_in_words(nees.mean, nees.interval95)))]
+    return [(Cell.head(title), *figures, bounds, count, Cell(_in_words(nees.mean, nees.interval95, below)))]
 
 
-def _in_words(mean: float, interval: Interval) -> str:
+def _in_words(mean: float, interval: Interval, below: str) -> str:
     if mean > interval[1]:
         return "too small a sigma"
-    return "too large a sigma" if mean < interval[0] else "consistent"
+    return below if mean < interval[0] else "consistent"
 
 
 def association_table(score: Score) -> Table | None:

@@ -166,7 +166,7 @@ def test_a_map_without_pixels_is_named_so() -> None:
 
 
 @pytest.mark.parametrize(
-    ("mean", "words"), [(0.5, "too large a sigma"), (1.0, "consistent"), (2.0, "too small a sigma")]
+    ("mean", "words"), [(0.5, "calibration better than stated"), (1.0, "consistent"), (2.0, "too small a sigma")]
 )
 def test_consistency_in_words(mean: float, words: str) -> None:
     score = whole_score()

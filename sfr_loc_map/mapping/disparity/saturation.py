@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.mapping.disparity.filters import box_mean
 
 F = np.float32
 
 BLACK, WHITE = 0, 255
+_CLIPPED = np.where(np.isin(np.arange(256), (BLACK, WHITE)), 255, 0).astype(np.uint8)
+"""By grey level: 255 for saturated ones, 0 for others."""
 FLAT_PX = 5
 """A pixel whose square of this side is saturated throughout has nothing to match."""
 AROUND_PX = 11
@@ -38,11 +39,16 @@ class Saturation:
     sigma_factor: FloatImage
     share: float
 
-    def widened(self, cloud: PointCloud) -> NDArray[np.float32]:
-        """Return the sigma of points of the left image `(N,)`, metres, multiplied by the factors of their pixels."""
-        if self.share == 0.0:
-            return cloud.sigma
-        return np.asarray(cloud.sigma * self.sigma_factor[cloud.v, cloud.u], F)
+    def widen(self, sigma: NDArray[np.float32], cloud: PointCloud, points: NDArray[np.intp] | slice) -> None:
+        """Multiply some of the standard deviations `(N,)` of a cloud's points by the factors of their pixels.
+
+        Args:
+            sigma: Changed in place.
+            cloud: Points of one or several pairs.
+            points: Those of this pair.
+        """
+        if self.share > 0.0:
+            sigma[points] *= self.sigma_factor[cloud.v[points], cloud.u[points]]
 
 
 def saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:
@@ -53,18 +59,20 @@ def saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> S
         right: `(H, W)` uint8.
         disparity_px: `(H, W)` float32, pixels, without holes.
     """
-    clipped_left, clipped_right = (((image == BLACK) | (image == WHITE)).astype(F) for image in (left, right))
+    clipped_left, clipped_right = cv2.LUT(left, _CLIPPED), cv2.LUT(right, _CLIPPED)
     if clipped_right.any():
-        clipped_right = _at_partner(clipped_right, disparity_px)
-    flat = (box_mean(clipped_left, FLAT_PX) > F(0.999)) | (box_mean(clipped_right, FLAT_PX) > F(0.999))
+        clipped_right = _at_partner(np.asarray(clipped_right, np.uint8), disparity_px)
+    square = np.ones((FLAT_PX, FLAT_PX), np.uint8)
+    flat = np.maximum(cv2.erode(clipped_left, square), cv2.erode(clipped_right, square)) > 0
     either = np.maximum(clipped_left, clipped_right)
-    around = np.maximum(box_mean(either, AROUND_PX), F(0.0))  # sums of floats may end below zero
-    return Saturation(flat, F(1.0) + SIGMA_GROWTH * around, float(either.mean()))
+    around = np.asarray(cv2.blur(either, (AROUND_PX, AROUND_PX)), F)
+    share = float(np.count_nonzero(either) / either.size)
+    return Saturation(flat, F(1.0) + SIGMA_GROWTH / F(255.0) * around, share)
 
 
-def _at_partner(image: FloatImage, disparity_px: FloatImage) -> FloatImage:
+def _at_partner(image: GreyImage, disparity_px: FloatImage) -> GreyImage:
     """Return the right image's value at the partner of each left pixel, 0 where that lies outside."""
     height, width = image.shape
     columns = np.arange(width, dtype=F)[None] - disparity_px
     rows = np.broadcast_to(np.arange(height, dtype=F)[:, None], (height, width))
-    return np.asarray(cv2.remap(image, columns, np.ascontiguousarray(rows), cv2.INTER_NEAREST, borderValue=0.0), F)
+    return np.asarray(cv2.remap(image, columns, np.ascontiguousarray(rows), cv2.INTER_NEAREST, borderValue=0.0))
