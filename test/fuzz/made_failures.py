@@ -46,7 +46,7 @@ def _refuse(path: Path) -> None:
         raise InputError("it is not valid")
 
 
-def _spoil(_rng: object, _data: bytes) -> bytes:
+def _corrupt(_rng: object, _data: bytes) -> bytes:
     return b"spoilt"
 
 
@@ -56,4 +56,4 @@ FAILURES = {"SIGSEGV": _crash, "hang": _hang, "memory": _grow, "exception": _stu
 def made_targets() -> dict[str, Target]:
     """Return targets that are named after what is wrong with them, and one that behaves."""
     readers = {**FAILURES, "refused": _refuse}
-    return {name: Target(name, "file", (_spoil,), (reader,)) for name, reader in readers.items()}
+    return {name: Target(name, "file", (_corrupt,), (reader,)) for name, reader in readers.items()}
