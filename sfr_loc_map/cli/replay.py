@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
     from sfr_loc_map.metrics.verdicts.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
+    from sfr_loc_map.nodes.replay.results import ReplayResults
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
 
 
@@ -79,7 +80,8 @@ def replay(
     Keys, where standard input is a terminal: space pauses and resumes, s or the right arrow plays one pair, the left
     arrow goes 5 s back and f 5 s on, up and down change the rate, l the loop, q ends and scores. The same as services
     of /sfr_player: ~/pause, ~/resume, ~/toggle_paused, ~/play_next, ~/stop, ~/set_loop; parameters rate and seek_s.
-    The end and each jump begin a new run; the last one that was played to its end is scored, else the last one.
+    The end and each jump begin a new run; the last one that was played to its end is scored, else the last one. Others
+    that a jump or a signal cut short are kept in DIR/run_1, DIR/run_2.
     Ctrl-C ends as q does, exit 130.
     """
     from sfr_loc_map.io.registry import open_source
@@ -185,7 +187,6 @@ def _run(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
     """Replay with progress bars and return what came out, and what was finished if the user ended it."""
     from sfr_loc_map.nodes.replay.replay import AGAIN
     from sfr_loc_map.nodes.replay.replay import replay as run
-    from sfr_loc_map.pipeline.replay import ReplayResult
 
     totals = {name: len(part) for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None}
     labels = {"loc": "localisation", "nav": "mapping"}
@@ -209,10 +210,18 @@ def _run(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
         say(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
     if results.published_stamps("nav") and not results.clouds:
         raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
-    cloud, mapped_ns = results.last_map()
-    result = ReplayResult(results.trajectory, cloud, results.records, results.report, mapped_ns)
+    result = _result_of(results)
     count = f"{len(results.published)} of {sum(totals.values())} pairs"
     return result, f"interrupted: {count} were played, and scored" if results.interrupted else ""
+
+
+def _result_of(results: ReplayResults) -> ReplayResult:
+    """Return what the nodes published as files and score have it."""
+    from sfr_loc_map.pipeline.replay import ReplayResult
+
+    cloud, mapped_ns = results.last_map()
+    cut_short = tuple(_result_of(run) for run in results.cut_short)
+    return ReplayResult(results.trajectory, cloud, results.records, results.report, mapped_ns, cut_short)
 
 
 def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
@@ -223,6 +232,9 @@ def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path
     text = tracking_warning(localised, source)
     if text is not None:
         warn(text)
+    for number, run in enumerate(result.cut_short, 1):
+        place = "--out DIR would keep it" if out is None else str(files.of_run(number).folder)
+        typer.echo(f"a run of {len(run.estimate)} poses was cut short and is not scored: {place}", err=True)
     if out is not None:
         page = files.page if files.page.exists() else files.report
         say(f"report: {page}")

@@ -35,6 +35,7 @@ class ReplayResult:
         records: All calls of localiser and mapper.
         monitor_report: Report of the monitor (JSON), empty if it gave none.
         mapped_ns: Stamps of the pairs of the cloud, in the order of the points' `pair`: it is judged by their truth.
+        cut_short: Other runs, which a jump or a signal ended.
     """
 
     estimate: Trajectory
@@ -42,6 +43,7 @@ class ReplayResult:
     records: Sequence[CallRecord]
     monitor_report: str
     mapped_ns: tuple[int, ...]
+    cut_short: tuple[ReplayResult, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +87,23 @@ class ReplayFiles:
         """All of them."""
         return self.estimate, self.stats, self.cloud, self.monitor_report, self.report, self.page
 
+    def of_run(self, number: int) -> ReplayFiles:
+        """Return the places of a run that was cut short, counted from 1."""
+        return ReplayFiles(self.folder / f"run_{number}")
+
 
 def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
     """Write trajectory, statistics, cloud and the monitor's report, as far as they are there.
 
+    Runs that were cut short come into folders beside them.
+
     Raises:
         OutputError: If a file cannot be written.
     """
+    for number, run in enumerate(result.cut_short, 1):
+        place = files.of_run(number)
+        place.folder.mkdir(exist_ok=True)
+        save_replay(run, place)
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
     if result.records:

@@ -99,9 +99,9 @@ def _play(
         player.collector.results.whole = not controls.interrupted
         at_end = controls.seek_s is None
         offset_s, announcement = controls.next_start_s(), AGAIN
-        if offset_s is not None and at_end:
+        if offset_s is not None:
             maps = len(player.collector.results.published_stamps("nav")) // max(pairs_per_map(source), 1)
-            player.collector.settle(maps)
+            player.collector.settle(maps if at_end else 0)
 
 
 def check_source(source: Source) -> None:

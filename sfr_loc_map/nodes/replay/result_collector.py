@@ -42,6 +42,7 @@ class ResultCollector:
         """
         self.results = ReplayResults()
         self._before: ReplayResults | None = None
+        self._cut_short: list[ReplayResults] = []
         self._node = node
         depth = QoSProfile(depth=QUEUE_DEPTH)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -72,6 +73,8 @@ class ResultCollector:
 
     def begin_run(self) -> None:
         """Collect the results of another run; those of the run before are kept, see `finish`."""
+        if self.results.count and not self.results.whole:
+            self._cut_short.append(self.results)
         self._before, self.results = self._to_be_scored(), ReplayResults()
 
     def _to_be_scored(self) -> ReplayResults:
@@ -101,8 +104,17 @@ class ResultCollector:
             pairs_per_map: Pairs after which the mapper publishes a cloud by itself.
             has_map_truth: Whether the true points were published, so that the report scores the map.
         """
-        if self._to_be_scored() is self._before:
-            return self._before
+        scored = self._to_be_scored()
+        if scored is not self.results:
+            self.settle()
+            self.begin_run()
+        else:
+            self._finish_last(pairs_per_map, has_map_truth=has_map_truth)
+        scored.cut_short = tuple(run for run in self._cut_short if run is not scored)
+        return scored
+
+    def _finish_last(self, pairs_per_map: int, *, has_map_truth: bool) -> None:
+        """Wait for the results of the last run that are still missing."""
         mapped = self.results.published_stamps("nav")
         clouds = len(mapped) // pairs_per_map if pairs_per_map else 0
         if mapped and len(mapped) % pairs_per_map:
@@ -114,7 +126,6 @@ class ResultCollector:
         deadline = time.monotonic() + REPORT_TIMEOUT_S
         while not self._has_full_report(clouds > 0 and has_map_truth) and time.monotonic() < deadline:
             self._node.spin_for(POLL_S)
-        return self.results
 
     def _has_full_report(self, with_map: bool) -> bool:
         """Tell whether the report has everything; without it the score is made of the results all the same."""

@@ -29,6 +29,7 @@ class ReplayResults:
         published: Task and stamp of each pair that was published to the nodes.
         whole: Whether the run was played to its end.
         interrupted: Whether a signal ended the replay.
+        cut_short: Other runs of the replay with results, which a jump or a signal ended, in their order.
     """
 
     rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
@@ -41,6 +42,7 @@ class ReplayResults:
     published: set[tuple[str, int]] = field(default_factory=set)
     whole: bool = False
     interrupted: bool = False
+    cut_short: tuple[ReplayResults, ...] = ()
 
     @property
     def trajectory(self) -> Trajectory:
