@@ -57,6 +57,9 @@ def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd:
         answer = peer.call("mapping_node/finish")
         assert answer.success
         peer.until(lambda: len(clouds) == 2, "the second cloud")
+        late = peer.listen(PointCloud2, "mapping/points", latched=True)
+        peer.until(lambda: late, "the last cloud for who comes late")
+        assert late == clouds[1:]
         expected = mapper.fuse(maps[2:]).cloud.to_structured()
         assert np.array_equal(cloud_from_msg(clouds[1]).to_structured(), expected)
         assert not peer.call("mapping_node/finish").success

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
+from sfr_loc_map.pipeline.online.transport_gaps import LossWatch, TransportGaps
 
 
 def lost(numbers: list[int | None]) -> int:
@@ -28,3 +28,19 @@ def test_a_new_publisher_lost_nothing() -> None:
 def test_a_middleware_without_numbers_counts_nothing() -> None:
     assert lost([None, None, None]) == 0
     assert lost([0, 0]) == 0
+
+
+def test_a_large_share_lost_is_told_with_what_the_publisher_needs() -> None:
+    said: list[str] = []
+    watch = LossWatch("images", "/there/p.xml", said.append)
+    for gap in [0] * 38 + [4]:  # 4 of 43 lost: below a tenth
+        watch.add(gap)
+    assert said == []
+    for _ in range(20):
+        watch.add(1)
+    assert len(said) == 1
+    assert said[0].startswith("50% of the images are lost in transport")
+    assert "export FASTRTPS_DEFAULT_PROFILES_FILE=/there/p.xml" in said[0]
+    for _ in range(100):  # what was lost before does not count for ever
+        watch.add(0)
+    assert len(said) == 1
