@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from cli_result import Sfr
 from made_scene import fill, loc_pair, write_bag, write_folder
-from processes import Process, handles_signals, nodes_of, segments_of, wait_until
+from processes import Process, has_started_ros, nodes_of, segments_of, wait_until
 
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.io.bag_writer import BagWriter
@@ -98,9 +98,9 @@ def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path) -> None:
     source, out = write_folder(tmp_path / "source", 200, 0), tmp_path / "out"
     with Process(tmp_path / "log", *COMMAND, "replay", str(source), "--out", str(out), "--rate", "1") as replay:
         pids = wait_until(lambda: len(nodes_of(replay.popen.pid)) == 3 and nodes_of(replay.popen.pid), "three nodes")
-        name = f"sfr_loc_map.nodes.{victim}".encode()
+        name = f"nodes.{victim}".encode()
         (pid,) = wait_until(lambda: [p for p in pids if name in Path(f"/proc/{p}/cmdline").read_bytes()], "its program")
-        wait_until(lambda: handles_signals(pid), "the start of the node")
+        wait_until(lambda: has_started_ros(pid), "the start of the node")
         shared = segments_of([*pids, replay.popen.pid])
         os.kill(pid, signal.SIGTERM)
         assert replay.popen.wait(60) == 2
@@ -118,7 +118,7 @@ def test_a_replay_that_is_ended_leaves_no_nodes_behind(tmp_path: Path, signals: 
     source = write_folder(tmp_path / "source", 100, 0)
     with Process(tmp_path / "log", *COMMAND, "replay", str(source), "--rate", "1") as replay:
         pids = wait_until(lambda: len(nodes_of(replay.popen.pid)) == 3 and nodes_of(replay.popen.pid), "three nodes")
-        wait_until(lambda: all(map(handles_signals, pids)), "the start of the nodes")
+        wait_until(lambda: all(map(has_started_ros, pids)), "the start of the nodes")
         time.sleep(0.5)
         shared = segments_of([*pids, replay.popen.pid])
         code = replay.end(*signals)

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from made_scene import LOC_RIG, loc_pair
 from nav_msgs.msg import Odometry
-from processes import Peer, Process, handles_signals, nodes_of, segments_of, wait_until
+from processes import Peer, Process, has_started_ros, nodes_of, segments_of, wait_until
 from scenes import MOUNT, raw, send_infos
 from sensor_msgs.msg import Image
 
@@ -71,7 +71,7 @@ def test_all_asked_for_run_and_none_is_left(tmp_path: Path, end: signal.Signals,
     with Process(tmp_path / "log", *COMMAND, "run", *nodes, "--log-level", "info") as run:
         count = len(nodes) or 3
         pids = wait_until(lambda: len(nodes_of(run.popen.pid)) == count and nodes_of(run.popen.pid), "the nodes")
-        wait_until(lambda: all(map(handles_signals, pids)), "the start of the nodes")
+        wait_until(lambda: all(map(has_started_ros, pids)), "the start of the nodes")
         code = run.end(end)
         assert code == (0 if end is signal.SIGTERM else -signal.SIGKILL)
     wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids), "the end of all nodes")
@@ -83,7 +83,7 @@ def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) ->
         options = ["--respawn"] * respawn
         with Process(tmp_path / f"log{respawn}", *COMMAND, "run", "monitor", "mapping", *options) as run:
             pids = wait_until(lambda run=run: len(nodes_of(run.popen.pid)) == 2 and nodes_of(run.popen.pid), "two")
-            wait_until(lambda pids=pids: all(map(handles_signals, pids)), "the start of the nodes")
+            wait_until(lambda pids=pids: all(map(has_started_ros, pids)), "the start of the nodes")
             os.kill(pids[0], signal.SIGKILL)
             if not respawn:
                 assert run.popen.wait(20) == 2
@@ -93,7 +93,7 @@ def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) ->
             run.wait_for("was killed by SIGKILL: started again")
             new = wait_until(lambda run=run: len(nodes_of(run.popen.pid)) == 2 and nodes_of(run.popen.pid), "both")
             assert pids[1] in new
-            wait_until(lambda new=new: all(map(handles_signals, new)), "the start of the node")
+            wait_until(lambda new=new: all(map(has_started_ros, new)), "the start of the node")
             time.sleep(0.2)
             assert run.end(signal.SIGTERM) == 0
 

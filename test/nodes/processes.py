@@ -79,9 +79,14 @@ def nodes_of(pid: int) -> list[int]:
 
 
 def handles_signals(pid: int) -> bool:
-    """Tell whether a process has its own handler of SIGTERM, as nodes have once ROS has started."""
+    """Tell whether a process has its own handler of SIGTERM, as nodes have from their first module on."""
     (line,) = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigCgt:")]
     return bool(int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def has_started_ros(pid: int) -> bool:
+    """Tell whether ROS has started in a process: it has its segment of Fast DDS, and the handlers of signals."""
+    return bool(segments_of([pid]))
 
 
 def segments_of(pids: list[int]) -> set[Path]:
