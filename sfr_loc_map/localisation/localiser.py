@@ -137,6 +137,8 @@ class Localiser:
         """Take the pose that was found; add a keyframe where one is wanted."""
         track, backend, follows = self._track, self._backend, self._known
         last, now = track.T_world_left, result.T_world_left
+        if doubt is None and self._stale.may_be_torn(result.agreeing_share):
+            doubt = StateReason.TORN_IMAGES
         if doubt is None and backend.keyframe_count < self._doubted_keyframes:
             doubt = StateReason.UNSEEN_MOTION
         # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images

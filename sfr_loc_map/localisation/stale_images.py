@@ -20,6 +20,8 @@ MIN_ROW_RANGE: Final = 8
 """Range of the grey levels of a row that has texture: sky and saturated rows are equal in all images."""
 MIN_STALE_SHARE: Final = 0.05
 """Share of the rows that make an image torn."""
+MIN_AGREEING: Final = 0.8
+"""Share of the landmarks found that agree on the pose of a whole image."""
 PROBE: Final = 16
 """Every so many columns are compared first."""
 
@@ -61,6 +63,7 @@ class StaleImageFilter:
         """Start without an image."""
         self._before: StereoPair | None = None
         self._stale: tuple[StaleRows | None, StaleRows | None] = None, None
+        self._torn = False
 
     def repeats(self, pair: StereoPair) -> bool:
         """Tell whether both images are those of the pair before, but for new noise."""
@@ -86,7 +89,17 @@ class StaleImageFilter:
         if not (left.any() or right.any()):
             return pair, None
         reason = StateReason.REPEATED_IMAGES if any(side.all for side in found) else StateReason.TORN_IMAGES
+        self._torn = reason is StateReason.TORN_IMAGES
         return replace(pair, left=_blanked(pair.left, left), right=_blanked(pair.right, right)), reason
+
+    def may_be_torn(self, agreeing: float) -> bool:
+        """Tell whether a pair that follows torn ones may be torn too; its parts then repeat what was never shown.
+
+        Args:
+            agreeing: Share of the landmarks found that agree on the pose.
+        """
+        self._torn = self._torn and agreeing < MIN_AGREEING
+        return self._torn
 
 
 def is_duplicate_pair(before: StereoPair, now: StereoPair) -> bool:

@@ -249,3 +249,17 @@ def test_a_window_that_is_absurd_is_left() -> None:
     assert (estimate.state, estimate.reason) == (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
     assert np.isfinite(estimate.covariance).all()
     assert errors(estimate, true_pose(6))[0] < 2.0 * np.sqrt(np.trace(estimate.covariance[:3, :3]))
+
+
+def test_a_pair_after_a_torn_one_is_doubted_while_its_parts_disagree() -> None:
+    """The lower half of each image is that of the exposure before: only in the first one was that shown."""
+    row, torn = HEIGHT // 2, []
+    for index in range(6, 9):
+        now, before = DRIVE[index], DRIVE[index - 1]
+        sides = (np.concatenate((getattr(now, s)[:row], getattr(before, s)[row:])) for s in ("left", "right"))
+        torn.append(StereoPair(now.stamp_ns, *sides))
+    estimates = run([*DRIVE[:6], *torn, *DRIVE[9:12]])
+    for index, estimate in enumerate(estimates):
+        stated = 5.0 * 3.0 * np.sqrt(np.trace(estimate.covariance[:3, :3]))
+        assert estimate.state is not TrackingState.TRACKING or errors(estimate, true_pose(index))[0] < stated
+    assert {estimate.state for estimate in estimates[10:]} == {TrackingState.TRACKING}

@@ -104,6 +104,11 @@ class TrackingResult:
         return int(np.count_nonzero(self.inliers & np.isfinite(self.observations[:, 0])))
 
     @property
+    def agreeing_share(self) -> float:
+        """Share of the landmarks found that agree with the pose."""
+        return float(self.inliers.sum()) / max(int(np.isfinite(self.chi2_per_dof).sum()), 1)
+
+    @property
     def right_share(self) -> float:
         """Share of the landmarks observed in the left image that are also observed in the right one."""
         left = np.isfinite(self.observations[:, 0])
