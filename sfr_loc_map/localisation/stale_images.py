@@ -21,7 +21,7 @@ MIN_ROW_RANGE: Final = 8
 MIN_STALE_SHARE: Final = 0.05
 """Share of the rows that make an image torn."""
 MIN_AGREEING: Final = 0.8
-"""Share of the landmarks found that agree on the pose of a whole image."""
+"""Landmarks that agree on the pose of a whole image, as a share of those of the whole image before."""
 PROBE: Final = 16
 """Every so many columns are compared first."""
 
@@ -63,7 +63,7 @@ class StaleImageFilter:
         """Start without an image."""
         self._before: StereoPair | None = None
         self._stale: tuple[StaleRows | None, StaleRows | None] = None, None
-        self._torn = False
+        self._torn, self._agreeing = False, 1.0
 
     def repeats(self, pair: StereoPair) -> bool:
         """Tell whether both images are those of the pair before, but for new noise."""
@@ -96,9 +96,11 @@ class StaleImageFilter:
         """Tell whether a pair that follows torn ones may be torn too; its parts then repeat what was never shown.
 
         Args:
-            agreeing: Share of the landmarks found that agree on the pose.
+            agreeing: Share of the landmarks that agree on the pose.
         """
-        self._torn = self._torn and agreeing < MIN_AGREEING
+        self._torn = self._torn and agreeing < MIN_AGREEING * self._agreeing
+        if not self._torn:
+            self._agreeing = agreeing
         return self._torn
 
 

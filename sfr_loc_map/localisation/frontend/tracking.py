@@ -105,8 +105,8 @@ class TrackingResult:
 
     @property
     def agreeing_share(self) -> float:
-        """Share of the landmarks found that agree with the pose."""
-        return float(self.inliers.sum()) / max(int(np.isfinite(self.chi2_per_dof).sum()), 1)
+        """Share of the active landmarks that agree with the pose."""
+        return float(self.inliers.sum()) / max(len(self.landmarks), 1)
 
     @property
     def right_share(self) -> float:
