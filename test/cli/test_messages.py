@@ -64,3 +64,28 @@ def test_results_are_said_in_printable_form(capsys: pytest.CaptureFixture[str]) 
     assert out == "report: \\x1b]0;taken over\\x07\\x1b[31m\\udc80\n"
     assert err.startswith("sfr: warning: \\x1b]0;taken")
     assert len(err) < 700
+
+
+SCORES = {
+    "no JSON": "{",
+    "depth": "[" * 100_000,
+    "depth within a part": '{"schema": "sfr-score/1", "verdicts": [], "provenance": ' + "[" * 500 + "]" * 500 + "}",
+    "400 digits": '{"schema": "sfr-score/1", "verdicts": [' + "9" * 400 + "]}",
+    "half of a surrogate pair": '{"schema": "sfr-score/1", "verdicts": [], "\\ud800": 1}',
+    "an escape sequence": '{"schema": "\\u001b[31m", "verdicts": []}',
+    "a text of a megabyte": '{"schema": "' + "x" * 1_000_000 + '"}',
+    "a list": "[]",
+    "a verdict of another form": '{"schema": "sfr-score/1", "verdicts": [{"metric": 5}]}',
+    "series of two lengths": '{"schema": "sfr-score/1", "verdicts": [], "details": {"map": {"cloud": {"x_m": [1.0], '
+    '"y_m": [], "z_m": [], "error_m": [], "range_m": []}, "error_images": [], "triangulation": {"focal_px": 1.0, '
+    '"baseline_m": 1.0}}}}',
+}
+
+
+@pytest.mark.parametrize("text", SCORES.values(), ids=SCORES)
+def test_a_malformed_score_is_one_line_to_report_and_compare(text: str, tmp_path: Path, sfr: Sfr) -> None:
+    file = tmp_path / "score.json"
+    file.write_text(text)
+    for command in (("report", file, "-o", tmp_path / "x.md"), ("report", file), ("compare", file, file)):
+        check_line(sfr(*command))
+    assert list(tmp_path.iterdir()) == [file]

@@ -16,7 +16,7 @@ from pathlib import Path
 from random import Random
 
 from mutations import mutated
-from targets import Target, expected_error, run_command
+from target import Target, expected_error, run_command
 
 EXIT_CODES = (0, 1, 2, 3)
 MAX_NOISE = 200

@@ -17,7 +17,7 @@ os.environ.pop("OPENCV_LOG_LEVEL", None)
 
 import cv2
 import execution
-from targets import Target
+from target import Target
 
 ADDRESS_SPACE = 8 * 2**30
 """Bytes that may be reserved beyond what the warm process has: protects the host, not the measure of memory."""

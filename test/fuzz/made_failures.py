@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from targets import Target
+from target import Target
 
 from sfr_loc_map.errors import InputError
 

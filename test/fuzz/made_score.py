@@ -7,7 +7,8 @@ import io
 import json
 from pathlib import Path
 
-from targets import SCORE, run_command
+from target import run_command
+from targets import SCORE
 from world import LOC_RIG
 
 from sfr_loc_map.geometry.transform import Transform

@@ -13,7 +13,8 @@ from message_mutations import message_fields
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
-from targets import Reader, Target, check_estimate
+from target import Reader, Target
+from targets import check_estimate
 
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.cloud import PointCloud

@@ -15,6 +15,8 @@ from typing import Any
 
 import yaml
 
+from sfr_loc_map.bounded_input import parse_yaml
+
 Mutation = Callable[[Random, bytes], bytes]
 
 NUMBERS = (
@@ -224,7 +226,7 @@ def json_tree(rng: Random, data: bytes) -> bytes:
 
 
 def yaml_tree(rng: Random, data: bytes) -> bytes:
-    tree = yaml.safe_load(data)
+    tree = parse_yaml(data.decode())  # bounded: the data may hold a bomb already
     for _ in range(rng.choice((1, 1, 2))):
         tree = mutate_tree(rng, tree)
     text = json.dumps(tree)

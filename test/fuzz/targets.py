@@ -3,52 +3,20 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import mutations as m
 import numpy as np
 from message_mutations import MCAP, SQLITE
+from target import Command, Target, run_command
 from world import KINDS, LOC_RIG, T_RB_LOCSB, loc_pair
 
 from sfr_loc_map.bounded_input import parse_json
-from sfr_loc_map.cli.main import main
-from sfr_loc_map.errors import SfrError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession
 from sfr_loc_map.pipeline.online.resume import PoseFile
-
-Command = tuple[str, ...]
-Reader = Callable[[Path], None]
-"""Takes the mutated file; may raise an `SfrError`."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """One format.
-
-    Attributes:
-        name: How it is called.
-        place: The valid file within the world; the mutated one takes its place.
-        mutations: What is done to it.
-        uses: Commands (`{w}` is the world, `{o}` a folder for outputs) and readers; one is taken, by the content.
-        readable: Whether the valid file is accepted; formats that are refused by name are fuzzed too.
-    """
-
-    name: str
-    place: str
-    mutations: tuple[m.Mutation, ...]
-    uses: tuple[Command | Reader, ...]
-    readable: bool = True
-
-
-def run_command(command: Command, world: Path, out: Path) -> int:
-    """Run a command of `sfr` in this process; return its exit code."""
-    sys.argv = ["sfr", *(word.replace("{w}", str(world)).replace("{o}", str(out)) for word in command)]
-    return main()
 
 
 def _localise(source: str) -> Command:
@@ -251,7 +219,3 @@ def all_targets() -> dict[str, Target]:
 
         targets += MESSAGE_TARGETS
     return {target.name: target for target in targets}
-
-
-def expected_error(error: BaseException) -> bool:
-    return isinstance(error, SfrError)

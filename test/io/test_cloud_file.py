@@ -227,3 +227,19 @@ def test_pixels_must_be_whole_and_endings_known(tmp_path: Path) -> None:
         save_cloud(tmp_path / "c.las", random_cloud(1))
     with pytest.raises(InputError, match="No such file"):
         load_cloud(tmp_path / "none.ply")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".pcd"])
+def test_absurd_coordinates_are_refused_and_infinite_ones_left_out(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"c{suffix}"
+    for value, words in (("1e308", "coordinate of 1e.308 m"), ("inf", "")):
+        if suffix == ".npz":
+            np.savez(path, x=[1.0, float(value)], y=[1.0, 2.0], z=[1.0, 2.0])
+        else:
+            head = "FIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n"
+            path.write_text(f"{head}1 1 1\n{value} 2 2\n")
+        if words:
+            with pytest.raises(InputError, match=words):
+                load_cloud(path)
+        else:
+            assert load_cloud(path).xyz.tolist() == [[1.0, 1.0, 1.0]]
