@@ -152,8 +152,8 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
         lambda f: np.save(f / "nav/truth/000000.npy", np.zeros((16, 26, 3), np.complex64)),
         r"truth .*000000.npy.*real numbers",
     ),
-    "image with a zero byte in its name": (
-        edit_text("loc/pairs.csv", lambda text: text.replace("left/000000.png", "left/\0.png")),
+    "truth with a zero byte in its name": (
+        edit_text("nav/pairs.csv", lambda text: text.replace("truth/000000.npy", "truth/\0.npy")),
         "names files that are not there",
     ),
     "truth size": (
