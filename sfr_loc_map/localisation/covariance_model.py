@@ -44,6 +44,7 @@ class CovarianceMark:
         in_window: `(6, 6)` of it in its window.
         per_disparity_bias: `(3,)` path integral of position over disparity error up to it.
         corrected_bias: `(3,)` the part of it that was corrected.
+        doubt: `(2,)` metres and radians by which motions up to it may have been other ones.
     """
 
     window: int
@@ -51,6 +52,7 @@ class CovarianceMark:
     in_window: FloatArray
     per_disparity_bias: FloatArray
     corrected_bias: FloatArray
+    doubt: FloatArray
 
 
 class CovarianceModel:
@@ -67,6 +69,7 @@ class CovarianceModel:
         self._start = Start(np.zeros(3), np.zeros((6, 6)))
         self._reference: Start | None = None
         self._window = 0
+        self._doubt, self._doubted = np.zeros(2), Start(np.zeros(3), np.zeros((6, 6)))
         self._position_per_disparity_bias, self._corrected_bias = np.zeros(3), np.zeros(3)
         self._bias_before = np.zeros(3), np.zeros(3)
 
@@ -87,17 +90,20 @@ class CovarianceModel:
     def restart(self, position: FloatArray, covariance: FloatArray) -> None:
         """Forget the path: the covariance `(6, 6)` at the last known position `(3,)` is given."""
         self._start, self._reference = Start(position, covariance), None
+        self._doubt, self._doubted = np.zeros(2), Start(position, np.zeros((6, 6)))
         self.set_in_window(np.zeros((6, 6)))
         self._bias_before = self._position_per_disparity_bias.copy(), self._corrected_bias.copy()
 
     def mark(self, T_world_left: Transform) -> CovarianceMark:
         """Return what the covariance of the present pose is made of."""
         bias = self._position_per_disparity_bias.copy(), self._corrected_bias.copy()
-        return CovarianceMark(self._window, T_world_left.translation, self._in_window, *bias)
+        return CovarianceMark(self._window, T_world_left.translation, self._in_window, *bias, self._doubt)
 
     def rebase(self, mark: CovarianceMark, covariance: FloatArray) -> None:
         """Count from a pose of the past, whose covariance `(6, 6)` is given."""
         self._bias_before = mark.per_disparity_bias, mark.corrected_bias
+        self._doubt = self._doubt - mark.doubt
+        self._doubted = Start(mark.position, _of_doubt(self._doubt))
         if mark.window == self._window:
             self._start, self._reference = Start(mark.position, covariance), Start(mark.position, mark.in_window)
             return
@@ -126,6 +132,12 @@ class CovarianceModel:
         self._position_per_disparity_bias += per_bias
         self._corrected_bias += per_bias * right_offset_u
 
+    def doubt(self, position: FloatArray, step: tuple[float, float]) -> None:
+        """Allow for a motion that may have been another one: it may err by metres and radians, always the same way."""
+        before, self._doubt = self._doubt, self._doubt + step
+        more = _of_doubt(self._doubt) - _of_doubt(before)
+        self._doubted = Start(position, self._doubted.propagated_to(position) + more)
+
     def set_in_window(self, covariance: FloatArray) -> None:
         """Take the covariance `(6, 6)` of the last pose given by the window."""
         self._in_window, self._unseen = covariance, np.zeros((6, 6))
@@ -143,6 +155,7 @@ class CovarianceModel:
             calibration: What is known of the right camera.
         """
         covariance = self._of_window(position) + self._start.propagated_to(position)
+        covariance = covariance + self._doubted.propagated_to(position)
         covariance = covariance + systematic_covariance(depth_m, self._config.common_px, self._focal_px)
         covariance[:3, :3] += self.path_covariance(calibration)
         covariance[3:, 3:] += np.eye(3) * (DRIFT_SHARE * calibration.followed_px / self._focal_px) ** 2
@@ -167,6 +180,11 @@ class CovarianceModel:
         uncorrected = calibration.target_u * bias - (self._corrected_bias - self._bias_before[1])
         variance = self._config.common_disparity_px**2 + calibration.sigma_u**2
         return np.asarray(variance * np.outer(bias, bias) + np.outer(uncorrected, uncorrected))
+
+
+def _of_doubt(doubt: FloatArray) -> FloatArray:
+    """Return the covariance `(6, 6)` of errors of so many metres and radians, `(2,)`."""
+    return np.diag(np.repeat(np.square(doubt), 3))
 
 
 def systematic_covariance(depth_m: float, systematic_px: float, focal_px: float) -> FloatArray:

@@ -6,6 +6,7 @@ import time
 from concurrent.futures import Future
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
@@ -50,6 +51,7 @@ class KeyframeBackend:
         """
         self._rig, self._config, self._camera, self._tracker = rig, config, camera, tracker
         self._left_mask, self._right_mask = (load_mask(path, rig) for path in (config.left_mask, config.right_mask))
+        self._foreign_mask: NDArray[np.uint8] | None = None
         self._pending: Future[float] | None = None
         self.reset()
 
@@ -90,6 +92,18 @@ class KeyframeBackend:
         """Wait for the keyframe in work; return the seconds that it took, None without one."""
         pending, self._pending = self._pending, None
         return None if pending is None else pending.result()
+
+    def leave_out(self, rows: NDArray[np.intp], mask: NDArray[np.uint8] | None) -> None:
+        """Stop tracking landmarks `(N,)` of the window that do not move with the ground.
+
+        Args:
+            rows: Their rows in the window.
+            mask: `(H, W)` uint8, 0 where no landmark shall be made from now on; None for everywhere.
+        """
+        self._foreign_mask = mask
+        if len(rows):
+            self._window.deactivate(rows)
+            self.landmarks = self._window.landmarks()
 
     def begin(self, frame: StereoFrame, T_world_left: Transform) -> int:
         """Begin a window with its first keyframe; the window before stays where there are too few landmarks.
@@ -144,9 +158,8 @@ class KeyframeBackend:
 
     def _add_landmarks(self, frame: StereoFrame, known: FloatArray) -> None:
         """Detect and match new landmarks beside known ones `(M, 3)` (u, v, disparity), then adjust the window."""
-        corners = find_corners(
-            frame.left.levels[0], known[:, :2].copy(), self._config.max_features, BORDER, self._left_mask
-        )
+        mask = _both_masks(self._left_mask, self._foreign_mask)
+        corners = find_corners(frame.left.levels[0], known[:, :2].copy(), self._config.max_features, BORDER, mask)
         if len(corners):
             self._match_landmarks(frame, corners, known)
         self._window.adjust(self._config.adjustment_rounds)
@@ -167,3 +180,10 @@ class KeyframeBackend:
 
     def _new_window(self) -> SlidingWindow:
         return SlidingWindow(self._camera, self._config.window_keyframes)
+
+
+def _both_masks(one: NDArray[np.uint8] | None, other: NDArray[np.uint8] | None) -> NDArray[np.uint8] | None:
+    """Return what neither of two masks leaves out."""
+    if one is None or other is None:
+        return other if one is None else one
+    return np.minimum(one, other)

@@ -18,8 +18,10 @@ from sfr_loc_map.localisation.estimate import (
     TrackingStatistics,
     lost_covariance,
 )
-from sfr_loc_map.localisation.frontend.right_offset import RightOffset
+from sfr_loc_map.localisation.frontend.foreign_regions import stays
+from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame, Tracker, TrackingResult
+from sfr_loc_map.localisation.ground_motion import GroundMotionFinder, Guesses
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
 from sfr_loc_map.localisation.motion_model import MotionModel
 from sfr_loc_map.localisation.pose_track import PoseTrack
@@ -59,6 +61,7 @@ class Localiser:
         self._backend.reset()
         self._motion = MotionModel(self._rig.T_rb_left)
         self._relocaliser = Relocaliser(self._tracker, self._config, self._rig.camera)
+        self._ground = GroundMotionFinder(self._tracker, self._relocaliser, self._rig, self._config)
         self._track = PoseTrack(self._rig, self._config, StartPose.of(start))
         self._steps = StepModel(self._rig, self._config)
         self._stale = StaleImageFilter()
@@ -107,8 +110,7 @@ class Localiser:
             return self._begin(frame)
         if len(self._backend.landmarks) >= self._config.min_tracked:
             self._last_result = self._find(frame, motion)
-        result = self._last_result
-        if result is None:
+        if (result := self._last_result) is None:
             return self._lose(frame, blindness(frame))
         reason = disbelief(frame, result, self._tracker, self._track, self._backend.calibration.offset)
         if reason is not None:
@@ -128,10 +130,12 @@ class Localiser:
             start = self._tracker.align(frame.left, landmarks, guesses)
         with self._timer("refine"):
             result = self._tracker.refine(frame, landmarks, start, offset)
-        if self._tracker.trusts(result):
-            return self._backend.without_drift(result)
-        with self._timer("relocate"):
-            return self._relocaliser.relocalise(frame, landmarks, offset) or result
+        if not self._tracker.trusts(result):
+            with self._timer("relocate"):
+                result = self._relocaliser.relocalise(frame, landmarks, offset) or result
+        result, foreign = self._ground.find(frame, result, Guesses(guesses, offset))
+        self._backend.leave_out(foreign, self._ground.regions.mask)
+        return self._backend.without_drift(result) if self._tracker.trusts(result) else result
 
     def _update(self, frame: StereoFrame, result: TrackingResult, doubt: StateReason | None) -> PoseEstimate:
         """Take the pose that was found; add a keyframe where one is wanted."""
@@ -145,6 +149,9 @@ class Localiser:
         whole = doubt in (None, StateReason.UNSEEN_MOTION)
         if doubt is None and backend.calibration.drifts:
             doubt = StateReason.CALIBRATION_DRIFT
+        if self._ground.doubt is not None:
+            doubt = doubt or StateReason.MOVING_REGIONS
+            track.covariance.doubt(now.translation, self._ground.doubt)
         self._status = Status.of_tracked(doubt)
         self._motion.update(frame.stamp_ns, last.inverse() @ now)
         step = now.translation - last.translation
@@ -156,7 +163,7 @@ class Localiser:
         if by_left:
             self._relocaliser.remember(frame.image, result)
         wanted = by_left and backend.wants_keyframe(result)
-        statistics = _statistics(result, backend.calibration.offset, backend.keyframe_count + wanted)
+        statistics = _statistics(result, backend, backend.keyframe_count + wanted, self._ground.regions.share)
         moved = self._steps.tracked(frame.stamp_ns, result, backend.drift, backend.calibration)
         estimate = self._estimate(frame.stamp_ns, statistics, moved)
         if wanted:  # the backend belongs to its thread from here until the next call has waited
@@ -235,7 +242,10 @@ def _check_size(pair: StereoPair, rig: StereoRig) -> None:
         raise LocalisationError(f"pair {pair.stamp_ns} is {found}, the rig is {needed}: give images of the rig")
 
 
-def _statistics(result: TrackingResult, offset: RightOffset, keyframes: int) -> TrackingStatistics:
+def _statistics(
+    result: TrackingResult, backend: KeyframeBackend, keyframes: int, masked_share: float
+) -> TrackingStatistics:
+    offset = backend.calibration.offset
     return TrackingStatistics(
         features=len(result.landmarks),
         inliers=int(result.inliers.sum()),
@@ -245,6 +255,7 @@ def _statistics(result: TrackingResult, offset: RightOffset, keyframes: int) -> 
         vertical_offset_px=offset.v,
         disparity_offset_px=-offset.u,
         roll_offset_px=offset.roll,
+        masked_share=masked_share,
     )
 
 
@@ -259,4 +270,5 @@ def _warm_up() -> None:
         left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
         localiser.process(StereoPair(stamp_ns, left, right))
     localiser.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
+    stays(np.zeros((SIDE, SIDE), np.float32), np.zeros((1, SIDE * SIDE), np.float32), np.zeros((1, 2)))
     localiser.set_pose(Transform.identity())  # waits for the last keyframe

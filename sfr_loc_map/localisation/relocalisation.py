@@ -33,16 +33,23 @@ class RelocalisationKeyframe:
         image: `(H, W)` uint8.
         uv: `(N, 2)` where they were observed, pixels; NaN where not.
         points: `(N, 3)` metres, world; NaN at infinity.
+        index: `(N,)` their rows in the sliding window.
     """
 
     image: GreyImage
     uv: FloatArray
     points: FloatArray
+    index: NDArray[np.intp]
 
     @classmethod
     def of(cls, image: GreyImage, landmarks: Landmarks) -> RelocalisationKeyframe:
         """Return a keyframe of the window with its landmarks."""
-        return cls(image, landmarks.last_seen[:, :2], landmarks.points)
+        return cls(image, landmarks.last_seen[:, :2], landmarks.points, landmarks.index)
+
+    def subset(self, index: NDArray[np.intp]) -> RelocalisationKeyframe:
+        """Return it with the landmarks in these rows of the window alone."""
+        kept = np.isin(self.index, index)
+        return RelocalisationKeyframe(self.image, self.uv[kept], self.points[kept], self.index[kept])
 
     @property
     def usable(self) -> Mask:
@@ -75,7 +82,8 @@ class Relocaliser:
 
     def remember(self, image: GreyImage, result: TrackingResult) -> None:
         """Keep a tracked left image."""
-        self._last = RelocalisationKeyframe(image, result.observations[:, :2], result.landmarks.points)
+        landmarks = result.landmarks
+        self._last = RelocalisationKeyframe(image, result.observations[:, :2], landmarks.points, landmarks.index)
         if result.left_inlier_count >= 0.5 * len(result.landmarks):
             self._best = self._last
 
@@ -86,6 +94,13 @@ class Relocaliser:
         keyframe = RelocalisationKeyframe.of(self._last.image, landmarks)
         self._best = keyframe if self._best is self._last else self._best
         self._last = keyframe
+
+    def pose_by_flow(self, frame: StereoFrame, landmarks: Landmarks) -> Pose | None:
+        """Return the pose that some landmarks of the last tracked image give by optical flow, None without one."""
+        if self._last is None:
+            return None
+        keyframe = self._last.subset(landmarks.index)
+        return pnp_from_optical_flow(keyframe, frame.image, self._camera, self._config.min_tracked)
 
     def relocalise(self, frame: StereoFrame, landmarks: Landmarks, offset: RightOffset) -> TrackingResult | None:
         """Track the landmarks from poses by optical flow, then by descriptors.

@@ -41,7 +41,7 @@ def keyframe(index: int = 0) -> RelocalisationKeyframe:
     image = pair_of_drive(index).left
     uv = corners_of(image)
     points = wall_points(true_camera(index), LOC_RIG)[uv[:, 1].astype(int), uv[:, 0].astype(int)]
-    return RelocalisationKeyframe(image, uv, points)
+    return RelocalisationKeyframe(image, uv, points, np.arange(len(uv)))
 
 
 def frame(index: int, *, right: np.ndarray | None = None) -> StereoFrame:
@@ -82,7 +82,7 @@ def test_no_pose_where_too_few_points_are_usable() -> None:
     known = keyframe()
     points = known.points.copy()
     points[MIN_INLIERS - 1 :, 0] = np.nan
-    few = RelocalisationKeyframe(known.image, known.uv, points)
+    few = RelocalisationKeyframe(known.image, known.uv, points, known.index)
     assert few.usable.sum() == MIN_INLIERS - 1
     image = pair_of_drive(1).left
     assert pnp_from_optical_flow(few, image, CAMERA, MIN_INLIERS) is None

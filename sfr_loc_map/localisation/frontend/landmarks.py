@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.localisation.frontend.homography import LocalPlanes
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
@@ -59,6 +59,26 @@ class Landmarks:
     def __len__(self) -> int:
         """Return their number."""
         return len(self.index)
+
+    def subset(self, kept: Mask) -> Landmarks:
+        """Return some of them, a mask `(M,)`."""
+        return Landmarks(
+            self.index[kept],
+            Poses(*(array[kept] for array in self.hosts)),
+            self.uv[kept],
+            self.rays[kept],
+            self.inverse_depth[kept],
+            self.slopes[kept],
+            self.covariance[kept],
+            [level[kept] for level in self.patches],
+            self.last_seen[kept],
+        )
+
+    @property
+    def are_old(self) -> Mask:
+        """Tell which landmarks `(M,)` other keyframes host than that of the last one."""
+        positions = self.hosts.positions
+        return np.asarray((positions != positions[-1:]).any(axis=1))
 
     @property
     def planes(self) -> LocalPlanes:

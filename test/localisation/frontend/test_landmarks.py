@@ -42,3 +42,18 @@ def test_median_depth_has_a_limit() -> None:
     assert Landmarks.none().median_depth == 0.0
     assert len(Landmarks.none()) == 0
     assert Landmarks.none().points.shape == (0, 3)
+
+
+def test_a_subset_is_a_mask_on_each_array() -> None:
+    marks = landmarks(np.array([0.5, 0.2, 0.1]))
+    part = marks.subset(np.array([True, False, True]))
+    np.testing.assert_array_equal(part.index, [0, 2])
+    np.testing.assert_array_equal(part.inverse_depth, [0.5, 0.1])
+    assert [len(level) for level in part.patches] == [2] * LEVELS
+
+
+def test_old_are_the_landmarks_of_other_keyframes_than_the_last() -> None:
+    marks = landmarks(np.array([0.5, 0.2, 0.1]))
+    assert not marks.are_old.any()
+    marks.hosts.positions[0] += 1.0
+    np.testing.assert_array_equal(marks.are_old, [True, False, False])

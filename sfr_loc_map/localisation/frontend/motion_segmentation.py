@@ -1,0 +1,80 @@
+"""Landmarks that a pose does not explain, and those among them that are fixed to the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.localisation.frontend.foreign_regions import stays
+from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH, Landmarks
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, TrackingResult
+
+MIN_MOTION_PX = 2.0
+"""Image motion that distinguishes what is fixed to the camera from the ground."""
+MIN_FIXED = 12
+"""Minimum number of landmarks that are taken as fixed to the camera."""
+MIN_FIXED_SHARE = 0.25
+"""Minimum share of them among the unexplained landmarks: a few look fixed by chance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unexplained:
+    """Landmarks that a pose does not explain.
+
+    Attributes:
+        in_view: Number of landmarks that should be in view.
+        rows: `(M,)` those of them that do not agree with the pose.
+        fixed: `(M,)` landmarks that are still seen at their host pixel though the pose moves them.
+    """
+
+    in_view: int
+    rows: Mask
+    fixed: Mask
+
+    def share_of(self, rows: Mask) -> float:
+        """Return the share of some of them `(M,)` in the landmarks in view."""
+        return float(rows.sum() / max(self.in_view, 1))
+
+
+def project(pose: Pose, landmarks: Landmarks, camera: StereoCamera) -> FloatArray:
+    """Return the left pixels `(M, 2)` of landmarks; NaN behind the camera. Those at infinity are taken as far away."""
+    inverse_depth = np.maximum(landmarks.inverse_depth, MIN_INVERSE_DEPTH)
+    directions = np.einsum("nij,nj->ni", landmarks.hosts.rotations, landmarks.rays)
+    scaled = (directions + inverse_depth[:, None] * (landmarks.hosts.positions - pose.position)) @ pose.rotation
+    depth = np.where(scaled[:, 2] > 1e-6, scaled[:, 2], np.nan)
+    x, y = scaled[:, 0] / depth, scaled[:, 1] / depth
+    return np.column_stack((camera.fx * x + camera.cx, camera.fy * y + camera.cy))
+
+
+def high_distance(uv: FloatArray, other: FloatArray) -> float:
+    """Return the 90th percentile of the distances of pixels `(N, 2)` from others that are not NaN; 0 if all are."""
+    distance = np.linalg.norm(uv - other, axis=1)
+    distance = distance[np.isfinite(distance)]
+    return float(np.percentile(distance, 90)) if len(distance) else 0.0
+
+
+def stays_in(frame: StereoFrame, landmarks: Landmarks) -> Mask:
+    """Tell which landmarks `(M,)` the left image still shows at their host pixels."""
+    return stays(frame.left.levels[0], landmarks.patches[0][:, 0], landmarks.uv)
+
+
+def unexplained_by(result: TrackingResult, frame: StereoFrame, camera: StereoCamera) -> Unexplained:
+    """Return the landmarks that a result does not explain."""
+    landmarks, outliers = result.landmarks, ~result.inliers
+    uv = project(result.pose, landmarks, camera)
+    height, width = frame.image.shape
+    in_view = np.all((uv > BORDER) & (uv < [width - 1 - BORDER, height - 1 - BORDER]), axis=1)
+    # NaN, behind the camera, has moved too
+    moved = ~(np.abs(uv - landmarks.uv).max(axis=1) < MIN_MOTION_PX)
+    rows = in_view & outliers
+    fixed = np.zeros(len(landmarks), np.bool_)
+    candidates = np.flatnonzero(outliers & moved)
+    if len(candidates) >= MIN_FIXED:
+        patches = landmarks.patches[0][candidates, 0]
+        fixed[candidates] = stays(frame.left.levels[0], patches, landmarks.uv[candidates])
+    if fixed.sum() < max(MIN_FIXED, MIN_FIXED_SHARE * rows.sum()):
+        fixed[:] = False
+    return Unexplained(int(in_view.sum()), rows, fixed)

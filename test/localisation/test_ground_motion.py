@@ -1,0 +1,101 @@
+"""Own body, dirt and moving objects in the view: the pose follows the ground, or says that it may not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from loc_drive import drive, localiser, run
+from made_scene import LOC_RIG, true_pose
+
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.localisation.estimate import PoseEstimate, StateReason, TrackingState
+from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.simulation.perturber import Perturber
+
+DRIVE = drive(30)
+
+
+def with_fault(fault: str, pairs: Sequence[StereoPair] = DRIVE, seed: int = 1) -> list[PoseEstimate]:
+    """Return the estimates of a drive with a fault."""
+    perturber = Perturber([parse_fault(fault)], seed, len(pairs), LOC_RIG)
+    return run(pair for _, pair in perturber.pairs(pairs))
+
+
+def worst_ratio(estimates: Sequence[PoseEstimate]) -> float:
+    """Return the largest position error over its stated 3 sigma, where the state is tracking."""
+    tracked = [(index, item) for index, item in enumerate(estimates) if item.state is TrackingState.TRACKING]
+    return max(
+        float(np.linalg.norm(item.T_ds_rb.translation - true_pose(index).translation))
+        / (3.0 * np.sqrt(np.trace(item.covariance[:3, :3])))
+        for index, item in tracked
+    )
+
+
+def masked(estimates: Sequence[PoseEstimate]) -> list[float]:
+    return [item.statistics.masked_share or 0.0 for item in estimates]
+
+
+@pytest.fixture(scope="module")
+def with_body() -> list[PoseEstimate]:
+    return with_fault("body:amount=0.3")
+
+
+def test_the_own_body_is_found_by_the_first_motion_and_left_out(with_body: list[PoseEstimate]) -> None:
+    assert worst_ratio(with_body) < 1.0
+    error = np.linalg.norm(with_body[-1].T_ds_rb.translation - true_pose(len(DRIVE) - 1).translation)
+    assert error < 0.02
+    assert np.median(masked(with_body)) == pytest.approx(0.3, abs=0.12)
+
+
+def test_a_crossing_object_does_not_carry_the_pose_along() -> None:
+    estimates = with_fault("object:amount=0.3,share=1,burst=20,start=8")
+    assert worst_ratio(estimates) < 1.0
+    assert max(masked(estimates)) > 0.0
+
+
+@pytest.mark.parametrize("fault", ["dirt:amount=0.15", "shadow:amount=0.25"])
+def test_dirt_and_own_shadow_do_not_hold_the_pose(fault: str) -> None:
+    assert worst_ratio(with_fault(fault)) < 1.0
+
+
+def test_nothing_is_left_out_of_a_fault_free_drive_or_of_one_that_stands_still() -> None:
+    driven, standing = run(DRIVE[:20]), run(noisy_pairs())
+    assert not any(masked(driven) + masked(standing))
+    states = {item.state for item in (*driven[1:], *standing[1:])}
+    assert states == {TrackingState.TRACKING}
+
+
+def noisy_pairs() -> list[StereoPair]:
+    """Return pairs of a rover that stands still: each has its own noise."""
+    rng = np.random.default_rng(0)
+    first = DRIVE[0]
+    return [
+        StereoPair(
+            pair.stamp_ns,
+            *(
+                np.clip(image + rng.normal(0, 1, image.shape), 0, 255).astype(np.uint8)
+                for image in (first.left, first.right)
+            ),
+        )
+        for pair in DRIVE[:10]
+    ]
+
+
+def test_where_nearly_half_of_the_image_moves_otherwise_the_pose_is_in_doubt_or_right() -> None:
+    for amount in (0.4, 0.45):
+        estimates = with_fault(f"body:amount={amount}")
+        assert worst_ratio(estimates) < 5.0
+        doubtful = [item for item in estimates if item.state is TrackingState.DEGRADED]
+        assert all(item.reason is StateReason.MOVING_REGIONS for item in doubtful)
+
+
+def test_a_doubt_stays_in_the_covariance() -> None:
+    by = localiser()
+    run(DRIVE[:5], by)
+    before = run(DRIVE[5:6], by)[-1].covariance
+    by._track.covariance.doubt(np.zeros(3), (0.2, 0.1))
+    after = run(DRIVE[6:8], by)[-1].covariance
+    assert np.trace(after[:3, :3]) > np.trace(before[:3, :3]) + 3 * 0.2**2
+    assert np.trace(after[3:, 3:]) > np.trace(before[3:, 3:]) + 0.9 * 3 * 0.1**2
