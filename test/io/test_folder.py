@@ -154,7 +154,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "truth with a zero byte in its name": (
         edit_text("nav/pairs.csv", lambda text: text.replace("truth/000000.npy", "truth/\0.npy")),
-        "names files that are not there",
+        "names a truth that is not there",
     ),
     "truth size": (
         lambda f: np.save(f / "nav/truth/000000.npy", np.zeros((3, 4, 3), np.float32)),
