@@ -143,7 +143,8 @@ def first_signal_stops(stop: Callable[[], None]) -> Iterator[Callable[[], bool]]
     try:
         yield lambda: bool(received)
     finally:
-        restore()
+        if not received:  # otherwise that is done, and the next signal may have changed what follows it
+            restore()
 
 
 def node_names(tasks: Sequence[str]) -> list[str]:
