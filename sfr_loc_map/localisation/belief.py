@@ -31,6 +31,11 @@ def blindness(frame: StereoFrame) -> StateReason:
     return StateReason.FEW_LANDMARKS if textured else StateReason.UNTEXTURED_IMAGES
 
 
+def first_of(*doubts: tuple[bool, StateReason]) -> StateReason | None:
+    """Return the reason of the first doubt that there is, None where there is none."""
+    return next((reason for there, reason in doubts if there), None)
+
+
 def are_finite(*arrays: FloatArray) -> bool:
     """Tell whether all numbers are finite."""
     return all(bool(np.isfinite(values).all()) for values in arrays)

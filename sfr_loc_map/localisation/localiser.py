@@ -7,7 +7,7 @@ import numpy as np
 from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.belief import are_finite, blindness, disbelief
+from sfr_loc_map.localisation.belief import are_finite, blindness, disbelief, first_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
@@ -141,17 +141,15 @@ class Localiser:
         """Take the pose that was found; add a keyframe where one is wanted."""
         track, backend, follows = self._track, self._backend, self._known
         last, now = track.T_world_left, result.T_world_left
-        if doubt is None and self._stale.may_be_torn(result.agreeing_share):
-            doubt = StateReason.TORN_IMAGES
-        if doubt is None and backend.keyframe_count < self._doubted_keyframes:
-            doubt = StateReason.UNSEEN_MOTION
+        torn = doubt is None and self._stale.may_be_torn(result.agreeing_share)
+        early = backend.keyframe_count < self._doubted_keyframes
+        doubt = doubt or first_of((torn, StateReason.TORN_IMAGES), (early, StateReason.UNSEEN_MOTION))
         # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images
         whole = doubt in (None, StateReason.UNSEEN_MOTION)
-        if doubt is None and backend.calibration.drifts:
-            doubt = StateReason.CALIBRATION_DRIFT
-        if self._ground.doubt is not None:
+        doubt = doubt or (StateReason.CALIBRATION_DRIFT if backend.calibration.drifts else None)
+        if (moving := self._ground.doubt) is not None:
             doubt = doubt or StateReason.MOVING_REGIONS
-            track.covariance.doubt(now.translation, self._ground.doubt)
+            track.covariance.doubt(now.translation, moving)
         self._status = Status.of_tracked(doubt)
         self._motion.update(frame.stamp_ns, last.inverse() @ now)
         step = now.translation - last.translation

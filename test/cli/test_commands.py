@@ -162,7 +162,7 @@ def test_from_source_to_score_and_report(sfr: Sfr, tmp_path: Path) -> None:
     assert (mapped.code, mapped.out) == (0, "")
     assert f"points of 2 pairs: {cloud}" in mapped.err
     fields = np.load(cloud)
-    assert set(fields) == {"x", "y", "z", "sigma", "intensity", "u", "v", "pair", "fused"}
+    assert set(fields) == {"x", "y", "z", "sigma", "intensity", "u", "v", "pair", "fused", "pair_stamps_ns"}
     score = strict(sfr("score", trajectory, source, "--condition", "frames=1", "--spacing", "1", "--json", "-").out)
     assert score["trajectory"]["count"] == 2
     assert score["trajectory"]["position_m"]["mean"] < 0.01

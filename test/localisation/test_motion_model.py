@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS, MotionModel
 
 T_RB_LEFT = Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5])
-START = Transform.from_quat([1.0, 2.0, 3.0], [0.1, 0.2, 0.3, 0.9])
+START = Transform.from_quat([1.0, 2.0, 3.0], [0.1, 0.3, 0.3, 0.9])
 STEP = Transform(matrix_from_rotvec([0.01, -0.02, 0.03]), np.array([0.05, 0.01, 0.2]))
 PERIOD_NS = 100_000_000
 
