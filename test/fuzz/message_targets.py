@@ -144,7 +144,7 @@ def take_camera_info(path: Path) -> None:
     _Rover().drive(infos=(info, right))
     both = _read("CameraInfo", path)
     if len(both.p) == 12:
-        shifted = list(both.p)
+        shifted = [float(value) for value in both.p]  # numbers of Python: infinity less infinity warns of nothing
         shifted[3] = shifted[3] - abs(shifted[0]) * 0.12
         both.p = np.array(shifted)
         _Rover().drive(infos=(info, both))
