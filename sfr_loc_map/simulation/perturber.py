@@ -56,40 +56,66 @@ class Perturber:
 
     def pairs(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, StereoPair]]:
         """Yield the pairs that are left, each with its number in the source."""
-        previous: StereoPair | None = None
+        previous: list[StereoPair] = []
         for index, (pair, following) in enumerate(_with_next(pairs)):
-            if self.kept[index]:
-                yield index, self._perturbed(index, pair, previous, following)
+            if not self.kept[index]:
+                continue
+            stages = self._stages(index, pair, previous, following)
+            yield index, stages[-1]
             if not self._repeats(index):  # also repeated twice running, the last new images are repeated
-                previous = pair
+                previous = stages
 
     def _repeats(self, index: int) -> bool:
         faults = zip(self._faults, self._bursts, strict=True)
         kinds = (FaultKind.REPEATED, FaultKind.FROZEN)
         return any(fault.kind in kinds and bursts[index] >= 0 for fault, bursts in faults)
 
-    def _perturbed(
-        self, index: int, pair: StereoPair, previous: StereoPair | None, following: StereoPair | None
-    ) -> StereoPair:
+    def _stages(
+        self, index: int, pair: StereoPair, previous: Sequence[StereoPair], following: StereoPair | None
+    ) -> list[StereoPair]:
+        """Return a pair as each fault finds it, then as it is delivered.
+
+        A fault that shows old images shows them as it found them: with the faults before it, which they had then.
+
+        Args:
+            index: Number of the pair.
+            pair: The pair without faults.
+            previous: The same of the last new pair; empty at the first.
+            following: The next pair.
+        """
+        stages = [pair]
         for number, fault in enumerate(self._faults):
-            first = int(self._bursts[number][index])
-            if first == UNAFFECTED:
-                continue
-            rng = np.random.default_rng([self._seed, number, index])
-            moment = Moment((index - first + 0.5) / fault.burst, rng.random(2), rng)
-            if fault.kind in (FaultKind.LATE, FaultKind.CLOCK):
-                pair = _late(pair, fault, following)
-            elif fault.kind in (FaultKind.YAW, FaultKind.PITCH, FaultKind.ROLL, FaultKind.DRIFT):
-                share = (index - fault.start) / DRIFT_PAIRS if fault.kind is FaultKind.DRIFT else 1.0
-                angle_deg = fault.amount * max(share, 0.0)
-                pair = replace(pair, right=rotated(pair.right, fault.kind, angle_deg, self._true_rig))
-            elif fault.kind in VIEW_FAULTS:
-                pair = faulty_view(pair, fault, moment, self._true_rig, [self._seed, number, self._count])
-            elif fault.kind in IMAGE_FAULTS:
-                pair = _degraded(pair, fault, moment)
-            else:
-                pair = _mixed_up(pair, previous, fault, moment)
-        return pair
+            old = previous[number] if previous else None
+            pair = self._perturbed(index, number, fault, pair, (old, following))
+            stages.append(pair)
+        return stages
+
+    def _perturbed(
+        self,
+        index: int,
+        number: int,
+        fault: Fault,
+        pair: StereoPair,
+        beside: tuple[StereoPair | None, StereoPair | None],
+    ) -> StereoPair:
+        """Return a pair with one fault more; `beside` are the last new pair, as the fault found it, and the next."""
+        previous, following = beside
+        first = int(self._bursts[number][index])
+        if first == UNAFFECTED:
+            return pair
+        rng = np.random.default_rng([self._seed, number, index])
+        moment = Moment((index - first + 0.5) / fault.burst, rng.random(2), rng)
+        if fault.kind in (FaultKind.LATE, FaultKind.CLOCK):
+            return _late(pair, fault, following)
+        if fault.kind in (FaultKind.YAW, FaultKind.PITCH, FaultKind.ROLL, FaultKind.DRIFT):
+            share = (index - fault.start) / DRIFT_PAIRS if fault.kind is FaultKind.DRIFT else 1.0
+            angle_deg = fault.amount * max(share, 0.0)
+            return replace(pair, right=rotated(pair.right, fault.kind, angle_deg, self._true_rig))
+        if fault.kind in VIEW_FAULTS:
+            return faulty_view(pair, fault, moment, self._true_rig, [self._seed, number, self._count])
+        if fault.kind in IMAGE_FAULTS:
+            return _degraded(pair, fault, moment)
+        return _mixed_up(pair, previous, fault, moment)
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:

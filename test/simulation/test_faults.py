@@ -204,3 +204,20 @@ def test_identical_and_drift() -> None:
 
 def test_help_names_every_kind() -> None:
     assert all(f" {kind}" in FAULT_HELP for kind in FaultKind)
+
+
+def test_a_repeated_pair_repeats_what_was_delivered() -> None:
+    """Old images come with the faults that they had; a lost pair is not shown again."""
+    rng = np.random.default_rng(3)
+    pairs = [StereoPair(stamp, *rng.integers(60, 200, (2, 12, 16), np.uint8)) for stamp in range(30)]
+    chain = ["noisy:share=0.5", "repeated:share=0.3", "dropped:share=0.1"]
+    perturber = Perturber([parse_fault(text) for text in chain], 7, len(pairs), RIG)
+    repeated = np.flatnonzero(perturber._bursts[1] >= 0)
+    delivered = dict(perturber.pairs(pairs))
+    checked = 0
+    for index in (number for number in repeated if number in delivered):
+        before = max((number for number in delivered if number < index), default=None)
+        if before is not None:
+            assert np.array_equal(delivered[index].left, delivered[before].left)
+            checked += 1
+    assert checked >= 3
