@@ -96,7 +96,8 @@ def _text_columns(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
     if len(body) + 1 < 2 * count * sum(widths):  # each number has a digit and an end
         raise ValueError(f"{len(body)} bytes of text found where {count} points of {sum(widths)} numbers are needed")
     if count:
-        table = np.loadtxt(io.BytesIO(body), np.float64, ndmin=2, max_rows=count)
+        lines = b"\n".join(line for line in body.splitlines() if line.strip())  # numpy warns of empty ones
+        table = np.loadtxt(io.BytesIO(lines), np.float64, ndmin=2, max_rows=count)
     if table.shape != (count, sum(widths)):
         raise ValueError(f"{table.shape} numbers found where {(count, sum(widths))} are needed")
     starts = np.cumsum([0, *widths])
