@@ -59,7 +59,7 @@ def make_plan(specification: SuiteSpecification, facts_of: FactsOf) -> Plan:
     sources: list[tuple[TaskSource, tuple[TaskKind, ...]]] = []
     refusals: list[Refusal] = []
     for entry in specification.sources:
-        for source in _sources(entry, specification.path.parent):
+        for source in _sources(entry, specification.path.absolute().parent):
             try:
                 sources.append(_known(source, facts_of))
             except SfrError as error:

@@ -93,3 +93,14 @@ def test_suites_of_other_code_pair_their_tasks(tmp_path: Path) -> None:
     assert replace(task, code="other").pairing == task.pairing
     assert replace(task, parameters={"localisation.max_features": 400}).pairing == task.pairing
     assert replace(task, faults="black").pairing != task.pairing
+
+
+def test_places_are_whole_however_the_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A task has a current directory of its own."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("drive1", "estimate", "truth"):
+        (tmp_path / name).write_text(name)
+    plan = plan_of(Path(), sources=["drive1", {"estimate": "estimate", "truth": "truth"}])
+    places = [place for task in plan.tasks for place in (task.source.path, task.source.truth) if place]
+    assert len(places) == 3
+    assert all(Path(place).is_absolute() for place in places)
