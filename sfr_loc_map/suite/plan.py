@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -99,20 +99,19 @@ def _simulations(entry: SourceEntry, folder: Path) -> Iterator[TaskSource]:
 
 def _known(source: TaskSource, facts_of: FactsOf) -> tuple[TaskSource, tuple[TaskKind, ...]]:
     """Return a source with its hash, and the tasks that it has the data for."""
-    values = {name: getattr(source, name) for name in ("name", "kind", "path", "truth", "settings")}
     if source.kind is SourceKind.ESTIMATE:
         for path in (source.path, source.truth):
             if not Path(path).exists():
                 raise InputError(f"there is no '{path}': give an estimate and its truth")
         hashes = digest([hash_path(Path(source.path)), hash_path(Path(source.truth))])
-        return TaskSource(**values, sha256=hashes), (TaskKind.SCORE,)
+        return replace(source, sha256=hashes), (TaskKind.SCORE,)
     if source.kind is SourceKind.SIMULATED:
         config = build(SimulationConfig, source.settings)
         drive, panorama = config.drive.enabled, config.panorama.enabled
         return source, _possible(drive=drive, panorama=panorama)
     facts = facts_of(Path(source.path))
     possible = _possible(drive=facts.pairs > 0, panorama=facts.nav_pairs > 0)
-    return TaskSource(**values | {"sha256": facts.sha256}), possible
+    return replace(source, sha256=facts.sha256), possible
 
 
 def _possible(*, drive: bool, panorama: bool) -> tuple[TaskKind, ...]:
@@ -128,8 +127,7 @@ def _renamed(
     renamed = []
     for source, kinds in sources:
         if names.count(source.name) > 1 and source.kind is not SourceKind.SIMULATED:
-            values = {name: getattr(source, name) for name in ("kind", "path", "truth", "settings", "sha256")}
-            source = TaskSource(name="/".join(Path(source.path).parts[-3:]), **values)
+            source = replace(source, name="/".join(Path(source.path).parts[-3:]))
         renamed.append((source, kinds))
     return renamed
 

@@ -17,24 +17,10 @@ import yaml
 from cli_result import Sfr
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "suite"))
-from made_suites import made_suite
+from made_suites import SFR, made_suite, results
 
-SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 DRIVES = 3
-MEASURED = ("timing", "memory")
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}
-
-
-def results(folder: Path) -> dict[str, object]:
-    """Return the scores of a suite without what differs from run to run."""
-    scores = {}
-    for path in sorted((folder / "results").glob("*.json")):
-        score = json.loads(path.read_text())
-        for part in MEASURED:
-            score.pop(part, None)
-        score["provenance"].pop("time")
-        scores[path.stem] = score
-    return scores
 
 
 @pytest.fixture(scope="module")

@@ -19,10 +19,7 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
-from made_suites import made_suite
-
-SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
-MEASURED = ("timing", "memory")
+from made_suites import SFR, made_suite, results
 
 
 def free_port() -> int:
@@ -91,17 +88,6 @@ class Watch(threading.Thread):
                 if self.seen.setdefault(path.name, stamp) != stamp:
                     self.twice.append(path.name)
                     self.seen[path.name] = stamp
-
-
-def results(folder: Path) -> dict[str, object]:
-    scores = {}
-    for path in sorted((folder / "results").glob("*.json")):
-        score = json.loads(path.read_text())
-        for part in MEASURED:
-            score.pop(part, None)
-        score["provenance"].pop("time")
-        scores[path.stem] = score
-    return scores
 
 
 def main(drives: int = 200, kills: int = 10, seed: int = 0) -> int:

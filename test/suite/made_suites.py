@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,21 @@ import yaml
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.trajectory_file import save_trajectory
+
+SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+MEASURED = ("timing", "memory")
+
+
+def results(folder: Path) -> dict[str, object]:
+    """Return the scores of a suite without what differs from run to run."""
+    scores = {}
+    for path in sorted((folder / "results").glob("*.json")):
+        score = json.loads(path.read_text())
+        for part in MEASURED:
+            score.pop(part, None)
+        score["provenance"].pop("time")
+        scores[path.stem] = score
+    return scores
 
 
 def straight(count: int, sigma_m: float, seed: int) -> Trajectory:
