@@ -19,7 +19,7 @@ from pathlib import Path
 import psutil
 
 from sfr_loc_map.metrics.records.json_records import to_plain
-from sfr_loc_map.suite.nursery import Nursery, NurseryError
+from sfr_loc_map.suite.fork_server import ForkServer, ForkServerError
 from sfr_loc_map.suite.task import Task
 from sfr_loc_map.suite.task_process import BAD_INPUT
 
@@ -158,11 +158,11 @@ def _attempt(task: Task, bounds: Bounds, cache: Path, result: Path, stop: thread
     arguments = [str(task_file), str(result), str(cache.absolute()), str(bounds.slot)]
     begin = time.monotonic()
     try:
-        nursery = _nursery(task.threads)
-        pid = nursery.start(arguments, work, log, INSTEAD)
-        code, broken, peak = _watch(nursery, pid, bounds, stop)
-    except NurseryError as error:
-        close_nursery()
+        fork_server = _fork_server(task.threads)
+        pid = fork_server.start(arguments, work, log, INSTEAD)
+        code, broken, peak = _watch(fork_server, pid, bounds, stop)
+    except ForkServerError as error:
+        close_fork_server()
         return Attempt(cause=Cause.FAULT, message=str(error), seconds=time.monotonic() - begin, peak_bytes=0)
     seconds = time.monotonic() - begin
     if broken is None and code == 0:
@@ -171,27 +171,27 @@ def _attempt(task: Task, bounds: Bounds, cache: Path, result: Path, stop: thread
     return Attempt(cause=cause, message=message, seconds=seconds, peak_bytes=peak)
 
 
-def _nursery(threads: int) -> Nursery:
+def _fork_server(threads: int) -> ForkServer:
     """Return what starts the tasks of this thread."""
-    known: dict[int, Nursery] = _of_thread.__dict__.setdefault("nurseries", {})
+    known: dict[int, ForkServer] = _of_thread.__dict__.setdefault("fork_servers", {})
     if threads not in known:
-        known[threads] = Nursery(threads)
+        known[threads] = ForkServer(threads)
     return known[threads]
 
 
-def close_nursery() -> None:
+def close_fork_server() -> None:
     """End what starts the tasks of this thread; the next task starts it again."""
-    for nursery in _of_thread.__dict__.pop("nurseries", {}).values():
-        nursery.close()
+    for fork_server in _of_thread.__dict__.pop("fork_servers", {}).values():
+        fork_server.close()
 
 
 def _watch(
-    nursery: Nursery, pid: int, bounds: Bounds, stop: threading.Event
+    fork_server: ForkServer, pid: int, bounds: Bounds, stop: threading.Event
 ) -> tuple[int, tuple[Cause, str] | None, int]:
     """Wait for the end or a broken limit; return the exit code, the limit, and the largest memory seen."""
     begin, peak = time.monotonic(), 0
     while True:
-        code = nursery.wait(POLL_S)
+        code = fork_server.wait(POLL_S)
         if code is not None:
             _kill_session(pid)  # what it has started, if anything
             return code, None, peak
@@ -199,7 +199,7 @@ def _watch(
         broken = _broken_limit(bounds, peak, time.monotonic() - begin, stop)
         if broken is not None:
             _kill_session(pid)
-            code = nursery.wait(END_S)
+            code = fork_server.wait(END_S)
             return -signal.SIGKILL if code is None else code, broken, peak
 
 

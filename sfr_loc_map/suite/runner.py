@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from sfr_loc_map.suite.execution import Bounds, Outcome, close_nursery, execute
+from sfr_loc_map.suite.execution import Bounds, Outcome, close_fork_server, execute
 from sfr_loc_map.suite.plan import Plan, make_plan
 from sfr_loc_map.suite.specification import SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.store import Store
@@ -74,7 +74,7 @@ class LocalExecutor:
                     done.put((task, execute(task, replace(bounds, slot=slot), store.cache, stop)))
                 except BaseException as error:
                     done.put((task, error))
-            close_nursery()
+            close_fork_server()
 
         threads = [threading.Thread(target=work, args=(slot,), daemon=True) for slot in range(slots)]
         for thread in threads:

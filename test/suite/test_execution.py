@@ -46,12 +46,12 @@ def run(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, stop: threadin
 
 
 @pytest.fixture(scope="module", autouse=True)
-def nursery() -> Iterator[None]:
+def fork_server() -> Iterator[None]:
     """Start it before any time is taken; end it with the module."""
     with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory() as folder:
         run("fault", Path(folder), patch)
     yield
-    execution.close_nursery()
+    execution.close_fork_server()
 
 
 @pytest.mark.parametrize(

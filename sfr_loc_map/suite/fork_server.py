@@ -16,11 +16,11 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 END_S = 5.0
 
 
-class NurseryError(Exception):
+class ForkServerError(Exception):
     """The process that forks has ended; the message has its last line."""
 
 
-class Nursery:
+class ForkServer:
     """One process that forks tasks, one at a time."""
 
     def __init__(self, threads: int) -> None:
@@ -31,7 +31,7 @@ class Nursery:
         """
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "sfr_loc_map.suite.nursery_process"],
+            [sys.executable, "-m", "sfr_loc_map.suite.fork_server_process"],
             env=environment | dict.fromkeys(ONE_THREAD, str(threads)),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -54,7 +54,7 @@ class Nursery:
             instead: A Python file that is run in place of the task, empty for none.
 
         Raises:
-            NurseryError: If this process has ended.
+            ForkServerError: If this process has ended.
         """
         order = {"arguments": arguments, "work": str(work), "log": str(log), "instead": instead}
         assert self._process.stdin is not None
@@ -70,7 +70,7 @@ class Nursery:
         """Return the exit code of the task, negative for a signal; None if it still runs after a time.
 
         Raises:
-            NurseryError: If this process has ended.
+            ForkServerError: If this process has ended.
         """
         answer = self._answer(seconds)
         return None if answer is None else int(answer["code"])
@@ -92,7 +92,7 @@ class Nursery:
         assert self._process.stderr is not None
         self._process.wait()
         lines = self._process.stderr.read().decode("utf-8", "replace").split("\n")
-        raise NurseryError(next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing"))
+        raise ForkServerError(next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing"))
 
     def close(self) -> None:
         """End the process."""

@@ -1,4 +1,4 @@
-"""A process that has imported what tasks need and forks one for each: `python -m sfr_loc_map.suite.nursery_process`.
+"""A process that has imported what tasks need and forks one for each (`python -m` this module).
 
 Imports take seconds, a fork takes milliseconds; each task is still a fresh process. Nothing here starts a thread: a
 fork would not take it along. One line of JSON on standard input asks for a task: `arguments` of `task_process.main`,
