@@ -31,6 +31,7 @@ from sfr_loc_map.metrics.records.map_records import (
     RangeScore,
     SigmaNees,
 )
+from sfr_loc_map.metrics.records.method_record import MethodRecord
 from sfr_loc_map.metrics.records.score_details import Details
 from sfr_loc_map.metrics.records.statistic_records import Interval, IntervalStatistic, SampleStatistic, Statistic
 from sfr_loc_map.metrics.records.trajectory_records import (
@@ -57,6 +58,7 @@ __all__ = [
     "IntervalStatistic",
     "MapScore",
     "MemoryScore",
+    "MethodRecord",
     "NeesPart",
     "NeesScore",
     "PairScore",
@@ -140,6 +142,7 @@ class Score:
     """The whole score; parts that are absent are None or empty.
 
     Attributes:
+        method: Whose figures these are; None where nobody has said so.
         trajectory: Errors of the trajectory.
         map: Errors of the map.
         timing: Times of the calls on this host.
@@ -153,6 +156,7 @@ class Score:
         details: What figures are drawn from.
     """
 
+    method: MethodRecord | None = None
     trajectory: TrajectoryScore | None = None
     map: MapScore | None = None
     timing: TimingScore | None = None

@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis, diagnose
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score import MethodRecord, Score
 from sfr_loc_map.metrics.trajectory.association import Estimates
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.verdicts.limits import Limits
@@ -71,6 +71,7 @@ class Run:
         target: Calls on the target of `inputs`.
         drive: Trajectory.
         cloud: Map.
+        method: Whose run it is, None where nobody has said so.
     """
 
     inputs: ScoreInputs
@@ -78,6 +79,7 @@ class Run:
     target: CallStats | None = None
     drive: ScoredDrive | None = None
     cloud: ScoredCloud | None = None
+    method: MethodRecord | None = None
 
 
 def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Score:
@@ -103,6 +105,7 @@ def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Sc
         contradiction=mismatch,
         map=None if cloud is None else score_cloud(cloud, config),
         provenance=provenance(run.inputs, config, _truth_hashes(run)),
+        method=run.method,
     )
     return build_score(parts, limits)
 
