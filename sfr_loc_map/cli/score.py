@@ -136,6 +136,8 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     show(to_json(score), json_path, tables)
     if html is not None:
         _write_page(score, html)
+    for finding in score.findings:
+        warn(f"method {score.method.name if score.method else 'under test'}: {finding}")
     for warning in score.warnings:
         if warning != score.contradiction:  # that ends the command
             warn(warning)

@@ -9,7 +9,7 @@ from functools import reduce
 from sfr_loc_map.metrics.calls.resource_score import ScoredCalls
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap
 from sfr_loc_map.metrics.records.score_details import Details
-from sfr_loc_map.metrics.score import MethodRecord, Provenance, Score, TargetScore
+from sfr_loc_map.metrics.score import FindingRecord, MethodRecord, Provenance, Score, TargetScore
 from sfr_loc_map.metrics.trajectory.trajectory_score import ScoredTrajectory
 from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.metrics.verdicts.verdicts import verdicts
@@ -28,6 +28,7 @@ class ScoreParts:
         contradiction: Convention mismatch of estimate and truth.
         provenance: What it was made of.
         method: Whose figures these are.
+        findings: What that method did wrong.
     """
 
     trajectory: ScoredTrajectory | None = None
@@ -38,6 +39,7 @@ class ScoreParts:
     contradiction: str | None = None
     provenance: Provenance | None = None
     method: MethodRecord | None = None
+    findings: tuple[FindingRecord, ...] = ()
 
 
 def build_score(parts: ScoreParts, limits: Limits | None = None) -> Score:
@@ -50,6 +52,7 @@ def build_score(parts: ScoreParts, limits: Limits | None = None) -> Score:
     calls = reduce(ScoredCalls.merged, parts.calls) if parts.calls else None
     score = Score(
         method=parts.method,
+        findings=parts.findings,
         trajectory=None if parts.trajectory is None else parts.trajectory.score,
         map=None if parts.map is None else parts.map.score,
         timing=calls.timing if calls is not None and any(calls.timing.kinds()) else None,

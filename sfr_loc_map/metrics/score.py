@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.records.map_records import (
     RangeScore,
     SigmaNees,
 )
-from sfr_loc_map.metrics.records.method_record import MethodRecord
+from sfr_loc_map.metrics.records.method_record import FindingRecord, MethodRecord
 from sfr_loc_map.metrics.records.score_details import Details
 from sfr_loc_map.metrics.records.statistic_records import Interval, IntervalStatistic, SampleStatistic, Statistic
 from sfr_loc_map.metrics.records.trajectory_records import (
@@ -53,6 +53,7 @@ __all__ = [
     "DisparityStatistic",
     "DistanceScore",
     "ErrorComponents",
+    "FindingRecord",
     "InputFile",
     "Interval",
     "IntervalStatistic",
@@ -143,6 +144,7 @@ class Score:
 
     Attributes:
         method: Whose figures these are; None where nobody has said so.
+        findings: What that method did wrong, one for each kind.
         trajectory: Errors of the trajectory.
         map: Errors of the map.
         timing: Times of the calls on this host.
@@ -157,6 +159,7 @@ class Score:
     """
 
     method: MethodRecord | None = None
+    findings: tuple[FindingRecord, ...] = ()
     trajectory: TrajectoryScore | None = None
     map: MapScore | None = None
     timing: TimingScore | None = None

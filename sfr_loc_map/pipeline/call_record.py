@@ -23,6 +23,7 @@ class CallRecord:
         step: `(27,)` upper triangle of the covariance of the motion since the pose before, in RB there, then one
             standard deviation of the error that all such motions have alike; None where not known.
         reason: Why it is degraded or lost, in one word; empty otherwise.
+        finding: What the method did wrong in this call, `KIND: text`; empty for nothing.
     """
 
     stamp_ns: int
@@ -34,3 +35,4 @@ class CallRecord:
     covariance: FloatArray | None = None
     reason: str = ""
     step: FloatArray | None = None
+    finding: str = ""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,11 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.io.text_numbers import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.resource_score import Calls, stage_of
+from sfr_loc_map.metrics.records.method_record import FindingKind, FindingRecord, MethodKind, MethodRecord
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), strict=True))
 
+METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "finding")
 STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
 
 
@@ -30,11 +32,15 @@ class CallStats:
         calls: Times, states and memory.
         covariance: `(N, 21)` upper triangles, NaN where not known; None if the file has none.
         steps: `(N, 27)` steps between the poses, NaN where not known; None if the file has none.
+        method: The method that was called; None if the file does not name it.
+        findings: What the method did wrong, one for each kind.
     """
 
     calls: Calls
     covariance: FloatArray | None
     steps: FloatArray | None
+    method: MethodRecord | None = None
+    findings: tuple[FindingRecord, ...] = ()
 
     def lost_at(self, stamps_ns: IntArray) -> Mask:
         """Return for each stamp whether the state of its call is lost."""
@@ -84,7 +90,37 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
         _column(path, rows, "above_idle_bytes"),
         {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))},
     )
-    return CallStats(calls, *(_columns(path, rows, names) for names in (COVARIANCE_NAMES, STEP_NAMES)))
+    covariance, steps = (_columns(path, rows, names) for names in (COVARIANCE_NAMES, STEP_NAMES))
+    findings = findings_of([row.get("finding") or "" for row in rows], calls.stamps_ns.tolist())
+    return CallStats(calls, covariance, steps, _method(path, rows[0]), findings)
+
+
+def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:
+    """Return what a method did wrong, one for each kind in the order of their first calls.
+
+    Args:
+        texts: Of each call `KIND: text`, empty for nothing; other texts are no findings.
+        stamps_ns: Stamps of the calls.
+    """
+    counted: dict[FindingKind, FindingRecord] = {}
+    for text, stamp_ns in zip(texts, stamps_ns, strict=True):
+        word, _, rest = text.partition(": ")
+        if word not in set(FindingKind):
+            continue
+        kind = FindingKind(word)
+        first = counted.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=rest)
+        counted[kind] = replace(first, count=first.count + 1)
+    return tuple(counted.values())
+
+
+def _method(path: Path, row: Mapping[str, str]) -> MethodRecord | None:
+    if not row.get("method"):
+        return None
+    kind = row.get("method_kind") or ""
+    if kind not in set(MethodKind):
+        raise InputError(f"statistics '{path}': method_kind is '{kind}', must be one of {', '.join(MethodKind)}")
+    version, sha256 = row.get("method_version") or None, row.get("method_sha256") or None
+    return MethodRecord(name=row["method"], version=version, kind=MethodKind(kind), sha256=sha256)
 
 
 def _columns(path: Path, rows: list[dict[str, str]], names: Sequence[str]) -> FloatArray | None:

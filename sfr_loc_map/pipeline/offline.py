@@ -24,8 +24,9 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.metrics.calls.resources import CallMeter
 from sfr_loc_map.metrics.modes import MappingState
+from sfr_loc_map.metrics.records.method_record import MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.call_stats import COVARIANCE_NAMES, STEP_NAMES
+from sfr_loc_map.pipeline.call_stats import COVARIANCE_NAMES, METHOD_NAMES, STEP_NAMES
 
 UPPER = np.triu_indices(6)
 """Rows and columns of the upper triangle of a pose covariance."""
@@ -152,19 +153,26 @@ def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
     return Trajectory.from_poses((estimate.stamp_ns, estimate.T_ds_rb) for estimate in estimates)
 
 
-def save_stats(path: Path, records: list[CallRecord]) -> None:
-    """Write one row a call: costs, state, reason, statistics, and of a pose its covariance and that of its step."""
+def save_stats(path: Path, records: list[CallRecord], method: MethodRecord | None = None) -> None:
+    """Write one row a call: costs, state, reason, statistics, and of a pose its covariance and that of its step.
+
+    Args:
+        path: The file.
+        records: The calls.
+        method: Their method, which every row then names, with what it did wrong in the call; None to leave that out.
+    """
+    named = () if method is None else (method.name, method.version or "", method.kind.value, method.sha256 or "")
     names = sorted({name for record in records for name in record.statistics})
     with_covariance = any(record.covariance is not None for record in records)
     pose_names = [*COVARIANCE_NAMES, *STEP_NAMES] if with_covariance else []
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         header = ["stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes"]
-        writer.writerow([*header, *names, *pose_names])
-        writer.writerows(_stats_row(record, names) for record in records)
+        writer.writerow([*header, *(METHOD_NAMES if named else ()), *names, *pose_names])
+        writer.writerows(_stats_row(record, names, named) for record in records)
 
 
-def _stats_row(record: CallRecord, names: list[str]) -> list[str | int]:
+def _stats_row(record: CallRecord, names: list[str], method: tuple[str, ...]) -> list[str | int]:
     memory = (record.peak_rss_bytes, record.above_idle_bytes)
     statistics = (record.statistics.get(name) for name in names)
     pose: list[str] = []
@@ -177,6 +185,7 @@ def _stats_row(record: CallRecord, names: list[str]) -> list[str | int]:
         record.state,
         record.reason,
         *("" if item is None else item for item in memory),
+        *((*method, record.finding) if method else ()),
         *("" if value is None else repr(float(value)) for value in statistics),
         *pose,
     ]

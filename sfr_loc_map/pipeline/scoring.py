@@ -17,6 +17,7 @@ from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis, diagnose
+from sfr_loc_map.metrics.records.method_record import MethodKind
 from sfr_loc_map.metrics.score import MethodRecord, Score
 from sfr_loc_map.metrics.trajectory.association import Estimates
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
@@ -71,7 +72,7 @@ class Run:
         target: Calls on the target of `inputs`.
         drive: Trajectory.
         cloud: Map.
-        method: Whose run it is, None where nobody has said so.
+        method: Whose run it is; None: as the statistics say.
     """
 
     inputs: ScoreInputs
@@ -105,9 +106,17 @@ def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Sc
         contradiction=mismatch,
         map=None if cloud is None else score_cloud(cloud, config),
         provenance=provenance(run.inputs, config, _truth_hashes(run)),
-        method=run.method,
+        method=run.method or _method(run.stats),
+        findings=tuple(finding for item in run.stats for finding in item.findings),
     )
     return build_score(parts, limits)
+
+
+def _method(stats: Sequence[CallStats]) -> MethodRecord | None:
+    """Return the method that the calls name; beside ours it is the other one that is under test."""
+    named = [item.method for item in stats if item.method is not None]
+    foreign = [method for method in named if method.kind is not MethodKind.BUILT_IN]
+    return next(iter([*foreign, *named]), None)
 
 
 def _truth_hashes(run: Run) -> dict[str, str]:

@@ -15,10 +15,15 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.records.method_record import FindingKind, MethodKind, MethodRecord
+from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory.association import lost_by_covariance
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import load_call_stats
 from sfr_loc_map.pipeline.offline import save_stats
+from sfr_loc_map.pipeline.score_inputs import ScoreInputs
+from sfr_loc_map.pipeline.scoring import Run, score_run
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 60.0
 
@@ -279,3 +284,20 @@ def test_a_wrong_convention_is_warned_of_and_the_doctor_finds_it(
     assert "-1000.000 s" in capsys.readouterr().out
     assert run(monkeypatch, "doctor", tmp_path / "truth.tum", tmp_path / "truth.tum") == 0
     assert "no single convention mismatch" in capsys.readouterr().out
+
+
+def test_the_statistics_name_the_method_and_what_it_did_wrong(tmp_path: Path) -> None:
+    call = ("tracking", 1000, 10)
+    findings = ("", "crashed: ended by signal 11", "", "crashed: again", "not finite: position", "no finding")
+    records = [CallRecord(stamp, 0.1, *call, finding=text) for stamp, text in enumerate(findings)]
+    method = MethodRecord(name="lib:made.so", version="3", kind=MethodKind.LIBRARY, sha256="ab")
+    save_stats(tmp_path / "stats.csv", records, method)
+    stats = load_call_stats(tmp_path / "stats.csv")
+    assert stats.method == method
+    score = score_run(Run(ScoreInputs(), [stats]), ScoreConfig())
+    again = from_json(to_json(score))
+    assert again.method == method
+    assert [(item.kind, item.count, item.first_stamp_ns, item.text) for item in again.findings] == [
+        (FindingKind.CRASHED, 2, 1, "ended by signal 11"),
+        (FindingKind.NOT_FINITE, 1, 4, "position"),
+    ]
