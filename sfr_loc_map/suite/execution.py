@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-import psutil
-
 from sfr_loc_map.metrics.records.json_records import to_plain
 from sfr_loc_map.suite.fork_server import ForkServer, ForkServerError
+from sfr_loc_map.suite.process_tree import resident_bytes
 from sfr_loc_map.suite.task import Task
 from sfr_loc_map.suite.task_process import BAD_INPUT
 
@@ -31,7 +30,8 @@ MESSAGE_LENGTH = 500
 
 INSTEAD = ""
 """A Python file that is run in place of a task: for tests."""
-END_S = 10.0
+END_S = 15.0
+"""Longest wait for a killed task and what it started to be gone."""
 _of_thread = threading.local()
 
 
@@ -193,14 +193,14 @@ def _watch(
     while True:
         code = fork_server.wait(POLL_S)
         if code is not None:
-            _kill_session(pid)  # what it has started, if anything
             return code, None, peak
-        peak = max(peak, _resident(pid))
+        peak = max(peak, resident_bytes(pid))
         broken = _broken_limit(bounds, peak, time.monotonic() - begin, stop)
         if broken is not None:
             _kill_session(pid)
-            code = fork_server.wait(END_S)
-            return -signal.SIGKILL if code is None else code, broken, peak
+            if fork_server.wait(END_S) is None:  # its answer would be taken for that of the next task
+                close_fork_server()
+            return -signal.SIGKILL, broken, peak
 
 
 def _broken_limit(bounds: Bounds, peak: int, seconds: float, stop: threading.Event) -> tuple[Cause, str] | None:
@@ -209,18 +209,6 @@ def _broken_limit(bounds: Bounds, peak: int, seconds: float, stop: threading.Eve
     if stop.is_set():
         return Cause.STOPPED, "ended before it was done"
     return (Cause.TIME, f"not done after {bounds.timeout_s:g} s") if seconds > bounds.timeout_s else None
-
-
-def _resident(pid: int) -> int:
-    """Return the resident memory of a process and its children, bytes; 0 once it has ended."""
-    total = 0
-    with contextlib.suppress(psutil.Error):
-        process = psutil.Process(pid)
-        total = process.memory_info().rss
-        for child in process.children(recursive=True):
-            with contextlib.suppress(psutil.Error):
-                total += child.memory_info().rss
-    return total
 
 
 def _kill_session(pid: int) -> None:

@@ -3,15 +3,18 @@
 Imports take seconds, a fork takes milliseconds; each task is still a fresh process. Nothing here starts a thread: a
 fork would not take it along. One line of JSON on standard input asks for a task: `arguments` of `task_process.main`,
 the `work` folder, the `log` file, and a Python file to run in its place (`instead`, empty for none). Two lines answer:
-its `pid`, then its exit `code`.
+its `pid`, then its exit `code`, once the task and all that it started are gone and their memory is free.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import runpy
+import signal
 import sys
+import time
 import traceback
 from typing import Any
 
@@ -21,15 +24,19 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.trajectory.association import Estimates
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.suite import task_process, task_run
+from sfr_loc_map.suite.process_tree import descendants
 
 FAULT = 70
 assert task_run  # its import is what makes a fork quick
 WARM_UP_POSES = 20
+GONE_S = 10.0
+"""Longest wait for what a task has left: the kernel may need a while to free the memory of a killed process."""
 
 
 def main() -> int:
     """Fork a process for each line until the input ends."""
     task_process.die_with_parent()
+    task_process.adopt_orphans()
     _load_kernels()
     for line in sys.stdin:
         order = json.loads(line)
@@ -38,8 +45,23 @@ def main() -> int:
             os._exit(_child(order))
         print(json.dumps({"pid": pid}), flush=True)
         _, status = os.waitpid(pid, 0)
+        _end_descendants()
         print(json.dumps({"code": os.waitstatus_to_exitcode(status)}), flush=True)
     return 0
+
+
+def _end_descendants() -> None:
+    """End what the task has left running, also in other sessions, and wait until all of it is gone."""
+    deadline = time.monotonic() + GONE_S
+    while time.monotonic() < deadline:
+        try:
+            if os.waitpid(-1, os.WNOHANG)[0] == 0:
+                for pid in descendants(os.getpid()):
+                    with contextlib.suppress(ProcessLookupError, PermissionError):
+                        os.kill(pid, signal.SIGKILL)
+                time.sleep(0.005)
+        except ChildProcessError:
+            return
 
 
 def _load_kernels() -> None:

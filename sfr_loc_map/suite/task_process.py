@@ -18,6 +18,7 @@ from sfr_loc_map.suite.task import Task
 
 BAD_INPUT = 2
 _PR_SET_PDEATHSIG = 1
+_PR_SET_CHILD_SUBREAPER = 36
 
 
 def main(arguments: list[str]) -> int:
@@ -52,6 +53,12 @@ def die_with_parent() -> None:
     """Ask the kernel to end this process when its parent ends, however that comes about (Linux)."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def adopt_orphans() -> None:
+    """Ask the kernel to make this process the parent of descendants that lose theirs (Linux)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
 def _confine(threads: int, slot: int) -> None:

@@ -29,7 +29,8 @@ TASK = Task(
 )
 BEHAVIOUR = {
     "memory": "x = bytearray(900_000_000); import time; time.sleep(60)",
-    "hang": "import subprocess, sys; subprocess.run([sys.executable, '-c', 'import time; time.sleep(61)'])",
+    "hang": "import subprocess, sys; "
+    "subprocess.run([sys.executable, '-c', 'import time; time.sleep(61)'], start_new_session=True)",
     "crash": "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
     "input": "import sys; print('no such\\ndata set', file=sys.stderr); sys.exit(2)",
     "fault": "print(1); raise ValueError('odd')",
