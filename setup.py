@@ -16,6 +16,8 @@ VERSION = re.search(r'__version__ = "(.+)"', (ROOT / PACKAGE / "__init__.py").re
 PROFILES = glob(PACKAGE + "/nodes/process/profiles/*.xml")  # in share/ for other programs: camera drivers need it
 NODES = ("localisation_node", "mapping_node", "monitor_node")
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
+LIVE = ["aiohttp>=3.10,<4"]
+FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]
 SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27"]
 
 setup(
@@ -40,7 +42,10 @@ setup(
     ],
     python_requires=">=3.11,<3.14",
     packages=find_packages(include=[PACKAGE, PACKAGE + ".*"]),
-    package_data={PACKAGE: ["py.typed", "report/templates/*", "nodes/process/profiles/*.xml"], "": ["*.pyi"]},
+    package_data={
+        PACKAGE: ["py.typed", "report/templates/*", "live/web/*", "nodes/process/profiles/*.xml"],
+        "": ["*.pyi"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + PACKAGE]),
         ("share/" + PACKAGE, ["package.xml"]),
@@ -72,11 +77,15 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<7.2", "ros-jazzy-common-interfaces>=5.3,<5.4"],
         # BSD-3 and Apache-2.0; suites on a cluster, and their results as a table for pandas
         "suite": SUITE,
+        "live": LIVE,  # Apache-2.0; the page of sfr live
+        "foxglove": FOXGLOVE,  # MIT; the same by the protocol of Foxglove
         "test": TEST,
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
         "dev": [
             *TEST,
             *SUITE,
+            *LIVE,
+            *FOXGLOVE,
             "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",
             "mypy>=1.13,<3",

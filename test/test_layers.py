@@ -29,11 +29,12 @@ ALLOWED: dict[str, set[str]] = {
     **dict.fromkeys(MIDDLE, BASE),
     "pipeline": BASE | MIDDLE,
     "report": BASE | MIDDLE | {"tables"},
-    "nodes": BASE | (MIDDLE - {"simulation"}) | {"pipeline"},
+    "live": BASE | MIDDLE | {"pipeline", "report", "tables"},
+    "nodes": BASE | (MIDDLE - {"simulation"}) | {"pipeline", "live"},
     "bench": BASE | MIDDLE | {"pipeline", "tables"},
     "suite": BASE | MIDDLE | {"pipeline", "report", "tables"},
     "fault_injection": BASE | (MIDDLE - {"simulation"}) | {"pipeline", "nodes", "tables"},
-    "cli": BASE | MIDDLE | {"tables", "pipeline", "report", "nodes", "bench", "suite", "fault_injection"},
+    "cli": BASE | MIDDLE | {"tables", "pipeline", "report", "nodes", "bench", "suite", "fault_injection", "live"},
 }
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 

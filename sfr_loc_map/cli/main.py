@@ -25,6 +25,7 @@ COMMANDS = (
     "replay",
     "run",
     "record",
+    "live",
     "report",
     "simulate",
     "perturb",

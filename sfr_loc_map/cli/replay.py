@@ -23,6 +23,7 @@ from sfr_loc_map.cli.common import (
     read_config,
     require_ros,
 )
+from sfr_loc_map.cli.live import LiveOption, LivePortOption, page_arguments
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs, say, warn
 from sfr_loc_map.cli.score import LimitsOption, present, score_config
 from sfr_loc_map.cli.verdict import LenientOption, conclude, read_limits
@@ -74,6 +75,8 @@ def replay(
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
+    live: LiveOption = False,
+    live_port: LivePortOption = 8080,
 ) -> None:
     """Play a source to the three nodes over topics, record what they answer, score it.
 
@@ -81,14 +84,11 @@ def replay(
     arrow goes 5 s back and f 5 s on, up and down change the rate, l the loop, q ends and scores. The same as services
     of /sfr_player: ~/pause, ~/resume, ~/toggle_paused, ~/play_next, ~/stop, ~/set_loop; parameters rate and seek_s.
     The end and each jump begin a new run; the last one that was played to its end is scored, else the last one. Others
-    that a jump or a signal cut short are kept in DIR/run_1, DIR/run_2.
-    Ctrl-C ends as q does, exit 130.
+    that a jump or a signal cut short are kept in DIR/run_1, DIR/run_2. Ctrl-C ends as q does, exit 130.
     """
     from sfr_loc_map.io.registry import open_source
 
-    check_start(start)
-    remaps = parse_remaps(remap)
-    opened = open_source(source, remaps)
+    opened = open_source(source, remaps := parse_remaps(remap))
     parsed_limits, asked = read_limits(limits, condition)
     require_ros("replay")
     from sfr_loc_map.localisation.config import LocalisationConfig
@@ -100,16 +100,17 @@ def replay(
         mapping=read_config(MappingConfig, config, "mapping"),
         score=score_config(condition, {}),
         limits=limits,
-        start=_first_pose(opened, start, start_offset),
+        start=_first_pose(opened, check_start(start), start_offset),
         rate=rate,
         offset_s=start_offset,
         paused=start_paused,
         loop=loop,
         remap=remaps,
         parameter_file=config if config is not None and is_ros_parameter_file(config) else None,
+        live=page_arguments(live, live_port),
     )
     score = _replay_and_score(source, opened, options, parsed_limits, (out, overwrite))
-    conclude(score, asked, lenient=lenient or (limits is None and not condition))  # of what nobody named it warns
+    conclude(score, asked, lenient=lenient or not (limits or condition))  # of what nobody named it warns
 
 
 def _first_pose(source: Source, start: str, offset_s: float) -> Callable[[float], Transform | None]:

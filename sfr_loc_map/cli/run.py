@@ -9,6 +9,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import require_ros
+from sfr_loc_map.cli.live import LiveOption, LivePortOption, page_arguments
 from sfr_loc_map.cli.output import say
 from sfr_loc_map.errors import InputError
 
@@ -48,9 +49,12 @@ def run(
     respawn: Annotated[
         bool, typer.Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
     ] = False,
+    live: LiveOption = False,
+    live_port: LivePortOption = 8080,
 ) -> None:
     """Run the nodes, one process each, until Ctrl-C or SIGTERM; exit 2 if one ends before."""
     require_ros("run")
+    from sfr_loc_map.nodes.process.live_process import live_page
     from sfr_loc_map.nodes.process.supervisor import node_names, run_nodes
 
     given = list(words or ())
@@ -63,4 +67,7 @@ def run(
     for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
         arguments += ["-r", item]
     nodes = node_names(given[:cut])
-    run_nodes(nodes, [*arguments, *given[cut + 1 :]], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
+    with live_page(page_arguments(live, live_port, namespace)):
+        run_nodes(
+            nodes, [*arguments, *given[cut + 1 :]], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn
+        )

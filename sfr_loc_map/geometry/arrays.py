@@ -19,3 +19,5 @@ FloatImage = NDArray[np.float32]
 """Image `(H, W)` of float32: intensity, disparity, weight."""
 PointImage = NDArray[np.float32]
 """Points `(H, W, 3)` of the pixels of an image, metres; NaN where there is none."""
+FloatArray32 = NDArray[np.float32]
+"""Values of float32, where the half of the bytes counts."""

@@ -6,7 +6,7 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -24,35 +24,18 @@ from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.report.cost_figures import cost_figures
 from sfr_loc_map.report.error_figures import error_figures
 from sfr_loc_map.report.map_figures import map_figures
+from sfr_loc_map.report.overall import NO_VERDICT, NO_VERDICT_ICON, Overall, overall_of
 from sfr_loc_map.report.plots import Plot
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.trajectory_figures import trajectory_figures
 from sfr_loc_map.tables.html import OPEN_CLASS, VERDICT_CLASSES, to_html
 from sfr_loc_map.tables.numbers import UNKNOWN
-from sfr_loc_map.tables.table import OPEN_ICON, VERDICT_ICONS, Table
+from sfr_loc_map.tables.table import VERDICT_ICONS, Table
 
 TITLE = "Localisation and mapping report"
 FIRST_TABLES = ("verdicts", "headline")
 """Tables before the figures; they are the first of a score."""
-NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
 _BREAKS_OUT = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
-
-
-@dataclass(frozen=True, slots=True)
-class Overall:
-    """The banner of the page.
-
-    Attributes:
-        state: Verdict over all limits.
-        text: The same in a sentence.
-        style: Its class of the style sheet.
-        icon: Its sign.
-    """
-
-    state: str
-    text: str
-    style: str
-    icon: str
 
 
 def load_score(path: Path) -> Score:
@@ -98,7 +81,7 @@ def render_page(score: Score, *, figures: bool = True) -> str:
         title=TITLE,
         version=provenance.get("version", UNKNOWN),
         time=provenance.get("time", "time unknown"),
-        overall=_overall(score),
+        overall=overall_of(score),
         first=_html(first),
         tables=_html(tables[len(first) :]),
         sections=sections,
@@ -165,20 +148,6 @@ def _sections(score: Score) -> list[tuple[str, list[Plot]]]:
         ("Map", map_figures(score)),
     )
     return [(title, plots) for title, plots in groups if plots]
-
-
-def _overall(score: Score) -> Overall:
-    """Return the verdict over all limits; no figure judges where estimate and truth contradict each other."""
-    if score.contradiction is not None:
-        return Overall(NO_VERDICT, f"Not judged: {score.contradiction}", OPEN_CLASS, NO_VERDICT_ICON)
-    states = [item.state for item in score.verdicts]
-    if not states:
-        return Overall(NO_VERDICT, "No limits were given: there is no verdict.", OPEN_CLASS, NO_VERDICT_ICON)
-    passed, failed = states.count(VerdictState.PASS), states.count(VerdictState.FAIL)
-    rest = len(states) - passed - failed
-    text = f"{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
-    state = VerdictState.FAIL if failed else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
-    return Overall(state.value, text, VERDICT_CLASSES.get(state, OPEN_CLASS), VERDICT_ICONS.get(state, OPEN_ICON))
 
 
 def _flat(value: object, prefix: str) -> Iterator[tuple[str, str]]:

@@ -42,6 +42,7 @@ class ReplayOptions:
         loop: Whether it starts again at its end, until the operator or a signal ends it.
         remap: New names of topics by the names in the bag.
         parameter_file: ROS parameter file for all nodes; the parameters above override it.
+        live: Command line of the live page beside it, None for no page.
     """
 
     localisation: LocalisationConfig
@@ -55,6 +56,7 @@ class ReplayOptions:
     loop: bool
     remap: Mapping[str, str]
     parameter_file: Path | None
+    live: tuple[str, ...] | None = None
 
 
 def pairs_per_map(source: Source) -> int:

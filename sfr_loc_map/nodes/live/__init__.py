@@ -1,0 +1,1 @@
+"""Feeds the live page from topics."""

@@ -1,0 +1,90 @@
+"""The page of a running graph as the program of a process."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import signal
+import sys
+import webbrowser
+from collections.abc import Sequence
+
+from sfr_loc_map.config import build
+from sfr_loc_map.errors import SfrError
+from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.server import LiveServer
+from sfr_loc_map.nodes.live.feed import RosFeed
+from sfr_loc_map.nodes.process.node_process import end_with_supervisor
+from sfr_loc_map.printable import one_line
+
+FAREWELL_S = 3.0
+"""Beside a run that is over the page is served for so long, or until a second signal."""
+
+
+def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = False, farewell_s: float = 0.0) -> None:
+    """Serve the page of a running graph until SIGINT or SIGTERM.
+
+    Args:
+        config: How it is served.
+        namespace: Of the rover.
+        open_browser: Whether to open the page in the user's browser.
+        farewell_s: How long it is served after the first signal, which says that the run is over.
+
+    Raises:
+        SfrError: If the port cannot be listened on, or other hosts are let in without a token.
+    """
+    hub = Hub()
+    with RosFeed(hub, namespace) as feed:
+        server = LiveServer(config, hub, feed.operator, namespace or "live")
+        asyncio.run(serve_until_signal(server, open_browser=open_browser, farewell_s=farewell_s))
+
+
+async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, farewell_s: float = 0.0) -> None:
+    """Serve until SIGINT or SIGTERM; print the address when the page can be opened."""
+    task = asyncio.ensure_future(server.serve(lambda url: announce(url, open_browser=open_browser)))
+    loop = asyncio.get_running_loop()
+
+    def end() -> None:
+        if server.is_over or not farewell_s:
+            task.cancel()
+        server.end()
+        loop.call_later(farewell_s, task.cancel)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, end)
+    try:
+        await task
+    except asyncio.CancelledError:
+        return
+
+
+def announce(url: str, *, open_browser: bool) -> None:
+    """Say where the page is."""
+    print(f"live: {url}", flush=True)
+    if open_browser:
+        webbrowser.open(url)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the page beside a replay or the nodes; return the exit code."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--namespace", default="")
+    parser.add_argument("--host", default=DEFAULT_HOST)
+    parser.add_argument("--port", type=int, default=DEFAULT_PORT)
+    parser.add_argument("--token", default="")
+    options = parser.parse_args(arguments)
+    try:
+        end_with_supervisor()
+        values = {"host": options.host, "port": options.port, "token": options.token}
+        serve_graph(build(LiveConfig, values, origin="sfr live"), options.namespace, farewell_s=FAREWELL_S)
+    except KeyboardInterrupt:
+        return 0
+    except SfrError as error:
+        print(f"sfr live: {one_line(str(error))}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,103 @@
+"""The path of a live run: estimates find their truth, errors are those of the score, memory is bounded."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.live.path import MAX_ROWS, LivePath
+from sfr_loc_map.live.updates import PoseSample, Track
+from sfr_loc_map.metrics.condition import Condition
+
+STEP_NS = NS_PER_S // 10
+
+
+def pose(track: Track, number: float, transform: Transform, variance: float = 1e-4) -> PoseSample:
+    x, y, z = transform.translation.tolist()
+    a, b, c, d = transform.quat_xyzw.tolist()
+    covariance = np.eye(6) * variance if track is Track.ESTIMATE else None
+    return PoseSample(track, round(number * STEP_NS), (x, y, z), (a, b, c, d), number, covariance)
+
+
+def turned(x: float, y: float, yaw: float) -> Transform:
+    return Transform.from_quat((x, y, 0.0), (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
+
+
+def drive(number: float) -> Transform:
+    return turned(0.1 * number, 0.02 * number, 0.01 * number)
+
+
+def test_estimate_is_shown_in_the_frame_of_the_truth() -> None:
+    path, other_frame = LivePath(), turned(5.0, -3.0, 1.0)
+    for number in range(20):
+        path.add(pose(Track.TRUTH, number, drive(number)))
+        path.add(pose(Track.ESTIMATE, number, other_frame @ drive(number)))
+    assert len(path.rows) == 20
+    for row in path.rows:
+        assert row.error == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+        assert row.position == pytest.approx(drive(row.n).translation.tolist(), abs=1e-9)
+    assert path.rows[-1].distance_m == pytest.approx(19 * math.hypot(0.1, 0.02))
+
+
+def test_poses_wait_for_a_truth_that_is_on_its_way_and_are_interpolated() -> None:
+    path = LivePath()
+    path.add(pose(Track.TRUTH, 0, drive(0)))
+    path.add(pose(Track.ESTIMATE, 0, drive(0)))
+    path.add(pose(Track.ESTIMATE, 2.5, drive(2.5)))
+    assert len(path.rows) == 1
+    path.add(pose(Track.TRUTH, 5, drive(5)))
+    assert path.rows[-1].error == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    path.add(pose(Track.ESTIMATE, 30, drive(30)))  # the truth has ended
+    assert path.rows[-1].truth is None
+
+
+def test_without_truth_every_pose_is_shown_at_once() -> None:
+    path = LivePath()
+    path.add(pose(Track.ESTIMATE, 0, drive(0)))
+    path.add(pose(Track.ESTIMATE, 1, drive(1), LOST_VARIANCE))
+    assert [row.lost for row in path.rows] == [False, True]
+    assert path.under_way is None
+    assert path.rows[1].covariance_xy is None
+
+
+def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
+    path = LivePath()
+    path.condition, path.spacing = Condition.parse("frames=20"), 10
+    drift = turned(0.0, 0.0, 0.001)
+    estimate = Transform.identity()
+    for number in range(36):
+        path.add(pose(Track.TRUTH, number, drive(number)))
+        path.add(pose(Track.ESTIMATE, number, estimate))
+        estimate = estimate @ drive(number).inverse() @ drive(number + 1) @ drift
+    found = path.under_way
+    assert found is not None
+    assert (found.start_n, found.progress) == (20, 0.75)
+    start, now = 20, 35
+    # what the score compares: T_gt(N) inv(T_est(N)) T_est(N+x) with T_gt(N+x)
+    estimates = [Transform.identity()]
+    for number in range(now):
+        estimates.append(estimates[-1] @ drive(number).inverse() @ drive(number + 1) @ drift)
+    moved = drive(start) @ estimates[start].inverse() @ estimates[now]
+    assert found.error == pytest.approx((moved.translation - drive(now).translation).tolist(), abs=1e-9)
+    assert math.hypot(*found.error) > 1e-3
+
+
+def test_stamps_that_go_back_begin_a_new_run() -> None:
+    path = LivePath()
+    for number in (0, 20, 40, 1):
+        path.add(pose(Track.ESTIMATE, number, drive(number)))
+    assert [row.n for row in path.rows] == [0]
+    assert path.version == 1
+
+
+def test_long_runs_keep_a_bounded_number_of_rows() -> None:
+    path = LivePath()
+    for number in range(MAX_ROWS + MAX_ROWS // 2):
+        path.add(pose(Track.ESTIMATE, number, turned(0.1 * number, 0.0, 0.0)))
+    assert MAX_ROWS // 2 <= len(path.rows) <= MAX_ROWS
+    assert path.rows[0].n == 0
+    assert path.rows[-1].distance_m == pytest.approx(0.1 * path.rows[-1].n)
