@@ -71,11 +71,10 @@ $(DEV_STAMP): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,sim,dev]"
 	@touch $@
 
-# All kernels compiled side by side; otherwise each of two test processes compiles all of them.
+# All kernels compiled side by side; otherwise each test process compiles all of them. What these runs gave is kept for a test.
 $(COMPILED): $(DEV_STAMP)
-	$(BIN)/python -c "from sfr_loc_map.localisation.localiser import Localiser; Localiser.warm_up()" & \
-	$(BIN)/python -c "from sfr_loc_map.mapping import mapper, config; from sfr_loc_map.geometry.stereo import StereoRig; \
-	    mapper.Mapper(StereoRig(64, 64, 50.0, 50.0, 31.5, 31.5, 0.1), config.MappingConfig()).warm_up()" & \
+	PYTHONPATH=. $(BIN)/python test/scenes/first_run.py localisation --keep > /dev/null & \
+	PYTHONPATH=. $(BIN)/python test/scenes/first_run.py mapping --keep > /dev/null & \
 	scratch=$$(mktemp -d) && $(BIN)/python -c "from sfr_loc_map.cli.main import main; raise SystemExit(main())" simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
 	@touch $@
 

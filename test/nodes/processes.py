@@ -106,6 +106,7 @@ class Peer:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self._publishers: dict[str, Any] = {}
+        self._watched: list[Process] = []
 
     def __enter__(self) -> Peer:
         return self
@@ -145,12 +146,28 @@ class Peer:
         self.until(future.done, f"answer of {service}")
         return future.result()
 
+    def wait_until_known_to(self, node: str) -> None:
+        """Wait until a node knows all readers of this one, so that nothing it publishes is missed.
+
+        They are announced in the order in which they were made; that of the answer's reader is the last.
+        """
+        from rcl_interfaces.srv import ListParameters
+
+        client = self.node.create_client(ListParameters, f"{node}/list_parameters")
+        self.until(client.service_is_ready, f"node {node}")
+        self.until(client.call_async(ListParameters.Request()).done, f"answer of {node}")
+
     def until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
         deadline = time.monotonic() + patience_s
         while not (found := condition()):
-            assert time.monotonic() < deadline, f"{what} did not come within {patience_s} s"
+            said = "".join(f"\n{process.text}" for process in self._watched)
+            assert time.monotonic() < deadline, f"{what} did not come within {patience_s} s{said}"
             self.executor.spin_once(timeout_sec=0.05)
         return found
+
+    def watch(self, process: Process) -> None:
+        """Say what a process wrote where something is awaited in vain."""
+        self._watched.append(process)
 
     def spin(self, seconds: float) -> None:
         end = time.monotonic() + seconds
