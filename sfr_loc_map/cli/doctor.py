@@ -134,6 +134,8 @@ def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bo
     if diagnosis.found is not None:
         if json_path != STANDARD_OUTPUT:
             say(diagnosis.found.sentence)
+            if diagnosis.found.setting:
+                say(f"sfr score ... --convention {diagnosis.found.setting} corrects it")
         raise FailedVerdictError(f"estimate and truth contradict each other by convention: {diagnosis.found.mismatch}")
     if diagnosis.disagreement is None:
         reason = f"'{estimate}' and '{truth}' have fewer than {MIN_POSES} stamps in common"
@@ -145,12 +147,12 @@ def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bo
 def _hypothesis_table(diagnosis: Diagnosis) -> Table:
     from sfr_loc_map.tables.table import Cell, Column, Table
 
-    rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"))]
+    rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]
     rows += [
-        (Cell.head(f"without: {item.mismatch}"), Cell.number(item.disagreement))
+        (Cell.head(f"without: {item.mismatch}"), Cell.number(item.disagreement), Cell(item.setting))
         for item in diagnosis.hypotheses[:SHOWN_HYPOTHESES]
     ]
-    columns = (Column("convention", words=True), Column("disagreement"))
+    columns = (Column("convention", words=True), Column("disagreement"), Column("corrected by", words=True))
     return Table("conventions", "Estimate against truth", columns, tuple(rows))
 
 

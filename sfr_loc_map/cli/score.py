@@ -10,6 +10,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import ConditionOption
+from sfr_loc_map.cli.convention import ApplyDiagnosisOption, ConventionOption, read_correction
 from sfr_loc_map.cli.output import (
     HTML_SUFFIXES,
     STANDARD_OUTPUT,
@@ -35,6 +36,9 @@ StatsOption = Annotated[
     list[Path] | None,
     typer.Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable."),
 ]
+TargetOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Name of the target that --target-timing was measured on.")
+]
 TargetTimingOption = Annotated[
     Path | None,
     typer.Option(metavar="S.csv", help="Calls on the target: processing_time_s, state, peak_rss_bytes."),
@@ -55,6 +59,7 @@ SpacingOption = Annotated[int, typer.Option(metavar="FRAMES", help="Frames from 
         "sfr score estimate.csv data/ --condition distance=5 --condition time=60",
         "sfr score cloud.ply data/ --limits limits.yaml --json score.json --html score.html",
         "sfr score estimate.csv truth.tum --json -",
+        "sfr score orbslam.tum data/ --convention frame=left_optical --convention world=first_pose",
     )
 )
 def score(
@@ -69,9 +74,7 @@ def score(
     rebase: Annotated[str, typer.Option(metavar="pose|position", help="Taken from the estimate at a start.")] = "pose",
     limits: LimitsOption = None,
     stats: StatsOption = None,
-    target: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Name of the target that --target-timing was measured on.")
-    ] = None,
+    target: TargetOption = None,
     target_timing: TargetTimingOption = None,
     associate: Annotated[
         str, typer.Option(metavar="auto|match|interpolate", help="How an estimate finds its truth.")
@@ -79,6 +82,8 @@ def score(
     max_gap: Annotated[float, typer.Option(metavar="S", help="Longest gap of the truth that is interpolated.")] = 1.0,
     scored_range: RangeOption = (0.0, 10.0),
     fused: FusedOption = None,
+    convention: ConventionOption = None,
+    apply_diagnosis: ApplyDiagnosisOption = False,
     json_path: JsonOption = None,
     html: HtmlOption = None,
     overwrite: OverwriteOption = False,
@@ -103,7 +108,8 @@ def score(
     inputs = replace(ScoreInputs.of(estimate, truth, stats or ()), target=target_timing, target_name=target or "")
     check_suffix(html, HTML_SUFFIXES)
     check_outputs(json_path, html, overwrite=overwrite, inputs=(estimate, truth, *(stats or ())))
-    result = score_files(inputs, config, parsed_limits, fused=fused)
+    correction = read_correction(convention, apply_diagnosis, has_poses=inputs.estimate is not None)
+    result = score_files(inputs, config, parsed_limits, fused=fused, correction=correction)
     present(result, json_path, html)
     conclude(result, asked, lenient=lenient)
 

@@ -9,7 +9,15 @@ from functools import reduce
 from sfr_loc_map.metrics.calls.resource_score import ScoredCalls
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap
 from sfr_loc_map.metrics.records.score_details import Details
-from sfr_loc_map.metrics.score import FindingRecord, MethodRecord, Provenance, Score, TargetScore
+from sfr_loc_map.metrics.score import (
+    ConventionRecord,
+    ExternalScore,
+    FindingRecord,
+    MethodRecord,
+    Provenance,
+    Score,
+    TargetScore,
+)
 from sfr_loc_map.metrics.trajectory.trajectory_score import ScoredTrajectory
 from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.metrics.verdicts.verdicts import verdicts
@@ -29,6 +37,8 @@ class ScoreParts:
         provenance: What it was made of.
         method: Whose figures these are.
         findings: What that method did wrong.
+        external: How an external node behaved.
+        convention: How the poses were converted.
     """
 
     trajectory: ScoredTrajectory | None = None
@@ -40,6 +50,8 @@ class ScoreParts:
     provenance: Provenance | None = None
     method: MethodRecord | None = None
     findings: tuple[FindingRecord, ...] = ()
+    external: ExternalScore | None = None
+    convention: ConventionRecord | None = None
 
 
 def build_score(parts: ScoreParts, limits: Limits | None = None) -> Score:
@@ -53,6 +65,8 @@ def build_score(parts: ScoreParts, limits: Limits | None = None) -> Score:
     score = Score(
         method=parts.method,
         findings=parts.findings,
+        external=parts.external,
+        convention=parts.convention,
         trajectory=None if parts.trajectory is None else parts.trajectory.score,
         map=None if parts.map is None else parts.map.score,
         timing=calls.timing if calls is not None and any(calls.timing.kinds()) else None,

@@ -22,6 +22,7 @@ from sfr_loc_map.metrics.records.call_records import (
     TargetScore,
     TimingScore,
 )
+from sfr_loc_map.metrics.records.external_record import AnswerCounts, ConventionRecord, ExternalScore, ProcessUsage
 from sfr_loc_map.metrics.records.json_records import Key
 from sfr_loc_map.metrics.records.map_records import (
     DisparityStatistic,
@@ -31,7 +32,7 @@ from sfr_loc_map.metrics.records.map_records import (
     RangeScore,
     SigmaNees,
 )
-from sfr_loc_map.metrics.records.method_record import FindingRecord, MethodRecord
+from sfr_loc_map.metrics.records.method_record import FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.records.score_details import Details
 from sfr_loc_map.metrics.records.statistic_records import Interval, IntervalStatistic, SampleStatistic, Statistic
 from sfr_loc_map.metrics.records.trajectory_records import (
@@ -46,25 +47,30 @@ from sfr_loc_map.metrics.records.trajectory_records import (
 )
 
 __all__ = [
+    "AnswerCounts",
     "AssociationCounts",
     "AssociationScore",
     "CallScore",
     "ConditionScore",
+    "ConventionRecord",
     "DisparityStatistic",
     "DistanceScore",
     "ErrorComponents",
+    "ExternalScore",
     "FindingRecord",
     "InputFile",
     "Interval",
     "IntervalStatistic",
     "MapScore",
     "MemoryScore",
+    "MethodKind",
     "MethodRecord",
     "NeesPart",
     "NeesScore",
     "PairScore",
     "PeakMemory",
     "PointErrorScore",
+    "ProcessUsage",
     "Provenance",
     "RangeScore",
     "SampleStatistic",
@@ -145,6 +151,8 @@ class Score:
     Attributes:
         method: Whose figures these are; None where nobody has said so.
         findings: What that method did wrong, one for each kind.
+        external: How an external node behaved; None where there was none.
+        convention: How the poses were converted before they were scored; None where they were not.
         trajectory: Errors of the trajectory.
         map: Errors of the map.
         timing: Times of the calls on this host.
@@ -160,6 +168,8 @@ class Score:
 
     method: MethodRecord | None = None
     findings: tuple[FindingRecord, ...] = ()
+    external: ExternalScore | None = None
+    convention: ConventionRecord | None = None
     trajectory: TrajectoryScore | None = None
     map: MapScore | None = None
     timing: TimingScore | None = None

@@ -22,7 +22,8 @@ from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.offline import save_stats
 from sfr_loc_map.pipeline.score_inputs import ScoreInputs, camera_extrinsics, load_estimates
-from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoredDrive, score_run
+from sfr_loc_map.pipeline.scored_drive import ScoredDrive
+from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, score_run
 
 
 @dataclass(frozen=True, slots=True, eq=False)

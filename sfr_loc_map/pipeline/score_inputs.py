@@ -13,6 +13,7 @@ import numpy as np
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, is_bag
@@ -169,13 +170,23 @@ def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[P
 
 def camera_extrinsics(truth: Path) -> Transform | None:
     """Return `T_rb_left` of a source with localisation cameras, None where it is not known."""
+    return extrinsics_of(camera_rig(truth))
+
+
+def extrinsics_of(rig: StereoRig | None) -> Transform | None:
+    """Return `T_rb_left` of a rig, None where it is not known."""
+    return None if rig is None or rig.T_rb_sb is None else rig.T_rb_left
+
+
+def camera_rig(truth: Path) -> StereoRig | None:
+    """Return the rig of the localisation cameras of a source, None where it has none."""
     if truth.is_file() and not is_bag(truth):
         return None
     try:
         loc = open_source(truth).loc
     except SfrError:  # true poses alone, without cameras: whoever needs the images reports what is wrong with them
         return None
-    return None if loc is None or loc.rig.T_rb_sb is None else loc.rig.T_rb_left
+    return None if loc is None else loc.rig
 
 
 def provenance(inputs: ScoreInputs, config: ScoreConfig, data: Mapping[str, str]) -> Provenance:

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.io.hashing import hash_arrays
 from sfr_loc_map.metrics.build import ScoreParts, build_score
@@ -18,35 +16,22 @@ from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.records.method_record import MethodKind
-from sfr_loc_map.metrics.score import MethodRecord, Score
-from sfr_loc_map.metrics.trajectory.association import Estimates
+from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodRecord, Score
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.score_inputs import (
     ScoreInputs,
     camera_extrinsics,
+    camera_rig,
+    extrinsics_of,
     load_estimates,
     load_map_truth,
     load_scored_cloud,
     load_truth,
     provenance,
 )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScoredDrive:
-    """Estimated poses and their truth.
-
-    Attributes:
-        estimates: Estimated poses of RB in DS.
-        truth: True poses of RB in DS.
-        T_rb_left: Extrinsics of the left camera, None where they are not known.
-    """
-
-    estimates: Estimates
-    truth: Trajectory
-    T_rb_left: Transform | None
+from sfr_loc_map.pipeline.scored_drive import Correction, ScoredDrive, applied_text, convention_mismatch, corrected
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +58,8 @@ class Run:
         drive: Trajectory.
         cloud: Map.
         method: Whose run it is; None: as the statistics say.
+        external: How an external node behaved, None where there was none.
+        convention: How the poses of `drive` have been converted, None where they have not.
     """
 
     inputs: ScoreInputs
@@ -81,6 +68,8 @@ class Run:
     drive: ScoredDrive | None = None
     cloud: ScoredCloud | None = None
     method: MethodRecord | None = None
+    external: ExternalScore | None = None
+    convention: ConventionRecord | None = None
 
 
 def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Score:
@@ -102,12 +91,14 @@ def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Sc
         calls=[score_calls(item.calls) for item in run.stats],
         target=None if run.target is None else score_target(run.target.calls, run.inputs.target_name),
         trajectory=None if drive is None else score_trajectory(drive.estimates, drive.truth, config.trajectory),
-        warnings=() if mismatch is None else (mismatch,),
+        warnings=(*applied_text(run.convention), *(() if mismatch is None else (mismatch,))),
         contradiction=mismatch,
         map=None if cloud is None else score_cloud(cloud, config),
         provenance=provenance(run.inputs, config, _truth_hashes(run)),
         method=run.method or _method(run.stats),
         findings=tuple(finding for item in run.stats for finding in item.findings),
+        external=run.external,
+        convention=run.convention,
     )
     return build_score(parts, limits)
 
@@ -130,7 +121,12 @@ def _truth_hashes(run: Run) -> dict[str, str]:
 
 
 def score_files(
-    inputs: ScoreInputs, config: ScoreConfig, limits: Limits | None = None, *, fused: bool | None = None
+    inputs: ScoreInputs,
+    config: ScoreConfig,
+    limits: Limits | None = None,
+    *,
+    fused: bool | None = None,
+    correction: Correction | None = None,
 ) -> Score:
     """Return the score of files.
 
@@ -139,28 +135,25 @@ def score_files(
         config: Settings; conditions that only the limits name are scored as well.
         limits: Limits to judge by.
         fused: Whether the cloud is fused, for files that do not say so.
+        correction: How the estimate is converted first, None: not at all.
 
     Raises:
         SfrError: If a file cannot be read, or nothing can be scored.
     """
     stats = [load_call_stats(path) for path in inputs.stats]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
-    drive, cloud = None, None
+    drive, cloud, convention = None, None, None
     if inputs.estimate is not None and inputs.truth is not None:
         estimates, truth = load_estimates(inputs.estimate, stats), load_truth(inputs.truth)
-        drive = ScoredDrive(estimates, truth, camera_extrinsics(inputs.truth))
+        rig = camera_rig(inputs.truth)
+        drive = ScoredDrive(estimates, truth, extrinsics_of(rig))
+        if correction is not None:
+            drive, convention = corrected(drive, rig, correction, config)
     if inputs.cloud is not None and inputs.map_truth is not None:
         loaded = load_scored_cloud(inputs.cloud, fused)
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
         cloud = ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns))
-    return score_run(Run(inputs, stats, target, drive, cloud), config, limits)
-
-
-def convention_mismatch(drive: ScoredDrive, config: ScoreConfig) -> str | None:
-    """Return in one line which convention mismatch explains the errors, None if none does."""
-    association = config.trajectory.association
-    found = diagnose(drive.estimates.trajectory, drive.truth, association, drive.T_rb_left).found
-    return None if found is None else f"{found.sentence} (sfr doctor EST TRUTH tells more)"
+    return score_run(Run(inputs, stats, target, drive, cloud, convention=convention), config, limits)
 
 
 def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:

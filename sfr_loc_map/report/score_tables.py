@@ -15,13 +15,14 @@ from sfr_loc_map.report.call_tables import (
     time_table,
 )
 from sfr_loc_map.report.map_tables import map_error, map_table
+from sfr_loc_map.report.method_tables import external_table, method_table
 from sfr_loc_map.report.score_cells import figure, keyed_conditions, statistic_columns, statistic_row
 from sfr_loc_map.report.trajectory_tables import association_table, component_table, consistency_table, growth_table
 from sfr_loc_map.tables.markdown import to_markdown
 from sfr_loc_map.tables.numbers import ABSENT, DEGREE, METRE, MIB, SECOND, SHARE, Unit, number
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
-SUMMARY = ("headline", "map", "time", "memory", "target-time", "target-memory", "verdicts")
+SUMMARY = ("headline", "map", "time", "memory", "target-time", "target-memory", "external", "method", "verdicts")
 """Tables of the terminal; the verdicts stand last, where they are seen."""
 _CERTAIN = {True: "yes", False: "no", None: ABSENT}
 
@@ -39,6 +40,8 @@ def score_tables(score: Score) -> list[Table]:
         stage_table(score),
         memory_table(score),
         *target_tables(score),
+        external_table(score),
+        method_table(score),
         association_table(score),
     )
     return [table for table in tables if table is not None]

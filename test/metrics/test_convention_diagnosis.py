@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.convention.convention_diagnosis import diagnose
 from sfr_loc_map.metrics.convention.convention_hypotheses import OPTICAL_IN_RB
+from sfr_loc_map.metrics.convention.estimate_convention import converted_estimates
+from sfr_loc_map.metrics.trajectory.association import Estimates
 
 CAMERA = Transform(Rotation.from_euler("y", 20, degrees=True).as_matrix() @ OPTICAL_IN_RB, np.array([0.45, 0.12, 0.30]))
 Poses = tuple[Any, Any, Any]
@@ -131,6 +134,25 @@ def test_each_mismatch_is_found_among_the_others(mistake: Callable[[Poses], Pose
         got, sentence = found(mistake(estimate), truth, CAMERA if known_rig else None)
         assert got == name, (seed, got, sentence)
         assert "\n" not in sentence
+
+
+@pytest.mark.parametrize(("mistake", "name"), CASES, ids=lambda item: getattr(item, "__name__", ""))
+def test_the_setting_that_is_named_corrects_it(mistake: Callable[[Poses], Poses], name: str) -> None:
+    truth, estimate = rover(2)
+    config, true = AssociationConfig(), Trajectory(*truth)
+    wrong = Trajectory(*mistake(estimate))
+    diagnosis = diagnose(wrong, true, config)
+    assert diagnosis.found is not None
+    if name == "swapped left and right images":
+        assert not diagnosis.found.setting  # nothing corrects images
+        return
+    convention = PoseConvention.parse([diagnosis.found.setting])
+    mended = converted_estimates(Estimates.of(wrong), convention, convention.T_rb_child(None), true).trajectory
+    after = diagnose(mended, true, config)
+    assert after.found is None
+    assert after.disagreement == pytest.approx(diagnosis.found.disagreement, rel=0.2 if name == "time offset" else 1e-6)
+    if name == "time offset":
+        assert mended.stamps_ns.tolist() == estimate[0].tolist()
 
 
 @pytest.mark.slow

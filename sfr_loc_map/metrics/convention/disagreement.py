@@ -32,12 +32,14 @@ class Hypothesis:
         sentence: What is wrong with the estimate, and what to do.
         disagreement: What is left when it is undone.
         fitted: Whether numbers were fitted to undo it.
+        setting: What corrects it as `NAME=VALUE` of `PoseConvention`; empty where none does.
     """
 
     mismatch: Annotated[str, Key("mistake")]
     sentence: str
     disagreement: float
     fitted: bool = False
+    setting: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

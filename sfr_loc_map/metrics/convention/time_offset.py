@@ -13,6 +13,9 @@ from sfr_loc_map.metrics.convention.disagreement import LOOKS_WRONG, MIN_POSES, 
 from sfr_loc_map.metrics.trajectory.stamp_matching import unique_rows
 
 OFFSET_STEPS = 200
+AS_GOOD = 1.1
+"""An offset to the stamps of the truth themselves is taken for the best one if it is this near to it."""
+STAMP_NOISE_NS = 1_000
 
 
 def time_offset_hypotheses(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
@@ -32,8 +35,27 @@ def time_offset_hypotheses(estimate: Trajectory, truth: Trajectory, before: floa
                 best, least = shift, value
         reach = reach * 4 // OFFSET_STEPS
     if np.isfinite(least):
+        same = best + _to_nearest_stamps(estimate, truth, best)
+        best = same if _shifted(estimate, truth, same) <= AS_GOOD * least else best
         sentence = f"{LOOKS_WRONG} its stamps are {best / NS_PER_S:+.3f} s off, add this to them"
-        yield Hypothesis(mismatch="time offset", sentence=sentence, disagreement=least, fitted=True)
+        yield Hypothesis(
+            mismatch="time offset",
+            sentence=sentence,
+            disagreement=least,
+            fitted=True,
+            setting=f"time_offset_ns={best}",
+        )
+
+
+def _to_nearest_stamps(estimate: Trajectory, truth: Trajectory, shift: int) -> int:
+    """Return what takes shifted stamps to the nearest of the truth, 0 where most are not as far from one."""
+    stamps = estimate.stamps_ns + shift
+    after = np.clip(np.searchsorted(truth.stamps_ns, stamps), 1, len(truth) - 1)
+    around = np.stack((truth.stamps_ns[after - 1] - stamps, truth.stamps_ns[after] - stamps))
+    left = around[np.abs(around).argmin(axis=0), np.arange(len(stamps))]
+    middle = int(np.median(left))
+    near = np.abs(left - middle) <= STAMP_NOISE_NS
+    return middle if near.mean() > 0.5 else 0
 
 
 def _shifted(estimate: Trajectory, truth: Trajectory, shift: int) -> float:

@@ -1,0 +1,192 @@
+"""How an estimate from elsewhere writes its poses, and the conversion to poses of RB in DS.
+
+Each setting declares one thing in which it differs. They are undone in this order: stamps, quaternions, unit, sides,
+inverse, frame of the rover; the world frame last, by `aligned`. What does not differ is passed on to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfr_loc_map.config import build, flatten, param, parameters
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import (
+    quat_conjugate,
+    quat_from_matrix,
+    quat_multiply,
+    quat_normalised,
+    quat_rotate,
+)
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+
+RB, RB_OPTICAL = "rb", "rb_optical"
+FRAMES = (RB, RB_OPTICAL, "sb", "left", "right", "left_optical", "right_optical")
+"""Frames of the rover: RB, RB's origin with optical axes, the stereo rig SB, the cameras with axes of SB or optical."""
+OPTICAL_IN_BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Optical axes (x right, y down, z forward) in a frame with x forward, y left, z up."""
+MIRROR = np.array([1.0, -1.0, 1.0])
+FIRST_POSE = "first_pose"
+MAX_OFFSET_NS = 2**62
+
+
+@dataclass(frozen=True, slots=True)
+class PoseConvention:
+    """In what an estimate differs from poses of RB in DS, orientations as in ROS, metres."""
+
+    frame: str = param("rb", doc="Frame of the rover that the poses are of.", choices=FRAMES)
+    extrinsics: tuple[float, ...] = param(
+        (),
+        unit="m",
+        doc="Pose in RB of another frame that the poses are of: x,y,z,qx,qy,qz,qw.",
+        low=-100.0,
+        high=100.0,
+    )
+    world: str = param(
+        "ds",
+        doc="World frame: DS, or another that is aligned at the first pose with the truth (without truth: identity).",
+        choices=("ds", FIRST_POSE),
+    )
+    quaternion: str = param(
+        "xyzw",
+        doc="Quaternions: as in ROS, written scalar first, or conjugated (turning DS into RB).",
+        choices=("xyzw", "wxyz", "conjugated"),
+    )
+    inverse: bool = param(False, doc="Poses are inverted: of the world in the rover's frame.")
+    mirrored: bool = param(False, doc="Left and right are mirrored: y points right.")
+    metres_per_unit: float = param(1.0, unit="m", doc="Unit of the positions.", low=1e-6, high=1e6)
+    time_offset_ns: int = param(
+        0, unit="ns", doc="What is added to the stamps.", low=-MAX_OFFSET_NS, high=MAX_OFFSET_NS
+    )
+
+    def __post_init__(self) -> None:
+        """Check that the frame is declared once.
+
+        Raises:
+            ConfigError: If a frame and extrinsics are given, or the extrinsics are no pose.
+        """
+        if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
+            raise ConfigError(
+                f"convention: extrinsics are seven numbers x,y,z,qx,qy,qz,qw in place of frame=NAME: found "
+                f"{len(self.extrinsics)} and frame={self.frame}"
+            )
+
+    @classmethod
+    def parse(cls, texts: Sequence[str]) -> PoseConvention:
+        """Return the convention of settings `NAME=VALUE`.
+
+        Raises:
+            ConfigError: If one has another form, is given twice or has no such value.
+        """
+        defaults = {info.name: info.default for info in parameters(cls)}
+        values: dict[str, object] = {}
+        for text in texts:
+            name, separator, value = text.partition("=")
+            if not separator or name in values:
+                problem = "is given twice" if separator else "must have the form NAME=VALUE, as frame=left_optical"
+                raise ConfigError(f"convention '{text}': {problem}")
+            values[name] = _typed(text, value, defaults.get(name))
+        return build(cls, values, origin="convention")
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """What differs, as `parse` takes it."""
+        defaults = flatten(PoseConvention())
+        changed = {name: value for name, value in flatten(self).items() if value != defaults[name]}
+        return tuple(f"{name}={_text(value)}" for name, value in changed.items())
+
+    @property
+    def of_another_frame(self) -> bool:
+        """Whether the poses are not of RB."""
+        return bool(self.extrinsics) or self.frame != RB
+
+    def T_rb_child(self, rig: StereoRig | None) -> Transform:
+        """Return the pose in RB of the frame that the poses are of.
+
+        Args:
+            rig: The stereo rig, None where it is not known.
+
+        Raises:
+            ConfigError: If the frame follows from a rig that is not known.
+            GeometryError: If the extrinsics are no pose.
+        """
+        if self.extrinsics:
+            return Transform.from_quat(self.extrinsics[:3], self.extrinsics[3:])
+        if self.frame in (RB, RB_OPTICAL):
+            return Transform(np.eye(3) if self.frame == RB else OPTICAL_IN_BODY, np.zeros(3))
+        if rig is None or rig.T_rb_sb is None:
+            raise ConfigError(
+                f"convention 'frame={self.frame}' needs the pose of the cameras in RB (T_rb_locsb), which the source "
+                "does not have: give a source with it, or extrinsics=x,y,z,qx,qy,qz,qw"
+            )
+        side = {"left": 0.5, "right": -0.5}.get(self.frame.removesuffix("_optical"), 0.0)
+        rotation = OPTICAL_IN_BODY if self.frame.endswith("_optical") else np.eye(3)
+        return rig.T_rb_sb @ Transform(rotation, np.array([0.0, side * rig.baseline_m, 0.0]))
+
+
+def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Transform) -> Trajectory:
+    """Return poses of RB, in the world frame of the estimate.
+
+    Args:
+        trajectory: Poses as they were written.
+        convention: In what they differ.
+        T_rb_child: Of `PoseConvention.T_rb_child`.
+
+    Raises:
+        GeometryError: If what comes out are no poses.
+    """
+    stamps, positions, quats = trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw
+    if convention.time_offset_ns:
+        stamps = stamps + np.int64(convention.time_offset_ns)
+    if convention.quaternion == "wxyz":
+        quats = quats[:, [1, 2, 3, 0]]
+    elif convention.quaternion == "conjugated":
+        quats = quat_conjugate(quats)
+    if convention.metres_per_unit != 1.0:
+        positions = positions * convention.metres_per_unit
+    if convention.mirrored:
+        positions, quats = positions * MIRROR, quats * np.array([-1.0, 1.0, -1.0, 1.0])
+    if convention.inverse:
+        quats = quat_normalised(quat_conjugate(quats))
+        positions = -quat_rotate(quats, positions)
+    if convention.of_another_frame:
+        quats = quat_multiply(quat_normalised(quats), quat_from_matrix(T_rb_child.rotation.T))
+        positions = positions - quat_rotate(quats, np.broadcast_to(T_rb_child.translation, positions.shape))
+    return Trajectory(stamps, positions, quats)
+
+
+def aligned(trajectory: Trajectory, T_ds_world: Transform) -> Trajectory:
+    """Return poses in DS of poses in another world frame."""
+    quats = quat_multiply(T_ds_world.quat_xyzw, trajectory.quats_xyzw)
+    return Trajectory(trajectory.stamps_ns, T_ds_world.apply(trajectory.positions), quats)
+
+
+def lever_arms(trajectory: Trajectory, T_rb_child: Transform) -> FloatArray:
+    """Return for poses of RB where RB is seen from the frame the estimate was of: `(N, 3)`, metres, world axes."""
+    child = np.broadcast_to(T_rb_child.translation, trajectory.positions.shape)
+    return -quat_rotate(quat_normalised(trajectory.quats_xyzw), child)
+
+
+def _typed(text: str, value: str, default: object) -> object:
+    """Return a value in the type of its parameter; of an unknown parameter as it is."""
+    words = {"true": True, "false": False}
+    try:
+        if isinstance(default, bool):
+            return words[value.lower()]
+        if isinstance(default, tuple):
+            return tuple(float(part) for part in value.split(","))
+        return type(default)(value) if isinstance(default, (int, float)) else value
+    except (KeyError, ValueError, OverflowError) as error:
+        kind = "true or false" if isinstance(default, bool) else "a number"
+        raise ConfigError(f"convention '{text}': {kind} is needed") from error
+
+
+def _text(value: object) -> str:
+    if isinstance(value, tuple):
+        return ",".join(map(repr, value))
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,117 @@
+"""Estimates of another convention: declared or diagnosed, converted before they are scored, never silently."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_result import Sfr
+from made_scene import write_folder
+from scipy.spatial.transform import Rotation
+
+from sfr_loc_map.geometry.rotation import quat_conjugate
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.trajectory_file import save_trajectory
+
+WORLD = Transform(Rotation.from_euler("xyz", [0.4, -1.0, 2.0]).as_matrix(), np.array([4.0, -5.0, 6.0]))
+FIGURES = ("position_m", "attitude_deg", "heading_deg")
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_folder(tmp_path_factory.mktemp("conventions") / "source", 14, 0)
+
+
+@pytest.fixture(scope="module")
+def estimate(source: Path) -> Trajectory:
+    """The truth with some drift."""
+    loc = open_source(source).loc
+    assert loc is not None
+    truth = loc.ground_truth
+    assert truth is not None
+    drift = np.cumsum(np.random.default_rng(1).normal(0, 1e-3, (len(truth), 3)), axis=0)
+    turn = Rotation.from_rotvec(0.2 * drift) * Rotation.from_quat(truth.quats_xyzw)
+    return Trajectory(truth.stamps_ns, truth.positions + drift, turn.as_quat())
+
+
+def figures(path: Path) -> list[float]:
+    trajectory = json.loads(path.read_text())["trajectory"]
+    return [trajectory[name][key] for name in FIGURES for key in ("mean", "sigma", "mean_plus_3sigma")]
+
+
+def test_poses_of_the_optical_frame_in_another_world_are_scored_as_those_of_rb(
+    sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
+) -> None:
+    loc = open_source(source).loc
+    assert loc is not None
+    poses = [WORLD @ estimate.pose(k) @ loc.rig.T_rb_left for k in range(len(estimate))]
+    save_trajectory(tmp_path / "rb.csv", estimate)
+    save_trajectory(
+        tmp_path / "camera.tum", Trajectory.from_poses(zip(estimate.stamps_ns.tolist(), poses, strict=True))
+    )
+    options = ["--condition", "frames=4", "--spacing", "1"]
+    assert sfr("score", tmp_path / "rb.csv", source, *options, "--json", tmp_path / "rb.json").code == 0
+    declared = ["--convention", "frame=left_optical", "--convention", "world=first_pose"]
+    result = sfr("score", tmp_path / "camera.tum", source, *options, *declared, "--json", tmp_path / "camera.json")
+    assert result.code == 0, result.err
+    assert "declared: frame=left_optical, world=first_pose" in result.out
+    np.testing.assert_allclose(figures(tmp_path / "camera.json"), figures(tmp_path / "rb.json"), rtol=0, atol=1e-9)
+    score = json.loads((tmp_path / "camera.json").read_text())
+    assert score["convention"]["declared"] == ["frame=left_optical", "world=first_pose"]
+    assert "diagnosed" not in score["convention"]
+
+
+def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
+    sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
+) -> None:
+    wrong = Trajectory(estimate.stamps_ns, 1e3 * estimate.positions, estimate.quats_xyzw)
+    save_trajectory(tmp_path / "mm.csv", wrong)
+    save_trajectory(tmp_path / "m.csv", estimate)
+    options = ["--condition", "frames=4", "--spacing", "1", "--json"]
+    assert sfr("score", tmp_path / "m.csv", source, *options, tmp_path / "m.json").code == 0
+    refused = sfr("score", tmp_path / "mm.csv", source, *options, tmp_path / "refused.json")
+    assert refused.code == 3
+    assert "--convention metres_per_unit=0.001 or --apply-diagnosis corrects it" in refused.err
+    assert "convention" not in json.loads((tmp_path / "refused.json").read_text())
+    found = sfr("doctor", tmp_path / "mm.csv", source)
+    assert "--convention metres_per_unit=0.001 corrects it" in found.out
+    applied = sfr("score", tmp_path / "mm.csv", source, *options, tmp_path / "applied.json", "--apply-diagnosis")
+    assert applied.code == 0, applied.err
+    assert "converted the estimate by metres_per_unit=0.001 before scoring it" in applied.err
+    assert "by the diagnosis: metres_per_unit=0.001" in applied.out
+    np.testing.assert_allclose(figures(tmp_path / "applied.json"), figures(tmp_path / "m.json"), rtol=0, atol=1e-9)
+    score = json.loads((tmp_path / "applied.json").read_text())
+    assert score["convention"]["diagnosed"] == "metres_per_unit=0.001"
+    assert score["warnings"]
+    # what agrees is left alone
+    assert sfr("score", tmp_path / "m.csv", source, *options, tmp_path / "n.json", "--apply-diagnosis").code == 0
+    assert "convention" not in json.loads((tmp_path / "n.json").read_text())
+    assert figures(tmp_path / "n.json") == figures(tmp_path / "m.json")
+
+
+def test_a_declaration_and_a_diagnosis_are_applied_one_after_the_other(
+    sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
+) -> None:
+    wrong = Trajectory(estimate.stamps_ns - 40, 1e3 * estimate.positions, quat_conjugate(estimate.quats_xyzw))
+    save_trajectory(tmp_path / "wrong.csv", wrong)
+    declared = ["--convention", "quaternion=conjugated", "--convention", "time_offset_ns=40", "--apply-diagnosis"]
+    result = sfr("score", tmp_path / "wrong.csv", source, "--condition", "frames=4", *declared, "--json", "-")
+    score = json.loads(result.out)
+    assert score["convention"]["declared"] == ["quaternion=conjugated", "time_offset_ns=40"]
+    assert score["convention"]["diagnosed"] == "metres_per_unit=0.001"
+    assert score["trajectory"]["association"]["exact"] == 14
+
+
+def test_a_convention_that_cannot_be_is_one_line(sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory) -> None:
+    save_trajectory(tmp_path / "e.csv", estimate)
+    result = sfr("score", tmp_path / "e.csv", source, "--convention", "frame=camera")
+    assert result.code == 2
+    assert "must be one of rb" in result.err
+    without_rig = sfr("score", tmp_path / "e.csv", tmp_path / "e.csv", "--convention", "frame=left")
+    assert without_rig.code == 2
+    assert "extrinsics=x,y,z" in without_rig.err
+    assert sfr("score", tmp_path / "c.ply", source, "--apply-diagnosis").code == 2
