@@ -147,12 +147,12 @@ def test_the_setting_that_is_named_corrects_it(mistake: Callable[[Poses], Poses]
         assert not diagnosis.found.setting  # nothing corrects images
         return
     convention = PoseConvention.parse([diagnosis.found.setting])
-    mended = converted_estimates(Estimates.of(wrong), convention, convention.T_rb_child(None), true).trajectory
-    after = diagnose(mended, true, config)
+    corrected = converted_estimates(Estimates.of(wrong), convention, convention.T_rb_child(None), true).trajectory
+    after = diagnose(corrected, true, config)
     assert after.found is None
     assert after.disagreement == pytest.approx(diagnosis.found.disagreement, rel=0.2 if name == "time offset" else 1e-6)
     if name == "time offset":
-        assert mended.stamps_ns.tolist() == estimate[0].tolist()
+        assert corrected.stamps_ns.tolist() == estimate[0].tolist()
 
 
 @pytest.mark.slow
