@@ -8,6 +8,7 @@ from typing import Any
 
 from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.live.live_table import live_table
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, to_dict
@@ -61,7 +62,7 @@ class ReportView:
         return cls(
             content=content,
             overall=overall_of(score),
-            tables=tuple(score_tables(score)),
+            tables=tuple(filter(None, (live_table(score), *score_tables(score)))),
             warnings=score.warnings,
             conditions=_conditions(score),
             spacing=0 if score.trajectory is None else score.trajectory.first.spacing_frames,

@@ -173,6 +173,7 @@ class LiveServer:
         return {
             "version": __version__,
             "title": self._title,
+            "time_s": now_s,
             "uptime_s": round(now_s - self._begin_s, 3),
             "actions": sorted(self._operator.actions),
             "bytes_per_s": self._config.bytes_per_s,

@@ -57,8 +57,8 @@ class TopicView:
         self.stamp_ns, self.received_s = stamp_ns, received_s
 
     def is_stale(self, now_s: float) -> bool:
-        """Tell whether nothing has come for longer than its period explains."""
-        return now_s - self.received_s > max(TOPIC_STALE_S, 3.0 * self.period_s)
+        """Tell whether nothing has come for longer than its period explains; what came once has none."""
+        return self.period_s > 0.0 and now_s - self.received_s > max(TOPIC_STALE_S, 3.0 * self.period_s)
 
 
 class LiveState:

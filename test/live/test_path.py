@@ -9,10 +9,11 @@ import pytest
 
 from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.live.path import MAX_ROWS, LivePath
+from sfr_loc_map.live.path import LivePath
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.condition import Condition
 
+MAX_ROWS = 50
 STEP_NS = NS_PER_S // 10
 
 
@@ -94,9 +95,10 @@ def test_stamps_that_go_back_begin_a_new_run() -> None:
     assert path.version == 1
 
 
-def test_long_runs_keep_a_bounded_number_of_rows() -> None:
+def test_long_runs_keep_a_bounded_number_of_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfr_loc_map.live.path.MAX_ROWS", MAX_ROWS)
     path = LivePath()
-    for number in range(MAX_ROWS + MAX_ROWS // 2):
+    for number in range(4 * MAX_ROWS):
         path.add(pose(Track.ESTIMATE, number, turned(0.1 * number, 0.0, 0.0)))
     assert MAX_ROWS // 2 <= len(path.rows) <= MAX_ROWS
     assert path.rows[0].n == 0

@@ -1,0 +1,169 @@
+// The page: receives, keeps, shows. Each view draws one moment, the latest or an earlier one.
+
+import { showCalls } from "./calls_view.js";
+import { offerTurning, showCloud } from "./cloud_view.js";
+import { Connection, command } from "./connection.js";
+import { byId, clockTime, setPill, setText } from "./dom.js";
+import { showReport } from "./figures.js";
+import { showImages } from "./images_view.js";
+import { Lag } from "./lag.js";
+import { showMap } from "./map_view.js";
+import { showNodes } from "./nodes_view.js";
+import { showPath } from "./path_view.js";
+import { Store } from "./store.js";
+import { dressAllHelp } from "./terms.js";
+import { currentTheme, offerTheme } from "./theme.js";
+
+const store = new Store(), lag = new Lag();
+let chosen = null; // the moment that is shown; null: the latest
+let dirty = true, connected = false, lostAt = 0;
+
+const connection = new Connection({
+  figures(message) {
+    store.apply(message);
+    if (message.type === "hello") lag.begin(message.server.time_s);
+    if (message.type === "path") lag.expect(store.rows.at(-1));
+    redraw();
+  },
+  image(header, blob) {
+    store.addImage(header, blob);
+    lag.expectImage(header);
+    redraw();
+  },
+  cloud(header, values) {
+    store.addCloud(header, values);
+    redraw();
+  },
+  state(open) {
+    if (open !== connected || !open) {
+      if (connected && !open) lostAt = connection.now();
+      connected = open;
+      redraw();
+    }
+  },
+});
+
+function redraw() {
+  if (dirty) return;
+  dirty = true;
+  requestAnimationFrame(draw);
+}
+
+function draw() {
+  dirty = false;
+  const moment = chosen ?? store.moment(), theme = currentTheme();
+  showReport(moment.report);
+  showPath(moment);
+  showImages(moment, byId("rig").value, byId("tracks").checked);
+  const cloud = moment.clouds.get("mapping/points") ?? [...moment.clouds.values()][0];
+  showMap(cloud, byId("layer").value, theme);
+  showCloud(cloud, byId("colour").value, theme);
+  showCalls(moment.calls);
+  showNodes(moment.nodes, store.server, moment.ended || store.ended);
+  showHeader(moment);
+  showTime();
+  lag.drawn(() => connection.now(), chosen === null);
+  showFooter(cloud);
+  document.documentElement.dataset.drawn = String(moment.rowCount);
+}
+
+function showHeader(moment) {
+  setText(byId("title"), store.server.title ?? "");
+  const row = moment.rows[moment.rowCount - 1], node = moment.nodes?.nodes.find((item) => item.name === "localisation_node");
+  const stale = Boolean(moment.nodes?.stale || node?.stale) && !store.ended;
+  if (!connected && !store.ended) setPill(byId("state"), "stale", "○", "not known");
+  else if (!row) setPill(byId("state"), "open", "…", "no pose yet");
+  else if (stale) setPill(byId("state"), "stale", "○", `stale: no pose for ${(moment.nodes.topics["localisation/odometry"]?.age_s ?? 0).toFixed(1)} s`);
+  else if (row.lost) setPill(byId("state"), "fail", "✖", node?.state || "lost");
+  else setPill(byId("state"), node?.state.startsWith("degraded") ? "open" : "pass", "✔", node?.state || "tracking");
+  if (store.ended) setPill(byId("connection"), "open", "■", "the run has ended");
+  else if (connected) setPill(byId("connection"), "pass", "●", "connected");
+  else setPill(byId("connection"), "fail", "✖", lostAt ? `no connection since ${clockTime(lostAt)}` : "connecting");
+  const problems = moment.nodes?.problems ?? [], notice = byId("notice");
+  notice.hidden = !problems.length;
+  setText(notice, problems.at(-1) ?? "");
+  document.body.classList.toggle("cut", !connected && !store.ended);
+}
+
+function showTime() {
+  const scrub = byId("scrub"), last = store.moments.length - 1;
+  scrub.max = String(Math.max(last, 0));
+  const place = chosen === null ? last : store.moments.indexOf(chosen);
+  scrub.value = String(Math.max(place, 0));
+  const paused = chosen !== null;
+  byId("pause").setAttribute("aria-pressed", String(paused));
+  setText(byId("pause"), paused ? "Go on" : "Pause");
+  byId("live").disabled = !paused;
+  document.body.classList.toggle("paused", paused);
+  const now = store.moments.at(-1)?.time ?? 0;
+  setText(byId("moment"), paused ? `${clockTime(chosen.time)}, ${(now - chosen.time).toFixed(0)} s ago` : "live");
+}
+
+function showFooter(cloud) {
+  setText(byId("lag"), lag.text());
+  const load = store.nodes?.load, parts = [];
+  if (store.thinned.images) parts.push(`images reduced from ${store.thinned.images.join(" × ")}`);
+  if (cloud && cloud.count < cloud.total) parts.push(`${cloud.count} of ${cloud.total} points`);
+  if (load?.replaced) parts.push(`${load.replaced} images and clouds left out for newer ones`);
+  if (load?.dropped) parts.push(`${load.dropped} figures lost`);
+  if (load?.cut_off) parts.push(`${load.cut_off} pages cut off that did not read`);
+  setText(byId("thinned"), parts.length ? `Thinned: ${parts.join("; ")}.` : "Nothing thinned.");
+}
+
+function choose(place) {
+  if (!store.moments.length) return;
+  chosen = store.moments[Math.min(Math.max(place, 0), store.moments.length - 1)];
+  redraw();
+}
+
+function step(by) {
+  choose((chosen === null ? store.moments.length - 1 : store.moments.indexOf(chosen)) + by);
+}
+
+function now() {
+  chosen = null;
+  redraw();
+}
+
+const pause = () => (chosen === null ? choose(store.moments.length - 1) : now());
+
+async function bookmark() {
+  const button = byId("bookmark"), row = (chosen ?? store.moment()).rows.at(-1);
+  try {
+    await command({ action: "bookmark", text: `bookmark at stamp ${row?.stamp ?? "unknown"}` });
+    button.textContent = "Bookmarked";
+  } catch (error) {
+    button.textContent = error.message.slice(0, 40);
+  }
+  setTimeout(() => (button.textContent = "Bookmark"), 1500);
+}
+
+function tellViews() {
+  const views = document.hidden ? [] : ["images", "clouds"];
+  if (!document.hidden && byId("tracks").checked) views.push("tracks");
+  connection.want(views);
+}
+
+const KEYS = { " ": pause, ArrowLeft: () => step(-1), ArrowRight: () => step(1), l: now, b: bookmark, t: () => byId("theme").click(), "?": () => byId("keys-dialog").showModal() };
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, button, dialog") || !KEYS[event.key]) return;
+  event.preventDefault();
+  KEYS[event.key]();
+});
+
+byId("pause").addEventListener("click", pause);
+byId("live").addEventListener("click", now);
+byId("scrub").addEventListener("input", (event) => choose(Number(event.target.value)));
+byId("bookmark").addEventListener("click", bookmark);
+byId("keys").addEventListener("click", KEYS["?"]);
+byId("tracks").addEventListener("change", () => (tellViews(), redraw()));
+for (const id of ["rig", "layer", "colour", "gain", "follow"]) byId(id).addEventListener("change", redraw);
+document.addEventListener("visibilitychange", tellViews);
+window.addEventListener("resize", redraw);
+offerTheme(redraw);
+offerTurning(redraw);
+dressAllHelp();
+tellViews();
+dirty = false;
+redraw();
+Object.assign(window, { sfrLive: { store, lag, connection } }); // for tests

@@ -1,0 +1,56 @@
+// How late the page is: from the publication of an image to the frame in which what follows from it is drawn.
+
+const KEPT = 500;
+
+export class Lag {
+  constructor() {
+    this.poses = [];
+    this.images = [];
+    this.due = [];
+    this.since = Infinity;
+  }
+
+  /** Count what is published from now on: what a page is given when it joins is old. */
+  begin(time) {
+    this.since = time;
+  }
+
+  /** Expect the newest pose in the next frame. */
+  expect(row) {
+    if (row && row.published > this.since && row.n !== this.last) {
+      this.last = row.n;
+      this.due.push([this.poses, row.published, row.stamp]);
+    }
+  }
+
+  /** Expect an image in the next frame. */
+  expectImage(header) {
+    if (header.published_s > this.since) this.due.push([this.images, header.published_s, header.stamp_ns]);
+  }
+
+  /** Note that a frame was drawn; the time counts once the browser has come back from painting it. */
+  drawn(now, live) {
+    const due = this.due.splice(0);
+    if (!due.length || !live) return;
+    requestAnimationFrame(() => {
+      const time = now();
+      for (const [kept, published, stamp] of due) {
+        kept.push([time - published, stamp]);
+        if (kept.length > KEPT) kept.shift();
+      }
+    });
+  }
+
+  /** Return the value that so many of 100 lie below, milliseconds. */
+  percentile(kept, percent) {
+    const sorted = kept.map(([seconds]) => seconds * 1000).sort((a, b) => a - b);
+    return sorted[Math.min(Math.floor((percent / 100) * sorted.length), sorted.length - 1)];
+  }
+
+  text() {
+    if (!this.poses.length && !this.images.length) return "Lag of this page: not known yet.";
+    const parts = [["poses", this.poses], ["images", this.images]].filter(([, kept]) => kept.length);
+    const words = parts.map(([name, kept]) => `${name} ${Math.round(this.percentile(kept, 50))} ms, 95 % within ${Math.round(this.percentile(kept, 95))} ms`);
+    return `Image to screen: ${words.join("; ")}.`;
+  }
+}

@@ -1,0 +1,298 @@
+"""The server of the live page: what it serves to whom, what pages are sent, what one that does not read costs."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import struct
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from made_run import cloud_update, fill, health_update, image_update, pose_updates
+from made_scores import json_of, whole_score
+
+from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.live.client import MAX_FIGURE_BYTES, Client
+from sfr_loc_map.live.commands import Action, Command
+from sfr_loc_map.live.config import LiveConfig
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.updates import View
+
+aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
+
+from sfr_loc_map.live.server import LiveServer  # noqa: E402 - needs aiohttp
+
+
+class Recorder:
+    """Carries out nothing and remembers what was asked."""
+
+    actions = frozenset({Action.RESET, Action.BOOKMARK})
+
+    def __init__(self) -> None:
+        self.commands: list[Command] = []
+
+    def run(self, command: Command) -> str:
+        if command.node == "nowhere":
+            raise InputError("there is no such node")
+        self.commands.append(command)
+        return "done"
+
+
+class Served:
+    """A server under test with a session that asks it."""
+
+    def __init__(self, hub: Hub, operator: Recorder, server: LiveServer, session: Any) -> None:
+        self.hub, self.operator, self.server, self.session = hub, operator, server, session
+
+    async def get(self, path: str, **headers: str) -> tuple[int, str, Any]:
+        async with self.session.get(self.server.url.split("?")[0] + path, headers=headers) as answer:
+            return answer.status, await answer.text(), answer.headers
+
+    async def command(self, content: Any, **headers: str) -> tuple[int, dict[str, Any]]:
+        async with self.session.post(self.server.url + "command", json=content, headers=headers) as answer:
+            return answer.status, await answer.json(content_type=None)
+
+    async def token(self) -> str:
+        found = re.search(r'name="command-token" content="([^"]+)"', (await self.get(""))[1])
+        assert found is not None
+        return found[1]
+
+
+@asynccontextmanager
+async def served(**config: Any) -> AsyncIterator[Served]:
+    hub, operator, ready = Hub(), Recorder(), asyncio.Event()
+    server = LiveServer(LiveConfig(port=0, **config), hub, operator, "test")
+    task = asyncio.create_task(server.serve(lambda _: ready.set()))
+    await asyncio.wait_for(ready.wait(), 10)
+    async with aiohttp.ClientSession() as session:
+        yield Served(hub, operator, server, session)
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+def in_loop(test: Callable[[Served], Awaitable[None]], **config: Any) -> None:
+    async def run() -> None:
+        async with served(**config) as found:
+            await test(found)
+
+    asyncio.run(asyncio.wait_for(run(), 60))
+
+
+async def messages_until(
+    channel: Any, done: Callable[[list[dict[str, Any]], list[bytes]], bool]
+) -> tuple[list[Any], list[bytes]]:
+    texts: list[dict[str, Any]] = []
+    frames: list[bytes] = []
+    while not done(texts, frames):
+        message = await asyncio.wait_for(channel.receive(), 10)
+        if message.type is aiohttp.WSMsgType.TEXT:
+            texts.append(json.loads(message.data))
+        else:
+            assert message.type is aiohttp.WSMsgType.BINARY, message
+            frames.append(message.data)
+    return texts, frames
+
+
+def opened(frame: bytes) -> tuple[dict[str, Any], bytes]:
+    (size,) = struct.unpack_from("<I", frame)
+    return json.loads(frame[4 : 4 + size]), frame[4 + size :]
+
+
+def test_page_state_and_health_are_served_and_nothing_else() -> None:
+    async def test(found: Served) -> None:
+        fill(found.hub, 5)
+        for path, kind in (("", "text/html"), ("app.js", "text/javascript"), ("style.css", "text/css")):
+            status, text, headers = await found.get(path)
+            assert (status, headers["Content-Type"].split(";")[0]) == (200, kind)
+            assert "default-src 'none'" in headers["Content-Security-Policy"]
+            assert not re.search(r"https?://(?!www\.w3\.org)", text), "nothing is asked for elsewhere"
+        assert (await found.get("healthz"))[0] == 200
+        while not (content := json.loads((await found.get("state.json"))[1]))["live"]["poses"]:
+            await asyncio.sleep(0.02)
+        content.pop("live")
+        assert content == json_of(whole_score(100, 48, 2, 2))
+        for path in (
+            "../server.py",
+            "%2e%2e/server.py",
+            "..%2fserver.py",
+            "web/app.js",
+            "etc/passwd",
+            "%00",
+            "index.htm",
+        ):
+            assert (await found.get(path))[0] == 404, path
+
+    in_loop(test)
+
+
+def test_strangers_are_refused() -> None:
+    async def test(found: Served) -> None:
+        port = found.server.url.rsplit(":")[-1].strip("/")
+        assert (await found.get("state.json", Host=f"evil.example:{port}"))[0] == 403
+        assert (await found.get("state.json", Origin="http://evil.example"))[0] == 403
+        assert (await found.get("state.json", Host=f"localhost:{port}"))[0] == 200
+        with pytest.raises(aiohttp.WSServerHandshakeError):
+            await found.session.ws_connect(found.server.url + "ws", origin="http://evil.example")
+
+    in_loop(test)
+
+
+def test_other_hosts_need_the_token() -> None:
+    for host, token in (("0.0.0.0", ""), ("0.0.0.0", "short"), ("127.0.0.1", "has\nlines")):
+        with pytest.raises(ConfigError):
+            LiveServer(LiveConfig(host=host, token=token), Hub())
+
+    async def test(found: Served) -> None:
+        assert (await found.get("state.json"))[0] == 403
+        assert (await found.get("state.json?token=wrong-word"))[0] == 403
+        assert (await found.get("state.json", Authorization="Bearer a-long-secret"))[0] == 200
+        assert (await found.get("?token=a-long-secret"))[0] == 200
+        assert (await found.get("healthz"))[0] == 200
+
+    in_loop(test, token="a-long-secret")
+
+
+def test_commands_need_the_token_of_the_page() -> None:
+    async def test(found: Served) -> None:
+        asked = {"action": "reset", "node": "mapping_node"}
+        assert (await found.command(asked))[0] == 403
+        header = {"X-SFR-Token": await found.token()}
+        strange = header | {"Origin": "http://evil.example"}
+        async with found.session.post(found.server.url + "command", json=asked, headers=strange) as answer:
+            assert answer.status == 403
+        assert await found.command(asked, **header) == (200, {"ok": True, "text": "done"})
+        assert found.operator.commands == [Command(Action.RESET, "mapping_node")]
+        for bad in ({"action": "rm"}, [], {"action": "reset", "at_s": "x"}, {"action": "seek", "at_s": -1}):
+            assert (await found.command(bad, **header))[0] == 400
+        assert (await found.command({"action": "reset", "node": "nowhere"}, **header))[1][
+            "text"
+        ] == "there is no such node"
+
+    in_loop(test)
+
+
+def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
+    async def test(found: Served) -> None:
+        fill(found.hub, 10)
+        while len(found.server.state.path.rows) < 10:
+            await asyncio.sleep(0.01)
+        async with found.session.ws_connect(found.server.url + "ws") as channel:
+            await channel.send_json({"type": "want", "views": ["images", "clouds", "nonsense"]})
+            texts, frames = await messages_until(channel, lambda texts, frames: len(texts) >= 5 and len(frames) >= 4)
+            kinds = [text["type"] for text in texts]
+            assert kinds[:5] == ["hello", "report", "path", "calls", "nodes"]
+            assert len(texts[2]["rows"]) == 10
+            assert found.hub.wanted == {View.IMAGES, View.CLOUDS}
+            headers = {opened(frame)[0]["topic"]: opened(frame) for frame in frames}
+            header, body = headers["mapping/points"]
+            points = np.frombuffer(body, "<f4").reshape(header["count"], 5)
+            assert header["total"] == 60_000 > header["count"]
+            assert np.isfinite(points).all()
+            assert headers["loc/left"][1].startswith(b"\xff\xd8")
+            for update in pose_updates(10, 1.0):
+                found.hub.put(update)
+            texts, _ = await messages_until(channel, lambda texts, _: any(text["type"] == "path" for text in texts))
+            (path,) = (text for text in texts if text["type"] == "path")
+            assert [row[0] for row in path["rows"]] == [10]
+        while found.hub.wanted:
+            await asyncio.sleep(0.01)
+
+    in_loop(test)
+
+
+class Stuck:
+    """A page that takes nothing."""
+
+    async def send_str(self, data: str) -> None:
+        await asyncio.Event().wait()
+
+    send_bytes = send_str  # type: ignore[assignment]
+
+
+class Fast:
+    """A page that takes everything."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self.frames: list[bytes] = []
+
+    async def send_str(self, data: str) -> None:
+        self.texts.append(data)
+
+    async def send_bytes(self, data: bytes) -> None:
+        self.frames.append(data)
+
+
+def test_a_page_that_does_not_read_is_cut_off_within_bounds() -> None:
+    async def run() -> None:
+        client = Client(Stuck(), 2e6)
+        most = 0
+        sender = asyncio.create_task(client.send_all())
+        for number in range(100_000):
+            client.add_figures("x" * 1000)
+            client.add_media("loc/left", bytes(50_000))
+            most = max(most, client.waiting_bytes)
+            if client.cut_off:
+                break
+            if number % 100 == 0:
+                await asyncio.sleep(0)
+        assert client.cut_off
+        assert most <= MAX_FIGURE_BYTES + 51_000
+        assert client.waiting_bytes <= 50_000
+        sender.cancel()
+
+    asyncio.run(run())
+
+
+def test_figures_are_never_left_out_and_media_keep_to_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfr_loc_map.live.client.PAUSE_S", 0.0005)
+
+    async def run() -> None:
+        now = [0.0]
+        page = Fast()
+        client = Client(page, 100_000.0, lambda: now[0])
+        sender = asyncio.create_task(client.send_all())
+        for number in range(200):  # ten seconds of 20 images a second, 20 kB each: four times the budget
+            now[0] = number * 0.05
+            client.add_figures(str(number))
+            client.add_media("loc/left", bytes(20_000))
+            client.add_media("loc/right", bytes(20_000))
+            await asyncio.sleep(0.002)
+        assert page.texts == [str(number) for number in range(200)]
+        sent = sum(map(len, page.frames))
+        assert 0.5 * 1e6 < sent <= 1.1e6 + 40_000
+        assert client.replaced > 200
+        sender.cancel()
+
+    asyncio.run(run())
+
+
+def test_stale_nodes_are_told_without_any_message() -> None:
+    async def test(found: Served) -> None:
+        import time
+
+        found.hub.put(health_update("mapping_node", time.time() - 1.5))
+        async with found.session.ws_connect(found.server.url + "ws") as channel:
+
+            def is_stale(texts: list[dict[str, Any]], _: list[bytes]) -> bool:
+                return any(node["stale"] for text in texts if text["type"] == "nodes" for node in text["nodes"])
+
+            await messages_until(channel, is_stale)
+            found.hub.put(health_update("mapping_node", time.time()))
+            texts, _ = await messages_until(
+                channel, lambda texts, _: bool(texts) and texts[-1]["type"] == "nodes" and not is_stale(texts[-1:], [])
+            )
+            assert texts
+
+    in_loop(test)
+
+
+def test_images_and_clouds_are_small_enough_for_a_screen() -> None:
+    big = image_update("loc/left", 1, 0.0)
+    cloud = cloud_update(1, 0.0, 100_000)
+    assert len(big.jpeg) < 40_000  # type: ignore[union-attr]
+    assert len(cloud.points) == 40_000  # type: ignore[union-attr]
