@@ -62,6 +62,10 @@ class NodeError(SfrError):
     """A node, or the graph it lives in, cannot do its work."""
 
 
+class MethodError(SfrError):
+    """A method under test cannot be found or started."""
+
+
 class BenchError(SfrError):
     """A reference method of a benchmark does not run."""
 

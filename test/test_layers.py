@@ -16,6 +16,7 @@ ROOT = "package root"
 
 BASE = {ROOT, "errors", "bounded_input", "config", "constants", "jit", "geometry", "printable"}
 MIDDLE = {"localisation", "mapping", "metrics", "simulation", "io"}
+UPPER = {"tables", "methods", "pipeline", "report", "nodes", "bench", "suite", "fault_injection", "live"}
 ALLOWED: dict[str, set[str]] = {
     ROOT: set(),
     "constants": {ROOT},
@@ -27,14 +28,15 @@ ALLOWED: dict[str, set[str]] = {
     "config": {ROOT, "errors", "bounded_input"},
     "geometry": {ROOT, "errors", "config", "constants", "jit"},
     **dict.fromkeys(MIDDLE, BASE),
-    "pipeline": BASE | MIDDLE,
+    "methods": BASE | {"localisation", "mapping", "metrics", "io"},
+    "pipeline": BASE | MIDDLE | {"methods"},
     "report": BASE | MIDDLE | {"tables"},
     "live": BASE | MIDDLE | {"pipeline", "report", "tables"},
     "nodes": BASE | (MIDDLE - {"simulation"}) | {"pipeline", "live"},
-    "bench": BASE | MIDDLE | {"pipeline", "tables"},
-    "suite": BASE | MIDDLE | {"pipeline", "report", "tables"},
+    "bench": BASE | MIDDLE | {"methods", "pipeline", "tables"},
+    "suite": BASE | MIDDLE | {"methods", "pipeline", "report", "tables"},
     "fault_injection": BASE | (MIDDLE - {"simulation"}) | {"pipeline", "nodes", "tables"},
-    "cli": BASE | MIDDLE | {"tables", "pipeline", "report", "nodes", "bench", "suite", "fault_injection", "live"},
+    "cli": BASE | MIDDLE | UPPER,
 }
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 

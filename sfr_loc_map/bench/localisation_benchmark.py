@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.bench.competitors import Competitors
 from sfr_loc_map.bench.figures import CallCosts, JsonObject
-from sfr_loc_map.bench.passes import PassInput, Progress, Run, run_passes
-from sfr_loc_map.bench.reference_methods import ReferenceMethods
+from sfr_loc_map.bench.passes import LIMITS, PassInput, Progress, Run, findings_of, run_passes
 from sfr_loc_map.bench.results import Entry, MethodComparison, Provenance, SizeResult
 from sfr_loc_map.bench.scaling import half_pair, half_rig
 from sfr_loc_map.constants import NS_PER_S
@@ -20,13 +18,16 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.metrics.calls.resources import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.trajectory.association import Estimates
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.offline import start_pose
 
-LeftPose = list[float] | None
-"""Pose `(4, 4)` of the left camera in its first one, 16 numbers row by row; None where it is not known."""
+LeftPose = Transform | None
+"""Pose of the left camera in its first one; None where it is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +89,7 @@ class LocalisationFigures:
 def benchmark_localisation(
     sequence: LocSequence,
     config: LocalisationConfig,
-    methods: ReferenceMethods,
+    methods: Competitors,
     settings: BenchmarkSettings,
     progress: Progress = lambda name: None,
 ) -> MethodComparison[LocalisationFigures]:
@@ -114,7 +115,7 @@ def _one_size(
     sequence: LocSequence,
     halvings: int,
     config: LocalisationConfig,
-    methods: ReferenceMethods,
+    methods: Competitors,
     settings: BenchmarkSettings,
     progress: Progress,
 ) -> SizeResult[LocalisationFigures]:
@@ -124,19 +125,26 @@ def _one_size(
     stamps_ns = [pair.stamp_ns for pair in sequence.pairs()]
     recorded_hz = _rate_hz(stamps_ns)
     rate_hz = settings.rate_hz or recorded_hz
-    setup = {"config": asdict(config), "rate_hz": rate_hz}
-    given = PassInput(rig, lambda: _pairs(sequence, halvings), setup, _read_pose, rate_hz / recorded_hz)
-    runs, failed = run_passes(methods.present, given, settings.repeat, progress)
+    # the rover frame in the left camera: all methods estimate the same pose
+    rig = replace(rig, T_rb_sb=rig.T_sb_left.inverse())
+    given = PassInput(
+        lambda: _pairs(sequence, halvings),
+        lambda method: IsolatedLocaliser(method, rig, Transform.identity(), LIMITS, {"rate_hz": rate_hz}),
+        _call,
+        rate_hz / recorded_hz,
+    )
+    runs, failed = run_passes(methods.configured(asdict(config)), given, settings.repeat, progress)
     entries = {
         name: Entry(mine[0].version, [_figures(run, stamps_ns, sequence, settings.score) for run in mine])
         for name, mine in runs.items()
     }
-    return SizeResult(rig.width, rig.height, None, entries, failed)
+    return SizeResult(rig.width, rig.height, None, entries, failed, findings_of(runs))
 
 
-def _read_pose(report: Mapping[str, Any], output: Path) -> LeftPose:
-    pose: LeftPose = report["pose"]
-    return pose
+def _call(localiser: IsolatedLocaliser, pair: StereoPair, since_start_s: float) -> tuple[LeftPose, CallUsage, str]:
+    call = localiser.process(pair, {"since_start_s": since_start_s})
+    lost = call.estimate.state is TrackingState.LOST
+    return None if lost else call.estimate.T_ds_rb, call.usage, call.finding
 
 
 def _pairs(sequence: LocSequence, halvings: int) -> Iterator[StereoPair]:
@@ -180,8 +188,7 @@ def accuracy(
     stamped = []
     for stamp_ns, pose in zip(stamps_ns, poses, strict=True):
         if pose is not None:
-            matrix = np.reshape(pose, (4, 4))
-            last = T_ds_first @ Transform(matrix[:3, :3], matrix[:3, 3]) @ T_left_rb
+            last = T_ds_first @ pose @ T_left_rb
         stamped.append((stamp_ns, last))
     lost = np.array([pose is None for pose in poses], np.bool_)
     score = score_trajectory(Estimates.of(Trajectory.from_poses(stamped), lost), truth, config).score

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.bench.competitors import Competitors
 from sfr_loc_map.bench.disparity_accuracy import DisparityAccuracy, TrueDisparity, disparity_accuracy
 from sfr_loc_map.bench.figures import CallCosts, JsonObject
-from sfr_loc_map.bench.passes import PassInput, Progress, Run, run_passes
-from sfr_loc_map.bench.reference_methods import ReferenceMethods
+from sfr_loc_map.bench.passes import LIMITS, PassInput, Progress, Run, findings_of, run_passes
 from sfr_loc_map.bench.results import Entry, MethodComparison, Provenance, SizeResult
 from sfr_loc_map.bench.scaling import half_disparity, half_pair, half_rig
 from sfr_loc_map.geometry.arrays import FloatImage
@@ -20,6 +18,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,7 @@ class MappingFigures:
 def benchmark_mapping(
     sequence: NavSequence,
     config: MappingConfig,
-    methods: ReferenceMethods,
+    methods: Competitors,
     *,
     repeat: int = 3,
     sizes: int = 1,
@@ -73,7 +72,7 @@ def _one_size(
     sequence: NavSequence,
     halvings: int,
     config: MappingConfig,
-    methods: ReferenceMethods,
+    methods: Competitors,
     repeat: int,
     progress: Progress,
 ) -> SizeResult[MappingFigures]:
@@ -81,18 +80,17 @@ def _one_size(
     for _ in range(halvings):
         rig = half_rig(rig)
     count = search_range(rig, config).count
-    setup = {"config": asdict(config), "disparities": count}
-    given = PassInput(rig, lambda: _pairs(sequence, halvings), setup, _read_disparity)
-    runs, failed = run_passes(methods.present, given, repeat, progress)
+    given = PassInput(
+        lambda: _pairs(sequence, halvings),
+        lambda method: IsolatedMapper(method, rig, LIMITS, {"disparities": count}),
+        lambda mapper, pair, _: mapper.disparity(pair),
+    )
+    runs, failed = run_passes(methods.configured(asdict(config)), given, repeat, progress)
     truths = [true_disparity(item, sequence.rig, halvings) for item in sequence.pairs()]
     entries = {
         name: Entry(mine[0].version, [_figures(run, truths, rig) for run in mine]) for name, mine in runs.items()
     }
-    return SizeResult(rig.width, rig.height, count, entries, failed)
-
-
-def _read_disparity(report: Mapping[str, Any], output: Path) -> FloatImage:
-    return np.asarray(np.load(output), np.float32)
+    return SizeResult(rig.width, rig.height, count, entries, failed, findings_of(runs))
 
 
 def _pairs(sequence: NavSequence, halvings: int) -> Iterator[StereoPair]:

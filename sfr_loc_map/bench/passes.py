@@ -6,18 +6,22 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
-from sfr_loc_map.bench.method_process import MethodProcess, SharedImages
-from sfr_loc_map.bench.reference_methods import OURS, ReferenceMethod
+from sfr_loc_map.bench.results import OURS
 from sfr_loc_map.constants import NS_PER_S
-from sfr_loc_map.errors import BenchError
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.errors import BenchError, MethodError
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
+from sfr_loc_map.methods.method import Method, MethodLimits
+from sfr_loc_map.metrics.calls.resources import CallUsage
 
 Progress = Callable[[str], None]
 """Called with the name of a method after each of its calls."""
+LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
+"""Of a method in a benchmark; some dense matchers take minutes."""
+M = TypeVar("M", bound=IsolatedLocaliser | IsolatedMapper)
 R = TypeVar("R")
 
 
@@ -26,20 +30,20 @@ class Run(Generic[R]):
     """Calls of one method in one pass.
 
     Attributes:
-        method: The method.
         version: Its version.
         idle_bytes: Resident memory of its process before the first call.
         seconds: Time of each call.
         peaks: Peak of resident memory of each call.
         results: Result of each call.
+        findings: What it did wrong in calls after which it went on.
     """
 
-    method: ReferenceMethod
     version: str
     idle_bytes: int | None
     seconds: list[float] = field(default_factory=list)
     peaks: list[int | None] = field(default_factory=list)
     results: list[R] = field(default_factory=list)
+    findings: list[str] = field(default_factory=list)
 
 
 @dataclass(slots=True, eq=False)
@@ -56,26 +60,24 @@ class Pass(Generic[R]):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PassInput(Generic[R]):
-    """Input of all methods, and how their results are read.
+class PassInput(Generic[M, R]):
+    """Input of all methods, and how they are called.
 
     Attributes:
-        rig: Rig of the pairs.
         pairs: Yields the pairs from the start at each call.
-        setup: Sent to each worker besides the rig.
-        read_result: Result of a call from the worker's report and the file that it may have written.
+        open: Starts a method.
+        call: Gives it a pair, and the seconds since the first one; returns result, costs and finding.
         rate_scale: Factor on the rate of the recording, for methods that work in the background.
     """
 
-    rig: StereoRig
     pairs: Callable[[], Iterable[StereoPair]]
-    setup: Mapping[str, Any]
-    read_result: Callable[[Mapping[str, Any], Path], R]
+    open: Callable[[Method], M]
+    call: Callable[[M, StereoPair, float], tuple[R, CallUsage, str]]
     rate_scale: float = 1.0
 
 
 def run_passes(
-    methods: Sequence[ReferenceMethod], given: PassInput[R], repeat: int, progress: Progress
+    methods: Sequence[Method], given: PassInput[M, R], repeat: int, progress: Progress
 ) -> tuple[dict[str, list[Run[R]]], dict[str, str]]:
     """Repeat a pass; a method that has failed is left out of the later ones.
 
@@ -94,19 +96,16 @@ def run_passes(
             raise BenchError(failed[OURS])
         for name, run in done.runs.items():
             runs.setdefault(name, []).append(run)
-    return runs, failed
+    return {name: mine for name, mine in runs.items() if name not in failed}, failed
 
 
-def run_pass(
-    methods: Sequence[ReferenceMethod], given: PassInput[R], progress: Progress = lambda name: None
-) -> Pass[R]:
+def run_pass(methods: Sequence[Method], given: PassInput[M, R], progress: Progress = lambda name: None) -> Pass[R]:
     """Process all pairs with all methods.
 
     Methods that are idle between calls are interleaved: each pair is processed by one after the other, and the first
     one changes from pair to pair. Methods that work in the background follow, each alone, at the rate of the stamps.
     """
-    idle = [method for method in methods if not method.background]
-    done = _run_group(idle, given, None, progress)
+    done = _run_group([method for method in methods if not method.background], given, None, progress)
     for method in methods:
         if method.background:
             alone = _run_group([method], given, given.rate_scale, progress)
@@ -116,39 +115,48 @@ def run_pass(
 
 
 def _run_group(
-    methods: Sequence[ReferenceMethod], given: PassInput[R], rate_scale: float | None, progress: Progress
+    methods: Sequence[Method], given: PassInput[M, R], rate_scale: float | None, progress: Progress
 ) -> Pass[R]:
     done: Pass[R] = Pass()
-    with TemporaryDirectory(prefix="sfr_bench_") as temporary, ExitStack() as stack:
-        folder = Path(temporary)
-        images = SharedImages(folder / "images", given.rig)
-        active: list[tuple[MethodProcess, Run[R]]] = []
+    with ExitStack() as stack:
+        active: list[tuple[str, M]] = []
         for method in methods:
             try:
-                process = stack.enter_context(MethodProcess(method, given.rig, images, given.setup, folder))
-            except BenchError as error:
+                opened = given.open(method)
+            except MethodError as error:
                 done.failed[method.name] = str(error)
                 continue
-            active.append((process, Run(method, process.version, process.idle_bytes)))
+            stack.callback(opened.close)
+            active.append((method.name, opened))
+            done.runs[method.name] = Run(opened.record.version or "", opened.idle_bytes)
         pacer = _Pacer(rate_scale)
         for number, pair in enumerate(given.pairs()):
-            images.show(pair)
-            order = {"stamp_ns": pair.stamp_ns, "since_start_s": pacer.wait(pair.stamp_ns)}
+            since_start_s = pacer.wait(pair.stamp_ns)
             first = number % max(1, len(active))
-            for process, run in [*active[first:], *active[:first]]:
-                output = folder / f"{run.method.name}.npy"
-                try:
-                    answer = process.ask(order | {"output": str(output)})
-                except BenchError as error:
-                    done.failed[run.method.name] = str(error)
-                    active.remove((process, run))
+            for name, opened in [*active[first:], *active[:first]]:
+                result, usage, finding = given.call(opened, pair, since_start_s)
+                if not opened.alive:
+                    done.failed[name] = f"method {name}: {finding}"
+                    del done.runs[name]
+                    active.remove((name, opened))
                     continue
-                run.seconds.append(answer["seconds"])
-                run.peaks.append(answer["peak_bytes"])
-                run.results.append(given.read_result(answer["result"], output))
-                progress(run.method.name)
-        done.runs |= {run.method.name: run for _, run in active}
+                _add(done.runs[name], result, usage, finding)
+                progress(name)
     return done
+
+
+def _add(run: Run[R], result: R, usage: CallUsage, finding: str) -> None:
+    run.seconds.append(usage.processing_time_s)
+    run.peaks.append(usage.peak_rss_bytes)
+    run.results.append(result)
+    if finding:
+        run.findings.append(finding)
+
+
+def findings_of(runs: Mapping[str, Sequence[Run[R]]]) -> dict[str, list[str]]:
+    """Return what methods did wrong in calls after which they went on, by name."""
+    found = {name: list(dict.fromkeys(text for run in mine for text in run.findings)) for name, mine in runs.items()}
+    return {name: texts for name, texts in found.items() if texts}
 
 
 class _Pacer:

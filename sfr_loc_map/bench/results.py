@@ -5,15 +5,16 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from typing import Generic, Protocol, TypeVar
 
 from sfr_loc_map import __version__
 from sfr_loc_map.bench.figures import CallCosts, JsonObject, growth, median, ratios
-from sfr_loc_map.bench.reference_methods import OURS
 
 SCHEMA = "sfr-bench/1"
+OURS = "ours"
+"""Name of our method in tables."""
 CLOCK = "host monotonic"
 MEMORY = (
     "kernel high-water mark of the process' resident memory (VmHWM), set back before each call; largest of all calls"
@@ -80,6 +81,7 @@ class SizeResult(Generic[C]):
         disparities: Number of disparities searched, of matchers.
         entries: Methods that completed every pass, by name.
         failed: Reason why the others did not, by name.
+        findings: What methods did wrong in calls after which they went on, by name.
     """
 
     width: int
@@ -87,6 +89,7 @@ class SizeResult(Generic[C]):
     disparities: int | None
     entries: Mapping[str, Entry[C]]
     failed: Mapping[str, str]
+    findings: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @property
     def work(self) -> int:
@@ -96,11 +99,16 @@ class SizeResult(Generic[C]):
     def to_json(self) -> JsonObject:
         """Return the JSON object."""
         searched = {} if self.disparities is None else {"disparities": self.disparities}
-        return {"width": self.width, "height": self.height} | searched | {
-            "entries": {name: entry.to_json() for name, entry in self.entries.items()},
-            "ratios": ratios_to_others(self.entries, OURS, ("accuracy", "time_s", "memory_bytes")),
-            "failed": dict(self.failed),
-        }  # fmt: skip
+        return (
+            {"width": self.width, "height": self.height}
+            | searched
+            | {
+                "entries": {name: entry.to_json() for name, entry in self.entries.items()},
+                "ratios": ratios_to_others(self.entries, OURS, ("accuracy", "time_s", "memory_bytes")),
+                "failed": dict(self.failed),
+            }
+            | ({"findings": {name: list(texts) for name, texts in self.findings.items()}} if self.findings else {})
+        )
 
 
 def growth_by_method(sizes: Sequence[SizeResult[C]]) -> dict[str, float | None]:

@@ -14,11 +14,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from sfr_loc_map.bench.figures import JsonObject
-from sfr_loc_map.bench.reference_methods import OURS, WORKERS, lacks
-from sfr_loc_map.bench.results import SCHEMA, Entry, Provenance, ratios_to_others
+from sfr_loc_map.bench.results import OURS, SCHEMA, Entry, Provenance, ratios_to_others
 from sfr_loc_map.errors import BenchError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.methods.registry import lacks
 
+WORKERS = Path(__file__).parent / "workers"
 CONDITIONS = tuple(f"distance={metres}" for metres in (1, 2, 5, 10, 50, 100))
 ONE = "distance=5"
 STEP_M, PERIOD_S = 0.05, 0.1

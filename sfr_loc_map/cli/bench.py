@@ -29,6 +29,14 @@ PeerPythonOption = Annotated[
     Path | None,
     typer.Option("--peer-python", metavar="PYTHON", help="Interpreter that has the optional reference methods."),
 ]
+AddedOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--method",
+        metavar="NAME|package.module:Class|lib:FILE.so",
+        help="One more method to compare; repeatable.",
+    ),
+]
 RepeatOption = Annotated[int, typer.Option("--repeat", min=1, metavar="N", help="Passes; medians are shown.")]
 SizesOption = Annotated[
     int, typer.Option("--sizes", min=1, max=5, metavar="N", help="Image sizes, each half of the one before.")
@@ -43,6 +51,7 @@ def localise(
     vocabulary: Annotated[
         Path | None, typer.Option("--vocab", metavar="F.txt", help="Vocabulary of ORB-SLAM3 (text).")
     ] = None,
+    method: AddedOption = None,
     condition: ConditionOption = None,
     spacing: SpacingOption = 10,
     repeat: RepeatOption = 3,
@@ -59,10 +68,11 @@ def localise(
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
-    """Our localiser against a plain OpenCV one and, where installed, ORB-SLAM3 (pyorbslam3)."""
+    """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
+    from sfr_loc_map.bench.competitors import competitors
     from sfr_loc_map.bench.localisation_benchmark import BenchmarkSettings, benchmark_localisation
-    from sfr_loc_map.bench.reference_methods import localisation_methods
     from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 
     conditions = tuple(condition or ["distance=5"])
@@ -70,7 +80,7 @@ def localise(
     parameters = read_config(LocalisationConfig, config, "localisation")
     sequence = open_drive(source, remap)
     check_conditions(sequence.ground_truth, conditions, lenient=lenient)
-    methods = localisation_methods(peer_python, vocabulary)
+    methods = competitors(MethodTask.LOCALISE, peer_python, vocabulary, method or ())
     settings = BenchmarkSettings(
         TrajectoryScoreConfig(conditions=conditions, spacing=spacing), repeat, sizes, rate_hz=rate
     )
@@ -84,6 +94,7 @@ def localise(
 def map_(
     source: SourceArgument,
     peer_python: PeerPythonOption = None,
+    method: AddedOption = None,
     repeat: RepeatOption = 3,
     sizes: SizesOption = 1,
     json_path: JsonOption = None,
@@ -91,15 +102,16 @@ def map_(
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
-    """Our mapper against OpenCV's semi-global matching and, where installed, Pandora."""
+    """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
+    from sfr_loc_map.bench.competitors import competitors
     from sfr_loc_map.bench.mapping_benchmark import benchmark_mapping
-    from sfr_loc_map.bench.reference_methods import mapping_methods
     from sfr_loc_map.mapping.config import MappingConfig
+    from sfr_loc_map.methods.method import MethodTask
 
     check_outputs(json_path, overwrite=overwrite)
     parameters = read_config(MappingConfig, config, "mapping")
     sequence = open_panorama(source, remap)
-    methods = mapping_methods(peer_python)
+    methods = competitors(MethodTask.MAP, peer_python, added=method or ())
     with progress_bar("calls") as bar:
         task = bar.add_task("measuring", total=len(sequence) * len(methods.present) * repeat * sizes)
         result = benchmark_mapping(

@@ -29,3 +29,6 @@ def present(result: dict[str, Any], json_path: str | None, markdown_path: Path |
     for part in (result, *result.get("sizes", ())):
         for name, reason in part.get("failed", {}).items():
             say(f"failed: {name}: {reason}")
+        for name, texts in part.get("findings", {}).items():
+            more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
+            say(f"found: {name}: {texts[0]}{more}")

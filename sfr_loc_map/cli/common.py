@@ -48,6 +48,21 @@ StartOption = Annotated[
     str, typer.Option("--start", metavar="identity|truth", help="First pose: the identity, or the truth's first pose.")
 ]
 
+MethodOption = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        metavar="NAME|package.module:Class|lib:FILE.so",
+        help="Method under test (sfr methods); --config is then the file with its configuration.",
+    ),
+]
+CallTimeoutOption = Annotated[
+    float, typer.Option("--call-timeout", metavar="S", help="Longest time of a call of a method under test.")
+]
+MemoryLimitOption = Annotated[
+    int, typer.Option("--memory-limit", metavar="MB", help="Resident memory at which a method under test is ended.")
+]
+
 
 def check_start(start: str) -> str:
     """Return a valid `--start`.

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import (
+    CallTimeoutOption,
     ConfigOption,
+    MemoryLimitOption,
+    MethodOption,
     RemapOption,
     SourceArgument,
     StartOption,
@@ -20,15 +24,20 @@ from sfr_loc_map.cli.common import (
     progress_bar,
     read_config,
 )
+from sfr_loc_map.cli.method import OURS, conclude_findings, method_limits, method_of
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, say, warn
-from sfr_loc_map.errors import InterruptedRunError
+from sfr_loc_map.errors import ConfigError, InterruptedRunError
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.io.sequence import LocSequence
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.localisation.estimate import PoseEstimate
+    from sfr_loc_map.methods.method import Method, MethodLimits
+    from sfr_loc_map.metrics.score import MethodRecord
     from sfr_loc_map.pipeline.call_record import CallRecord
+
+R = TypeVar("R")
 
 
 @app.command(
@@ -36,6 +45,7 @@ if TYPE_CHECKING:
         "sfr localise data/ -o estimate.csv --stats stats.csv --start truth",
         "sfr localise drive.mcap -o estimate.tum --config config/localisation.yaml",
         "sfr localise data/ -o estimate.csv --video tracks.avi",
+        "sfr localise data/ -o other.csv --stats other.stats.csv --method lib:build/libmine.so",
     )
 )
 def localise(
@@ -46,34 +56,46 @@ def localise(
     ] = None,
     video: Annotated[Path | None, typer.Option(metavar="V.avi", help="Feature-track video, .avi or .mp4.")] = None,
     start: StartOption = "identity",
+    method: MethodOption = OURS,
+    call_timeout: CallTimeoutOption = 120.0,
+    memory_limit: MemoryLimitOption = 4000,
     config: ConfigOption = None,
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Estimate the trajectory of a drive, with the same code as the node."""
+    """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
     from sfr_loc_map.io.trajectory_file import TUM_SUFFIXES, save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.methods.method import MethodTask
+    from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.offline import save_stats, start_pose, trajectory_of
     from sfr_loc_map.pipeline.tracking_summary import states_text, tracking_warning
 
     check_start(start)
     check_suffix(output, (".csv", *TUM_SUFFIXES))
     check_outputs(output, stats, video, overwrite=overwrite, inputs=(source,))
-    parameters = read_config(LocalisationConfig, config, "localisation")
+    foreign = None if method == OURS else method_of(method, MethodTask.LOCALISE, config)
+    if foreign is not None and video is not None:
+        raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {method}")
+    parameters = read_config(LocalisationConfig, config if foreign is None else None, "localisation")
     sequence = open_drive(source, remap)
     with naming(source):
         first_pose = start_pose(sequence, start)
-        done = _run(sequence, parameters, first_pose, video)
+        if foreign is None:
+            done, about = _run(sequence, parameters, first_pose, video), record_of_ours(MethodTask.LOCALISE)
+        else:
+            done, about = _run_foreign(sequence, foreign, first_pose, method_limits(call_timeout, memory_limit))
     records = [record for _, record in done]
     save_trajectory(output, trajectory_of(estimate for estimate, _ in done))
     if stats is not None:
-        save_stats(stats, records)
+        save_stats(stats, records, about)
     say(f"{len(done)} poses, {states_text(records)}: {output}", err=True)
     text = tracking_warning(records, source)
     if text is not None:
         warn(text)
     if len(done) < len(sequence):
         raise InterruptedRunError(f"interrupted: {len(done)} of {len(sequence)} pairs were localised, and written")
+    conclude_findings(about, records)
 
 
 def _run(
@@ -84,12 +106,28 @@ def _run(
     from sfr_loc_map.pipeline.offline import no_observer
     from sfr_loc_map.pipeline.video import track_video
 
-    done = []
     video_writer = nullcontext(no_observer) if video is None else track_video(video, sequence.rig)
-    with video_writer as watch, progress_bar("pairs") as bar:
-        task = bar.add_task("localising", total=len(sequence))
+    with video_writer as watch:
+        return _finished(run(sequence, parameters, first_pose, watch), len(sequence))
+
+
+def _run_foreign(
+    sequence: LocSequence, method: Method, first_pose: Transform, limits: MethodLimits
+) -> tuple[list[tuple[PoseEstimate, CallRecord]], MethodRecord]:
+    """Localise a drive by a method under test, and return whose the estimates are."""
+    from sfr_loc_map.pipeline.candidate import localise_with
+
+    done = _finished(localise_with(method, sequence, first_pose, limits), len(sequence))
+    return [(estimate, record) for estimate, record, _ in done], done[-1][2]
+
+
+def _finished(results: Iterable[R], total: int) -> list[R]:
+    """Return results while a bar shows how many there are; interrupted, those that were finished."""
+    done: list[R] = []
+    with progress_bar("pairs") as bar:
+        task = bar.add_task("localising", total=total)
         try:
-            for result in run(sequence, parameters, first_pose, watch):
+            for result in results:
                 done.append(result)
                 bar.advance(task)
         except KeyboardInterrupt:

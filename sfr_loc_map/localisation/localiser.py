@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sfr_loc_map import __version__
 from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -32,7 +33,25 @@ from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.localisation.step_uncertainty import StepModel
 
 
-class Localiser:
+class _Reporter:
+    """What a localiser says of itself and of its last pair."""
+
+    version = __version__
+    _last_result: TrackingResult | None = None
+
+    @property
+    def last_result(self) -> TrackingResult | None:
+        """Tracking result of the last pair, trusted or not; None where no landmark was tracked."""
+        return self._last_result
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """Landmarks (`features`) of the last pair, and how many agree with its pose; empty where none was tracked."""
+        result = self._last_result
+        return {} if result is None else {"features": len(result.landmarks), "inliers": int(result.inliers.sum())}
+
+
+class Localiser(_Reporter):
     """Estimates the pose of RB in DS at each stereo pair.
 
     What a keyframe needs besides its pose (new landmarks, bundle adjustment) is done after its call, in a background
@@ -68,11 +87,6 @@ class Localiser:
         self._status, self._timer = Status(TrackingState.INITIALISING), StageTimer()
         self._doubted_keyframes = 0
         self._last_result: TrackingResult | None = None
-
-    @property
-    def last_result(self) -> TrackingResult | None:
-        """Tracking result of the last pair, trusted or not; None where no landmark was tracked."""
-        return self._last_result
 
     def set_pose(self, pose: StartPose | Transform) -> None:
         """Take a pose from outside: it holds at its stamp; without one the next estimate starts there."""

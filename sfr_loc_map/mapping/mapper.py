@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map import __version__
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -82,7 +83,14 @@ class FusedMap:
 
 
 class Mapper:
-    """Turns stereo pairs into point clouds in LM."""
+    """Turns stereo pairs into point clouds in LM.
+
+    Attributes:
+        version: Version of this suite.
+        statistics: Figures of the last call by name.
+    """
+
+    version = __version__
 
     def __init__(self, rig: StereoRig, config: MappingConfig) -> None:
         """Prepare for a rig.
@@ -94,6 +102,7 @@ class Mapper:
         self._refine_poses = config.refine_poses
         self._calibration = config.calibration
         self._search = search_range(rig, config)
+        self.statistics: Mapping[str, float] = {}
 
     def warm_up(self) -> None:
         """Load or compile all kernels, so that no call pays for it."""
@@ -147,6 +156,7 @@ class Mapper:
         statistics = _statistics(view, refined, share) | _rotation_statistics(rotation)
         statistics["saturated_share"] = clipped.share
         warnings += check.warnings
+        self.statistics = statistics
         return PairMap(pair.stamp_ns, stated, random_sigma, view, clipped, check.sigma, statistics, warnings)
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
@@ -170,11 +180,12 @@ class Mapper:
         calibration = widest([item.calibration for item in maps])
         stamps_ns = tuple(item.stamp_ns for item in maps)
         cloud = replace(fused.cloud, sigma=random_sigma, pair_stamps_ns=stamps_ns)
+        self.statistics = {**fused.statistics, **moving.statistics, **registered.statistics}
         return FusedMap(
             self._stated(cloud, T_lm_left, calibration),
             random_sigma,
             T_lm_left,
-            {**fused.statistics, **moving.statistics, **registered.statistics},
+            self.statistics,
             (*moving.warnings, *fused.warnings, *registered.warnings),
         )
 

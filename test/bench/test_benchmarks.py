@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import sys
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,30 +13,31 @@ import numpy as np
 import pytest
 from made_scene import LOC_RIG, loc_pair
 
-from sfr_loc_map.bench import reference_methods
+from sfr_loc_map.bench.competitors import Competitors, competitors
 from sfr_loc_map.bench.localisation_benchmark import BenchmarkSettings, benchmark_localisation
-from sfr_loc_map.bench.method_process import MethodProcess, SharedImages
-from sfr_loc_map.bench.passes import PassInput, run_pass
-from sfr_loc_map.bench.reference_methods import (
-    WORKERS,
-    ReferenceMethod,
-    ReferenceMethods,
-    lacks,
-    localisation_methods,
-    mapping_methods,
-)
+from sfr_loc_map.bench.passes import LIMITS, PassInput, run_pass
+from sfr_loc_map.bench.results import OURS
+from sfr_loc_map.bench.score_benchmark import WORKERS as SCORE_WORKERS
 from sfr_loc_map.bench.score_benchmark import write_drive
 from sfr_loc_map.cli.main import main
-from sfr_loc_map.errors import BenchError
+from sfr_loc_map.errors import BenchError, MethodError
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import load_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.methods import registry
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.method import WORKERS, Method, MethodTask
+from sfr_loc_map.methods.registry import lacks
+from sfr_loc_map.metrics.calls.resources import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.records.method_record import MethodKind
 
 SCORE = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
 METHOD = """
 import os, sys
-class ReferenceMethod:
+class MadeMethod:
     version = "7"
     def __init__(self, setup):
         print("noise on standard output")
@@ -45,8 +46,9 @@ class ReferenceMethod:
         {prepare}
         return lambda: (int(left.sum()), int(right.sum()))
     def report(self, answer, order):
-        return {{"pose": None, "sums": answer, "order": order}}
-open_method = ReferenceMethod
+        numbers = [*answer, order["since_start_s"]]
+        return {{"T_ds_rb": None, "statistics": dict(zip(("left", "right", "since_start_s"), numbers))}}
+open_method = MadeMethod
 """
 
 
@@ -56,15 +58,24 @@ def sfr(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 
 
 def made_method(
-    folder: Path, *, start: str = "pass", prepare: str = "pass", background: bool = False
-) -> ReferenceMethod:
-    path = folder / "made.py"
+    folder: Path, name: str = "made", *, start: str = "pass", prepare: str = "pass", background: bool = False
+) -> Method:
+    path = folder / f"{name}.py"
     path.write_text(METHOD.format(start=start, prepare=prepare), encoding="utf-8")
-    return ReferenceMethod("made", str(path), background=background)  # an absolute path stands for itself
+    # an absolute path stands for itself
+    return Method(name, MethodTask.LOCALISE, MethodKind.PEER, str(path), background=background)
 
 
-def given(count: int) -> PassInput[Mapping[str, Any]]:
-    return PassInput(LOC_RIG, lambda: map(loc_pair, range(count)), {}, lambda report, _: report)
+def called(localiser: IsolatedLocaliser, pair: StereoPair, since_start_s: float) -> tuple[Any, CallUsage, str]:
+    call = localiser.process(pair, {"since_start_s": since_start_s})
+    return call.statistics, call.usage, call.finding
+
+
+def given(count: int, rate_scale: float = 1.0, call: Any = called) -> PassInput[IsolatedLocaliser, Any]:
+    def start(method: Method) -> IsolatedLocaliser:
+        return IsolatedLocaliser(method, LOC_RIG, Transform.identity(), LIMITS)
+
+    return PassInput(lambda: map(loc_pair, range(count)), start, call, rate_scale)
 
 
 @pytest.mark.slow
@@ -98,7 +109,7 @@ def test_localise_gives_the_accuracy_of_the_suite(
 ) -> None:
     sequence = open_source(drive).loc
     assert sequence is not None
-    ours = ReferenceMethods(localisation_methods(None, None).present[:1], {})
+    ours = Competitors(competitors(MethodTask.LOCALISE).present[:1], {})
     result = benchmark_localisation(sequence, LocalisationConfig(), ours, BenchmarkSettings(SCORE, repeat=2))
     entry = result.sizes[0].entries["ours"]
     estimate = tmp_path / "estimate.csv"
@@ -163,34 +174,40 @@ def test_images_arrive_and_output_of_a_method_is_ignored(tmp_path: Path) -> None
     assert run.version == "7"
     for index, report in enumerate(run.results):
         pair = loc_pair(index)
-        assert report["sums"] == [int(pair.left.sum()), int(pair.right.sum())]
-        assert report["order"]["since_start_s"] == pytest.approx(0.1 * index)
+        sums = {"left": int(pair.left.sum()), "right": int(pair.right.sum())}
+        assert report == sums | {"since_start_s": pytest.approx(0.1 * index)}
 
 
 def test_background_methods_get_their_pairs_at_the_rate(tmp_path: Path) -> None:
     import time
 
     method, times = made_method(tmp_path, background=True), []
-    pairs = list(map(loc_pair, range(5)))
-    run_pass([method], PassInput(LOC_RIG, lambda: pairs, {}, lambda *_: times.append(time.monotonic()), 0.5))
+
+    def timed(*arguments: Any) -> tuple[Any, CallUsage, str]:
+        times.append(time.monotonic())
+        return called(*arguments)
+
+    run_pass([method], given(5, 0.5, timed))
     assert 0.7 < times[-1] - times[0] < 3.0  # four steps of 0.1 s at half the rate
 
 
 @pytest.mark.parametrize(
     ("start", "prepare", "words"),
     [
-        ("raise ValueError('no vocabulary')", "pass", "has ended: ValueError: no vocabulary"),
-        ("os._exit(3)", "pass", "has ended"),
-        ("pass", "if order['since_start_s'] > 0.1: sys.exit('out of memory')", "has ended: out of memory"),
+        ("raise ValueError('no vocabulary')", "pass", "has ended with 1: ValueError: no vocabulary"),
+        ("os._exit(3)", "pass", "has ended with 3"),
+        (
+            "pass",
+            "if order['since_start_s'] > 0.1: sys.exit('out of memory')",
+            "has ended with 1: out of memory",
+        ),
     ],
 )
 def test_a_method_that_fails_is_named_and_the_others_go_on(
     tmp_path: Path, start: str, prepare: str, words: str
 ) -> None:
     bad = made_method(tmp_path, start=start, prepare=prepare)
-    (tmp_path / "good.py").write_text(METHOD.format(start="pass", prepare="pass"), encoding="utf-8")
-    good = ReferenceMethod("good", str(tmp_path / "good.py"))
-    done = run_pass([bad, good], given(4))
+    done = run_pass([bad, made_method(tmp_path, "good")], given(4))
     assert set(done.failed) == {"made"}
     assert words in done.failed["made"]
     assert len(done.runs["good"].seconds) == 4
@@ -199,43 +216,34 @@ def test_a_method_that_fails_is_named_and_the_others_go_on(
 def test_ours_must_run(drive: Path, tmp_path: Path) -> None:
     sequence = open_source(drive).loc
     assert sequence is not None
-    broken = ReferenceMethod(reference_methods.OURS, made_method(tmp_path, start="sys.exit('broken')").worker)
-    with pytest.raises(BenchError, match="ours has ended: broken"):
-        benchmark_localisation(
-            sequence, LocalisationConfig(), ReferenceMethods((broken,), {}), BenchmarkSettings(SCORE)
-        )
-
-
-def test_a_silent_method_times_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sfr_loc_map.bench.method_process.ANSWER_TIMEOUT_S", 0.3)
-    monkeypatch.setattr("sfr_loc_map.bench.method_process.EXIT_TIMEOUT_S", 0.3)
-    method = made_method(tmp_path, start="import time; time.sleep(60)")
-    with pytest.raises(BenchError, match=r"has not answered for 0\.3 s"):
-        MethodProcess(method, LOC_RIG, SharedImages(tmp_path / "images", LOC_RIG), {}, tmp_path)
+    broken = replace(made_method(tmp_path, start="sys.exit('broken')"), name=OURS)
+    with pytest.raises(BenchError, match="ours has ended with 1: broken"):
+        benchmark_localisation(sequence, LocalisationConfig(), Competitors((broken,), {}), BenchmarkSettings(SCORE))
 
 
 def test_missing_methods_are_named(tmp_path: Path) -> None:
     here = Path(sys.executable)
-    assert "pip install pyorbslam3" in localisation_methods(None, None).missing["orbslam3"]
-    assert "not installed in" in mapping_methods(here).missing["pandora"]
+    assert "pip install pyorbslam3" in competitors(MethodTask.LOCALISE).missing["orbslam3"]
+    assert "not installed in" in competitors(MethodTask.MAP, here).missing["pandora"]
     assert lacks(here, "json", "") is None
-    with pytest.raises(BenchError, match="give a Python interpreter"):
+    with pytest.raises(MethodError, match="give a Python interpreter"):
         lacks(tmp_path / "none", "json", "")
 
 
 def test_vocabulary_is_asked_for_where_the_wheel_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reference_methods, "lacks", lambda *_: None)
+    monkeypatch.setattr(registry, "lacks", lambda *_: None)
     here = Path(sys.executable)
-    assert "--vocab" in localisation_methods(here, None).missing["orbslam3"]
-    assert "no vocabulary" in localisation_methods(here, tmp_path / "none.txt").missing["orbslam3"]
+    assert "--vocab" in competitors(MethodTask.LOCALISE, here).missing["orbslam3"]
+    assert "no vocabulary" in competitors(MethodTask.LOCALISE, here, tmp_path / "none.txt").missing["orbslam3"]
     (tmp_path / "vocabulary.txt").touch()
-    found = localisation_methods(here, tmp_path / "vocabulary.txt")
+    found = competitors(MethodTask.LOCALISE, here, tmp_path / "vocabulary.txt")
     assert [method.name for method in found.present if method.background] == ["ours", "orbslam3"]
 
 
-@pytest.mark.parametrize("name", ["loop.py", "measured.py", "reference_orbslam3.py", "reference_pandora.py"])
+@pytest.mark.parametrize("name", ["loop.py", "c_library.py", "peer_orbslam3.py", "peer_pandora.py", "measured.py"])
 def test_what_runs_in_another_interpreter_needs_nothing_of_this_package(name: str) -> None:
-    tree = ast.parse((WORKERS / name).read_text(encoding="utf-8"))
+    folder = SCORE_WORKERS if name == "measured.py" else WORKERS
+    tree = ast.parse((folder / name).read_text(encoding="utf-8"))
     names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
     assert not [item for item in names if item.startswith("sfr_loc_map")]

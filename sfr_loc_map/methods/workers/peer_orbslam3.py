@@ -71,7 +71,7 @@ class OrbSlam3:
     def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401
         """Return the pose as 16 numbers, None when lost."""
         pose = np.asarray(answer.pose_wc, np.float64) if answer.pose_valid else None
-        return {"pose": None if pose is None or not np.isfinite(pose).all() else pose.ravel().tolist()}
+        return {"T_first_left": None if pose is None or not np.isfinite(pose).all() else pose.ravel().tolist()}
 
 
 open_method = OrbSlam3

@@ -115,7 +115,7 @@ class OpenCvOdometry:
 
     def report(self, answer: FloatArray | None, order: Mapping[str, Any]) -> dict[str, Any]:
         """Return the pose as 16 numbers, None when lost."""
-        return {"pose": None if answer is None else answer.ravel().tolist()}
+        return {"T_first_left": None if answer is None else answer.ravel().tolist()}
 
 
 open_method = OpenCvOdometry

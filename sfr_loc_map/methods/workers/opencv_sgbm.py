@@ -50,7 +50,7 @@ class OpenCvStereo:
 
     def report(self, answer: NDArray[np.float32], order: Mapping[str, Any]) -> dict[str, Any]:
         """Save the disparities."""
-        np.save(order["output"], answer)
+        np.save(order["output"] + ".disparity.npy", answer)
         return {}
 
 

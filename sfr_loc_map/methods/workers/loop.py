@@ -1,46 +1,65 @@
-"""Feeds stereo pairs to one method and measures its calls: `python loop.py METHOD.py`, orders on standard input.
+"""Feeds stereo pairs to one method and measures its calls: `python loop.py ADAPTER.py`, orders on standard input.
 
 The first line is the setup, every further line an order, all JSON; each is answered by one line. The images of an
-order lie in a file of `(2, H, W)` bytes that the setup names. `METHOD.py` has `open_method(setup)`, which warms the
+order lie in a file of `(2, H, W)` bytes that the setup names. `ADAPTER.py` has `open_method(setup)`, which warms the
 method up and returns an object with
 
 - `version`: text;
 - `prepare(left, right, order)`: returns the call, a function without arguments; its own time does not count;
-- `report(answer, order)`: returns the call's answer as plain values.
+- `report(answer, order)`: returns the call's answer as plain values; arrays are saved to `order["output"]`.
 
-Only the call is timed. Its peak of resident memory is the kernel's high-water mark, reset before each call.
+Only the call is timed. Its peak of resident memory is the kernel's high-water mark, reset before each call. An error
+that the method raises is an answer too; whatever ends the process is seen by who gave the order.
 """
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import json
 import os
+import signal
 import sys
 import time
 from typing import Any
 
 import numpy as np
 
+PR_SET_PDEATHSIG = 1
+
 
 def main() -> None:
     """Answer orders until the input ends."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # a method that hangs must not outlive its caller
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # some methods print to standard output
     setup = json.loads(sys.stdin.readline())
     method = _load(sys.argv[1]).open_method(setup)
     images = np.memmap(setup["images"], np.uint8, "r", shape=(2, setup["height"], setup["width"]))
-    _answer(answers, {"version": method.version, "idle_bytes": _status_bytes("VmRSS:")})
+    hello = {"version": str(method.version), "fuses": bool(getattr(method, "fuses", False))}
+    _answer(answers, {**hello, "idle_bytes": _status_bytes("VmRSS:")})
     for line in sys.stdin:
-        order = json.loads(line)
-        call = method.prepare(np.array(images[0]), np.array(images[1]), order)
-        resettable = _reset_peak()
-        begin = time.perf_counter()
-        answer = call()
-        seconds = time.perf_counter() - begin
-        peak = _status_bytes("VmHWM:") if resettable else None
-        _answer(answers, {"seconds": seconds, "peak_bytes": peak, "result": method.report(answer, order)})
+        _answer(answers, _obey(method, images, json.loads(line)))
     os._exit(0)  # some methods crash in their destructors; all answers have been written
+
+
+def _obey(method: Any, images: Any, order: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - an adapter, an array
+    call = method.prepare(np.array(images[0]), np.array(images[1]), order)
+    resettable = _reset_peak()
+    begin = time.perf_counter()
+    try:
+        answer, raised = call(), None
+    except Exception as error:
+        answer, raised = None, f"{type(error).__name__}: {error}"
+    seconds = time.perf_counter() - begin
+    peak = _status_bytes("VmHWM:") if resettable else None
+    costs = {"seconds": seconds, "peak_bytes": peak, "resident_bytes": _status_bytes("VmRSS:")}
+    if raised is not None:
+        return {**costs, "fault": "raised", "text": raised}
+    try:
+        return {**costs, "result": method.report(answer, order)}
+    except Exception as error:
+        return {**costs, "fault": "invalid result", "text": str(error) or type(error).__name__}
 
 
 def _load(path: str) -> Any:  # noqa: ANN401 - a module

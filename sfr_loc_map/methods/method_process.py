@@ -1,0 +1,264 @@
+"""The process of a method: images in shared memory, orders and answers as lines of JSON, limits of time and memory."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import selectors
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.errors import MethodError
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.methods.method import Method, MethodLimits
+from sfr_loc_map.metrics.calls.resources import CallUsage
+from sfr_loc_map.metrics.records.method_record import FindingKind
+
+EXIT_TIMEOUT_S = 10.0
+POLL_S = 0.05
+"""How often the memory of a process that is at work is looked at."""
+CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
+SHARED_MEMORY = Path("/dev/shm")
+MB = 1_000_000
+LEAKING_CALLS, LEAKED_BYTES = 10, 20 * MB
+"""A method that keeps more after each of so many calls in a row, so much in all, leaks."""
+
+
+class MethodFailureError(Exception):
+    """A call of a method gave no result.
+
+    Attributes:
+        kind: What it did wrong.
+        ended: Whether its process is gone.
+    """
+
+    def __init__(self, kind: FindingKind, text: str, *, ended: bool = True) -> None:
+        """Say what it did."""
+        super().__init__(text)
+        self.kind, self.ended = kind, ended
+
+
+def no_usage() -> CallUsage:
+    """Return the costs of a call that did not return."""
+    return CallUsage(math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The answer to an order.
+
+    Attributes:
+        usage: Time and memory of the call by clock and kernel's mark of the method's process; idle is the process that
+            was warmed up and had done nothing yet.
+        leaking: What is wrong with the memory that is kept from call to call, empty for nothing.
+        result: What the adapter reports.
+    """
+
+    usage: CallUsage
+    leaking: str
+    result: Mapping[str, Any]
+
+
+class MethodProcess:
+    """A method's process, warmed up and waiting once constructed.
+
+    Attributes:
+        method: The method.
+        version: Version that it reports.
+        fuses: Whether it fuses pairs.
+        idle_bytes: Its resident memory after warm-up.
+        output: Where the arrays of its results are, without the ending that says what they are.
+    """
+
+    def __init__(
+        self, method: Method, rig: StereoRig, limits: MethodLimits, T_ds_rb: Transform, setup: Mapping[str, object]
+    ) -> None:
+        """Start it and wait until it is warmed up.
+
+        Args:
+            method: The method.
+            rig: Rig of the images.
+            limits: What it may take.
+            T_ds_rb: Pose at the first pair.
+            setup: Sent to it besides that.
+
+        Raises:
+            MethodError: If it does not start; the message has its last log line.
+        """
+        self.method, self._limits = method, limits
+        shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
+        self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
+        self._log, images = self._folder / "log", self._folder / "images"
+        self.output = str(self._folder / "result")
+        self._images = np.memmap(images, np.uint8, "w+", shape=(2, rig.height, rig.width))
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                method.command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                bufsize=0,
+                start_new_session=True,
+            )
+        self._rest, self._kept, self._growing = b"", 0, 0
+        self._grown = 0
+        poses = {"start": _numbers(T_ds_rb), "T_rb_sb": None, "T_rb_left": None}
+        if rig.T_rb_sb is not None:
+            poses |= {"T_rb_sb": _numbers(rig.T_rb_sb), "T_rb_left": _numbers(rig.T_rb_left)}
+        about = {"task": method.task.value, "target": method.target, "config": method.config, "images": str(images)}
+        camera = {name: getattr(rig, name) for name in CAMERA}
+        try:
+            hello = self._exchange(camera | poses | about | dict(setup) | dict(method.setup), limits.start_timeout_s)
+        except MethodFailureError as failure:
+            self.kill()
+            raise MethodError(f"method {method.name} {failure}") from failure
+        except BaseException:
+            self.kill()
+            raise
+        self.version, self.fuses, self.idle_bytes = str(hello["version"]), bool(hello["fuses"]), hello["idle_bytes"]
+
+    def call(self, left: GreyImage, right: GreyImage, order: Mapping[str, object]) -> Answer:
+        """Show it a pair, give an order and return the answer.
+
+        Raises:
+            MethodFailureError: If there is no result: what the method did.
+        """
+        self._images[0], self._images[1] = left, right
+        answer = self._exchange({"output": self.output, **order}, self._limits.call_timeout_s)
+        resident, peak = answer["resident_bytes"], answer["peak_bytes"]
+        if resident is not None and resident > self._limits.memory_mb * MB:
+            self._out_of_memory(resident)
+        if "fault" in answer:
+            raise MethodFailureError(FindingKind(answer["fault"]), answer["text"], ended=False)
+        idle = self.idle_bytes
+        above = None if peak is None or idle is None else max(peak - idle, 0)
+        return Answer(CallUsage(answer["seconds"], peak, above), self._leak(resident), answer["result"])
+
+    def show_and_call(self, pair: StereoPair, order: Mapping[str, object]) -> Answer:
+        """Give an order on a pair and return the answer; see `call`."""
+        return self.call(pair.left, pair.right, {"stamp_ns": pair.stamp_ns, **order})
+
+    def _exchange(self, order: Mapping[str, object], timeout_s: float) -> dict[str, Any]:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(order).encode() + b"\n")
+        except OSError:
+            self._crashed()
+        answer: dict[str, Any] = json.loads(self._line(timeout_s))
+        return answer
+
+    def _line(self, timeout_s: float) -> bytes:
+        assert self._process.stdout is not None
+        end = time.monotonic() + timeout_s
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._process.stdout, selectors.EVENT_READ)
+            while b"\n" not in self._rest:
+                if not selector.select(POLL_S):
+                    self._check(end, timeout_s)
+                    continue
+                data = os.read(self._process.stdout.fileno(), 65536)
+                if not data:
+                    self._crashed()
+                self._rest += data
+        line, _, self._rest = self._rest.partition(b"\n")
+        return line
+
+    def _check(self, end: float, timeout_s: float) -> None:
+        """Look at a process that is at work."""
+        resident = _resident_bytes(self._process.pid)
+        if resident > self._limits.memory_mb * MB:
+            self._out_of_memory(resident)
+        if time.monotonic() > end:
+            self.kill()
+            raise MethodFailureError(FindingKind.HANGING, f"has not answered for {timeout_s:g} s")
+
+    def _out_of_memory(self, resident: int) -> None:
+        self.kill()
+        limit = self._limits.memory_mb
+        raise MethodFailureError(
+            FindingKind.OUT_OF_MEMORY, f"has {resident // MB} MB resident, the limit is {limit} MB"
+        )
+
+    def _crashed(self) -> None:
+        try:
+            code = self._process.wait(EXIT_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            code = 0
+        last = self._last_words()
+        self.kill()
+        how = f"by {_signal_name(-code)}" if code < 0 else f"with {code}"
+        raise MethodFailureError(FindingKind.CRASHED, f"has ended {how}: {last}")
+
+    def _last_words(self) -> str:
+        lines = self._log.read_text("utf-8", "replace").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "its log is empty")[:300]
+
+    def _leak(self, resident: int | None) -> str:
+        """Return once what is wrong with the memory that is kept after the calls."""
+        if resident is None or not self._kept:
+            self._kept = resident or 0
+            return ""
+        grown, self._kept = resident - self._kept, resident
+        self._growing, self._grown = (self._growing + 1, self._grown + grown) if grown > 0 else (0, 0)
+        if self._growing != LEAKING_CALLS:
+            return ""
+        leaks = self._grown > LEAKED_BYTES
+        each = self._grown / LEAKING_CALLS / MB
+        return f"keeps {each:.0f} MB more after each of {LEAKING_CALLS} calls" if leaks else ""
+
+    def kill(self) -> None:
+        """End the process and all that it has started, now."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self._release()
+
+    def close(self) -> None:
+        """End the process."""
+        assert self._process.stdin is not None
+        if self._process.poll() is None:
+            self._process.stdin.close()
+            try:
+                self._process.wait(EXIT_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                self.kill()
+        self._release()
+
+    def _release(self) -> None:
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def _numbers(transform: Transform) -> list[float]:
+    numbers: list[float] = transform.matrix.ravel().tolist()
+    return numbers
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
+def _resident_bytes(pid: int) -> int:
+    try:
+        with open(f"/proc/{pid}/statm", "rb", buffering=0) as stream:
+            return int(stream.read(200).split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, IndexError):
+        return 0

@@ -1,0 +1,31 @@
+"""The suite's own localiser and mapper, made as any candidate is: of a rig and a text."""
+
+from __future__ import annotations
+
+import yaml
+
+from sfr_loc_map.config import build
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
+
+
+def localiser(rig: StereoRig, config: str) -> Localiser:
+    """Return our localiser at the identity; the text holds its parameters (YAML or JSON).
+
+    Raises:
+        SfrError: If a parameter is not valid, or the rig has no extrinsics.
+    """
+    return Localiser(rig, build(LocalisationConfig, yaml.safe_load(config) or {}), Transform.identity())
+
+
+def mapper(rig: StereoRig, config: str) -> Mapper:
+    """Return our mapper; the text holds its parameters (YAML or JSON).
+
+    Raises:
+        SfrError: If a parameter is not valid.
+    """
+    return Mapper(rig, build(MappingConfig, yaml.safe_load(config) or {}))
