@@ -12,7 +12,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults fuzz suite-chaos lint types config format check clean
+.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos lint types config format check clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -35,6 +35,12 @@ test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor sec
 faults: $(STAMP)  ## Inject one fault after the other into the nodes; the table goes to out/faults.md
 	mkdir -p out
 	$(BIN)/sfr campaign faults --json out/faults.json --markdown out/faults.md --overwrite
+
+example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on the sample
+	mkdir -p out/candidate
+	$(CC) -std=c99 -Wall -Wextra -Wpedantic -O2 -fPIC -shared -I include -o out/candidate/libcandidate.so examples/c_candidate/candidate.c -lm
+	$(BIN)/sfr localise sample/sample.mcap --start truth --method lib:out/candidate/libcandidate.so -o out/candidate/estimate.csv --stats out/candidate/stats.csv --overwrite
+	$(BIN)/sfr score out/candidate/estimate.csv sample/sample.mcap --stats out/candidate/stats.csv
 
 fuzz: $(COMPILED)  ## Feed 2000 mutated files and messages to all readers (SEED=N); what fails is kept in out/fuzz
 	PYTHONPATH=. $(BIN)/python test/fuzz --seed $(SEED)

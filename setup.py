@@ -49,6 +49,9 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + PACKAGE]),
         ("share/" + PACKAGE, ["package.xml"]),
+        ("share/" + PACKAGE + "/include", glob("include/*.h")),
+        ("share/" + PACKAGE + "/examples", glob("examples/*.py")),
+        ("share/" + PACKAGE + "/examples/c_candidate", glob("examples/c_candidate/*")),
         ("share/" + PACKAGE + "/launch_scripts", glob("launch_scripts/*.launch.py")),
         ("share/" + PACKAGE + "/config", [*glob("config/*.yaml"), *glob("config/*.xml"), *PROFILES]),
         ("share/" + PACKAGE + "/config/simulation", glob("config/simulation/*.yaml")),

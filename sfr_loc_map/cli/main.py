@@ -32,6 +32,7 @@ COMMANDS = (
     "compare",
     "doctor",
     "history",
+    "methods",
 )
 """Subcommands in the order of the help."""
 GROUPS = ("bench", "campaign", "suite")

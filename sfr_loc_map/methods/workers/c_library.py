@@ -79,7 +79,7 @@ class Library:
             "create", ctypes.c_void_p, ctypes.POINTER(Rig), ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t
         )
         message = ctypes.create_string_buffer(MESSAGE_SIZE)
-        self.candidate = create(ctypes.byref(_rig(setup)), setup["config"].encode(), message, MESSAGE_SIZE)
+        self.candidate = create(ctypes.byref(rig_struct(setup)), setup["config"].encode(), message, MESSAGE_SIZE)
         if not self.candidate:
             raise SystemExit("sfr_candidate_create: " + (message.value.decode("utf-8", "replace") or "no reason given"))
 
@@ -93,7 +93,8 @@ class Library:
         return found
 
 
-def _rig(setup: Mapping[str, Any]) -> Rig:
+def rig_struct(setup: Mapping[str, Any]) -> Rig:
+    """Return the rig of a setup."""
     rig = Rig(size=ctypes.sizeof(Rig))
     for name in ("width", "height", "fx", "fy", "cx", "cy", "baseline_m"):
         setattr(rig, name, setup[name])

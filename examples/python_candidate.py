@@ -1,0 +1,16 @@
+"""An example of a candidate in Python: it says that the rover stands still."""
+
+import numpy as np
+
+
+class StandStill:
+    """The shortest localiser: `sfr localise SRC -o T.csv --method examples/python_candidate.py:StandStill`."""
+
+    version = "1.0"
+
+    def __init__(self, rig, config):
+        """Take the rig (`StereoRig`) and the text of the file that `--config` names."""
+
+    def process(self, pair):
+        """Return the pose of RB in RB at the first pair `(4, 4)`; `pair.left` and `pair.right` are the images."""
+        return np.eye(4)
