@@ -8,6 +8,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import require_ros
+from sfr_loc_map.cli.live_views import show_graph
 from sfr_loc_map.errors import MissingExtraError
 
 HostOption = Annotated[
@@ -18,6 +19,9 @@ LivePortOption = Annotated[
     int, typer.Option("--live-port", metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")
 ]
 PortOption = Annotated[int, typer.Option("--port", metavar="P", min=0, max=65535, help="Port; 0: a free one.")]
+TerminalOption = Annotated[
+    bool, typer.Option("--terminal", help="Show the figures on this terminal; one line a second where there is none.")
+]
 
 
 def require_live() -> None:
@@ -49,6 +53,7 @@ def page_arguments(live: bool, port: int, namespace: str = "") -> tuple[str, ...
         "sfr live",
         "sfr live --namespace rover1 --port 0 --open",
         "sfr live --host 0.0.0.0 --token a-long-secret",
+        "sfr live --terminal",
     )
 )
 def live(
@@ -57,11 +62,16 @@ def live(
     port: PortOption = 8080,
     token: Annotated[str, typer.Option("--token", metavar="WORD", help="Word that each request must have.")] = "",
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    terminal: TerminalOption = False,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
-    It prints its address when it is ready, and never waits for or delays the nodes.
+    It prints its address when it is ready, and never waits for or delays the nodes. On a terminal, q ends.
     """
+    if terminal:
+        require_ros("live")
+        show_graph(namespace)
+        return
     require_live()
     require_ros("live")
     from sfr_loc_map.config import build

@@ -13,10 +13,10 @@ from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.message_types import message_type
 from sfr_loc_map.nodes.messages.pose import pose_msg
 from sfr_loc_map.nodes.replay.control_services import offer_controls
-from sfr_loc_map.nodes.replay.keyboard import Keyboard
 from sfr_loc_map.nodes.replay.replay_node import ANSWER_TIMEOUT_S, SPIN_S, ReplayNode
 from sfr_loc_map.nodes.replay.result_collector import ResultCollector
 from sfr_loc_map.pipeline.playback.controls import Controls
+from sfr_loc_map.pipeline.playback.keyboard import Keyboard
 from sfr_loc_map.pipeline.playback.message_stream import Message
 from sfr_loc_map.pipeline.playback.pacing import Pacer, PairTracker
 

@@ -13,7 +13,6 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.live_process import live_page
 from sfr_loc_map.nodes.process.supervisor import Supervisor, first_signal_stops, sigterm_as_interrupt
-from sfr_loc_map.nodes.replay.keyboard import Keyboard
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments, pairs_per_map
 from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.replay_node import ReplayNode
@@ -21,6 +20,7 @@ from sfr_loc_map.nodes.replay.result_collector import ResultCollector
 from sfr_loc_map.nodes.replay.results import ReplayResults
 from sfr_loc_map.nodes.replay.static_frames import publish_extrinsics
 from sfr_loc_map.pipeline.playback.controls import HELP, Controls
+from sfr_loc_map.pipeline.playback.keyboard import Keyboard
 from sfr_loc_map.pipeline.playback.message_stream import POINTS_TOPIC, end_of, messages_of, start_at, topics_of
 
 AGAIN = "plays again from"

@@ -8,7 +8,7 @@ import time
 
 def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_restored() -> None:
     code = (
-        "import sys, time, termios\nfrom sfr_loc_map.nodes.replay.keyboard import Keyboard\n"
+        "import sys, time, termios\nfrom sfr_loc_map.pipeline.playback.keyboard import Keyboard\n"
         "before = termios.tcgetattr(0)\nkeys = []\n"
         "with Keyboard() as keyboard:\n    print('there', keyboard.is_there, flush=True)\n"
         "    while 'q' not in keys:\n        keys += keyboard.pressed(); time.sleep(0.01)\n"
@@ -31,7 +31,7 @@ def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_restored() -> No
         [
             sys.executable,
             "-c",
-            "from sfr_loc_map.nodes.replay.keyboard import Keyboard\n"
+            "from sfr_loc_map.pipeline.playback.keyboard import Keyboard\n"
             "with Keyboard() as k: print(k.is_there, k.pressed())",
         ],
         stdin=subprocess.DEVNULL,
@@ -45,7 +45,8 @@ def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_restored() -> No
 def test_a_terminal_that_is_not_the_controlling_one_has_no_keys() -> None:
     """As with `setsid`, in containers and under some schedulers: to ask for its foreground group is an error."""
     code = (
-        "from sfr_loc_map.nodes.replay.keyboard import Keyboard\nwith Keyboard() as k: print(k.is_there, k.pressed())"
+        "from sfr_loc_map.pipeline.playback.keyboard import Keyboard\n"
+        "with Keyboard() as k: print(k.is_there, k.pressed())"
     )
     ours, theirs = pty.openpty()
     try:

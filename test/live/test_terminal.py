@@ -1,0 +1,171 @@
+"""The terminal shows the strings of the tables at 80 columns, without colour, and ends as a terminal program should."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import re
+import signal
+import sys
+import time
+from typing import Any
+
+import pytest
+from live_run import health, lost_pose, report, updates
+from rich.console import Console
+
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.terminal import Terminal
+from sfr_loc_map.live.terminal_screen import line
+from sfr_loc_map.live.updates import Report, TimeLine
+
+BEGIN_S = 1_700_000_000.0
+COUNT = 200
+END_S = BEGIN_S + 0.1 * COUNT
+
+
+@pytest.fixture(scope="module")
+def recorded() -> list[Any]:
+    return list(updates(COUNT, BEGIN_S))
+
+
+def drawn(records: list[Any], now_s: float, *, height: int = 50, **options: Any) -> str:
+    hub, text = Hub(), io.StringIO()
+    console = Console(file=text, width=80, height=height, highlight=False, force_terminal=True, **options)
+    terminal = Terminal(hub, "rover1", console=console)
+    for record in records:
+        hub.put(record)
+    terminal.take()
+    console.print(terminal.drawing(now_s), end="")
+    return text.getvalue()
+
+
+def test_every_figure_is_shown_as_the_tables_have_it(recorded: list[Any]) -> None:
+    """At 80 columns no line is longer and no figure broken or cut."""
+    text = drawn(recorded, END_S + 0.1, color_system=None)
+    assert max(map(len, text.splitlines())) <= 80
+    state = LiveState()
+    for record in recorded:
+        state.apply(record)
+    assert state.report is not None
+    tables = {table.name: table for table in state.report.tables}
+    words = " ".join(text.split())
+    for row in tables["headline"].rows:
+        assert all(part in words for cell in row[2:7] for part in cell.text.split()), row
+    for row in tables["verdicts"].rows:
+        assert f"{row[0].icon} {row[0].text}" in words
+        assert row[4].text in words
+    assert state.report.overall.text in words
+    for expected in ("pose 200: tracking", "under way: 5 m", "35.1 ms", "3 in transport", "2 of loc/left/image_rect"):
+        assert expected in words, words
+    one = line(state, END_S)
+    for row in tables["headline"].rows:
+        assert all(cell.text in one for cell in row[2:7])
+    assert "\n" not in one
+
+
+def test_without_colour_there_is_no_colour_and_with_it_the_words_are_the_same(
+    recorded: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    colourful = drawn(recorded, END_S, color_system="standard")
+    monkeypatch.setenv("NO_COLOR", "1")
+    plain = drawn(recorded, END_S, color_system="standard")
+    colours = re.compile(r"\x1b\[([0-9]+;)*(3[0-7]|4[0-7]|9[0-7])(;[0-9]+)*m")
+    assert colours.search(colourful)
+    assert not colours.search(plain)
+    codes = re.compile(r"\x1b\[[0-9;]*m")
+    assert codes.sub("", colourful) == codes.sub("", plain)
+
+
+def test_what_is_stale_or_lost_is_said_and_what_finds_no_room_is_counted(recorded: list[Any]) -> None:
+    assert "STALE" not in drawn(recorded, END_S + 0.5, color_system=None)
+    later = drawn(recorded, END_S + 7.0, color_system=None)
+    assert "STALE: no pose for 7.1 s" in later
+    assert len(re.findall(r"\? stale", later)) == 3
+    silent = [*recorded, health("localisation_node", END_S + 7.0, 2, "lost: no_features")]
+    silent += [lost_pose(COUNT + 20, END_S + 7.0), report(COUNT, END_S + 7.0)]
+    back = drawn(silent, END_S + 7.1, color_system=None)
+    assert "STALE" not in back
+    assert "pose 201: lost" in back
+    assert "localisation_node: lost: no_features" in back
+    assert re.search(r"\d+ lines more: enlarge the window", drawn(recorded, END_S, height=12, color_system=None))
+
+
+def test_hostile_names_stay_words() -> None:
+    hostile = Report('{"schema": "sfr-score/1", "verdicts": [], "warnings": ["[red]\\u001b]0;own\\u0007[/] x"]}', END_S)
+    text = drawn([hostile, TimeLine(1.0, 2.0, True)], END_S, color_system=None)
+    assert "\x1b]0" not in text
+    assert "\x07" not in text
+    assert "1.0 of 2.0 s, playing" in text
+
+
+PROGRAM = """
+import sys, time
+from rich.console import Console
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.terminal import Terminal
+try:
+    Terminal(Hub(), "rover1").show()
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+def on_terminal(end: Any) -> tuple[str, int]:
+    """Return what a program writes on a terminal of its own, and its exit code."""
+    import fcntl
+    import struct
+    import termios
+
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.execve(sys.executable, [sys.executable, "-c", PROGRAM], {**os.environ, "TERM": "xterm", "LC_ALL": "C.UTF-8"})
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    text = b""
+    while b"q ends" not in text:
+        text += os.read(terminal, 4000)
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 10, 50, 0, 0))
+    end(pid, terminal)
+    try:
+        while True:
+            text += os.read(terminal, 4000)
+    except OSError:  # the program has ended
+        pass
+    return text.decode(), os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+@pytest.mark.slow
+def test_q_and_signals_end_it_and_the_terminal_is_restored() -> None:
+    def press_q(_: int, terminal: int) -> None:
+        time.sleep(0.6)  # in which it is drawn in the new size
+        os.write(terminal, b"q")
+
+    text, code = on_terminal(press_q)
+    assert code == 0
+    assert text.count("\x1b[?1049h") == text.count("\x1b[?1049l") == 1
+    small = text[text.rindex("\x1b[H") :].splitlines()
+    assert max(len(re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", words)) for words in small[:9]) <= 50
+    text, code = on_terminal(lambda pid, _: os.kill(pid, signal.SIGTERM))  # which does what SIGINT does
+    assert code == 130
+    assert "\x1b[?1049l" in text
+
+
+def test_where_there_is_no_terminal_it_writes_a_line_each_second(recorded: list[Any]) -> None:
+    class Closing(io.StringIO):
+        def flush(self) -> None:
+            if self.getvalue().count("\n") == 2:
+                raise BrokenPipeError
+
+    hub, stream = Hub(), Closing()
+    for record in recorded:
+        hub.put(record)
+    begin = time.monotonic()
+    with pytest.raises((BrokenPipeError, SystemExit)):
+        Terminal(hub, "rover1", console=Console(file=stream, highlight=False)).show()
+    assert 0.9 < time.monotonic() - begin < 5.0
+    first, second = stream.getvalue().splitlines()
+    assert "position error over 5 m, m mean" in first
+    assert "\x1b" not in first
+    assert second.split(";")[1:4] == first.split(";")[1:4] or "STALE" in second
