@@ -6,7 +6,7 @@ The flow, file by file (`mapper.Mapper` calls them in this order):
                     (rectification_correction, photometric_residual, regularisation, conjugate_gradient)
                     -> disparity/uncertainty -> disparity/validity (occlusion) -> reprojection
     fuse(maps):     multiview/registration -> multiview/fusion (view_reprojection, pose_agreement)
-    products:       elevation
+    products:       terrain/elevation, terrain/grid (cells, hazard)
 """
 
 import lazy_loader

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from sfr_loc_map.config import param
+from sfr_loc_map.mapping.terrain.config import TerrainConfig
 
 MAX_PAIRS = 3
 """Most stereo pairs of one map [1.3]."""
@@ -42,3 +43,4 @@ class MappingConfig:
         False, doc="Move the poses of the second and third pair (up to 2 degrees, 0.1 m) to fit where pairs overlap."
     )
     calibration: CalibrationUncertainty = field(default_factory=CalibrationUncertainty)
+    terrain: TerrainConfig = field(default_factory=TerrainConfig)

@@ -38,6 +38,7 @@ from sfr_loc_map.nodes.lifecycle.node_config import PairNodeConfig
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.image import image_msg
 from sfr_loc_map.nodes.messages.pose import odometry_msg, start_pose_of, tf_message_type, transform_of_odometry
+from sfr_loc_map.nodes.output.path_publisher import PathPublisher
 from sfr_loc_map.nodes.process.runner import run
 from sfr_loc_map.pipeline.online.latency import latencies
 from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession
@@ -130,6 +131,7 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
         self._motion_prior = OdometrySubscriber(config.motion_prior, config.rb_frame, self.status.warn)
         self._calls = CallReporter(self, self.task, self.status.publisher)
         self._odometry = self.endpoints.add_publisher(Odometry, "localisation/odometry", config.output_depth)
+        self._path = PathPublisher(self.endpoints)
         self._debug_image = self.endpoints.add_publisher(Image, "localisation/debug_image", DEBUG_DEPTH)
         tf_type = tf_message_type() if config.publish_tf else None
         self._tf = self.endpoints.add_publisher(tf_type, "/tf", 100) if tf_type else None
@@ -209,6 +211,7 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
 
     def _reset(self) -> str:
         self._session.reset()
+        self._path.clear()
         return "localisation restarts at the identity"
 
     def _process(self, received: ReceivedPair) -> None:
@@ -249,10 +252,13 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
             self._debug_image.publish(image_msg(image, header_msg(pair.stamp_ns, frame_id)))
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
-        """Publish odometry, and tf where wanted and tracked; in the worker's thread, in the order of the pairs."""
+        """Publish odometry, and path and tf where tracked; in the worker's thread, in the order of the pairs."""
         message = odometry_msg(estimate, self.config.ds_frame, self.config.rb_frame)
         self._odometry.publish(message)
-        if self._tf is not None and estimate.state is not TrackingState.LOST:
+        if estimate.state is TrackingState.LOST:
+            return
+        self._path.add(estimate, message)
+        if self._tf is not None:
             self._tf.publish(self._tf.msg_type(transforms=[transform_of_odometry(message)]))
 
 

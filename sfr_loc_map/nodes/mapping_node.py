@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
-from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.config import param
@@ -23,6 +22,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.mapping.terrain import grid as terrain
 from sfr_loc_map.metrics.calls.resources import CallUsage
 from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter
@@ -36,8 +36,8 @@ from sfr_loc_map.nodes.lifecycle.node_config import PairNodeConfig
 from sfr_loc_map.nodes.lifecycle.qos import profile
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.image import disparity_msg
-from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
 from sfr_loc_map.nodes.messages.pose import transform_from_pose
+from sfr_loc_map.nodes.output.map_publisher import MapPublisher
 from sfr_loc_map.nodes.process.runner import run
 from sfr_loc_map.pipeline.online.latency import latencies
 from sfr_loc_map.pipeline.online.mapping_session import MappingSession
@@ -61,7 +61,7 @@ class MappingNodeConfig(PairNodeConfig):
         5.0, unit="s", doc="How long a pair waits for the nav/pose of its stamp.", low=0.0, high=600.0
     )
     output_depth: int = param(
-        10, unit="messages", doc="Depth of the queue of the disparity; the cloud is latched.", low=1, high=1000
+        10, unit="messages", doc="Depth of the queue of the disparity; clouds and grids are latched.", low=1, high=1000
     )
     input: StereoInputConfig = field(default_factory=StereoInputConfig)
     mapping: MappingConfig = field(default_factory=MappingConfig)
@@ -94,9 +94,10 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         """Load compiled code, create publishers."""
         config = self.config
         Mapper(ANY_RIG, config.mapping).warm_up()
+        terrain.warm_up()
         self._session = MappingSession(config.mapping)
         self._calls = CallReporter(self, self.task, self.status.publisher)
-        self._cloud = self.endpoints.add_publisher(PointCloud2, "mapping/points", 1, latched=True)
+        self._maps = MapPublisher(self.endpoints, config.lm_frame, self.status.warn)
         self._disparity = self.endpoints.add_publisher(DisparityImage, "mapping/disparity", config.output_depth)
 
     def subscribe(self) -> None:
@@ -230,8 +231,10 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         with self._calls.measure() as usage:
             fused = self._session.fuse()
         stamp_ns = self._session.last_ns
-        self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self.config.lm_frame))
+        self._maps.publish_cloud(fused, stamp_ns)
         self._report_call(stamp_ns, usage, MappingState.FUSED, fused, {})
+        # After its call: the time of the call is that of the cloud.
+        self._maps.publish_terrain(fused, stamp_ns, self.config.mapping.terrain)
         return len(fused.cloud)
 
     def _finish(self) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.cloud_file import save_cloud
-from sfr_loc_map.mapping.elevation import elevation_from_cloud, point_covariances
+from sfr_loc_map.mapping.terrain.elevation import elevation_from_cloud, point_covariances
 from sfr_loc_map.pipeline import map_products
 from sfr_loc_map.pipeline.offline import MapRun
 

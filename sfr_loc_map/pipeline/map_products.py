@@ -12,7 +12,7 @@ from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.arrays import ColourImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.mapping.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 
 HEIGHT_QUANTILES = (0.01, 0.99)
 """Heights between these fill the range of colours; what is beyond takes the colour at the end."""

@@ -11,19 +11,24 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from made_scene import NAV_RIG, nav_pair
+from nav_msgs.msg import OccupancyGrid
 from peers import Capture, LocalNode
 from processes import Peer
-from scenes import calls, disparity_of, problems, raw, send_infos, send_pair
+from scenes import calls, disparity_of, problems, raw, send_infos, send_pair, sent
 from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.terrain.config import TerrainConfig
+from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.nodes.diagnostics.key_values import values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
+from sfr_loc_map.nodes.messages.terrain import elevation_msg, hazard_msg
 
 
 def send_nav(peer: Peer, index: int, *, pose: bool = True) -> None:
@@ -57,9 +62,16 @@ def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd:
         answer = peer.call("mapping_node/finish")
         assert answer.success
         peer.until(lambda: len(clouds) == 2, "the second cloud")
-        late = peer.listen(PointCloud2, "mapping/points", latched=True)
-        peer.until(lambda: late, "the last cloud for who comes late")
-        assert late == clouds[1:]
+        topics = {"points": PointCloud2, "elevation": PointCloud2, "hazard": OccupancyGrid}
+        late = {name: peer.listen(kind, f"mapping/{name}", latched=True) for name, kind in topics.items()}
+        peer.until(lambda: all(late.values()), "the last map for who comes late")
+        assert late["points"] == clouds[1:]
+        last = mapper.fuse(maps[2:])
+        grid = elevation_grid(last.cloud, TerrainConfig(), last.T_lm_left, last.random_sigma)
+        stamp_ns = stamp_of(clouds[1])
+        # as text: there are NaN in it
+        assert list(map(str, late["elevation"])) == [str(sent(elevation_msg(grid, stamp_ns, "lm")))]
+        assert late["hazard"] == [sent(hazard_msg(grid, stamp_ns, "lm"))]
         expected = mapper.fuse(maps[2:]).cloud.to_structured()
         assert np.array_equal(cloud_from_msg(clouds[1]).to_structured(), expected)
         assert not peer.call("mapping_node/finish").success

@@ -8,7 +8,7 @@ import pytest
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.cloud_file import load_cloud
-from sfr_loc_map.mapping.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.pipeline import map_products
 
 

@@ -33,7 +33,8 @@ INPUTS = (
     *("nav/pose", "initialpose", "motion_prior", "ground_truth/odometry", "ground_truth/points"),
 )
 OUTPUTS = (
-    *("localisation/odometry", "mapping/points", "mapping/disparity", "metrics", "metrics/report"),
+    *("localisation/odometry", "localisation/path", "metrics", "metrics/report"),
+    *(f"mapping/{name}" for name in ("points", "disparity", "elevation", "hazard")),
     *(f"{task}/configuration" for task in ("localisation", "mapping", "monitor")),
 )
 GLOBAL = ("/diagnostics", "/tf", "/tf_static", "/clock")

@@ -8,8 +8,8 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.elevation import SLOPE, elevation_from_cloud, point_covariances, rays
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
+from sfr_loc_map.mapping.terrain.elevation import SLOPE, elevation_from_cloud, point_covariances, rays
 
 CENTRES = [np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 2.0])]
 POSES = [Transform(matrix_from_rotvec([-1.9, 0.3, 0.2]), centre) for centre in CENTRES]

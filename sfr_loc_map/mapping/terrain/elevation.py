@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.jit import jit
+from sfr_loc_map.mapping.terrain.cells import CellGrid, HeightErrors, height_sums
 
-MAX_CELLS = 25_000_000
 SLOPE = 0.1
 """Typical slope of ground: a point displaced along its ray lies over ground that is as much higher or lower."""
 
@@ -39,7 +40,7 @@ class ElevationModel:
 
 def elevation_from_cloud(
     cloud: PointCloud,
-    T_lm_left: Sequence[Transform],
+    T_lm_left: Sequence[Transform] | None,
     cell_m: float,
     random_sigma: NDArray[np.float32] | None = None,
 ) -> ElevationModel:
@@ -53,64 +54,70 @@ def elevation_from_cloud(
 
     Args:
         cloud: Points in LM.
-        T_lm_left: Pose of the left camera of each pair, in the order of the points' `pair`.
+        T_lm_left: Pose of the left camera of each pair, in the order of the points' `pair`; None where they are not
+            known: rays are then taken for vertical, which overstates the sigma of a height.
         cell_m: Side of a cell.
         random_sigma: `(N,)`, metres, the part of sigma that differs from point to point; None for all of it.
 
     Raises:
         MappingError: If the cell is not positive, the cloud is empty, or there would be too many cells.
     """
-    if not cell_m > 0.0:
-        raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
-    if len(cloud) == 0:
-        raise MappingError("the cloud has no points: an elevation model needs some")
-    first, (rows, columns), cell = _cells(cloud, cell_m)
-    height = cloud.xyz[:, 2].astype(np.float64)
-    random, common = _height_variances(cloud, T_lm_left, random_sigma)
-    weight = 1.0 / random
+    grid = CellGrid.over(cloud.xyz, cell_m)
+    return elevation_of_cells(cloud, T_lm_left, grid, grid.cell_of(cloud.xyz), random_sigma)
 
-    def summed(values: FloatArray | None) -> FloatArray:
-        return np.bincount(cell, values, rows * columns).astype(np.float64).reshape(rows, columns)
 
-    count, weights = summed(None), summed(weight)
+def elevation_of_cells(
+    cloud: PointCloud,
+    T_lm_left: Sequence[Transform] | None,
+    grid: CellGrid,
+    cell: NDArray[np.int32],
+    random_sigma: NDArray[np.float32] | None = None,
+) -> ElevationModel:
+    """Return the elevation model of a cloud over a grid; `cell` `(N,)` is each point's cell, -1 for none.
+
+    The other arguments are those of `elevation_from_cloud`.
+    """
+    errors = HeightErrors(
+        _height_shares(cloud, T_lm_left), cloud.sigma, cloud.sigma if random_sigma is None else random_sigma
+    )
+    sums = height_sums(cell, grid.rows * grid.columns, np.ascontiguousarray(cloud.xyz[:, 2]), errors)
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = summed(weight * height) / weights
-        spread = summed(weight * np.square(height - mean.ravel()[cell])) / weights
-        variance = count / weights + spread / count + summed(weight * common) / weights
+        variance = sums.points / sums.weight + sums.spread / sums.weight / sums.points + sums.common / sums.weight
+    shape = (grid.rows, grid.columns)
     return ElevationModel(
-        mean.astype(np.float32),
-        np.sqrt(variance).astype(np.float32),
-        count.astype(np.int32),
-        (float(first[0] * cell_m), float(first[1] * cell_m)),
-        cell_m,
+        sums.mean.astype(np.float32).reshape(shape),
+        np.sqrt(variance).astype(np.float32).reshape(shape),
+        sums.points.astype(np.int32).reshape(shape),
+        grid.origin_m,
+        grid.cell_m,
     )
 
 
-def _cells(cloud: PointCloud, cell_m: float) -> tuple[IntArray, tuple[int, int], IntArray]:
-    """Return the number of the first cell along x and y, rows and columns of the grid, and each point's cell in it.
+def _height_shares(cloud: PointCloud, T_lm_left: Sequence[Transform] | None) -> FloatArray:
+    """Return which share of each point's variance along its ray is that of its height `(N,)`.
 
     Raises:
-        MappingError: If there would be too many cells.
+        MappingError: If a point is of a pair without a pose.
     """
-    grid = np.floor(cloud.xyz[:, :2].astype(np.float64) / cell_m).astype(np.int64)
-    first = grid.min(axis=0)
-    columns, rows = (int(size) for size in grid.max(axis=0) - first + 1)
-    if rows * columns > MAX_CELLS:
+    if T_lm_left is None:
+        return np.full(len(cloud), 1.0 + SLOPE**2)
+    if len(cloud) and int(cloud.pair.max()) >= len(T_lm_left):
         raise MappingError(
-            f"cells of {cell_m} m over {columns * cell_m:.0f} x {rows * cell_m:.0f} m are {rows * columns / 1e6:.0f} "
-            f"million: {MAX_CELLS / 1e6:.0f} million are the limit; take larger cells or a smaller max_range_m"
+            f"the cloud has points of pair {int(cloud.pair.max())}, poses of {len(T_lm_left)} pairs are given: "
+            f"give that of each pair"
         )
-    return first, (rows, columns), (grid[:, 1] - first[1]) * columns + grid[:, 0] - first[0]
+    return _vertical_shares(cloud.xyz, cloud.pair, np.stack([pose.translation for pose in T_lm_left]))
 
 
-def _height_variances(
-    cloud: PointCloud, T_lm_left: Sequence[Transform], random_sigma: NDArray[np.float32] | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return the random part and the common part of the variance of each point's height `(N,)`, square metres."""
-    share = np.square(rays(cloud, T_lm_left)[:, 2]) + SLOPE**2
-    total = np.square(cloud.sigma, dtype=np.float64)
-    random = total if random_sigma is None else np.square(random_sigma, dtype=np.float64)
-    return np.asarray(share * random), np.asarray(share * np.maximum(total - random, 0.0))
+@jit
+def _vertical_shares(xyz: NDArray[np.float32], pair: NDArray[np.uint8], centres: FloatArray) -> FloatArray:
+    share = np.empty(len(xyz))
+    for i in range(len(xyz)):
+        x = np.float64(xyz[i, 0]) - centres[pair[i], 0]
+        y = np.float64(xyz[i, 1]) - centres[pair[i], 1]
+        z = np.float64(xyz[i, 2]) - centres[pair[i], 2]
+        share[i] = z * z / (x * x + y * y + z * z) + SLOPE**2
+    return share
 
 
 def rays(cloud: PointCloud, T_lm_left: Sequence[Transform]) -> FloatArray:

@@ -1,0 +1,117 @@
+"""Slope, roughness, step and hazard of ground that is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.terrain.config import TerrainConfig
+from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
+
+CONFIG = TerrainConfig()
+CAMERA = [Transform(np.eye(3), np.array([0.0, 0.0, 2.0]))]
+SPACING = 0.02
+"""Of the points; 25 in a cell."""
+
+
+def ground(height, half_m: float = 2.0, keep=lambda x, y: np.ones(x.shape, bool)) -> PointCloud:  # noqa: ANN001
+    side = np.arange(-half_m, half_m, SPACING) + SPACING / 2
+    x, y = (axis.reshape(-1) for axis in np.meshgrid(side, side))
+    kept = keep(x, y)
+    x, y = x[kept], y[kept]
+    xyz = np.column_stack((x, y, height(x, y))).astype(np.float32)
+    zeros, sigma = np.zeros(len(xyz), np.uint16), np.full(len(xyz), 0.005, np.float32)
+    return PointCloud(xyz, sigma, sigma, zeros, zeros, zeros.astype(np.uint8))
+
+
+def at(grid: TerrainGrid, layer: np.ndarray, x: float, y: float) -> float:
+    x0, y0 = grid.elevation.origin_m
+    return float(layer[int((y - y0) / CONFIG.cell_m), int((x - x0) / CONFIG.cell_m)])
+
+
+@pytest.mark.parametrize(("rise_x", "rise_y"), [(0.0, 0.0), (0.3, 0.0), (-0.1, 0.25)])
+def test_a_plane_has_its_slope_and_neither_roughness_nor_step(rise_x: float, rise_y: float) -> None:
+    grid = elevation_grid(ground(lambda x, y: rise_x * x + rise_y * y), CONFIG, CAMERA)
+    rise = np.hypot(rise_x, rise_y)
+    inside = np.isfinite(grid.slope_rad)
+    assert inside[2:-2, 2:-2].all()  # at the corners less than half of the footprint is known
+    np.testing.assert_allclose(grid.slope_rad[inside], np.arctan(rise), atol=5e-4)
+    assert grid.roughness_m[inside].max() < 1e-4
+    assert grid.step_m[inside].max() < rise * CONFIG.cell_m + 1e-4  # what a cell itself rises
+    share = np.degrees(np.arctan(rise)) / CONFIG.max_slope_deg
+    assert np.abs(grid.hazard[inside] - 100.0 * share).max() <= 1.0
+
+
+def test_a_slope_at_its_limit_is_a_hazard_and_one_below_is_none() -> None:
+    for slope_deg, hazard in ((CONFIG.max_slope_deg - 0.5, 97), (CONFIG.max_slope_deg + 0.5, 100)):
+        rise = np.tan(np.radians(slope_deg))
+        assert at_once(elevation_grid(ground(lambda x, y: rise * y), CONFIG, CAMERA).hazard[2:-2, 2:-2]) == hazard  # noqa: B023
+
+
+def at_once(layer: np.ndarray) -> int:
+    (value,) = set(layer.reshape(-1).tolist())
+    return value
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_rock_or_a_hole_is_a_hazard_as_far_as_the_footprint_reaches(sign: float) -> None:
+    def rock(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return sign * 0.25 * ((np.abs(x - 0.05) < 0.15) & (np.abs(y - 0.05) < 0.15))
+
+    grid = elevation_grid(ground(rock), CONFIG, CAMERA)
+    assert at(grid, grid.step_m, 0.05, 0.05) == pytest.approx(0.25, abs=0.02)
+    x0, y0 = grid.elevation.origin_m
+    rows, columns = np.nonzero(grid.hazard == 100)
+    distance = np.hypot(x0 + (columns + 0.5) * 0.1 - 0.05, y0 + (rows + 0.5) * 0.1 - 0.05)
+    assert distance.max() < 0.15 * np.sqrt(2) + CONFIG.step_radius_m + CONFIG.footprint_radius_m + 0.1
+    reach = 0.15 + CONFIG.footprint_radius_m
+    for x, y in ((reach, 0.05), (0.05, -reach + 0.1), (0.4, 0.4)):
+        assert at(grid, grid.hazard, x, y) == 100
+    assert at(grid, grid.hazard, 1.55, 1.55) == 0
+    low = elevation_grid(ground(lambda x, y: 0.5 * rock(x, y)), CONFIG, CAMERA)
+    assert 50 <= low.hazard.max() < 100
+
+
+def test_rough_ground_is_rough() -> None:
+    def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 0.065 * np.sqrt(2.0) * np.sin(2.0 * np.pi * x / 0.8)
+
+    grid = elevation_grid(ground(waves), replace(CONFIG, max_step_m=1.0), CAMERA)
+    middle = np.s_[10:30, 10:30]
+    assert np.median(grid.roughness_m[middle]) == pytest.approx(0.06, abs=0.01)
+    assert (grid.hazard[middle] == 100).mean() > 0.5
+
+
+def test_what_was_not_seen_is_not_known_unless_a_step_is_near() -> None:
+    hidden = lambda x, y: ~((x > 0.5) & (np.abs(y) < 1.0))  # noqa: E731
+    flat = elevation_grid(ground(lambda x, y: 0.0 * x, keep=hidden), CONFIG, CAMERA)
+    assert at(flat, flat.hazard, 1.45, 0.05) == -1
+    assert np.isnan(at(flat, flat.slope_rad, 1.45, 0.05))
+    assert np.isnan(at(flat, flat.elevation.height_m, 1.45, 0.05))
+    assert at(flat, flat.elevation.count, 1.45, 0.05) == 0
+    rock = lambda x, y: 0.3 * ((x > 0.3) & (np.abs(y) < 0.2))  # noqa: E731
+    shadow = elevation_grid(ground(rock, keep=hidden), CONFIG, CAMERA)
+    assert at(shadow, shadow.hazard, 0.65, 0.05) == 100
+    assert at(shadow, shadow.hazard, 1.45, 0.05) == -1
+
+
+def test_cells_with_few_points_have_no_height() -> None:
+    sparse = ground(lambda x, y: x).select(np.arange(0, 40_000, 40))
+    grid = elevation_grid(sparse, CONFIG, CAMERA)
+    few = grid.elevation.count < CONFIG.min_points
+    assert few.any()
+    assert np.isnan(grid.elevation.height_m[few]).all()
+    assert np.isnan(grid.elevation.sigma_m[few]).all()
+    assert np.isfinite(grid.elevation.height_m[~few]).all()
+
+
+def test_poses_bound_the_range_and_lower_the_sigma() -> None:
+    cloud = ground(lambda x, y: 0.0 * x)
+    near = elevation_grid(cloud, replace(CONFIG, range_m=1.0), CAMERA)
+    assert near.hazard.shape == (21, 21)
+    everything = elevation_grid(cloud, replace(CONFIG, range_m=1.0))
+    assert everything.hazard.shape == (40, 40)
+    known, unknown = (at(grid, grid.elevation.sigma_m, 0.75, 0.75) for grid in (near, everything))
+    assert known < unknown == pytest.approx(0.005, rel=0.02)
