@@ -183,7 +183,7 @@ def accuracy(
     truth = sequence.ground_truth
     assert truth is not None
     T_rb_left = _rig_on_rover(sequence.rig).T_rb_left
-    T_ds_first, T_left_rb = start_pose(sequence, "truth") @ T_rb_left, T_rb_left.inverse()
+    T_ds_first, T_left_rb = start_pose(sequence, "truth").T_ds_rb @ T_rb_left, T_rb_left.inverse()
     last = T_ds_first @ T_left_rb
     stamped = []
     for stamp_ns, pose in zip(stamps_ns, poses, strict=True):

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import LocSequence
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.localisation.estimate import PoseEstimate
+    from sfr_loc_map.localisation.start_pose import StartPose
     from sfr_loc_map.methods.method import Method, MethodLimits
     from sfr_loc_map.metrics.score import MethodRecord
     from sfr_loc_map.pipeline.call_record import CallRecord
@@ -84,7 +85,8 @@ def localise(
         if foreign is None:
             done, about = _run(sequence, parameters, first_pose, video), record_of_ours(MethodTask.LOCALISE)
         else:
-            done, about = _run_foreign(sequence, foreign, first_pose, method_limits(call_timeout, memory_limit))
+            limits = method_limits(call_timeout, memory_limit)
+            done, about = _run_foreign(sequence, foreign, first_pose.T_ds_rb, limits)
     records = [record for _, record in done]
     save_trajectory(output, trajectory_of(estimate for estimate, _ in done))
     if stats is not None:
@@ -99,7 +101,7 @@ def localise(
 
 
 def _run(
-    sequence: LocSequence, parameters: LocalisationConfig, first_pose: Transform, video: Path | None
+    sequence: LocSequence, parameters: LocalisationConfig, first_pose: StartPose, video: Path | None
 ) -> list[tuple[PoseEstimate, CallRecord]]:
     """Localise a drive; interrupted, return what was finished."""
     from sfr_loc_map.pipeline.offline import localise as run

@@ -31,8 +31,8 @@ from sfr_loc_map.errors import InterruptedRunError, NodeError, OutputError
 from sfr_loc_map.printable import printable
 
 if TYPE_CHECKING:
-    from sfr_loc_map.geometry.transform import Transform
     from sfr_loc_map.io.sequence import Source
+    from sfr_loc_map.localisation.start_pose import StartPose
     from sfr_loc_map.metrics.score import Score
     from sfr_loc_map.metrics.verdicts.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
@@ -113,7 +113,7 @@ def replay(
     conclude(score, asked, lenient=lenient or not (limits or condition))  # of what nobody named it warns
 
 
-def _first_pose(source: Source, start: str, offset_s: float) -> Callable[[float], Transform | None]:
+def _first_pose(source: Source, start: str, offset_s: float) -> Callable[[float], StartPose | None]:
     """Return what gives the pose at the first pair after so many seconds, None for the identity.
 
     Raises:
@@ -121,7 +121,7 @@ def _first_pose(source: Source, start: str, offset_s: float) -> Callable[[float]
     """
     from sfr_loc_map.pipeline.offline import start_pose
 
-    def pose(offset_s: float) -> Transform | None:
+    def pose(offset_s: float) -> StartPose | None:
         return None if source.loc is None or start == "identity" else start_pose(source.loc, start, offset_s)
 
     with naming(source.path):

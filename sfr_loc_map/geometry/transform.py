@@ -10,7 +10,14 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, check_rotation, plausible_positions, plausible_quats
-from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix, skew
+from sfr_loc_map.geometry.rotation import (
+    matrix_from_quat,
+    matrix_from_rotvec,
+    quat_conjugate,
+    quat_from_matrix,
+    rotvec_from_matrix,
+    skew,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,3 +139,10 @@ def propagation(displacement: FloatArray) -> FloatArray:
     carried = np.eye(6)
     carried[:3, 3:] = -skew(displacement)
     return carried
+
+
+def interpolated(before: Transform, after: Transform, share: float) -> Transform:
+    """Return the transform between two, at a share 0 .. 1 of a motion with constant velocities."""
+    turn = rotvec_from_matrix(before.rotation.T @ after.rotation)
+    rotation = before.rotation @ matrix_from_rotvec(share * turn)
+    return Transform(rotation, before.translation + share * (after.translation - before.translation))

@@ -103,7 +103,7 @@ class CovarianceModel:
         """Count from a pose of the past, whose covariance `(6, 6)` is given."""
         self._bias_before = mark.per_disparity_bias, mark.corrected_bias
         self._doubt = self._doubt - mark.doubt
-        self._doubted = Start(mark.position, _of_doubt(self._doubt))
+        self._doubted = Start(mark.position, covariance_of_doubt(self._doubt))
         if mark.window == self._window:
             self._start, self._reference = Start(mark.position, covariance), Start(mark.position, mark.in_window)
             return
@@ -135,7 +135,7 @@ class CovarianceModel:
     def doubt(self, position: FloatArray, step: tuple[float, float]) -> None:
         """Allow for a motion that may have been another one: it may err by metres and radians, always the same way."""
         before, self._doubt = self._doubt, self._doubt + step
-        more = _of_doubt(self._doubt) - _of_doubt(before)
+        more = covariance_of_doubt(self._doubt) - covariance_of_doubt(before)
         self._doubted = Start(position, self._doubted.propagated_to(position) + more)
 
     def set_in_window(self, covariance: FloatArray) -> None:
@@ -182,9 +182,9 @@ class CovarianceModel:
         return np.asarray(variance * np.outer(bias, bias) + np.outer(uncorrected, uncorrected))
 
 
-def _of_doubt(doubt: FloatArray) -> FloatArray:
-    """Return the covariance `(6, 6)` of errors of so many metres and radians, `(2,)`."""
-    return np.diag(np.repeat(np.square(doubt), 3))
+def covariance_of_doubt(doubt: tuple[float, float] | FloatArray | None) -> FloatArray:
+    """Return the covariance `(6, 6)` of errors of so many metres and radians; zeros for None."""
+    return np.diag(np.repeat(np.square((0.0, 0.0) if doubt is None else doubt), 3))
 
 
 def systematic_covariance(depth_m: float, systematic_px: float, focal_px: float) -> FloatArray:

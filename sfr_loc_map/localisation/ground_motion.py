@@ -18,6 +18,7 @@ from sfr_loc_map.localisation.frontend.foreign_regions import ForeignRegions
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.motion_segmentation import (
     MIN_FIXED,
+    Unexplained,
     high_distance,
     project,
     stays_in,
@@ -26,6 +27,7 @@ from sfr_loc_map.localisation.frontend.motion_segmentation import (
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.relocalisation import Relocaliser
+from sfr_loc_map.localisation.torn_images import TearWatch, Wholeness
 
 MIN_AGREEMENT = 0.3
 """Share of the unexplained landmarks that a second motion must explain."""
@@ -99,11 +101,13 @@ class GroundMotion:
         result: Tracking by it.
         foreign: `(N,)` rows in the window of landmarks that follow another motion.
         doubt: Metres and radians by which the pose may be wrong, as two motions cannot be told apart; None if they can.
+        wholeness: Whether the pair is of one exposure.
     """
 
     result: TrackingResult
     foreign: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
     doubt: tuple[float, float] | None = None
+    wholeness: Wholeness = Wholeness.WHOLE
 
 
 class GroundMotionFinder:
@@ -115,7 +119,7 @@ class GroundMotionFinder:
 
     Attributes:
         regions: Where the left image does not move with the ground.
-        doubt: Of the last pair, see `GroundMotion`.
+        doubt, wholeness: Of the last pair, see `GroundMotion`.
     """
 
     def __init__(self, tracker: Tracker, relocaliser: Relocaliser, rig: StereoRig, config: LocalisationConfig) -> None:
@@ -124,7 +128,9 @@ class GroundMotionFinder:
         self.regions = ForeignRegions((rig.height, rig.width), config.max_features)
         self._min_tracked, self._camera = config.min_tracked, rig.camera
         self._usual_share, self._has_moved, self._in_doubt = 0.0, False, False
+        self._tears = TearWatch()
         self.doubt: tuple[float, float] | None = None
+        self.wholeness = Wholeness.WHOLE
 
     def find(
         self, frame: StereoFrame, first: TrackingResult, guesses: Guesses
@@ -137,8 +143,13 @@ class GroundMotionFinder:
             guesses: Initial guesses of the pose.
         """
         ground = self._find(frame, first, guesses)
-        self.doubt = ground.doubt
+        self.doubt, self.wholeness = ground.doubt, ground.wholeness
         return ground.result, ground.foreign
+
+    def skip(self, stale: Mask) -> None:
+        """Leave a torn pair as it is, of which rows `(H,)` are blanked; the next ones may be torn there too."""
+        self._tears.tear(stale)
+        self.doubt, self.wholeness = None, Wholeness.WHOLE
 
     def _find(self, frame: StereoFrame, first: TrackingResult, guesses: Guesses) -> GroundMotion:
         self.regions.update(frame.image, frame.left.levels[0])
@@ -146,6 +157,15 @@ class GroundMotionFinder:
         if not self._tracker.trusts(first):
             return self._without_fixed(frame, first, guesses)
         unexplained = unexplained_by(first, frame, self._camera)
+        wholeness = self._tears.judge(unexplained)
+        if wholeness is Wholeness.TORN:  # what disagrees is of another moment, and is needed to tell the next tear
+            return GroundMotion(first, wholeness=wholeness)
+        ground = self._of_exposure(frame, first, unexplained, guesses)
+        return replace(ground, wholeness=max(wholeness, ground.wholeness))
+
+    def _of_exposure(
+        self, frame: StereoFrame, first: TrackingResult, unexplained: Unexplained, guesses: Guesses
+    ) -> GroundMotion:
         rest = unexplained.rows & ~unexplained.fixed
         share = unexplained.share_of(rest)
         if share < max(MIN_SHARE, MORE_THAN_USUAL * self._usual_share) and share < MAX_SHARE:
@@ -153,6 +173,8 @@ class GroundMotionFinder:
             return self._first_alone(frame, first, unexplained.fixed, guesses)
         second = self._search(frame, first.landmarks.subset(rest), guesses)
         if second is not None and self._differ(first, second):
+            if self._has_moved and self._tears.is_torn(unexplained):
+                return GroundMotion(first, wholeness=Wholeness.TORN)
             return self._decide(frame, Motions(first, second, rest), guesses)
         self._usual_share = max(self._usual_share, share)
         ground = self._first_alone(frame, first, unexplained.fixed, guesses)

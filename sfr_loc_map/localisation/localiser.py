@@ -8,8 +8,9 @@ from sfr_loc_map import __version__
 from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation.belief import are_finite, blindness, disbelief, first_of
+from sfr_loc_map.localisation.belief import are_finite, blindness, disbelief, reason_to_doubt
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.covariance_model import covariance_of_doubt
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
     StateReason,
@@ -31,6 +32,7 @@ from sfr_loc_map.localisation.stage_timer import StageTimer
 from sfr_loc_map.localisation.stale_images import StaleImageFilter
 from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.localisation.step_uncertainty import StepModel
+from sfr_loc_map.localisation.torn_images import Wholeness
 
 
 class _Reporter:
@@ -113,22 +115,21 @@ class Localiser(_Reporter):
         with self._timer("wait"):
             self._finish_keyframe()
         self._track.arrive(pair.stamp_ns)
-        if self._known and self._stale.repeats(pair):
+        if self._backend.started and self._stale.repeats(pair):
             return self._repeat(pair)
+        fresh, doubt = self._stale.fresh(pair)
         if pair.identical_images and float(np.std(pair.left)) > MIN_TEXTURE:
             return self._unknown(pair.stamp_ns, StateReason.NO_STEREO, TrackingStatistics())
-        fresh, doubt = self._stale.fresh(pair)
         with self._timer("pyramid"):
-            frame = StereoFrame.of(fresh if self._known else pair)
+            frame = StereoFrame.of(fresh if self._backend.started else pair)
         if not self._backend.started:
             return self._begin(frame)
         if len(self._backend.landmarks) >= self._config.min_tracked:
-            self._last_result = self._find(frame, motion)
+            self._last_result = self._find(frame, motion, torn=doubt is StateReason.TORN_IMAGES)
         if (result := self._last_result) is None:
             return self._lose(frame, blindness(frame))
-        reason = disbelief(frame, result, self._tracker, self._track, self._backend.calibration.offset)
-        if reason is not None:
-            return self._lose(frame, blindness(frame) if reason is StateReason.FEW_LANDMARKS else reason)
+        if (reason := disbelief(frame, result, self._tracker, self._track, self._backend.calibration)) is not None:
+            return self._lose(frame, reason)
         return self._update(frame, result, doubt)
 
     @property
@@ -136,7 +137,7 @@ class Localiser(_Reporter):
         """Whether the pose of the last pair is known."""
         return self._backend.started and self._status.state is not TrackingState.LOST
 
-    def _find(self, frame: StereoFrame, motion: Transform | None) -> TrackingResult:
+    def _find(self, frame: StereoFrame, motion: Transform | None, *, torn: bool) -> TrackingResult:
         """Predict, align, refine, and relocalise where that fails."""
         landmarks, offset = self._backend.landmarks, self._backend.calibration.offset
         with self._timer("align"):
@@ -147,44 +148,46 @@ class Localiser(_Reporter):
         if not self._tracker.trusts(result):
             with self._timer("relocate"):
                 result = self._relocaliser.relocalise(frame, landmarks, offset) or result
-        result, foreign = self._ground.find(frame, result, Guesses(guesses, offset))
-        self._backend.leave_out(foreign, self._ground.regions.mask)
+        if torn:
+            self._ground.skip(self._stale.rows)
+        else:
+            result, foreign = self._ground.find(frame, result, Guesses(guesses, offset))
+            self._backend.leave_out(foreign, self._ground.regions.mask)
         return self._backend.without_drift(result) if self._tracker.trusts(result) else result
 
     def _update(self, frame: StereoFrame, result: TrackingResult, doubt: StateReason | None) -> PoseEstimate:
         """Take the pose that was found; add a keyframe where one is wanted."""
         track, backend, follows = self._track, self._backend, self._known
         last, now = track.T_world_left, result.T_world_left
-        torn = doubt is None and self._stale.may_be_torn(result.agreeing_share)
-        early = backend.keyframe_count < self._doubted_keyframes
-        doubt = doubt or first_of((torn, StateReason.TORN_IMAGES), (early, StateReason.UNSEEN_MOTION))
+        ground, early = self._ground, backend.keyframe_count < self._doubted_keyframes
         # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images
-        whole = doubt in (None, StateReason.UNSEEN_MOTION)
-        doubt = doubt or (StateReason.CALIBRATION_DRIFT if backend.calibration.drifts else None)
-        if (moving := self._ground.doubt) is not None:
-            doubt = doubt or StateReason.MOVING_REGIONS
-            track.covariance.doubt(now.translation, moving)
-        self._status = Status.of_tracked(doubt)
+        whole = doubt is None and ground.wholeness is not Wholeness.TORN
+        self._status = Status.of_tracked(doubt or reason_to_doubt(ground, backend.calibration, early=early))
+        if ground.doubt is not None:
+            track.covariance.doubt(now.translation, ground.doubt)
         self._motion.update(frame.stamp_ns, last.inverse() @ now)
         step = now.translation - last.translation
         track.covariance.step(step, backend.landmarks.median_depth, backend.calibration.constant_u)
         track.covariance.set_in_window(np.asarray(np.linalg.inv(result.information) + backend.covariance))
+        unseen = np.zeros((6, 6)) if ground.wholeness is Wholeness.WHOLE else track.allow_unseen(frame.stamp_ns)
         track.moved(frame.stamp_ns, now, follows=follows)
         by_left = whole and result.left_inlier_count >= self._config.min_tracked
         self._relocaliser.recovered()
         if by_left:
             self._relocaliser.remember(frame.image, result)
         wanted = by_left and backend.wants_keyframe(result)
-        statistics = _statistics(result, backend, backend.keyframe_count + wanted, self._ground.regions.share)
-        moved = self._steps.tracked(frame.stamp_ns, result, backend.drift, backend.calibration)
-        estimate = self._estimate(frame.stamp_ns, statistics, moved)
+        statistics = _statistics(result, backend, backend.keyframe_count + wanted, ground.regions.share)
+        moved = self._steps.tracked(frame.stamp_ns, result, backend.drift, backend.calibration, unseen)
+        estimate = self._estimate(frame.stamp_ns, statistics, moved.with_doubt(covariance_of_doubt(ground.doubt)))
         if wanted:  # the backend belongs to its thread from here until the next call has waited
             backend.add_keyframe(frame, result)
         return estimate
 
     def _repeat(self, pair: StereoPair) -> PoseEstimate:
         """Return the last pose again; the rover may stand still, or have moved."""
-        self._track.covariance.allow_unseen(self._track.unseen(pair.stamp_ns))
+        if not self._known:
+            return self._unknown(pair.stamp_ns, self._status.reason, TrackingStatistics(repeated=1))
+        self._track.allow_unseen(pair.stamp_ns)
         self._status = Status(TrackingState.DEGRADED, StateReason.REPEATED_IMAGES)
         return self._estimate(pair.stamp_ns, TrackingStatistics(repeated=1), self._unseen_step(pair.stamp_ns))
 
@@ -216,7 +219,7 @@ class Localiser(_Reporter):
             return self._begin(frame)
         return self._unknown(frame.stamp_ns, reason, TrackingStatistics(inliers=0))
 
-    def _unknown(self, stamp_ns: int, reason: StateReason, statistics: TrackingStatistics) -> PoseEstimate:
+    def _unknown(self, stamp_ns: int, reason: StateReason | None, statistics: TrackingStatistics) -> PoseEstimate:
         """Return the last pose as lost."""
         self._motion.stop()
         self._status = Status(TrackingState.LOST, reason)

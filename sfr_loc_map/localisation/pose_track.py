@@ -11,9 +11,8 @@ import numpy as np
 
 from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.covariance_model import CovarianceMark, CovarianceModel, covariance_of_point
@@ -101,7 +100,12 @@ class PoseTrack:
         return is_plausible(self.T_world_left.inverse() @ T_world_left, self.unseen_s(stamp_ns), self._bounds)
 
     def arrive(self, stamp_ns: int) -> None:
-        """Note a pair: a start pose without a stamp holds at the first one, whatever that shows."""
+        """Note a pair: a start pose without a stamp holds at the first one, whatever that shows.
+
+        A start pose of a later stamp is taken for one of the first pair until its own, as badly known as that makes it.
+        """
+        if self._before_first_pair and stamp_ns < (self.known_ns or 0) <= stamp_ns + MAX_AHEAD_NS:
+            self._pending = self._given
         self._before_first_pair = False
         if self.known_ns is None:
             self.known_ns = stamp_ns
@@ -118,6 +122,11 @@ class PoseTrack:
         """Return the same of the left camera, in the world."""
         covariance = self.unseen_of_rb(stamp_ns)
         return self._of_left(covariance, self.T_world_left.rotation @ self._T_rb_left.rotation.T)
+
+    def allow_unseen(self, stamp_ns: int) -> FloatArray:
+        """Allow for the motion up to a stamp, which no image may show, until the next pose; return it of RB."""
+        self.covariance.allow_unseen(self.unseen(stamp_ns))
+        return self.unseen_of_rb(stamp_ns)
 
     def moved(self, stamp_ns: int, T_world_left: Transform, *, follows: bool) -> None:
         """Take a pose that was tracked.
@@ -154,6 +163,7 @@ class PoseTrack:
 
     def _place(self, pose: StartPose, stamp_ns: int | None) -> None:
         """Let the last pose of the camera be this one, known at a stamp."""
+        self._given = pose
         self.T_ds_world = pose.T_ds_rb @ self._T_rb_left @ self.T_world_left.inverse()
         self.known_ns, self._speed = stamp_ns, Speed()
         self._history.clear()
@@ -181,7 +191,7 @@ class PoseTrack:
         earlier = self._history[after - 1]
         if later.follows:
             share = (stamp_ns - earlier.stamp_ns) / (later.stamp_ns - earlier.stamp_ns)
-            between = _between(earlier.T_world_left, later.T_world_left, share)
+            between = interpolated(earlier.T_world_left, later.T_world_left, share)
             return TrackedPose(stamp_ns, between, later.mark, follows=True), 0.0
         nearest = min(earlier, later, key=lambda pose: abs(pose.stamp_ns - stamp_ns))
         return nearest, abs(nearest.stamp_ns - stamp_ns) / NS_PER_S
@@ -191,9 +201,3 @@ class PoseTrack:
         R_world_left = (at or self.T_world_left).rotation
         lever = R_world_left @ self._T_rb_left.rotation.T @ self._T_rb_left.translation
         return covariance_of_point(covariance, rotation, lever)
-
-
-def _between(before: Transform, after: Transform, share: float) -> Transform:
-    turn = rotvec_from_matrix(before.rotation.T @ after.rotation)
-    rotation = before.rotation @ matrix_from_rotvec(share * turn)
-    return Transform(rotation, before.translation + share * (after.translation - before.translation))

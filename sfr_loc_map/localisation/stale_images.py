@@ -20,8 +20,6 @@ MIN_ROW_RANGE: Final = 8
 """Range of the grey levels of a row that has texture: sky and saturated rows are equal in all images."""
 MIN_STALE_SHARE: Final = 0.05
 """Share of the rows that make an image torn."""
-MIN_AGREEING: Final = 0.8
-"""Landmarks that agree on the pose of a whole image, as a share of those of the whole image before."""
 PROBE: Final = 16
 """Every so many columns are compared first."""
 
@@ -57,23 +55,23 @@ class StaleImageFilter:
     """Blanks what an image repeats from the one before, so that nothing is tracked there.
 
     A part that stays the same for longer is no torn image but something fixed to the camera, and is left as it is.
+
+    Attributes:
+        rows: `(H,)` what was blanked last.
     """
 
     def __init__(self) -> None:
         """Start without an image."""
         self._before: StereoPair | None = None
         self._stale: tuple[StaleRows | None, StaleRows | None] = None, None
-        self._torn, self._agreeing = False, 1.0
+        self.rows: Mask = np.zeros(0, np.bool_)
 
     def repeats(self, pair: StereoPair) -> bool:
-        """Tell whether both images are those of the pair before, but for new noise."""
+        """Tell whether both images are those of the pair before, but for new noise; if need be swapped."""
         before = self._before
         if before is None:
             return False
-        return is_duplicate_pair(before, pair) or all(
-            np.array_equal(*images) or is_frozen(*images)
-            for images in ((before.left, pair.left), (before.right, pair.right))
-        )
+        return _both_stay(before, pair) or is_duplicate_pair(_swapped(before), pair)
 
     def fresh(self, pair: StereoPair) -> tuple[StereoPair, StateReason | None]:
         """Return the pair with stale parts blanked, and the reason to doubt it, if there is one."""
@@ -89,24 +87,22 @@ class StaleImageFilter:
         if not (left.any() or right.any()):
             return pair, None
         reason = StateReason.REPEATED_IMAGES if any(side.all for side in found) else StateReason.TORN_IMAGES
-        self._torn = reason is StateReason.TORN_IMAGES
+        self.rows = left | right
         return replace(pair, left=_blanked(pair.left, left), right=_blanked(pair.right, right)), reason
-
-    def may_be_torn(self, agreeing: float) -> bool:
-        """Tell whether a pair that follows torn ones may be torn too; its parts then repeat what was never shown.
-
-        Args:
-            agreeing: Share of the landmarks that agree on the pose.
-        """
-        self._torn = self._torn and agreeing < MIN_AGREEING * self._agreeing
-        if not self._torn:
-            self._agreeing = agreeing
-        return self._torn
 
 
 def is_duplicate_pair(before: StereoPair, now: StereoPair) -> bool:
     """Tell whether two pairs have bit-identical images."""
     return np.array_equal(before.left, now.left) and np.array_equal(before.right, now.right)
+
+
+def _both_stay(before: StereoPair, now: StereoPair) -> bool:
+    pairs = (before.left, now.left), (before.right, now.right)
+    return all(np.array_equal(*images) or is_frozen(*images) for images in pairs)
+
+
+def _swapped(pair: StereoPair) -> StereoPair:
+    return StereoPair(pair.stamp_ns, pair.right, pair.left)
 
 
 def _stale(before: GreyImage, now: GreyImage) -> StaleRows:

@@ -7,6 +7,7 @@ is learnt; it does not tell how well the motion between two poses is known. That
   adjustment, in proportion to the size of the step;
 - a common error of all disparities, alike in all steps: it scales each by `depth / (fx baseline)`, and adds up with
   its sign.
+- what no image showed: it is in the step to a pose that was kept or may be late, and in the step from it.
 """
 
 from __future__ import annotations
@@ -67,7 +68,12 @@ class StepModel:
         return StepEstimate(seconds, np.zeros(6), more, np.zeros(6))
 
     def tracked(
-        self, stamp_ns: int, result: TrackingResult, drift: KeyframeDrift | None, calibration: OnlineCalibration
+        self,
+        stamp_ns: int,
+        result: TrackingResult,
+        drift: KeyframeDrift | None,
+        calibration: OnlineCalibration,
+        unseen: FloatArray,
     ) -> StepEstimate:
         """Return the step to a pose that was tracked.
 
@@ -76,17 +82,18 @@ class StepModel:
             result: How it was tracked.
             drift: Of the newest keyframe; None in the first of a window.
             calibration: What is known of the right camera.
+            unseen: `(6, 6)` of what the pair may not show of the motion to it, in RB.
         """
         now, depth_m = result.T_world_left, result.landmarks.median_depth
         before_ns, before = (stamp_ns, now) if self._before is None else self._before
-        self._before, self._unseen = (stamp_ns, now), np.zeros((6, 6))
+        self._before, before_unseen, self._unseen = (stamp_ns, now), self._unseen, unseen
         covariance = self._drift(before.inverse() @ now, depth_m, drift, result)
         # the same of RB, in RB before
         T_rb_left = self._rig.T_rb_left
         motion = T_rb_left @ before.inverse() @ now @ T_rb_left.inverse()
         to_rb = T_rb_left.rotation @ before.rotation.T
         lever = -motion.rotation @ T_rb_left.translation
-        of_rb = covariance_of_point(covariance, to_rb, lever) + FIRST_VARIANCE * np.eye(6)
+        of_rb = covariance_of_point(covariance, to_rb, lever) + FIRST_VARIANCE * np.eye(6) + before_unseen + unseen
         systematic = to_rb @ self._systematic(now.translation - before.translation, depth_m, calibration)
         vector = np.concatenate((motion.translation, rotvec_from_matrix(motion.rotation)))
         seconds = (stamp_ns - before_ns) / NS_PER_S

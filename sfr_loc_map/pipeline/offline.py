@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.metrics.calls.resources import CallMeter
@@ -28,6 +30,8 @@ from sfr_loc_map.metrics.records.method_record import MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import COVARIANCE_NAMES, METHOD_NAMES, STEP_NAMES
 
+MAX_START_GAP_NS = NS_PER_S
+"""Longest gap of the truth in which a drive can start."""
 UPPER = np.triu_indices(6)
 """Rows and columns of the upper triangle of a pose covariance."""
 Progress = Callable[[int], None]
@@ -40,17 +44,17 @@ def no_observer(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) 
 
 
 def localise(
-    sequence: LocSequence, config: LocalisationConfig, T_ds_rb: Transform, watch: FrameObserver = no_observer
+    sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver = no_observer
 ) -> Iterator[tuple[PoseEstimate, CallRecord]]:
     """Yield the estimate and the cost of each pair of a drive.
 
     Args:
         sequence: The drive.
         config: Parameters of the localiser.
-        T_ds_rb: Pose of RB in DS at the first pair.
+        start: Pose of RB in DS, at its stamp or at the first pair.
         watch: Called after each pair.
     """
-    localiser = Localiser(sequence.rig, config, T_ds_rb)
+    localiser = Localiser(sequence.rig, config, start)
     localiser.warm_up()
     meter = CallMeter()
     for pair in sequence.pairs():
@@ -73,26 +77,34 @@ def localise(
         )
 
 
-def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> Transform:
-    """Return the pose at which a drive starts.
+def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> StartPose:
+    """Return the pose at which a drive starts, with its stamp.
 
     Args:
         sequence: The drive.
-        start: `identity` (RB is DS at the first pair) or `truth` (the truth's first pose).
-        offset_s: Seconds of the truth that are left out.
+        start: `identity` (RB is DS at the first pair) or `truth`: the true pose at the first pair, if need be between
+            two poses of the truth; without one the next pose of the truth, or its last.
+        offset_s: Seconds of the drive that are left out; the true pose is then the first one after them.
 
     Raises:
         InputError: If the truth is wanted and there is none.
     """
     if start == "identity":
-        return Transform.identity()
+        return StartPose(Transform.identity())
     truth = sequence.ground_truth
     if truth is None or not len(truth):
         raise InputError(
             "'--start truth' needs ground truth, the source has none: leave it out to start at the identity"
         )
-    after = np.searchsorted(truth.stamps_ns, int(truth.stamps_ns[0]) + round(offset_s * 1e9))
-    return truth.pose(min(int(after), len(truth) - 1))
+    stamps = truth.stamps_ns
+    first = next(sequence.pairs(), None)
+    wanted = int(stamps[0] if first is None else first.stamp_ns) + round(offset_s * NS_PER_S)
+    after = min(int(np.searchsorted(stamps, wanted)), len(stamps) - 1)
+    gap = int(stamps[after] - stamps[after - 1]) if after else 0
+    if offset_s > 0.0 or not stamps[after - 1] < wanted < stamps[after] or gap > MAX_START_GAP_NS:
+        return StartPose(truth.pose(after), stamp_ns=int(stamps[after]))
+    share = (wanted - int(stamps[after - 1])) / gap
+    return StartPose(interpolated(truth.pose(after - 1), truth.pose(after), share), stamp_ns=wanted)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """A frozen image with new noise is told from a scene that stands still, moves, or changes its brightness."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -26,6 +27,21 @@ def test_new_noise_on_an_old_image_is_frozen_and_two_exposures_are_not(level: fl
     assert all(is_frozen(old, noisy(old, level, random)) for _ in range(5))
 
 
+@pytest.mark.parametrize("level", [0.12, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4])
+def test_noise_that_changes_few_pixels_is_frozen_and_two_exposures_with_it_are_not(level: float) -> None:
+    random = np.random.default_rng(0)
+    fine = np.clip(SCENE + random.normal(0, 3.0, SCENE.shape), 0, 255)  # between the grey levels
+    old = np.rint(fine).astype(np.uint8)
+    assert is_frozen(old, noisy(old, level, random))
+    assert not is_frozen(noisy(fine, level, random), noisy(fine, level, random))
+
+
+def test_one_pixel_makes_no_new_exposure() -> None:
+    changed = SCENE.copy()
+    changed[101, 57] += 1
+    assert is_frozen(SCENE, changed)
+
+
 def test_what_moves_or_is_equal_or_dark_is_not_frozen() -> None:
     random = np.random.default_rng(0)
     pairs = drive(6)
@@ -47,6 +63,20 @@ def test_frozen_pair_with_new_noise_is_degraded_with_a_covariance_that_contains_
         assert errors(estimates[k], true_pose(k))[0] < 3 * np.sqrt(np.trace(estimates[k].covariance[:3, :3]))
     assert [estimate.state for estimate in estimates[10:]] == [TrackingState.TRACKING] * 2
     assert errors(estimates[-1], true_pose(11))[0] < 0.005
+
+
+@pytest.mark.parametrize("sides", [("left",), ("right",), ("left", "right")])
+def test_a_camera_that_repeats_all_but_a_few_pixels_is_not_tracked(sides: tuple[str, ...]) -> None:
+    random, pairs = np.random.default_rng(1), drive(12)
+    for k in (6, 7):
+        old = {side: noisy(getattr(pairs[5], side), 0.15, random) for side in sides}
+        pairs[k] = replace(pairs[k], **old)
+    estimates = run(pairs, localiser())
+    for k in (6, 7):
+        assert estimates[k].state is not TrackingState.TRACKING
+        assert estimates[k].reason is StateReason.REPEATED_IMAGES or estimates[k].state is TrackingState.LOST
+    assert estimates[11].state is TrackingState.TRACKING
+    assert errors(estimates[11], true_pose(11))[0] < 0.005
 
 
 def test_rover_that_stands_still_is_tracked() -> None:

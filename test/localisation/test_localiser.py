@@ -197,7 +197,7 @@ def test_steps_are_the_motions_between_the_poses(estimates: list[PoseEstimate]) 
 
 def test_steps_say_what_was_not_seen() -> None:
     again = [replace(DRIVE[5], stamp_ns=DRIVE[index].stamp_ns) for index in (6, 7)]
-    steps = [estimate.step for estimate in run([*DRIVE[:6], *again, black(8), DRIVE[9]])]
+    steps = [estimate.step for estimate in run([*DRIVE[:6], *again, black(8), *DRIVE[9:11]])]
     assert steps[8] is None
     assert steps[0] is not None
     assert steps[0].seconds == 0.0
@@ -208,7 +208,9 @@ def test_steps_say_what_was_not_seen() -> None:
         variance += step.covariance[0, 0]
     assert np.sqrt(variance) == pytest.approx(0.2, rel=0.2)  # 1 m/s over both together
     assert steps[9] is not None
-    assert np.sqrt(steps[9].covariance[0, 0]) < 0.02
+    assert steps[10] is not None
+    assert np.sqrt(steps[9].covariance[0, 0]) == pytest.approx(0.2, rel=0.2)  # from a pose that was kept
+    assert np.sqrt(steps[10].covariance[0, 0]) < 0.02
 
 
 def test_a_pose_with_a_stamp_of_the_past_holds_there_with_its_covariance(estimates: list[PoseEstimate]) -> None:
@@ -221,6 +223,17 @@ def test_a_pose_with_a_stamp_of_the_past_holds_there_with_its_covariance(estimat
     np.testing.assert_allclose(found.T_ds_rb.matrix, (T_set @ motion).matrix, atol=1e-9)
     swung = propagated_covariance(covariance, found.T_ds_rb.translation - T_set.translation)
     np.testing.assert_allclose(np.diag(found.covariance), np.diag(swung), rtol=0.02)
+
+
+def test_a_start_pose_of_a_later_pair_holds_there(estimates: list[PoseEstimate]) -> None:
+    by = Localiser(LOC_RIG, LocalisationConfig(), StartPose(true_pose(5), stamp_ns=DRIVE[5].stamp_ns))
+    found = run(DRIVE[:9], by)
+    assert found[0].state is TrackingState.DEGRADED
+    assert found[0].covariance[0, 0] > 0.4**2  # 1 m/s
+    for index in range(5, 9):
+        motion = estimates[5].T_ds_rb.inverse() @ estimates[index].T_ds_rb
+        assert errors(found[index], true_pose(5) @ motion)[0] < 1e-6
+        assert np.trace(found[index].covariance[:3, :3]) < 0.02**2
 
 
 def test_a_pose_between_two_pairs_holds_between_their_poses() -> None:

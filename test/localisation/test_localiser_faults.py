@@ -251,6 +251,31 @@ def test_a_window_that_is_absurd_is_left() -> None:
     assert errors(estimate, true_pose(6))[0] < 2.0 * np.sqrt(np.trace(estimate.covariance[:3, :3]))
 
 
+@pytest.mark.parametrize("fault", ["swapped", "identical"])
+def test_images_that_were_shown_by_the_wrong_camera_are_not_new(fault: str) -> None:
+    """A pair is lost, as its images are mixed up; the next one shows them again, in their places."""
+    pair = DRIVE[6]
+    right = pair.right if fault == "swapped" else pair.left
+    mixed = StereoPair(pair.stamp_ns, right, pair.left)
+    estimates = run([*DRIVE[:6], mixed, replace(pair, stamp_ns=DRIVE[7].stamp_ns), *DRIVE[8:10]])
+    assert estimates[6].state is TrackingState.LOST
+    assert estimates[7].state is not TrackingState.TRACKING
+    assert [estimate.state for estimate in estimates[8:]] == [TrackingState.TRACKING] * 2
+
+
+def test_a_lost_pair_that_is_repeated_is_still_lost() -> None:
+    """Its images are of before, whatever they show on a second look."""
+    by = localiser()
+    run(DRIVE[:6], by)
+    left, right = np.random.default_rng(0).integers(0, 255, (2, *BLACK.shape)).astype(np.uint8)
+    away = StereoPair(DRIVE[7].stamp_ns, left, right)
+    lost = by.process(away)
+    again = by.process(replace(away, stamp_ns=DRIVE[8].stamp_ns))
+    assert (again.state, again.reason) == (lost.state, lost.reason)
+    assert lost.state is TrackingState.LOST
+    assert again.statistics.repeated == 1
+
+
 def test_a_pair_after_a_torn_one_is_doubted_while_its_parts_disagree() -> None:
     """The lower half of each image is that of the exposure before: only in the first one was that shown."""
     row, torn = HEIGHT // 2, []

@@ -25,18 +25,20 @@ class Unexplained:
     """Landmarks that a pose does not explain.
 
     Attributes:
-        in_view: Number of landmarks that should be in view.
+        uv: `(M, 2)` where the pose sees them in the left image, pixels; NaN behind the camera.
+        in_view: `(M,)` landmarks that should be in view.
         rows: `(M,)` those of them that do not agree with the pose.
         fixed: `(M,)` landmarks that are still seen at their host pixel though the pose moves them.
     """
 
-    in_view: int
+    uv: FloatArray
+    in_view: Mask
     rows: Mask
     fixed: Mask
 
     def share_of(self, rows: Mask) -> float:
         """Return the share of some of them `(M,)` in the landmarks in view."""
-        return float(rows.sum() / max(self.in_view, 1))
+        return float(rows.sum() / max(int(self.in_view.sum()), 1))
 
 
 def project(pose: Pose, landmarks: Landmarks, camera: StereoCamera) -> FloatArray:
@@ -77,4 +79,4 @@ def unexplained_by(result: TrackingResult, frame: StereoFrame, camera: StereoCam
         fixed[candidates] = stays(frame.left.levels[0], patches, landmarks.uv[candidates])
     if fixed.sum() < max(MIN_FIXED, MIN_FIXED_SHARE * rows.sum()):
         fixed[:] = False
-    return Unexplained(int(in_view.sum()), rows, fixed)
+    return Unexplained(uv, np.asarray(in_view), rows, fixed)

@@ -10,9 +10,9 @@ from typing import Any
 import yaml
 
 from sfr_loc_map.config import flatten, load_yaml
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 
@@ -35,7 +35,7 @@ class ReplayOptions:
         mapping: Parameters of the mapper.
         score: Settings of the monitor's score.
         limits: Limits file of the monitor's verdicts, None for none.
-        start: Returns the pose of RB in DS at the first pair after an offset in seconds; None for the identity.
+        start: Returns the pose of RB in DS after an offset in seconds, with its stamp; None for the identity.
         rate: 0: lock step, the result of each pair is awaited; otherwise a multiple of the recorded speed.
         offset_s: Where it starts, seconds after the first message.
         paused: Whether it waits for the operator before the first pair.
@@ -49,7 +49,7 @@ class ReplayOptions:
     mapping: MappingConfig
     score: ScoreConfig
     limits: Path | None
-    start: Callable[[float], Transform | None]
+    start: Callable[[float], StartPose | None]
     rate: float
     offset_s: float
     paused: bool

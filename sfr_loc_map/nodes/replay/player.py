@@ -8,7 +8,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.message_types import message_type
 from sfr_loc_map.nodes.messages.pose import pose_msg
@@ -74,10 +74,10 @@ class Player:
         self._node.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(self._resets)} did not start")
         self._node.spin_for(SETTLE_S)
 
-    def set_pose(self, pose: Transform) -> None:
+    def set_pose(self, start: StartPose) -> None:
         """Publish the pose at which localisation starts, in its own world frame, and wait until it is received."""
-        message = PoseWithCovarianceStamped(header=header_msg(0, ""))
-        message.pose.pose = pose_msg(pose, pose.file_quat_xyzw)
+        message = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, ""))
+        message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
         self._initial_pose.publish(message)
         self._node.wait_for(
             self._pose_delivered, ANSWER_TIMEOUT_S, lambda: "localisation_node did not receive initialpose"

@@ -1,0 +1,71 @@
+"""Where a drive starts: the true pose at its first pair, with its stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from made_scene import LOC_RIG
+
+from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.pipeline.offline import start_pose
+
+FIRST_NS = 1_000_000_000_000
+IMAGE = np.zeros((2, 2), np.uint8)
+
+
+@dataclass(frozen=True)
+class OnePair:
+    """A drive of a pair, whose truth goes 1 m in each second: its x is the time since the pair, seconds."""
+
+    seconds: tuple[float, ...] | None
+    rig: StereoRig = LOC_RIG
+
+    @property
+    def ground_truth(self) -> Trajectory | None:
+        if self.seconds is None:
+            return None
+        poses = (Transform(np.eye(3), np.array([s, 0.0, 0.0])) for s in self.seconds)
+        stamps = (FIRST_NS + round(s * NS_PER_S) for s in self.seconds)
+        return Trajectory.from_poses(zip(stamps, poses, strict=True))
+
+    def __len__(self) -> int:
+        return 1
+
+    def pairs(self) -> Iterator[StereoPair]:
+        yield StereoPair(FIRST_NS, IMAGE, IMAGE)
+
+
+@pytest.mark.parametrize(
+    ("truth_s", "offset_s", "expected_s"),
+    [
+        ((0.0, 0.5, 1.0), 0.0, 0.0),  # a pose of the truth at the pair
+        ((-2.0, 0.0, 1.0), 0.0, 0.0),  # the truth begins before it
+        ((-0.3, 0.1, 1.0), 0.0, 0.0),  # between two poses of the truth
+        ((-3.0, 3.0), 0.0, 3.0),  # too far apart: the next one
+        ((2.0, 3.0), 0.0, 2.0),  # the truth begins after it
+        ((-3.0, -2.0), 0.0, -2.0),  # it ends before it
+        ((0.0, 0.5, 1.0), 0.4, 0.5),  # the first one after a part that is left out
+    ],
+)
+def test_the_true_start_pose_is_that_of_its_stamp(
+    truth_s: tuple[float, ...], offset_s: float, expected_s: float
+) -> None:
+    start = start_pose(OnePair(truth_s), "truth", offset_s)
+    assert start.stamp_ns == FIRST_NS + round(expected_s * NS_PER_S)
+    np.testing.assert_allclose(start.T_ds_rb.translation, [expected_s, 0.0, 0.0], atol=1e-12)
+    assert not start.covariance.any()
+
+
+def test_the_identity_holds_at_the_first_pair_whatever_the_truth() -> None:
+    start = start_pose(OnePair(None), "identity")
+    assert start.stamp_ns is None
+    np.testing.assert_array_equal(start.T_ds_rb.matrix, np.eye(4))
+    with pytest.raises(InputError, match="needs ground truth"):
+        start_pose(OnePair(None), "truth")
