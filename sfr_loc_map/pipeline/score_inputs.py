@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score import InputFile, Provenance
 from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates, lost_by_covariance
+from sfr_loc_map.pipeline.bag_calls import read_calls
 from sfr_loc_map.pipeline.call_stats import CallStats
 
 CLOUD_SUFFIXES = (".ply", ".pcd", ".npz")
@@ -93,7 +94,9 @@ def _bag_estimates(path: Path) -> Estimates:
     trajectory, covariance = odometry.trajectory, odometry.covariance[:, *UPPER]
     known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan)
     lost = lost_by_covariance(covariance)
-    return Estimates.of(trajectory, lost, covariance=known if covariance.any() else None)
+    calls, stamps_ns = read_calls(bag, topic), trajectory.stamps_ns
+    stated = known if covariance.any() else None
+    return Estimates.of(trajectory, lost, calls.degraded_at(stamps_ns), stated, calls.steps_at(stamps_ns))
 
 
 def load_truth(path: Path) -> Trajectory:

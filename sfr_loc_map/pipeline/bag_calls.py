@@ -1,0 +1,76 @@
+"""What a recorded localisation node said of its calls on /diagnostics: states, and covariances of the steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.io.bag import Bag, Topic
+from sfr_loc_map.io.text_numbers import parse_number, parse_stamp_ns
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.metrics.trajectory.relative_covariance import STEP_SIZE
+
+DIAGNOSTICS: Final = "diagnostic_msgs/msg/DiagnosticArray"
+TASK: Final = "localisation"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BagCalls:
+    """The calls of one localisation node, by their stamps.
+
+    Attributes:
+        states: State after each call.
+        steps: `(27,)` step of each call that has one.
+    """
+
+    states: dict[int, str]
+    steps: dict[int, FloatArray]
+
+    def degraded_at(self, stamps_ns: IntArray) -> Mask:
+        """Return for each stamp `(N,)` whether the state of its call is degraded."""
+        return np.array([self.states.get(stamp) == TrackingState.DEGRADED for stamp in stamps_ns.tolist()], np.bool_)
+
+    def steps_at(self, stamps_ns: IntArray) -> FloatArray | None:
+        """Return the step to each stamp, `(N, 27)`, NaN where there is none; None without any."""
+        if not self.steps:
+            return None
+        unknown = np.full(STEP_SIZE, np.nan)
+        return np.array([self.steps.get(stamp, unknown) for stamp in stamps_ns.tolist()]).reshape(-1, STEP_SIZE)
+
+
+def read_calls(bag: Bag, odometry: Topic) -> BagCalls:
+    """Read the calls of the node that published an odometry topic; none where they were not recorded.
+
+    Raises:
+        InputError: If a call cannot be read.
+    """
+    calls = BagCalls({}, {})
+    topic = bag.find("diagnostics", DIAGNOSTICS)
+    if topic is None:
+        return calls
+    namespace = odometry.bag_name.strip("/").removesuffix(odometry.name).strip("/")
+    for _, _, message in bag.messages([topic]):
+        for status in message.status:
+            node = status.name.partition(":")[0].strip("/")
+            if node.rpartition("/")[0] == namespace:
+                _take(status, calls, topic)
+    return calls
+
+
+def _take(status: Any, calls: BagCalls, topic: Topic) -> None:  # noqa: ANN401 - rosbags has no types
+    """Add the call that a status describes, if it is one of the localiser."""
+    values = {pair.key: pair.value for pair in status.values}
+    if values.get("task") != TASK or "processing_time_s" not in values:
+        return
+    try:
+        stamp_ns, state = parse_stamp_ns(values["stamp_ns"]), values["state"]
+        step = np.array([parse_number(word) for word in values.get("step", "").split()[: STEP_SIZE + 1]])
+    except (KeyError, ValueError) as error:
+        raise InputError(f"status '{status.name}' of '{topic.bag_name}' cannot be read: {error}") from error
+    calls.states[stamp_ns] = state
+    if len(step) == STEP_SIZE:
+        calls.steps[stamp_ns] = step
