@@ -29,7 +29,8 @@ export function short(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (value === 0) return "0";
   const size = Math.abs(value);
-  return size >= 1000 || size < 0.001 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
+  if (size >= 1000 && size < 1e6) return String(Math.round(value));
+  return size >= 1e6 || size < 0.001 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
 }
 
 /** Return a length in the unit that suits it. */

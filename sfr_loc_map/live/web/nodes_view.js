@@ -22,9 +22,10 @@ export function showNodes(nodes, server, ended) {
   showRows(byId("topics"), ["topic", "rate, Hz", "age, s", "lost"], Object.entries(nodes.topics).map(([name, topic]) => [
     name, topic.rate_hz === null ? "–" : topic.rate_hz.toFixed(1), topic.stale && !ended ? `stale ${topic.age_s.toFixed(1)}` : topic.age_s.toFixed(1), String(topic.lost),
   ]));
-  showRows(byId("drops"), ["dropped", "cause", "number"], nodes.nodes.flatMap((node) => Object.entries(node.values)
-    .filter(([name]) => name.startsWith("dropped_"))
-    .map(([name, count]) => [node.name.replace("_node", ""), name.slice(8).replaceAll("_", " "), count])));
+  const causes = [...new Set(nodes.nodes.flatMap((node) => Object.keys(node.values).filter((name) => name.startsWith("dropped_"))))];
+  showRows(byId("drops"), ["dropped", ...nodes.nodes.map((node) => node.name.replace("_node", ""))], causes.map((cause) => [
+    cause.slice(8).replaceAll("_", " "), ...nodes.nodes.map((node) => node.values[cause] ?? "–"),
+  ]));
 }
 
 function showNode(node, actions, ended) {
@@ -33,7 +34,7 @@ function showNode(node, actions, ended) {
   card.box.className = `node ${STYLES[level] ?? "open"}`;
   card.box.dataset.level = level;
   setText(card.icon, ICONS[level] ?? "–");
-  setText(card.level, level === "stale" ? staleText(node) : level);
+  setText(card.level, node.stale ? staleText(node) : level === "stale" ? "no input" : level);
   setText(card.lifecycle, node.lifecycle);
   setText(card.message, node.problem && node.level !== "ok" ? `${node.message}; ${node.problem}` : node.message || "–");
   setText(card.rates, ratesText(node.values));
@@ -104,6 +105,10 @@ function showRows(place, headings, rows) {
     return;
   }
   const head = element("tr", "", "", ...headings.map((heading, column) => element("th", column ? "" : "words", heading)));
-  const body = rows.map((row) => element("tr", row.at(-1) !== "0" && headings.at(-1) !== "age, s" ? "counted" : "", "", ...row.map((cell, column) => element("td", column ? "" : "words", cell))));
+  const counts = headings.at(-1) === "lost" ? [headings.length - 1] : headings.map((_, column) => column).slice(1);
+  const body = rows.map((row) => element("tr", "", "", ...row.map((cell, column) => {
+    const bad = counts.includes(column) && Number(cell) > 0 ? "counted" : "";
+    return element("td", column ? bad : "words", cell);
+  })));
   place.replaceChildren(element("table", "", "", element("thead", "", "", head), element("tbody", "", "", ...body)));
 }

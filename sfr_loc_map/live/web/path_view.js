@@ -3,7 +3,7 @@
 import { byId, colour, element, fitted, length, setText, short } from "./dom.js";
 import { drawPlot, extent, ticks } from "./plot.js";
 
-const MARGIN = 30;
+const MARGIN = 42;
 const FOLLOW_M = 6;
 const ERROR_LINES = 120;
 let lastFacts = "";
@@ -33,9 +33,9 @@ function drawTop(rows, underWay) {
   setText(byId("gain-text"), gain ? `× ${short(gain)}` : "");
   const start = underWay ? rows.findIndex((row) => row.n >= underWay.start_n) : -1;
   if (start >= 0) trace(context, rows.slice(start).filter((row) => row.truth), (row) => row.truth, view, colour("under"), 7, []);
-  trace(context, rows.filter((row) => row.truth), (row) => row.truth, view, colour("truth"), 1.5, [5, 4]);
   drawErrors(context, rows, view, gain);
-  trace(context, rows, (row) => row.at, view, colour("estimate"), 2, []);
+  trace(context, rows, (row) => row.at, view, colour("estimate"), 3, []);
+  trace(context, rows.filter((row) => row.truth), (row) => row.truth, view, colour("truth"), 1.2, [4, 6]);
   drawMarks(context, rows, view);
 }
 

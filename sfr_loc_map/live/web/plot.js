@@ -2,7 +2,7 @@
 
 import { colour, fitted, short } from "./dom.js";
 
-const LEFT = 52, RIGHT = 10, TOP = 8, BOTTOM = 30;
+const LEFT = 58, RIGHT = 26, TOP = 8, BOTTOM = 30;
 
 /** Return round numbers that divide a range into about `count` parts. */
 export function ticks(low, high, count) {

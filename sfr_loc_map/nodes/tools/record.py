@@ -33,7 +33,7 @@ INPUTS = (
     *("nav/pose", "initialpose", "motion_prior", "ground_truth/odometry", "ground_truth/points"),
 )
 OUTPUTS = (
-    *("localisation/odometry", "localisation/path", "metrics", "metrics/report"),
+    *("localisation/odometry", "localisation/path", "metrics", "metrics/report", "bookmark"),
     *(f"mapping/{name}" for name in ("points", "disparity", "elevation", "hazard")),
     *(f"{task}/configuration" for task in ("localisation", "mapping", "monitor")),
 )
