@@ -28,7 +28,8 @@ pytestmark = [
     pytest.mark.skipif(not CHROMIUM.is_file(), reason=f"no {CHROMIUM}: install chromium to open the page"),
 ]
 UNEXPLAINED = """[...document.querySelectorAll('button.help')]
-    .filter((button) => (button.click(), !document.getElementById('tip').textContent)).map((button) => button.dataset.term)"""
+    .filter((button) => (button.click(), !document.getElementById('tip').textContent))
+    .map((button) => button.dataset.term)"""
 """Terms whose button shows no definition."""
 NAMELESS = """[...document.querySelectorAll('button, select, input, canvas')]
     .filter((item) => !(item.textContent.trim() || item.ariaLabel || item.labels?.length)).length"""

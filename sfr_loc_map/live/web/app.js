@@ -9,7 +9,8 @@ import { showImages } from "./images_view.js";
 import { Lag } from "./lag.js";
 import { showMap } from "./map_view.js";
 import { showNodes } from "./nodes_view.js";
-import { showPath } from "./path_view.js";
+import { Panels } from "./panels.js";
+import { showError, showPath } from "./path_view.js";
 import { Store } from "./store.js";
 import { dressAllHelp } from "./terms.js";
 import { currentTheme, offerTheme } from "./theme.js";
@@ -43,6 +44,25 @@ const connection = new Connection({
   },
 });
 
+const choice = (id) => byId(id).value;
+const cloudOf = (moment) => moment.clouds.get("mapping/points") ?? [...moment.clouds.values()][0];
+let turned = 0; // changes with the view of the cloud
+
+const panels = new Panels(redraw);
+panels.add("figures", (moment) => showReport(moment.report), (moment) => [moment.report]);
+panels.add("path", showPath, (moment) => [moment.rowCount, moment.rows, choice("gain"), byId("follow").checked]);
+panels.add("growth", showError, (moment) => [moment.rowCount, moment.rows, moment.underWay], true);
+panels.add("cameras", (moment) => showImages(moment, choice("rig"), byId("tracks").checked), imagesKey);
+panels.add("elevation", (moment) => showMap(cloudOf(moment), choice("layer"), currentTheme()), (moment) => [cloudOf(moment), choice("layer")]);
+panels.add("cloud", (moment) => showCloud(cloudOf(moment), choice("colour"), currentTheme()), (moment) => [cloudOf(moment), choice("colour")]);
+panels.add("calls", (moment) => showCalls(moment.calls), (moment) => [moment.calls], true);
+panels.add("health", (moment) => showNodes(moment.nodes, store.server, moment.ended || store.ended), (moment) => [moment.nodes, store.ended]);
+
+function imagesKey(moment) {
+  const lost = moment.rowCount > 0 && moment.rows[moment.rowCount - 1].lost;
+  return [choice("rig"), byId("tracks").checked, lost, ["loc/left", "loc/right", "nav/left", "nav/right", "localisation/debug_image"].map((name) => moment.images.get(name)?.stamp_ns).join(" ")];
+}
+
 function redraw() {
   if (dirty) return;
   dirty = true;
@@ -52,18 +72,11 @@ function redraw() {
 function draw() {
   dirty = false;
   const moment = chosen ?? store.moment(), theme = currentTheme();
-  showReport(moment.report);
-  showPath(moment);
-  showImages(moment, byId("rig").value, byId("tracks").checked);
-  const cloud = moment.clouds.get("mapping/points") ?? [...moment.clouds.values()][0];
-  showMap(cloud, byId("layer").value, theme);
-  showCloud(cloud, byId("colour").value, theme);
-  showCalls(moment.calls);
-  showNodes(moment.nodes, store.server, moment.ended || store.ended);
+  panels.draw(moment, [theme, innerWidth, turned]);
   showHeader(moment);
   showTime();
   lag.drawn(() => connection.now(), chosen === null);
-  showFooter(cloud);
+  showFooter(cloudOf(moment));
   document.documentElement.dataset.drawn = String(moment.rowCount);
 }
 
@@ -161,7 +174,7 @@ for (const id of ["rig", "layer", "colour", "gain", "follow"]) byId(id).addEvent
 document.addEventListener("visibilitychange", tellViews);
 window.addEventListener("resize", redraw);
 offerTheme(redraw);
-offerTurning(redraw);
+offerTurning(() => ((turned += 1), redraw()));
 dressAllHelp();
 tellViews();
 dirty = false;

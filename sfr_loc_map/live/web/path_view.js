@@ -12,9 +12,13 @@ let lastFacts = "";
 export function showPath(moment) {
   const rows = moment.rows.slice(0, moment.rowCount);
   drawTop(rows, moment.underWay);
-  drawError(rows, moment.underWay);
-  showUnderWay(moment.underWay);
   showFacts(rows);
+}
+
+/** Show the error over distance of a moment, and the sub-trajectory under way. */
+export function showError(moment) {
+  drawError(moment.rows.slice(0, moment.rowCount));
+  showUnderWay(moment.underWay);
 }
 
 function drawTop(rows, underWay) {
@@ -141,7 +145,7 @@ function drawEllipse(context, [xx, yy, xy], x, y, scale) {
   }
 }
 
-function drawError(rows, underWay) {
+function drawError(rows) {
   const known = rows.filter((row) => row.error), size = (error) => Math.hypot(...error) * 1000;
   const series = [{ name: "error", colour: "error", points: known.map((row) => [row.distance, size(row.error)]) }];
   const sigma = known.filter((row) => row.covariance);
