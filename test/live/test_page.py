@@ -56,7 +56,7 @@ async def page_of(hub: Hub, operator: Noted | None = None) -> AsyncIterator[tupl
     server = LiveServer(LiveConfig(port=0), hub, operator, HOSTILE)
     task = asyncio.create_task(server.serve(lambda _: ready.set()))
     await asyncio.wait_for(ready.wait(), 10)
-    async with Browser() as browser:
+    async with Browser(height=4000) as browser:
         await browser.open(server.url)
         await browser.wait_for(DRAWN)
         yield browser, server
@@ -145,6 +145,7 @@ def test_lost_stale_pause_command_and_reconnection() -> None:
             await browser.wait_for(f"{state}.includes('lost: few_landmarks')", 2.0)
             await browser.wait_for("document.querySelector('.frame.lost')", 2.0)
             await browser.wait_for("document.getElementById('nodes').textContent.includes('stale: silent')", 3.0)
+            await browser.wait_for("document.getElementById('nodes-pill').textContent.includes('silent')", 1.0)
             keep_alive(hub)
             await browser.wait_for("!document.getElementById('nodes').textContent.includes('stale: silent')", 2.0)
             # pause: what comes does not change what is shown

@@ -92,10 +92,23 @@ function showHeader(moment) {
   if (store.ended) setPill(byId("connection"), "open", "■", "the run has ended");
   else if (connected) setPill(byId("connection"), "pass", "●", "connected");
   else setPill(byId("connection"), "fail", "✖", lostAt ? `no connection since ${clockTime(lostAt)}` : "connecting");
+  showNodesPill(moment.nodes);
   const problems = moment.nodes?.problems ?? [], notice = byId("notice");
   notice.hidden = !problems.length;
   setText(notice, problems.at(-1) ?? "");
   document.body.classList.toggle("cut", !connected && !store.ended);
+}
+
+function showNodesPill(nodes) {
+  const pill = byId("nodes-pill"), all = nodes?.nodes ?? [], name = (node) => node.name.replace("_node", "");
+  const stale = store.ended ? [] : all.filter((node) => node.stale), bad = all.filter((node) => node.level === "error" && !node.stale);
+  const warned = all.filter((node) => node.level === "warning");
+  if (!all.length) setPill(pill, "open", "…", "no node yet");
+  else if (!connected && !store.ended) setPill(pill, "stale", "○", "nodes not known");
+  else if (bad.length) setPill(pill, "fail", "✖", `${bad.map(name).join(", ")}: error`, bad[0].message);
+  else if (stale.length) setPill(pill, "stale", "○", `${stale.map(name).join(", ")}: silent`);
+  else if (warned.length) setPill(pill, "open", "!", `${warned.map(name).join(", ")}: warning`, warned[0].message);
+  else setPill(pill, "pass", "✔", `${all.length} nodes`);
 }
 
 function showTime() {
