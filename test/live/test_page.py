@@ -81,6 +81,8 @@ def test_every_panel_is_drawn_with_the_figures_of_the_state() -> None:
             await browser.wait_for("document.querySelectorAll('#images img:not([hidden])').length === 2")
             await browser.wait_for("Number(document.getElementById('map-canvas').dataset.cells) > 100")
             await browser.wait_for("Number(document.getElementById('cloud-canvas').dataset.points) > 1000")
+            await browser.wait_for("document.getElementById('error-canvas').dataset.points >= 40")
+            await browser.wait_for("document.getElementById('memory-canvas').dataset.points >= 40")
             for name in ("error", "time", "transport", "receive", "memory"):
                 assert int(await browser.value(f"document.getElementById('{name}-canvas').dataset.points")) >= 40, name
             assert await browser.value("document.querySelectorAll('#nodes .node').length") == 3
