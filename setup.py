@@ -18,7 +18,7 @@ NODES = ("localisation_node", "mapping_node", "monitor_node")
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
 LIVE = ["aiohttp>=3.10,<4"]
 FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]
-SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27"]
+SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27", "fsspec[http]>=2025.2,<2027"]
 
 setup(
     name=PACKAGE,
@@ -78,7 +78,7 @@ setup(
         "sim": ["embreex>=4.4,<5"],  # MIT; bundles Embree, Apache-2.0
         # ROS 2 Jazzy as wheels, for machines without a ROS install
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<7.2", "ros-jazzy-common-interfaces>=5.3,<5.4"],
-        # BSD-3 and Apache-2.0; suites on a cluster, and their results as a table for pandas
+        # BSD-3 and Apache-2.0; suites on a cluster, of sources elsewhere, and their results as a table for pandas
         "suite": SUITE,
         "live": LIVE,  # Apache-2.0; the page of sfr live
         "foxglove": FOXGLOVE,  # MIT; the same by the protocol of Foxglove

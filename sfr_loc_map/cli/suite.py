@@ -59,11 +59,9 @@ def run(
     lenient: LenientOption = False,
 ) -> None:
     """Run what is not done yet. Interrupted, it goes on where it was; done work is never done twice."""
-    from sfr_loc_map.suite.page import write_summary
     from sfr_loc_map.suite.runner import Selection, plan_suite, run_tasks
     from sfr_loc_map.suite.specification import load_specification
     from sfr_loc_map.suite.store import Store
-    from sfr_loc_map.suite.summary import summarise
 
     check_outputs(json_path, overwrite=overwrite)
     specification = load_specification(suite)
@@ -82,10 +80,13 @@ def run(
         interrupted = False
         try:
             with progress(len(tasks)) as advance:
-                run_tasks(tasks, specification.settings, store, executor, advance)
+                run_tasks(tasks, specification.settings, store, executor, advance, again=bool(only))
         except KeyboardInterrupt:
             interrupted = True
         finally:  # whatever ended it, the suite reports what it has
+            from sfr_loc_map.suite.page import write_summary  # its imports take as long as all of the start
+            from sfr_loc_map.suite.summary import summarise
+
             summary = summarise(store, plan.refusals)
             write_summary(summary, store.folder)
     if interrupted:

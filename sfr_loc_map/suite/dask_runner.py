@@ -9,6 +9,7 @@ suite.
 from __future__ import annotations
 
 import contextlib
+import logging
 import secrets
 import time
 from collections.abc import Iterator, Sequence
@@ -17,11 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.records.json_records import from_plain, to_plain
+from sfr_loc_map.suite.claim import execute_once
 from sfr_loc_map.suite.execution import MESSAGE_LENGTH, TRIES, Attempt, Bounds, Cause, Outcome, execute
 from sfr_loc_map.suite.runner import OnOutcome
-from sfr_loc_map.suite.store import Store
+from sfr_loc_map.suite.store import CACHE, Store
 from sfr_loc_map.suite.task import Task
 
 if TYPE_CHECKING:
@@ -32,6 +33,12 @@ ASK_AGAIN_S = 5.0
 AHEAD = 2
 """Tasks handed out for each place of a worker: while one runs, the next is there."""
 TOKEN = ".token"
+QUIET = {
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.tick.limit": "30s",
+    "distributed.admin.system-monitor.interval": "5s",
+}
+"""Of the client: as `config/dask.yaml` for the others."""
 
 
 class LostError(Exception):
@@ -71,14 +78,10 @@ def run_on_worker(task: dict[str, Any], bounds: Bounds, place: Place) -> Outcome
         place: Where the result may be written.
     """
     wanted = from_plain(Task, task)
-    visible = place.visible()
-    cache = Path(place.folder) / "cache" if visible else _worker_cache()
-    outcome = execute(wanted, bounds, cache)
-    if outcome.result is None or not visible:
-        return outcome
-    with atomic_path(Path(place.folder) / "results" / f"{outcome.key}.json") as temporary:
-        temporary.write_text(outcome.result, encoding="utf-8")
-    return replace(outcome, result=None)
+    if not place.visible():
+        return execute(wanted, bounds, _worker_cache())
+    folder = Path(place.folder)
+    return execute_once(wanted, bounds, folder, folder / CACHE)
 
 
 def _worker_cache() -> Path:
@@ -98,11 +101,14 @@ class DaskExecutor:
             InputError: If nobody answers at the address.
         """
         try:
+            import dask
             from distributed import Client
         except ImportError as error:
             raise MissingExtraError(
                 f"'--scheduler' needs Dask ({error}): pip install 'sfr_loc_map[suite]', or use --workers"
             ) from error
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a lost scheduler is told in one line
+        dask.config.set(QUIET)
         self._address = address
         self._places, self._asked_s = 1, float("-inf")
         try:
@@ -198,7 +204,7 @@ class _Flow:
             self._submit(task)
             return task, None
         failures = tuple(self._lost.pop(task.key))
-        return task, Outcome(key=task.key, result=None, failures=failures, seconds=0.0, peak_bytes=0, done=False)
+        return task, Outcome(key=task.key, result=None, failures=failures, seconds=None, peak_bytes=None, done=False)
 
     def cancel(self) -> None:
         """Take back what is not done."""

@@ -24,7 +24,7 @@ from sfr_loc_map.suite.task_process import BAD_INPUT
 
 TRIES = 3
 """A first try, then two more in fresh processes."""
-POLL_S = 0.05
+POLL_S = 0.1
 MESSAGE_LENGTH = 500
 
 
@@ -72,16 +72,16 @@ class Outcome:
         key: Key of the task.
         result: The score as JSON; None if it failed, or where it has been written to its place already.
         failures: Tries that failed.
-        seconds: How long the last try took.
-        peak_bytes: Largest resident memory of the last try.
+        seconds: How long the last try took, None where another has run it.
+        peak_bytes: Largest resident memory of the last try, None where another has run it.
         done: Whether there is a score.
     """
 
     key: str
     result: str | None
     failures: tuple[Attempt, ...]
-    seconds: float
-    peak_bytes: int
+    seconds: float | None
+    peak_bytes: int | None
     done: bool
 
 
@@ -93,11 +93,13 @@ class Bounds:
         memory_bytes: Resident memory of the process and its children.
         timeout_s: Time of one try.
         slot: Number of the slot, -1 for none.
+        again: Whether a task is run that has a result.
     """
 
     memory_bytes: int
     timeout_s: float
     slot: int = -1
+    again: bool = False
 
 
 def execute(task: Task, bounds: Bounds, cache: Path, stop: threading.Event | None = None) -> Outcome:

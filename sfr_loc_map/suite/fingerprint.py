@@ -10,7 +10,6 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.hashing import hash_path
-from sfr_loc_map.io.registry import open_source
 
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg")
 """Libraries that can change a figure."""
@@ -66,6 +65,8 @@ def inspect_source(path: Path) -> SourceFacts:
     Raises:
         InputError: If it cannot be read.
     """
+    from sfr_loc_map.io.registry import open_source  # takes half a second, and a resumed suite knows its sources
+
     source = open_source(path)
     counts = (0 if part is None else len(part) for part in (source.loc, source.nav))
     return SourceFacts(sha256=hash_path(path), pairs=next(counts), nav_pairs=next(counts))

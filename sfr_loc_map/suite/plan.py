@@ -13,6 +13,7 @@ from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.fingerprint import SourceFacts, code_fingerprint
+from sfr_loc_map.suite.remote import expand, is_remote, remote_facts
 from sfr_loc_map.suite.specification import SourceEntry, SuiteSpecification
 from sfr_loc_map.suite.task import SourceKind, Task, TaskKind, TaskSource, digest
 
@@ -77,6 +78,14 @@ def _sources(entry: SourceEntry, folder: Path) -> Iterator[TaskSource]:
         yield TaskSource(name=Path(entry.path).name, kind=SourceKind.ESTIMATE, path=names[0], truth=names[1], sha256="")
     elif entry.seeds is not None:
         yield from _simulations(entry, folder)
+    elif is_remote(entry.path):
+        urls = expand(entry.path)
+        if not urls:
+            raise ConfigError(f"source '{entry.path}': nothing there matches; give an existing URL or glob")
+        for url in urls:
+            yield TaskSource(
+                name=url.rstrip("/").rpartition("/")[2], kind=SourceKind.REMOTE, path=url, sha256=entry.sha256
+            )
     else:
         found = sorted(glob.glob(str(folder / entry.path), recursive=True))
         if not found:
@@ -109,6 +118,10 @@ def _known(source: TaskSource, facts_of: FactsOf) -> tuple[TaskSource, tuple[Tas
         config = build(SimulationConfig, source.settings)
         drive, panorama = config.drive.enabled, config.panorama.enabled
         return source, _possible(drive=drive, panorama=panorama)
+    if source.kind is SourceKind.REMOTE:
+        version = remote_facts(source.path).version
+        known = replace(source, sha256=source.sha256 or version, version=version)
+        return known, _possible(drive=True, panorama=True)
     facts = facts_of(Path(source.path))
     possible = _possible(drive=facts.pairs > 0, panorama=facts.nav_pairs > 0)
     return replace(source, sha256=facts.sha256), possible
@@ -160,6 +173,7 @@ def _tasks(specification: SuiteSpecification, sources: list[tuple[TaskSource, tu
                             threads=settings.threads,
                             code=code,
                             limits=specification.limits,
+                            cache_mb=settings.cache_mb,
                         )
 
 

@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from sfr_loc_map.suite.execution import Bounds, Outcome, close_fork_server, execute
+from sfr_loc_map.suite.claim import execute_once
+from sfr_loc_map.suite.execution import Bounds, Outcome, close_fork_server
 from sfr_loc_map.suite.plan import Plan, make_plan
 from sfr_loc_map.suite.specification import SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.store import Store
@@ -71,7 +72,7 @@ class LocalExecutor:
                 except queue.Empty:
                     break
                 try:
-                    done.put((task, execute(task, replace(bounds, slot=slot), store.cache, stop)))
+                    done.put((task, execute_once(task, replace(bounds, slot=slot), store.folder, store.cache, stop)))
                 except BaseException as error:
                     done.put((task, error))
             close_fork_server()
@@ -99,7 +100,13 @@ def plan_suite(specification: SuiteSpecification, store: Store) -> Plan:
 
 
 def run_tasks(
-    tasks: Sequence[Task], settings: SuiteSettings, store: Store, executor: Executor, on_outcome: OnOutcome
+    tasks: Sequence[Task],
+    settings: SuiteSettings,
+    store: Store,
+    executor: Executor,
+    on_outcome: OnOutcome,
+    *,
+    again: bool = False,
 ) -> None:
     """Run tasks and keep what comes of each.
 
@@ -109,11 +116,15 @@ def run_tasks(
         store: Folder of the suite.
         executor: Where they run.
         on_outcome: Called with each that is done and kept.
+        again: Whether tasks are run that have a result.
     """
 
     def keep(task: Task, outcome: Outcome) -> None:
         store.save(task, outcome)
         on_outcome(task, outcome)
 
-    bounds = Bounds(memory_bytes=settings.memory_mb * 10**6, timeout_s=settings.timeout_s)
-    executor.run(tasks, bounds, store, keep)
+    bounds = Bounds(memory_bytes=settings.memory_mb * 10**6, timeout_s=settings.timeout_s, again=again)
+    try:
+        executor.run(tasks, bounds, store, keep)
+    finally:
+        store.flush()

@@ -2,6 +2,8 @@
 
 sources:                                  # paths and globs, relative to this file
   - data/*.mcap
+  - s3://bucket/drives/*.mcap               # what fsspec reads; tasks must be given then
+  - {url: https://host/drive.mcap, sha256: 0a1b...}   # the content is checked
   - {simulate: config/simulation/rocky.yaml, seeds: [1, 2], set: {drive.pairs: 60}}
   - {estimate: other/est.tum, truth: data/drive}      # of the task `score`
 perturb: ["black:share=0.1", "blurred+noisy"]         # each as well as the source without faults
@@ -17,11 +19,13 @@ timing: false                             # true: each run alone on its host
 threads: 1
 memory_mb: 4000
 timeout_s: 3600
+cache_mb: 20000                           # of copies of remote sources
 """
 
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +38,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.verdicts.limits import parse_limits
 from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.suite.remote import is_remote
 from sfr_loc_map.suite.task import Scoring, TaskKind
 
 SECTIONS = {"localisation": LocalisationConfig, "mapping": MappingConfig}
@@ -55,6 +60,7 @@ class SuiteSettings:
     threads: int = param(1, doc="Threads and processor cores of a task.", low=1, high=256)
     memory_mb: int = param(4000, unit="MB", doc="Resident memory at which a task is ended.", low=100, high=10**6)
     timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is ended.", low=0.1, high=1e7)
+    cache_mb: int = param(20000, unit="MB", doc="Size of all copies of remote sources on a host.", low=1, high=10**9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,16 +68,18 @@ class SourceEntry:
     """One entry of `sources`.
 
     Attributes:
-        path: Path or glob, scenario, or estimate.
+        path: Path or glob, URL, scenario, or estimate.
         seeds: Seeds of a scenario; None where the entry is no simulation.
         settings: Settings of the simulation besides those of the scenario.
         truth: Truth of an estimate, or None.
+        sha256: Hash of the content at a URL, empty where it is not known.
     """
 
     path: str
     seeds: tuple[int, ...] | None = None
     settings: Mapping[str, Any] | None = None
     truth: str | None = None
+    sha256: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +128,17 @@ def load_specification(path: Path) -> SuiteSpecification:
     lists = {name: _list(content.get(name), f"{path}: '{name}'") for name in LISTS}
     if not lists["sources"]:
         raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
+    tasks = _tasks(lists["tasks"], str(path))
+    sources = tuple(_source(entry, f"{path}: source {number}") for number, entry in enumerate(lists["sources"], 1))
+    far = [entry.path for entry in sources if is_remote(entry.path)]
+    if far and tasks is None:
+        raise ConfigError(f"{path}: '{far[0]}' is not read before it is run: give 'tasks', as [localise]")
     return SuiteSpecification(
         path=path,
-        sources=tuple(_source(entry, f"{path}: source {number}") for number, entry in enumerate(lists["sources"], 1)),
+        sources=sources,
         perturb=("", *map(_fault, lists["perturb"])),
         configurations=_configurations(content.get("configurations"), str(path)),
-        tasks=_tasks(lists["tasks"], str(path)),
+        tasks=tasks,
         conditions=tuple(Condition.parse(str(text)).setting for text in lists["conditions"]) or ("distance=5",),
         limits=_limits(content.get("limits"), path),
         settings=build(
@@ -164,7 +177,19 @@ def _source(entry: object, origin: str) -> SourceEntry:
         return SourceEntry(str(entry["estimate"]), truth=str(entry["truth"]))
     if isinstance(entry, Mapping) and "simulate" in entry:
         return _simulation(entry, origin)
-    raise ConfigError(f"{origin}: needs a path, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH'")
+    if isinstance(entry, Mapping) and set(entry) == {"url", "sha256"}:
+        return _checked_url(entry, origin)
+    raise ConfigError(
+        f"{origin}: needs a path or URL, 'simulate: SCENARIO', 'estimate: EST' with 'truth: TRUTH', "
+        "or 'url: URL' with 'sha256: HASH'"
+    )
+
+
+def _checked_url(entry: Mapping[str, Any], origin: str) -> SourceEntry:
+    url, sha256 = str(entry["url"]), str(entry["sha256"]).lower()
+    if not is_remote(url) or not re.fullmatch("[0-9a-f]{64}", sha256):
+        raise ConfigError(f"{origin}: 'url' takes a URL as https://..., 'sha256' 64 hexadecimal digits")
+    return SourceEntry(url, sha256=sha256)
 
 
 def _simulation(entry: Mapping[str, Any], origin: str) -> SourceEntry:

@@ -4,6 +4,7 @@ DIR/results/KEY.json        score of a task (sfr-score/1)
 DIR/failures/KEY.json       why a task failed, each try
 DIR/index.sqlite            tasks, their state and cost; made again from the files if it is gone
 DIR/cache/                  simulated sources, may be deleted
+DIR/running/                locks of the tasks that run
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import fcntl
 import json
 import os
 import sqlite3
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -20,10 +22,13 @@ from pathlib import Path
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.records.json_records import RecordError, from_plain, json_line, to_plain
+from sfr_loc_map.suite.claim import RESULTS, RUNNING, write_result
 from sfr_loc_map.suite.execution import Attempt, Outcome
 from sfr_loc_map.suite.fingerprint import FileStamp, SourceFacts, inspect_source
 from sfr_loc_map.suite.task import Task
 
+CACHE = "cache"
+SAVE_EVERY_S = 1.0
 _TABLES = """
 CREATE TABLE IF NOT EXISTS tasks (
     key TEXT PRIMARY KEY, position INTEGER, label TEXT, kind TEXT, source TEXT, path TEXT, source_sha256 TEXT,
@@ -77,12 +82,14 @@ class Store:
             OutputError: If it cannot be made, or holds something else.
         """
         self.folder = Path(folder)
-        self.results, self.failures, self.cache = (self.folder / name for name in ("results", "failures", "cache"))
+        self.results, self.failures, self.cache = (self.folder / name for name in (RESULTS, "failures", CACHE))
+        self._unsaved: list[tuple[object, ...]] = []
+        self._saved_s = time.monotonic()
         others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
         if others and not (self.folder / "index.sqlite").exists() and not self.results.is_dir():
             raise OutputError(f"'{folder}' holds {others[0]} and is no folder of a suite: choose another name")
         try:
-            for path in (self.results, self.failures, self.cache):
+            for path in (self.results, self.failures, self.cache, self.folder / RUNNING):
                 path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
@@ -167,9 +174,9 @@ class Store:
                 )
 
     def save(self, task: Task, outcome: Outcome) -> None:
-        """Keep what came of a task."""
+        """Keep what came of a task; the index takes several at a time."""
         if outcome.result is not None:
-            self.write_result(task.key, outcome.result)
+            write_result(self.folder, task.key, outcome.result)
         path = self.failures / f"{task.key}.json"
         if outcome.done:
             path.unlink(missing_ok=True)
@@ -187,17 +194,19 @@ class Store:
             None if last is None else last.message,
             task.key,
         )
-        with self._index() as index:
-            index.execute(
-                "UPDATE tasks SET state = ?, seconds = ?, peak_bytes = ?, tries = ?, cause = ?, message = ? "
-                "WHERE key = ?",
-                values,
-            )
+        self._unsaved.append(values)
+        if time.monotonic() - self._saved_s > SAVE_EVERY_S:
+            self.flush()
 
-    def write_result(self, key: str, text: str) -> None:
-        """Write the score of a task, whole or not at all."""
-        with atomic_path(self.results / f"{key}.json") as temporary:
-            temporary.write_text(text, encoding="utf-8")
+    def flush(self) -> None:
+        """Write what the index has not got yet; states are never lost, they follow from the files."""
+        with self._index() as index:
+            index.executemany(
+                "UPDATE tasks SET state = ?, seconds = COALESCE(?, seconds), peak_bytes = COALESCE(?, peak_bytes), "
+                "tries = ?, cause = ?, message = ? WHERE key = ?",
+                self._unsaved,
+            )
+        self._unsaved, self._saved_s = [], time.monotonic()
 
     def entries(self) -> list[Entry]:
         """Return the tasks of the suite, in its order."""

@@ -27,6 +27,7 @@ class SourceKind(StrEnum):
     """Where the data of a source come from."""
 
     FILE = "file"
+    REMOTE = "remote"
     SIMULATED = "simulated"
     ESTIMATE = "estimate"
 
@@ -38,10 +39,11 @@ class TaskSource:
     Attributes:
         name: Short name, unique in the suite.
         kind: Where the data come from.
-        path: The source, the scenario, or the estimate.
+        path: The source, its URL, the scenario, or the estimate.
         truth: Truth of an estimate, otherwise empty.
         settings: All settings of a simulation, otherwise empty.
-        sha256: Hash of the content, or of the settings.
+        sha256: Hash of the content, or of the settings; `version` where a remote content has no known hash.
+        version: Of a remote source, as its server tells it.
     """
 
     name: str
@@ -50,6 +52,18 @@ class TaskSource:
     truth: str = ""
     settings: Mapping[str, object] = field(default_factory=dict)
     sha256: str
+    version: str = ""
+
+    @property
+    def content_sha256(self) -> str:
+        """Hash of the content of a remote source, empty where it is not known."""
+        return self.sha256 if self.sha256 != self.version else ""
+
+    @property
+    def identity(self) -> list[str]:
+        """What the result depends on: a remote source whose content is known is the same as its copy here."""
+        same = self.kind is SourceKind.REMOTE and self.content_sha256
+        return [(SourceKind.FILE if same else self.kind).value, self.sha256]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,6 +99,7 @@ class Task:
         threads: Threads that it may use.
         code: Fingerprint of the code.
         limits: Limits of the verdicts, as in a limits file; they do not change the run.
+        cache_mb: Size of all copies of remote sources on its host, MB; it does not change the run either.
     """
 
     kind: TaskKind
@@ -100,13 +115,14 @@ class Task:
     threads: int
     code: str
     limits: Mapping[str, object] = field(default_factory=dict)
+    cache_mb: int = 20000
 
     @property
     def key(self) -> str:
         """Name of the result: a hash of all that the result depends on; names and places of files are not among it."""
         identity = {
             "kind": self.kind.value,
-            "source": [self.source.kind.value, self.source.sha256],
+            "source": self.source.identity,
             "faults": [self.faults, self.fault_seed if self.faults else 0],
             "parameters": dict(self.parameters),
             "start": self.start,
@@ -127,7 +143,7 @@ class Task:
     @property
     def pairing(self) -> str:
         """What tasks of two suites have in common that are compared: the same work on the same data."""
-        data = [self.kind.value, self.source.kind.value, self.source.sha256, self.faults, self.fault_seed, self.repeat]
+        data = [self.kind.value, *self.source.identity, self.faults, self.fault_seed, self.repeat]
         return digest([*data, self.start, to_plain(self.scoring)])
 
 

@@ -35,6 +35,7 @@ from sfr_loc_map.pipeline.simulate import simulate
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import Fault, parse_fault
 from sfr_loc_map.suite.reference_work import REFERENCE, reference_seconds
+from sfr_loc_map.suite.source_cache import SourceCache
 from sfr_loc_map.suite.task import SourceKind, Task, TaskKind
 
 REPLAY = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
@@ -112,7 +113,10 @@ def _replay(task: Task, scratch: Path, cache: Path) -> Score:
 
 
 def _source(task: Task, cache: Path) -> Path:
-    """Return the place of a source; a simulation is rendered once, whoever asks first."""
+    """Return the place of a source; a simulation is rendered once, a remote source fetched once, whoever asks first."""
+    if task.source.kind is SourceKind.REMOTE:
+        copies = SourceCache(cache, task.cache_mb * 10**6)
+        return copies.fetch(task.source.path, task.source.version, task.source.content_sha256)
     if task.source.kind is not SourceKind.SIMULATED:
         return Path(task.source.path)
     out = cache / f"simulated-{task.source.sha256}"

@@ -41,13 +41,13 @@ def straight(count: int, sigma_m: float, seed: int) -> Trajectory:
     )
 
 
-def made_suite(folder: Path, drives: int, sigma_m: float = 0.001, **more: object) -> Path:
+def made_suite(folder: Path, drives: int, sigma_m: float = 0.001, *, poses: int = 60, **more: object) -> Path:
     """Write estimates, their truth, and the file of a suite that scores them."""
     folder.mkdir(parents=True, exist_ok=True)
-    save_trajectory(folder / "truth.csv", straight(60, 0.0, 0))
+    save_trajectory(folder / "truth.csv", straight(poses, 0.0, 0))
     sources = []
     for number in range(drives):
-        save_trajectory(folder / f"drive{number}.csv", straight(60, sigma_m, number + 1))
+        save_trajectory(folder / f"drive{number}.csv", straight(poses, sigma_m, number + 1))
         sources.append({"estimate": f"drive{number}.csv", "truth": "truth.csv"})
     suite = folder / "suite.yaml"
     suite.write_text(yaml.safe_dump({"sources": sources, "conditions": ["distance=1"], "spacing": 5, **more}))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+
 import pytest
 import yaml
 
@@ -104,3 +105,27 @@ def test_places_are_whole_however_the_file_is_named(tmp_path: Path, monkeypatch:
     places = [place for task in plan.tasks for place in (task.source.path, task.source.truth) if place]
     assert len(places) == 3
     assert all(Path(place).is_absolute() for place in places)
+
+
+def test_sources_elsewhere_are_known_by_their_version_or_their_content(tmp_path: Path) -> None:
+    memory = pytest.importorskip("fsspec", reason="needs the extra [suite]").filesystem("memory")
+    memory.pipe("/plan/a.mcap", b"a")
+    url, known = "memory://plan/a.mcap", {"url": "memory://plan/a.mcap", "sha256": "0A" * 32}
+    with pytest.raises(ConfigError, match="give 'tasks'"):
+        plan_of(tmp_path, sources=[url])
+    with pytest.raises(ConfigError, match="64 hexadecimal"):
+        plan_of(tmp_path, sources=[known | {"sha256": "1"}], tasks=["localise"])
+    (task,) = plan_of(tmp_path, sources=[url], tasks=["localise"], cache_mb=7).tasks
+    assert (task.source.name, task.source.kind, task.source.content_sha256) == ("a.mcap", SourceKind.REMOTE, "")
+    assert task.cache_mb == 7
+    (same,) = plan_of(tmp_path, sources=[url], tasks=["localise"]).tasks
+    assert same.key == task.key
+    memory.pipe("/plan/a.mcap", b"other")
+    (changed,) = plan_of(tmp_path, sources=[url], tasks=["localise"]).tasks
+    assert changed.key != task.key
+    (content,) = plan_of(tmp_path, sources=[known], tasks=["localise"]).tasks
+    here = replace(content, source=replace(content.source, kind=SourceKind.FILE, path="a.mcap", version=""))
+    assert content.key == here.key
+    assert content.pairing == here.pairing
+    (refusal,) = plan_of(tmp_path, sources=["memory://plan/missing"], tasks=["localise"]).refusals
+    assert "there is nothing" in refusal.reason
