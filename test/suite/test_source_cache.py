@@ -12,7 +12,6 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import ClassVar
 
-
 import pytest
 
 from sfr_loc_map.errors import InputError, MissingExtraError
