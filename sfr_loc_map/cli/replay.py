@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,11 +23,24 @@ from sfr_loc_map.cli.common import (
     read_config,
     require_ros,
 )
+from sfr_loc_map.cli.convention import ApplyDiagnosisOption, ConventionOption
+from sfr_loc_map.cli.external import (
+    AnswersOption,
+    AnswerTimeoutOption,
+    CommandOption,
+    ExternalOption,
+    FramesOption,
+    MethodOption,
+    WatchOption,
+    read_conversion,
+    read_external,
+)
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, page_arguments
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, say, warn
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs
+from sfr_loc_map.cli.replay_result import check_answers, result_of, say_where
 from sfr_loc_map.cli.score import LimitsOption, present, score_config
 from sfr_loc_map.cli.verdict import LenientOption, conclude, read_limits
-from sfr_loc_map.errors import InterruptedRunError, NodeError, OutputError
+from sfr_loc_map.errors import InterruptedRunError, OutputError
 from sfr_loc_map.printable import printable
 
 if TYPE_CHECKING:
@@ -36,8 +49,8 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
     from sfr_loc_map.metrics.verdicts.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
-    from sfr_loc_map.nodes.replay.results import ReplayResults
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
+    from sfr_loc_map.pipeline.scored_drive import Correction
 
 
 OutOption = Annotated[
@@ -54,12 +67,28 @@ OffsetOption = Annotated[float, typer.Option(min=0.0, metavar="S", help="Part of
 PausedOption = Annotated[bool, typer.Option("--start-paused", help="Wait for space, s or ~/resume.")]
 
 
+HELP = """Play a source to the three nodes over topics, record what they answer, score it.
+
+Keys, where standard input is a terminal: space pauses and resumes, s or the right arrow plays one pair, the left
+arrow goes 5 s back and f 5 s on, up and down change the rate, l the loop, q ends and scores. The same as services
+of /sfr_player: ~/pause, ~/resume, ~/toggle_paused, ~/play_next, ~/stop, ~/set_loop; parameters rate and seek_s.
+The end and each jump begin a new run; the last one that was played to its end is scored, else the last one. Others
+that a jump or a signal cut short are kept in DIR/run_1, DIR/run_2. Ctrl-C ends as q does, exit 130.
+
+With --external a node of anyone takes the place of ours: it subscribes to the images of its task and publishes
+nav_msgs/Odometry or sensor_msgs/PointCloud2 with the stamp of each pair. In lock step each answer is waited for
+(--answer-timeout); its crash or silence is a finding, and the replay goes on. See docs/candidates.md.
+"""
+
+
 @app.command(
+    help=HELP,
     epilog=examples(
         "sfr replay data/ --start truth --out out/",
         "sfr replay drive.mcap --rate 1 --loop --out out/ --overwrite",
         "sfr replay data/ --limits limits.yaml --condition distance=10",
-    )
+        "sfr replay data/ --external localisation --command 'python3 my_node.py' --convention frame=left_optical",
+    ),
 )
 def replay(
     source: SourceArgument,
@@ -77,40 +106,58 @@ def replay(
     lenient: LenientOption = False,
     live: LiveOption = False,
     live_port: LivePortOption = 8080,
+    external: ExternalOption = None,
+    method: MethodOption = "sfr",
+    command: CommandOption = "",
+    watch: WatchOption = "",
+    answers: AnswersOption = "",
+    frames: FramesOption = "",
+    answer_timeout: AnswerTimeoutOption = 5.0,
+    convention: ConventionOption = None,
+    apply_diagnosis: ApplyDiagnosisOption = False,
 ) -> None:
-    """Play a source to the three nodes over topics, record what they answer, score it.
-
-    Keys, where standard input is a terminal: space pauses and resumes, s or the right arrow plays one pair, the left
-    arrow goes 5 s back and f 5 s on, up and down change the rate, l the loop, q ends and scores. The same as services
-    of /sfr_player: ~/pause, ~/resume, ~/toggle_paused, ~/play_next, ~/stop, ~/set_loop; parameters rate and seek_s.
-    The end and each jump begin a new run; the last one that was played to its end is scored, else the last one. Others
-    that a jump or a signal cut short are kept in DIR/run_1, DIR/run_2. Ctrl-C ends as q does, exit 130.
-    """
+    """Play a source to the nodes over topics, record what they answer, score it."""
     from sfr_loc_map.io.registry import open_source
 
     opened = open_source(source, remaps := parse_remaps(remap))
     parsed_limits, asked = read_limits(limits, condition)
+    correction = read_conversion(convention, apply_diagnosis)
     require_ros("replay")
-    from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.mapping.config import MappingConfig
-    from sfr_loc_map.nodes.replay.options import ReplayOptions, is_ros_parameter_file
+    from sfr_loc_map.nodes.replay.options import ReplayOptions
 
+    given = command, watch, answers, frames
     options = ReplayOptions(
-        localisation=read_config(LocalisationConfig, config, "localisation"),
-        mapping=read_config(MappingConfig, config, "mapping"),
-        score=score_config(condition, {}),
-        limits=limits,
+        **_settings(config, limits, condition),
         start=_first_pose(opened, check_start(start), start_offset),
         rate=rate,
         offset_s=start_offset,
         paused=start_paused,
         loop=loop,
         remap=remaps,
-        parameter_file=config if config is not None and is_ros_parameter_file(config) else None,
         live=page_arguments(live, live_port),
+        external=read_external(opened, (external, method), given, answer_timeout, correction),
     )
-    score = _replay_and_score(source, opened, options, parsed_limits, (out, overwrite))
+    score = _replay_and_score((source, opened), options, correction, parsed_limits, (out, overwrite))
     conclude(score, asked, lenient=lenient or not (limits or condition))  # of what nobody named it warns
+
+
+def _settings(config: Path | None, limits: Path | None, condition: list[str] | None) -> dict[str, Any]:
+    """Return the options of a replay that a parameter file gives, and those of its score.
+
+    Raises:
+        ConfigError: If a value in it is not valid.
+    """
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.mapping.config import MappingConfig
+    from sfr_loc_map.nodes.replay.options import is_ros_parameter_file
+
+    return {
+        "localisation": read_config(LocalisationConfig, config, "localisation"),
+        "mapping": read_config(MappingConfig, config, "mapping"),
+        "parameter_file": config if config is not None and is_ros_parameter_file(config) else None,
+        "score": score_config(condition, {}),
+        "limits": limits,
+    }
 
 
 def _first_pose(source: Source, start: str, offset_s: float) -> Callable[[float], StartPose | None]:
@@ -130,14 +177,18 @@ def _first_pose(source: Source, start: str, offset_s: float) -> Callable[[float]
 
 
 def _replay_and_score(
-    path: Path, source: Source, options: ReplayOptions, limits: Limits | None, output: tuple[Path | None, bool]
+    opened: tuple[Path, Source],
+    options: ReplayOptions,
+    correction: Correction,
+    limits: Limits | None,
+    output: tuple[Path | None, bool],
 ) -> Score:
     """Replay, write the outputs to a folder if one is given, print the score.
 
     Args:
-        path: The source.
-        source: The source, opened.
+        opened: The source, and the same opened.
         options: How it is replayed.
+        correction: How the poses of an external node are converted.
         limits: Limits to judge by.
         output: Folder for the outputs, and whether they may replace others.
 
@@ -148,12 +199,13 @@ def _replay_and_score(
 
     from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
 
-    out, overwrite = output
+    (path, source), (out, overwrite) = opened, output
     with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch:
         files = ReplayFiles(out or Path(scratch))
         with _room_for(files, overwrite=overwrite):
             with naming(path):
-                result, interruption = _run(source, options)
+                result, interruption = _run(source, options, correction)
+                result = result.finished(source, options.score)
             for file in files.all:
                 file.unlink(missing_ok=True)  # of an earlier run, which may have written more of them
             save_replay(result, files)
@@ -161,7 +213,7 @@ def _replay_and_score(
             try:
                 present(score, None if out is None else str(files.report), None if out is None else files.page)
             finally:
-                _say_where(path, result, files, out)
+                say_where(path, result, files, out)
     if interruption:
         raise InterruptedRunError(interruption)
     return score
@@ -184,7 +236,7 @@ def _room_for(files: ReplayFiles, *, overwrite: bool) -> Iterator[None]:
             out.rmdir()
 
 
-def _run(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
+def _run(source: Source, options: ReplayOptions, correction: Correction) -> tuple[ReplayResult, str]:
     """Replay with progress bars and return what came out, and what was finished if the user ended it."""
     from sfr_loc_map.nodes.replay.replay import AGAIN
     from sfr_loc_map.nodes.replay.replay import replay as run
@@ -205,37 +257,7 @@ def _run(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
         results = run(source, options, lambda task: bar.advance(tasks[task]), show_line)
     if results.interrupted and not results.count:
         raise KeyboardInterrupt
-    played = len(results.published_stamps("loc"))
-    missing = played - len(results.rows)
-    if missing > 0:
-        say(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
-    if results.published_stamps("nav") and not results.clouds:
-        raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
-    result = _result_of(results)
+    check_answers(results, options)
+    result = result_of(results, correction)
     count = f"{len(results.published)} of {sum(totals.values())} pairs"
     return result, f"interrupted: {count} were played, and scored" if results.interrupted else ""
-
-
-def _result_of(results: ReplayResults) -> ReplayResult:
-    """Return what the nodes published as files and score have it."""
-    from sfr_loc_map.pipeline.replay import ReplayResult
-
-    cloud, mapped_ns = results.last_map()
-    cut_short = tuple(_result_of(run) for run in results.cut_short)
-    return ReplayResult(results.trajectory, cloud, results.records, results.report, mapped_ns, cut_short)
-
-
-def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
-    from sfr_loc_map.pipeline.tracking_summary import states_text, tracking_warning
-
-    say(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)
-    localised = [record for record in result.records if record.covariance is not None]
-    text = tracking_warning(localised, source)
-    if text is not None:
-        warn(text)
-    for number, run in enumerate(result.cut_short, 1):
-        place = "--out DIR would keep it" if out is None else str(files.of_run(number).folder)
-        typer.echo(f"a run of {len(run.estimate)} poses was cut short and is not scored: {place}", err=True)
-    if out is not None:
-        page = files.page if files.page.exists() else files.report
-        say(f"report: {page}")

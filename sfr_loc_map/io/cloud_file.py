@@ -83,6 +83,18 @@ def save_cloud(path: Path, cloud: PointCloud) -> None:
         temporary.write_bytes(writers[path.suffix](cloud))
 
 
+def save_points(path: Path, xyz: FloatArray) -> None:
+    """Write points `(N, 3)` alone, without pixels, as .npz.
+
+    Raises:
+        OutputError: If the file cannot be written.
+    """
+    buffer = io.BytesIO()
+    np.savez(buffer, x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(buffer.getvalue())
+
+
 def _loaded(path: Path, content: CloudRecords) -> LoadedCloud:
     columns = content.columns
     xyz = np.empty((len(columns["x"]), 3))

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud
+from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud, save_points
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.cloud.cloud_truth import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
+from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
 from sfr_loc_map.pipeline.offline import save_stats
 from sfr_loc_map.pipeline.score_inputs import ScoreInputs, camera_extrinsics, load_estimates
 from sfr_loc_map.pipeline.scored_drive import ScoredDrive
@@ -37,6 +40,8 @@ class ReplayResult:
         monitor_report: Report of the monitor (JSON), empty if it gave none.
         mapped_ns: Stamps of the pairs of the cloud, in the order of the points' `pair`: it is judged by their truth.
         cut_short: Other runs, which a jump or a signal ended.
+        external: The external node, None without one; `finished` converts its poses.
+        points: `(N, 3)` points in LM of an external mapper that tells no pixels, None otherwise.
     """
 
     estimate: Trajectory
@@ -45,6 +50,23 @@ class ReplayResult:
     monitor_report: str
     mapped_ns: tuple[int, ...]
     cut_short: tuple[ReplayResult, ...] = ()
+    external: ExternalRun | None = None
+    points: FloatArray | None = None
+
+    def finished(self, source: Source, config: ScoreConfig) -> ReplayResult:
+        """Return it with the poses of an external localiser as poses of RB in DS; without one it stays as it is.
+
+        Raises:
+            ConfigError: If a frame is declared that the source does not tell.
+            MetricsError: If the world frame cannot be aligned.
+        """
+        run, loc = self.external, source.loc
+        if run is None or run.score.task != CallKind.LOCALISATION or loc is None:
+            return self
+        drive = Drive(loc.rig, loc.ground_truth)
+        estimate, records, run = converted_run(self.estimate, self.records, run, drive, config)
+        cut_short = tuple(item.finished(source, config) for item in self.cut_short)
+        return replace(self, estimate=estimate, records=records, external=run, cut_short=cut_short)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +91,21 @@ class ReplayFiles:
         return self.folder / "cloud.ply"
 
     @property
+    def points(self) -> Path:
+        """The cloud of an external mapper that tells no pixels."""
+        return self.folder / "cloud.npz"
+
+    @property
+    def as_published(self) -> Path:
+        """Trajectory of an external node as it published it, before it was converted."""
+        return self.folder / "estimate_as_published.csv"
+
+    @property
+    def external_log(self) -> Path:
+        """What the process of an external node wrote."""
+        return self.folder / "external.log"
+
+    @property
     def monitor_report(self) -> Path:
         """Report of the monitor node."""
         return self.folder / "monitor.json"
@@ -86,7 +123,8 @@ class ReplayFiles:
     @property
     def all(self) -> tuple[Path, ...]:
         """All of them."""
-        return self.estimate, self.stats, self.cloud, self.monitor_report, self.report, self.page
+        own = self.estimate, self.stats, self.cloud, self.monitor_report, self.report, self.page
+        return (*own, self.points, self.as_published, self.external_log)
 
     def of_run(self, number: int) -> ReplayFiles:
         """Return the places of a run that was cut short, counted from 1."""
@@ -111,9 +149,21 @@ def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
         save_stats(files.stats, list(result.records))
     if result.cloud is not None:
         save_cloud(files.cloud, result.cloud)
+    if result.points is not None:
+        save_points(files.points, result.points)
+    if result.external is not None:
+        _save_external(result.external, files)
     if result.monitor_report:
         with atomic_path(files.monitor_report) as temporary:
             temporary.write_text(result.monitor_report, encoding="utf-8")
+
+
+def _save_external(run: ExternalRun, files: ReplayFiles) -> None:
+    if run.as_published is not None:
+        save_trajectory(files.as_published, run.as_published)
+    if run.log:
+        with atomic_path(files.external_log) as temporary:
+            temporary.write_text(run.log, encoding="utf-8", errors="backslashreplace")
 
 
 def score_replay(
@@ -136,11 +186,14 @@ def score_replay(
     inputs = ScoreInputs(
         estimate=None if drive is None else files.estimate,
         truth=None if drive is None else source.path,
-        cloud=None if cloud is None else files.cloud,
+        cloud=None if cloud is None else files.cloud if result.points is None else files.points,
         map_truth=None if cloud is None else source.path,
         stats=(files.stats,) if stats else (),
     )
-    return score_run(Run(inputs, stats, drive=drive, cloud=cloud), config, limits)
+    run = Run(inputs, stats, drive=drive, cloud=cloud)
+    if (node := result.external) is not None:
+        run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
+    return score_run(run, config, limits)
 
 
 def _drive(source: Source, result: ReplayResult, files: ReplayFiles, stats: Sequence[CallStats]) -> ScoredDrive | None:
@@ -153,11 +206,12 @@ def _drive(source: Source, result: ReplayResult, files: ReplayFiles, stats: Sequ
 
 def _cloud(source: Source, result: ReplayResult) -> ScoredCloud | None:
     """Return the cloud with the truth of its pairs, None where one of both is not there."""
-    if source.nav is None or result.cloud is None:
+    xyz = result.points if result.cloud is None else result.cloud.xyz
+    if source.nav is None or xyz is None:
         return None
     by_stamp = {pair.pair.stamp_ns: pair for pair in source.nav.pairs() if pair.pair.stamp_ns in result.mapped_ns}
     pairs = [by_stamp[stamp_ns] for stamp_ns in result.mapped_ns if stamp_ns in by_stamp]
     if not pairs or len(pairs) < len(result.mapped_ns) or any(pair.truth is None for pair in pairs):
         return None
-    loaded = LoadedCloud(result.cloud.xyz.astype(np.float64), result.cloud)
+    loaded = LoadedCloud(np.asarray(xyz, np.float64), result.cloud)
     return ScoredCloud(loaded, truths_of(pairs, source.nav.rig))

@@ -42,6 +42,11 @@ class Correction:
     declared: PoseConvention = field(default_factory=PoseConvention)
     apply_diagnosis: bool = False
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether anything is to be converted."""
+        return self.apply_diagnosis or bool(self.declared.settings)
+
 
 def corrected(
     drive: ScoredDrive, rig: StereoRig | None, correction: Correction, config: ScoreConfig

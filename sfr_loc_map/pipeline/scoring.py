@@ -9,14 +9,15 @@ from pathlib import Path
 from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.io.hashing import hash_arrays
 from sfr_loc_map.metrics.build import ScoreParts, build_score
-from sfr_loc_map.metrics.calls.resource_score import score_calls, score_target
+from sfr_loc_map.metrics.calls.external_calls import with_external
+from sfr_loc_map.metrics.calls.resource_score import ScoredCalls, score_calls, score_target
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map, score_nearest
 from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.records.method_record import MethodKind
-from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodRecord, Score
+from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
@@ -59,6 +60,7 @@ class Run:
         cloud: Map.
         method: Whose run it is; None: as the statistics say.
         external: How an external node behaved, None where there was none.
+        findings: What was wrong with its answers.
         convention: How the poses of `drive` have been converted, None where they have not.
     """
 
@@ -69,6 +71,7 @@ class Run:
     cloud: ScoredCloud | None = None
     method: MethodRecord | None = None
     external: ExternalScore | None = None
+    findings: tuple[FindingRecord, ...] = ()
     convention: ConventionRecord | None = None
 
 
@@ -88,7 +91,7 @@ def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Sc
     drive, cloud = run.drive, run.cloud
     mismatch = None if drive is None else convention_mismatch(drive, config)
     parts = ScoreParts(
-        calls=[score_calls(item.calls) for item in run.stats],
+        calls=_calls(run),
         target=None if run.target is None else score_target(run.target.calls, run.inputs.target_name),
         trajectory=None if drive is None else score_trajectory(drive.estimates, drive.truth, config.trajectory),
         warnings=(*applied_text(run.convention), *(() if mismatch is None else (mismatch,))),
@@ -96,11 +99,17 @@ def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Sc
         map=None if cloud is None else score_cloud(cloud, config),
         provenance=provenance(run.inputs, config, _truth_hashes(run)),
         method=run.method or _method(run.stats),
-        findings=tuple(finding for item in run.stats for finding in item.findings),
+        findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
         external=run.external,
         convention=run.convention,
     )
     return build_score(parts, limits)
+
+
+def _calls(run: Run) -> list[ScoredCalls]:
+    """Return the scored calls; those of an external node with what is known of it from outside."""
+    calls = [score_calls(item.calls) for item in run.stats]
+    return calls if run.external is None else [with_external(item, run.external) for item in calls]
 
 
 def _method(stats: Sequence[CallStats]) -> MethodRecord | None:

@@ -14,13 +14,17 @@ from rclpy.node import Node
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.resources import CallMeter, CallUsage
+from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.trajectory.relative_covariance import STEP_SIZE
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 MAX_CALL_S = 1e6
+DEFAULT_STATE = {"localisation": TrackingState.TRACKING.value, "mapping": MappingState.MAPPED.value}
+"""State of a call by its task, where a foreign node tells none."""
 STATISTIC = "statistic."
 """Prefix of the names of a call's figures."""
 _ONE_AT_A_TIME = Lock()
@@ -139,7 +143,7 @@ def task_record(status: DiagnosticStatus) -> TaskRecord | None:
         record = CallRecord(
             stamp_ns=_whole(values, "stamp_ns"),
             processing_time_s=_seconds(values["processing_time_s"]),
-            state=values["state"],
+            state=values.get("state") or DEFAULT_STATE[values["task"]],
             peak_rss_bytes=_optional(values, "peak_rss_bytes"),
             above_idle_bytes=_optional(values, "above_idle_bytes"),
             statistics=statistics,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.messages.fields import byte_array, header_msg
@@ -62,6 +63,44 @@ def cloud_from_msg(message: PointCloud2) -> PointCloud:
     if height * width:
         records = np.ndarray((height, width), dtype, np.frombuffer(message.data, np.uint8).data, strides=(row, step))
     return PointCloud.from_structured(records.reshape(-1))
+
+
+def points_from_msg(message: PointCloud2) -> FloatArray:
+    """Return the points `(N, 3)` of any cloud with float fields x, y and z; NaN where there is none.
+
+    Raises:
+        InputError: If a field is missing or of another type, or the data is too short.
+    """
+    dtype, shape, row = _xyz_type(message), (int(message.height), int(message.width)), int(message.row_step)
+    size = len(message.data)
+    if row < dtype.itemsize * shape[1] or size < row * shape[0]:
+        raise InputError(
+            f"cloud of stamp {stamp_of(message)} is {shape[1]} x {shape[0]} points in {size} bytes: too few"
+        )
+    if not shape[0] * shape[1]:
+        return np.zeros((0, 3))
+    data = np.frombuffer(message.data, np.uint8).data
+    records: NDArray[np.void] = np.ndarray(shape, dtype, data, strides=(row, dtype.itemsize))
+    return np.stack([records[name].reshape(-1).astype(np.float64) for name in "xyz"], axis=1)
+
+
+def _xyz_type(message: PointCloud2) -> np.dtype[np.void]:
+    """Return the type of a point of which only x, y and z matter.
+
+    Raises:
+        InputError: If one is missing, of another type or beyond the point.
+    """
+    found = {field.name: field for field in message.fields}
+    kinds: dict[int, str] = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
+    fields = [found[name] for name in "xyz" if name in found and found[name].datatype in kinds]
+    order = ">" if message.is_bigendian else "<"
+    formats = [np.dtype(order + kinds[field.datatype]) for field in fields]
+    ends = [field.offset + kind.itemsize for field, kind in zip(fields, formats, strict=True)]
+    if len(fields) < 3 or max(ends) > message.point_step:
+        have = ", ".join(found) or "none"
+        raise InputError(f"cloud of stamp {stamp_of(message)} has no float fields x, y, z (fields: {have})")
+    offsets = [int(field.offset) for field in fields]
+    return np.dtype({"names": list("xyz"), "formats": formats, "offsets": offsets, "itemsize": int(message.point_step)})
 
 
 def _checked_offsets(message: PointCloud2, stamp: int) -> list[int]:

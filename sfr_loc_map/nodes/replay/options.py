@@ -15,6 +15,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.nodes.replay.external_options import RESULT_TOPICS, ExternalOptions
 
 REPLAY_PARAMETERS = {"autostart": True, "output_reliability": "reliable"}
 """Parameters that a replay sets for each node, whatever a parameter file says."""
@@ -43,6 +44,7 @@ class ReplayOptions:
         remap: New names of topics by the names in the bag.
         parameter_file: ROS parameter file for all nodes; the parameters above override it.
         live: Command line of the live page beside it, None for no page.
+        external: Node under test in place of one of ours, None for ours.
     """
 
     localisation: LocalisationConfig
@@ -57,6 +59,7 @@ class ReplayOptions:
     remap: Mapping[str, str]
     parameter_file: Path | None
     live: tuple[str, ...] | None = None
+    external: ExternalOptions | None = None
 
 
 def pairs_per_map(source: Source) -> int:
@@ -82,7 +85,13 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
         localisation["T_rb_locsb.translation_m"] = extrinsics.translation.tolist()
         localisation["T_rb_locsb.quat_xyzw"] = extrinsics.file_quat_xyzw.tolist()
     nodes = {"localisation_node": localisation, "mapping_node": mapping, "monitor_node": monitor}
-    return {name: _arguments(folder, name, parameters, options.parameter_file) for name, parameters in nodes.items()}
+    external = options.external
+    if external is not None:
+        del nodes[f"{external.task}_node"]
+    found = {name: _arguments(folder, name, parameters, options.parameter_file) for name, parameters in nodes.items()}
+    if external is not None and external.converted_topic != RESULT_TOPICS[external.task]:
+        found["monitor_node"] += ["-r", f"{RESULT_TOPICS[external.task]}:={external.converted_topic}"]
+    return found
 
 
 def is_ros_parameter_file(path: Path) -> bool:

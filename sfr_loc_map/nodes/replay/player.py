@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -72,6 +73,11 @@ class Player:
             )
 
         self._node.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(self._resets)} did not start")
+        external = self.collector.external
+        if external is not None:
+            rig = f"{external.options.task.rig}/"
+            images = [name for name in self._publishers if name.startswith(rig) and "image_rect" in name]
+            external.wait_until_ready(images)
         self._node.spin_for(SETTLE_S)
 
     def set_pose(self, start: StartPose) -> None:
@@ -79,6 +85,8 @@ class Player:
         message = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, ""))
         message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
         self._initial_pose.publish(message)
+        if "localisation_node" not in self._resets:
+            return  # an external node may listen to it or not
         self._node.wait_for(
             self._pose_delivered, ANSWER_TIMEOUT_S, lambda: "localisation_node did not receive initialpose"
         )
@@ -110,13 +118,16 @@ class Player:
             self._hold(pacer, message)
             if self.controls.interrupted:
                 return
+            sent_s = time.monotonic()
             self._publishers[message.topic].publish(message.raw)
             pair = pairs.add(message)
             if pair is None:
                 continue
-            self.collector.results.published.add(pair)
+            self.collector.published(*pair, sent_s)
             if self.controls.rate > 0:
                 self._node.supervisor.check()
+                if self.collector.external is not None:
+                    self.collector.external.look_after()
             else:
                 self.collector.wait_for_pair(*pair)
             self.controls.step_done()

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes.process.command_process import CommandProcess
 from sfr_loc_map.nodes.process.live_process import live_page
 from sfr_loc_map.nodes.process.supervisor import Supervisor, first_signal_stops, sigterm_as_interrupt
+from sfr_loc_map.nodes.replay.external_node import external_node
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments, pairs_per_map
 from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.replay_node import ReplayNode
@@ -47,10 +50,7 @@ def replay(
         MappingError: If there are more mapping pairs than a map may have.
         NodeError: If a node ends or does not answer.
     """
-    check_source(source)
-    end_s = end_of(source)
-    if options.offset_s > end_s:
-        raise InputError(f"its last pair is at {end_s:.3f} s: an offset of {options.offset_s:g} s leaves nothing")
+    end_s = check_source(source, options.offset_s)
     environment.isolate()
     environment.prepare()
     topics = topics_of(source, options.remap)
@@ -60,8 +60,9 @@ def replay(
         with sigterm_as_interrupt(), live_page(options.live) as run_is_over, Supervisor(folder) as supervisor:
             for node_name, arguments in node_arguments(source, options, folder).items():
                 supervisor.start(node_name, arguments)
-            with Keyboard() as keyboard, ReplayNode(supervisor) as node:
-                collector = ResultCollector(node)
+            with Keyboard() as keyboard, _command(options, folder) as command, ReplayNode(supervisor) as node:
+                external = external_node(node, source, options.external, command)
+                collector = ResultCollector(node, external)
                 controls = Controls(rate=options.rate, paused=options.paused, loop=options.loop, end_s=end_s)
                 player = Player(node, collector, topics, controls, keyboard)
                 if source.loc is not None and source.loc.rig.T_rb_sb is not None:
@@ -75,8 +76,20 @@ def replay(
                     say("collecting")
                     results = collector.finish(pairs_per_map(source), has_map_truth=POINTS_TOPIC in topics)
                     results.interrupted = interrupted()
+                if external is not None:
+                    external.observe(results)
                 run_is_over()
                 return results
+
+
+@contextmanager
+def _command(options: ReplayOptions, folder: Path) -> Iterator[CommandProcess | None]:
+    """Run the command of an external node, where there is one."""
+    if options.external is None or not options.external.command:
+        yield None
+        return
+    with CommandProcess(options.external.command, folder) as process:
+        yield process
 
 
 def _play(
@@ -106,11 +119,15 @@ def _play(
             player.collector.settle(maps if at_end else 0)
 
 
-def check_source(source: Source) -> None:
-    """Check what would fail late.
+def check_source(source: Source, offset_s: float = 0.0) -> float:
+    """Check what would fail late; return the position of the last pair, seconds.
+
+    Args:
+        source: An opened source.
+        offset_s: Where it shall start.
 
     Raises:
-        InputError: If the source has no pairs or the extrinsics of its cameras are not known.
+        InputError: If the source has no pairs, none after the offset, or the extrinsics of its cameras are not known.
         MappingError: If it has more mapping pairs than a map may have.
     """
     if source.loc is not None and source.loc.rig.T_rb_sb is None:
@@ -124,3 +141,7 @@ def check_source(source: Source) -> None:
         )
     if source.loc is not None and not len(source.loc):
         raise InputError(f"'{source.path}' has no stereo pair: at least one is needed")
+    end_s = end_of(source)
+    if offset_s > end_s:
+        raise InputError(f"its last pair is at {end_s:.3f} s: an offset of {offset_s:g} s leaves nothing")
+    return end_s

@@ -17,9 +17,11 @@ from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC as DIAGNOSTICS
-from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of
+from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, values_of
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.pose import odometry_row
+from sfr_loc_map.nodes.replay.external_node import ExternalNode
+from sfr_loc_map.nodes.replay.external_options import Task
 from sfr_loc_map.nodes.replay.replay_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.results import ReplayResults
 
@@ -34,22 +36,38 @@ POLL_S = 0.05
 class ResultCollector:
     """Subscribes to the results of the nodes and waits for them."""
 
-    def __init__(self, node: ReplayNode) -> None:
+    def __init__(self, node: ReplayNode, external: ExternalNode | None = None) -> None:
         """Subscribe.
 
         Args:
             node: Joins the graph; its executor receives the results while this waits.
+            external: Node under test in place of one of ours, which collects the results of its task itself.
         """
         self.results = ReplayResults()
+        self.external = external
+        if external is not None:
+            external.begin_run(self.results)
+        foreign = None if external is None else external.options.task
         self._before: ReplayResults | None = None
         self._cut_short: list[ReplayResults] = []
         self._node = node
         depth = QoSProfile(depth=QUEUE_DEPTH)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.node.create_subscription(Odometry, "localisation/odometry", self._on_odometry, depth)
+        if foreign is not Task.LOCALISATION:
+            node.node.create_subscription(Odometry, "localisation/odometry", self._on_odometry, depth)
         node.node.create_subscription(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, depth)
-        node.node.create_subscription(PointCloud2, "mapping/points", self._on_cloud, QoSProfile(depth=10))
+        if foreign is not Task.MAPPING:
+            node.node.create_subscription(PointCloud2, "mapping/points", self._on_cloud, QoSProfile(depth=10))
         node.node.create_subscription(String, "metrics/report", self._on_report, latched)
+
+    def published(self, task: str, stamp_ns: int, sent_s: float) -> None:
+        """Note that a pair was published, its last image at a time of the monotonic clock."""
+        self.results.published.add((task, stamp_ns))
+        if self._is_external(task) and self.external is not None:
+            self.external.published(stamp_ns, sent_s)
+
+    def _is_external(self, task: str) -> bool:
+        return self.external is not None and task == self.external.options.task.rig
 
     def wait_for_pair(self, task: str, stamp_ns: int) -> None:
         """Wait for the results of one pair.
@@ -58,6 +76,9 @@ class ResultCollector:
             InputError: If a node refuses its input.
             NodeError: If a node ends or gives no result in time.
         """
+        if self._is_external(task) and self.external is not None:
+            self.external.wait_for(stamp_ns)
+            return
 
         def received() -> bool:
             if self.results.input_error:
@@ -76,6 +97,8 @@ class ResultCollector:
         if self.results.count and not self.results.whole:
             self._cut_short.append(self.results)
         self._before, self.results = self._to_be_scored(), ReplayResults()
+        if self.external is not None:
+            self.external.begin_run(self.results)
 
     def _to_be_scored(self) -> ReplayResults:
         """Return the last run that was played to its end, without one the last that has a result."""
@@ -117,7 +140,9 @@ class ResultCollector:
         """Wait for the results of the last run that are still missing."""
         mapped = self.results.published_stamps("nav")
         clouds = len(mapped) // pairs_per_map if pairs_per_map else 0
-        if mapped and len(mapped) % pairs_per_map:
+        if self._is_external("nav"):
+            clouds = 0  # how many it gives is its own affair
+        elif mapped and len(mapped) % pairs_per_map:
             for stamp_ns in mapped:
                 self.wait_for_pair("nav", stamp_ns)
             self._node.call("mapping_node/finish", "mapping_node did not finish its map")
@@ -142,14 +167,27 @@ class ResultCollector:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            found = task_record(status)
+            try:
+                found = task_record(status)
+            except InputError:
+                if self.external is None:
+                    raise
+                continue
             if found is None:
-                if level_of(status) is Level.ERROR and status.name.endswith(": input"):
+                if level_of(status) is Level.ERROR and self._is_refusal(status.name):
                     self.results.input_error = f"{status.name.split(':')[0]}: {status.message}"
-            elif found.task == "localisation":
+                continue
+            if self.external is not None and found.task == self.external.options.task:
+                self.external.version = values_of(status).get("version") or self.external.version
+            if found.task == "localisation":
                 self.results.localisation[found.record.stamp_ns] = found.record
             else:
                 self.results.mapping[found.record.state, found.record.stamp_ns] = found.record
+
+    def _is_refusal(self, name: str) -> bool:
+        """Tell whether a status is that of input which one of our nodes cannot use."""
+        node, _, what = name.rpartition(": ")
+        return what == "input" and node.rpartition("/")[2] in self._node.supervisor.processes
 
     def _on_cloud(self, message: PointCloud2) -> None:
         self.results.clouds.append((stamp_of(message), cloud_from_msg(message)))

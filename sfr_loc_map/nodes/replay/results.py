@@ -9,9 +9,32 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.modes import MappingState
+from sfr_loc_map.metrics.score import ProcessUsage
+from sfr_loc_map.nodes.replay.external_options import ExternalOptions
 from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.pipeline.online.answers import AnswerBook
 from sfr_loc_map.pipeline.online.pair_sets import PairSet, PairSets
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedNode:
+    """What is known of an external node besides its answers.
+
+    Attributes:
+        name: Its name in the graph.
+        version: As it tells on /diagnostics, None where it does not.
+        options: What the user said of it.
+        usage: CPU and memory of its processes, None where they were not watched.
+        log: What its process wrote; empty where it was not started here.
+    """
+
+    name: str
+    version: str | None
+    options: ExternalOptions
+    usage: ProcessUsage | None
+    log: str
 
 
 @dataclass(slots=True)
@@ -30,6 +53,9 @@ class ReplayResults:
         whole: Whether the run was played to its end.
         interrupted: Whether a signal ended the replay.
         cut_short: Other runs of the replay with results, which a jump or a signal ended, in their order.
+        answers: What an external node answered, None without one; its poses are in `rows` as it published them.
+        points: Stamp and points `(N, 3)` in LM of each cloud of an external node.
+        observed: What else is known of the external node, None without one.
     """
 
     rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
@@ -43,6 +69,9 @@ class ReplayResults:
     whole: bool = False
     interrupted: bool = False
     cut_short: tuple[ReplayResults, ...] = ()
+    answers: AnswerBook | None = None
+    points: list[tuple[int, FloatArray]] = field(default_factory=list)
+    observed: ObservedNode | None = None
 
     @property
     def trajectory(self) -> Trajectory:
@@ -52,16 +81,45 @@ class ReplayResults:
         stamps, positions, quats = zip(*self.rows, strict=True)
         return Trajectory(np.array(stamps, np.int64), np.array(positions), np.array(quats))
 
+    def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
+        """Return the map of an external node: its cloud, or its points where they tell no pixels; stamps of its pairs.
+
+        Clouds of each played pair are taken together, each with the points of its pair; otherwise the last one is
+        taken for the map of all of them.
+        """
+        pairs = tuple(self.published_stamps("nav"))
+        points, clouds = dict(self.points), dict(self.clouds)
+        if not points:
+            return None, None, ()
+        each = len(pairs) > 1 and all(stamp_ns in points for stamp_ns in pairs)
+        chosen = pairs if each else (self.points[-1][0],)
+        if not all(stamp_ns in clouds for stamp_ns in chosen):
+            return None, np.concatenate([points[stamp_ns] for stamp_ns in chosen]), pairs
+        parts = [clouds[stamp_ns] for stamp_ns in chosen]
+        if each:
+            numbered = enumerate(parts)
+            parts = [replace(part, pair=np.full(len(part), k, np.uint8)) for k, part in numbered]
+        whole = PointCloud.concatenate(parts)
+        return replace(whole, fused=not each and len(pairs) > 1, pair_stamps_ns=pairs), None, pairs
+
     @property
     def records(self) -> list[CallRecord]:
         """All calls: those of the localiser, with the covariances of the odometry, then those of the mapper."""
-        localised = [replace(r, covariance=self.covariances.get(s)) for s, r in self.localisation.items()]
+        localised = [replace(r, covariance=self.covariances.get(s)) for s, r in self._localised().items()]
         return [*localised, *self.mapping.values()]
+
+    def _localised(self) -> dict[int, CallRecord]:
+        """Return the calls of the localiser; an external one has one for each covariance, told or not."""
+        if self.answers is None or self.answers.task != "loc":
+            return self.localisation
+        untold = {s: CallRecord(s, float("nan"), TrackingState.TRACKING, None, None) for s in self.covariances}
+        return untold | self.localisation
 
     @property
     def count(self) -> int:
         """How many results there are."""
-        return len(self.rows) + len(self.localisation) + len(self.mapping) + len(self.clouds)
+        parts = (self.rows, self.localisation, self.mapping, self.clouds, self.points)
+        return sum(map(len, parts))
 
     def last_map(self) -> tuple[PointCloud | None, tuple[int, ...]]:
         """Return the last published cloud and the stamps of its pairs, in the order of the points' `pair`.
@@ -84,7 +142,9 @@ class ReplayResults:
         return sorted(stamp_ns for each, stamp_ns in self.published if each == task)
 
     def has_pair(self, task: str, stamp_ns: int) -> bool:
-        """Tell whether the results of a pair are complete."""
+        """Tell whether the results of a pair are complete; those of an external node are once nothing is waited for."""
+        if self.answers is not None and task == self.answers.task:
+            return self.answers.is_settled(stamp_ns)
         if task == "loc":
             return stamp_ns in self.localisation and stamp_ns in self.covariances
         return (MappingState.MAPPED, stamp_ns) in self.mapping

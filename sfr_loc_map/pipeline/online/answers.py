@@ -1,0 +1,133 @@
+"""What an external node answered to the pairs that were published to it: which, when, and what was wrong. ROS-free."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sfr_loc_map.metrics.calls.timing import stage_time
+from sfr_loc_map.metrics.records.method_record import FindingKind, FindingRecord
+from sfr_loc_map.metrics.score import AnswerCounts, StageTime
+
+MAX_IN_A_ROW = 10
+"""After so many pairs in a row without an answer the node is not waited for any more, until it answers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a node published: stamp, the frames that it names, and whether it can be used.
+
+    Attributes:
+        stamp_ns: Stamp of its header.
+        frames: `parent -> child` of a pose, `parent` of a cloud.
+        problem: Why it is no pose or no cloud; empty for one.
+    """
+
+    stamp_ns: int
+    frames: str
+    problem: str = ""
+
+
+class AnswerBook:
+    """Counts pairs and answers of one run."""
+
+    def __init__(
+        self, task: str, timeout_s: float, frames: str = "", clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Begin.
+
+        Args:
+            task: Rig of the pairs: `loc` or `nav`.
+            timeout_s: An answer that comes later is late.
+            frames: What the answers name; empty: what the first of them names.
+            clock: Monotonic seconds.
+        """
+        self.task, self.frames = task, frames
+        self._timeout_s, self._clock = timeout_s, clock
+        self._sent: dict[int, float] = {}
+        self._latency_s: dict[int, float] = {}
+        self._counts = AnswerCounts()
+        self._in_a_row = 0
+        self._findings: dict[FindingKind, FindingRecord] = {}
+        self.ended = ""
+
+    def published(self, stamp_ns: int, sent_s: float) -> None:
+        """Note a pair whose last image was published at a time of the clock."""
+        self._sent[stamp_ns] = sent_s
+
+    def received(self, answer: Answer) -> bool:
+        """Note an answer; return whether it is to be used."""
+        now, stamp_ns = self._clock(), answer.stamp_ns
+        if answer.problem:
+            self._note("not_usable", FindingKind.NOT_FINITE, stamp_ns, answer.problem)
+            return False
+        self.frames = self.frames or answer.frames
+        if answer.frames != self.frames:
+            text = f"it names {answer.frames} in place of {self.frames}"
+            self._note("other_frame", FindingKind.OTHER_FRAME, stamp_ns, text)
+            return False
+        self._in_a_row = 0
+        if stamp_ns not in self._sent:
+            self._note("other_stamp", FindingKind.WRONG_STAMP, stamp_ns, "it is the stamp of no pair")
+        elif stamp_ns in self._latency_s:
+            self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair had its answer")
+        else:
+            self._latency_s[stamp_ns] = latency = now - self._sent[stamp_ns]
+            if latency > self._timeout_s:
+                text = f"{latency:.3g} s after the pair was published"
+                self._note("late", FindingKind.LATE, stamp_ns, text)
+        return True
+
+    def node_ended(self, how: str) -> None:
+        """Note that the node's process has ended during the run."""
+        if not self.ended:
+            self.ended = how
+            last = max(self._sent, default=None)
+            self._findings[FindingKind.CRASHED] = FindingRecord(
+                kind=FindingKind.CRASHED, count=1, first_stamp_ns=last, text=how
+            )
+
+    def is_settled(self, stamp_ns: int) -> bool:
+        """Tell whether the answer to a pair is there, or need not be waited for any longer."""
+        if stamp_ns in self._latency_s or self.ended or self._in_a_row >= MAX_IN_A_ROW:
+            return True
+        return self._clock() - self._sent.get(stamp_ns, 0.0) > self._timeout_s
+
+    def waited(self, stamp_ns: int) -> None:
+        """Note that a pair was waited for until it was settled."""
+        if stamp_ns not in self._latency_s:
+            self._in_a_row += 1
+
+    @property
+    def counts(self) -> AnswerCounts:
+        """The counts, with pairs that have no answer as missing."""
+        pairs, answered = len(self._sent), len(self._latency_s)
+        return replace(self._counts, pairs=pairs, answered=answered, missing=pairs - answered)
+
+    @property
+    def findings(self) -> tuple[FindingRecord, ...]:
+        """What was wrong, one for each kind."""
+        missing = [stamp_ns for stamp_ns in self._sent if stamp_ns not in self._latency_s]
+        found = list(self._findings.values())
+        if missing:
+            text = f"no answer within {self._timeout_s:g} s" + (", not waited for at last" if self._given_up else "")
+            kind = FindingKind.HANGING if self._given_up and not self.ended else FindingKind.MISSING
+            found.append(FindingRecord(kind=kind, count=len(missing), first_stamp_ns=missing[0], text=text))
+        return tuple(found)
+
+    @property
+    def latency_s(self) -> StageTime | None:
+        """Times from publishing a pair to the receipt of its answer; None without an answer."""
+        return stage_time(np.array(list(self._latency_s.values())))
+
+    @property
+    def _given_up(self) -> bool:
+        return self._in_a_row >= MAX_IN_A_ROW
+
+    def _note(self, count: str, kind: FindingKind, stamp_ns: int, text: str) -> None:
+        self._counts = replace(self._counts, **{count: getattr(self._counts, count) + 1})
+        before = self._findings.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=text)
+        self._findings[kind] = replace(before, count=before.count + 1)

@@ -1,0 +1,108 @@
+"""`sfr replay --external`: a node of anyone in place of ours, over topics."""
+
+# ruff: noqa: E402 - ROS may be absent
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
+
+from cli_result import Sfr
+from made_scene import write_folder
+from processes import Process
+from scipy.spatial.transform import Rotation
+
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.trajectory_file import load_trajectory
+
+COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+NODE = Path(__file__).parent / "faulty_external_node.py"
+PAIRS = 16
+CONVENTION = ["--convention", "frame=left_optical", "--convention", "world=first_pose"]
+SCORED = ["--condition", "frames=2"]
+
+
+@pytest.mark.slow
+def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: Sfr, tmp_path: Path) -> None:
+    source, out = write_folder(tmp_path / "source", PAIRS, 0), tmp_path / "out"
+    options = ["--external", "localisation", "--command", f"{sys.executable} {NODE}", "--answer-timeout", "1.5"]
+    words = ["replay", str(source), *options, *CONVENTION, *SCORED, "--out", str(out)]
+    with Process(tmp_path / "log", *COMMAND, *words) as replay:
+        code = replay.popen.wait(150)
+    assert code == 0, replay.text
+    score = json.loads((out / "report.json").read_text())
+    assert score["method"] == {"name": "external_odometry", "version": "1.0", "kind": "external"}
+    counts = score["external"]["answers"]
+    # 12 pairs reached the node before it crashed at the 13th: the doubled one is answered, three others are not
+    assert counts == {
+        "pairs": PAIRS,
+        "answered": 9,
+        "missing": PAIRS - 9,
+        "late": 0,
+        "doubled": 1,
+        "other_stamp": 0,
+        "other_frame": 1,
+        "not_usable": 1,
+    }
+    assert score["external"]["frames"] == "start -> camera"
+    assert score["external"]["ended"] == "ended with exit code 3: out of memory, as it were"
+    assert 0.0 < score["external"]["latency_s"]["p50"] < 1.5
+    assert score["external"]["process"]["peak_rss_bytes"] > 1e7
+    assert score["memory"]["localisation_peak_bytes"] == score["external"]["process"]["peak_rss_bytes"]
+    assert score["timing"]["localisation_s"]["clock"] == "as the node reports (/diagnostics)"
+    kinds = {finding["kind"] for finding in score["findings"]}
+    assert kinds == {"crashed", "doubled answer", "another frame", "not finite", "missing answer"}
+    for kind in kinds:
+        assert f"method external_odometry: {kind}" in replay.text
+    # the same trajectory, converted offline as declared
+    published = out / "estimate_as_published.csv"
+    assert sfr("score", published, source, *CONVENTION, *SCORED, "--json", tmp_path / "offline.json").code == 0
+    offline = json.loads((tmp_path / "offline.json").read_text())["trajectory"]
+    for name in ("position_m", "attitude_deg", "heading_deg"):
+        assert score["trajectory"][name]["mean"] == pytest.approx(offline[name]["mean"], abs=1e-9)
+    # and as the node itself believed it to be, by plain transforms
+    believed = [json.loads(line)["pose"] for line in (out / "external.log").read_text().splitlines() if "pose" in line]
+    loc = open_source(source).loc
+    assert loc is not None
+    assert loc.ground_truth is not None
+    camera = [(int(row[0]), Transform.from_quat(row[1:4], row[4:])) for row in believed]
+    T_left_rb = loc.rig.T_rb_left.inverse()
+    first = loc.ground_truth.pose(0) @ (camera[0][1] @ T_left_rb).inverse()
+    found = load_trajectory(out / "estimate.csv")
+    unique = {int(stamp): row for row, stamp in enumerate(found.stamps_ns.tolist())}
+    assert sorted(unique) == [stamp for stamp, _ in camera]
+    for stamp, pose in camera:
+        wanted = first @ pose @ T_left_rb
+        np.testing.assert_allclose(found.positions[unique[stamp]], wanted.translation, rtol=0, atol=1e-9)
+        turn = Rotation.from_quat(found.quats_xyzw[unique[stamp]]).inv() * Rotation.from_matrix(wanted.rotation)
+        assert turn.magnitude() < 1e-9
+    # what the monitor was told are the converted poses
+    live = json.loads((out / "monitor.json").read_text())["trajectory"]
+    assert live["position_m"]["mean"] == pytest.approx(score["trajectory"]["position_m"]["mean"], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--external", "monitor"], "must be localisation or mapping"),
+        (["--method", "opencv"], "sfr localise takes all methods"),
+        (["--command", "true"], "is for external nodes"),
+        (["--convention", "frame=left"], "is for external nodes"),
+        (["--external", "mapping", "--apply-diagnosis"], "is for poses"),
+        (["--external", "mapping"], "the source has no pairs for it"),
+        (["--external", "localisation", "--command", "no-such-program-here"], "cannot start 'no-such-program-here'"),
+    ],
+)
+def test_options_that_cannot_be_are_one_line(sfr: Sfr, tmp_path: Path, words: list[str], problem: str) -> None:
+    result = sfr("replay", write_folder(tmp_path / "source", 2, 0), *words)
+    assert result.code == 2
+    (line,) = result.err.strip().splitlines()
+    assert problem in line
