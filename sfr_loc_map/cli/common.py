@@ -45,7 +45,7 @@ ConditionOption = Annotated[
     ),
 ]
 StartOption = Annotated[
-    str, typer.Option("--start", metavar="identity|truth", help="First pose: the identity, or the truth's first pose.")
+    str, typer.Option("--start", metavar="identity|truth", help="First pose: the identity, or the true one.")
 ]
 
 MethodOption = Annotated[

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.camera import Pose
-from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -20,6 +19,7 @@ from sfr_loc_map.localisation.frontend.motion_segmentation import (
     MIN_FIXED,
     Unexplained,
     high_distance,
+    pose_difference,
     project,
     stays_in,
     unexplained_by,
@@ -173,12 +173,20 @@ class GroundMotionFinder:
             return self._first_alone(frame, first, unexplained.fixed, guesses)
         second = self._search(frame, first.landmarks.subset(rest), guesses)
         if second is not None and self._differ(first, second):
-            if self._has_moved and self._tears.is_torn(unexplained):
+            if self._has_moved and self._tears.is_torn(self._by_both(frame, first, second, guesses)):
                 return GroundMotion(first, wholeness=Wholeness.TORN)
             return self._decide(frame, Motions(first, second, rest), guesses)
         self._usual_share = max(self._usual_share, share)
         ground = self._first_alone(frame, first, unexplained.fixed, guesses)
         return ground if share < MAX_SHARE else replace(ground, doubt=self._any_motion(first.pose, guesses))
+
+    def _by_both(
+        self, frame: StereoFrame, first: TrackingResult, second: TrackingResult, guesses: Guesses
+    ) -> Iterator[Unexplained]:
+        """Yield what either of two motions does not explain of all landmarks."""
+        yield unexplained_by(first, frame, self._camera)
+        by_second = self._tracker.refine(frame, first.landmarks, second.pose, guesses.offset)
+        yield unexplained_by(by_second, frame, self._camera)
 
     def _without_fixed(self, frame: StereoFrame, first: TrackingResult, guesses: Guesses) -> GroundMotion:
         """Return the motion of all landmarks that are not fixed to the camera; the first result without one."""
@@ -284,9 +292,3 @@ class GroundMotionFinder:
         uv = np.where(fixed[:, None], landmarks.uv, result.observations[:, :2])
         self.regions.add(uv, fixed, landmarks.patches[0][:, 0], foreign & np.isfinite(uv[:, 0]))
         return landmarks.index[foreign]
-
-
-def pose_difference(one: Pose, other: Pose) -> tuple[float, float]:
-    """Return the distance, metres, and the angle, radians, between two poses."""
-    angle = np.linalg.norm(rotvec_from_matrix(one.rotation.T @ other.rotation))
-    return float(np.linalg.norm(one.position - other.position)), float(angle)

@@ -6,6 +6,7 @@ second of two torn pairs, the landmarks on the two sides of the tear follow two 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final
 
@@ -68,9 +69,13 @@ class TearWatch:
         witnessed = all(len(side) >= MIN_WITNESSES for side in sides)
         return Wholeness.TORN if witnessed else Wholeness.UNPROVEN
 
-    def is_torn(self, unexplained: Unexplained) -> bool:
-        """Tell whether a pair with two motions is torn, at any row; called for all pairs with two motions."""
-        self._tears = self._tears + 1 if has_tear(unexplained) else 0
+    def is_torn(self, by_each: Iterable[Unexplained]) -> bool:
+        """Tell whether a pair with two motions is torn, at any row; called for all pairs with two motions.
+
+        Args:
+            by_each: What each of the motions does not explain of all landmarks.
+        """
+        self._tears = self._tears + 1 if all(map(has_tear, by_each)) else 0
         return 0 < self._tears <= MAX_TEARS
 
 

@@ -63,9 +63,9 @@ def test_a_row_that_separates_two_motions_is_a_tear_and_scattered_outliers_are_n
 
 def test_two_motions_that_stay_are_a_moving_region() -> None:
     watch, torn, whole = TearWatch(), seen(ROWS > 30.0), seen(ROWS > 0.0)
-    assert [watch.is_torn(torn) for _ in range(MAX_TEARS + 2)] == [True] * MAX_TEARS + [False] * 2
-    assert not watch.is_torn(whole)
-    assert watch.is_torn(torn)
+    assert [watch.is_torn([torn, torn]) for _ in range(MAX_TEARS + 2)] == [True] * MAX_TEARS + [False] * 2
+    assert not watch.is_torn([torn, whole])  # one motion explains both sides: the other was not found right
+    assert watch.is_torn([torn, torn])
 
 
 def test_pairs_after_a_tear_are_doubted_until_both_of_its_sides_agree() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.localisation.frontend.foreign_regions import stays
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH, Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, TrackingResult
@@ -80,3 +81,9 @@ def unexplained_by(result: TrackingResult, frame: StereoFrame, camera: StereoCam
     if fixed.sum() < max(MIN_FIXED, MIN_FIXED_SHARE * rows.sum()):
         fixed[:] = False
     return Unexplained(uv, np.asarray(in_view), rows, fixed)
+
+
+def pose_difference(one: Pose, other: Pose) -> tuple[float, float]:
+    """Return the distance, metres, and the angle, radians, between two poses."""
+    angle = np.linalg.norm(rotvec_from_matrix(one.rotation.T @ other.rotation))
+    return float(np.linalg.norm(one.position - other.position)), float(angle)
