@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import require_ros
-from sfr_loc_map.cli.live_views import show_graph
-from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.cli.common import ConditionOption, require_ros
+from sfr_loc_map.cli.live_views import Played, Views, show_graph, show_recording
+from sfr_loc_map.cli.score import LimitsOption
+from sfr_loc_map.errors import ConfigError, MissingExtraError
 
 HostOption = Annotated[
     str, typer.Option("--host", metavar="H", help="Address to listen on; but for loopback it needs --token.")
@@ -21,6 +23,16 @@ LivePortOption = Annotated[
 PortOption = Annotated[int, typer.Option("--port", metavar="P", min=0, max=65535, help="Port; 0: a free one.")]
 TerminalOption = Annotated[
     bool, typer.Option("--terminal", help="Show the figures on this terminal; one line a second where there is none.")
+]
+PlayedArgument = Annotated[
+    Path | None,
+    typer.Argument(metavar="[SRC]", help="Folder of sfr replay --out, bag or data set to play; none: running nodes."),
+]
+PlayedRateOption = Annotated[
+    float, typer.Option("--rate", metavar="R", min=0.01, max=100.0, help="Multiple of the recorded speed.")
+]
+TruthOption = Annotated[
+    Path | None, typer.Option("--truth", metavar="SRC", help="Source with truth and images of what is played.")
 ]
 
 
@@ -54,29 +66,56 @@ def page_arguments(live: bool, port: int, namespace: str = "") -> tuple[str, ...
         "sfr live --namespace rover1 --port 0 --open",
         "sfr live --host 0.0.0.0 --token a-long-secret",
         "sfr live --terminal",
+        "sfr live out/ --rate 4",
     )
 )
 def live(
+    source: PlayedArgument = None,
     namespace: Annotated[str, typer.Option("--namespace", metavar="NS", help="Namespace of the rover.")] = "",
     host: HostOption = "127.0.0.1",
     port: PortOption = 8080,
     token: Annotated[str, typer.Option("--token", metavar="WORD", help="Word that each request must have.")] = "",
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     terminal: TerminalOption = False,
+    rate: PlayedRateOption = 1.0,
+    truth: TruthOption = None,
+    limits: LimitsOption = None,
+    condition: ConditionOption = None,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
-    It prints its address when it is ready, and never waits for or delays the nodes. On a terminal, q ends.
+    It prints its address when it is ready, and never waits for or delays the nodes. With SRC it plays what was
+    recorded, without nodes, on a time line; the figures are those of its place, at the end those of sfr score. On a
+    terminal q ends, and of what is played space pauses and the arrows go 5 s back and on.
     """
-    if terminal:
-        require_ros("live")
-        show_graph(namespace)
-        return
-    require_live()
-    require_ros("live")
+    from sfr_loc_map.cli.score import score_config
+    from sfr_loc_map.cli.verdict import read_limits
     from sfr_loc_map.config import build
-    from sfr_loc_map.live.config import LiveConfig
-    from sfr_loc_map.nodes.live.page import serve_graph
 
-    config = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
-    serve_graph(config, namespace, open_browser=open_browser)
+    if not terminal:
+        require_live()
+    if source is None:
+        refuse_without_source(rate=rate != 1.0, truth=truth, limits=limits, condition=condition)
+        require_ros("live")
+    page = None
+    if not terminal:
+        from sfr_loc_map.live.config import LiveConfig
+
+        page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
+    views = Views(page, open_browser)
+    if source is None:
+        show_graph(namespace, views)
+    else:
+        parsed, _ = read_limits(limits, condition)
+        show_recording(Played(source, truth, rate, score_config(condition, {}), parsed), views)
+
+
+def refuse_without_source(**options: object) -> None:
+    """Check that nothing is said of a recording where none is played.
+
+    Raises:
+        ConfigError: If something is: names it.
+    """
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise ConfigError(f"'--{given[0]}' is of a recording: give SRC, or leave it out (the monitor has its own)")

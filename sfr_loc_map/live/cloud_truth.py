@@ -6,9 +6,8 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -21,7 +20,7 @@ class CloudTruth:
 
     def __init__(self) -> None:
         """Start without truth."""
-        self._truths: deque[tuple[int, NDArray[np.float32]]] = deque(maxlen=MAX_PAIRS)
+        self._truths: deque[tuple[int, PointImage]] = deque(maxlen=MAX_PAIRS)
 
     def add(self, stamp_ns: int, message: Any) -> None:  # noqa: ANN401 - a PointCloud2 of any library
         """Keep the true points of a pair.
@@ -36,10 +35,19 @@ class CloudTruth:
         width, height = int(message.width), int(message.height)
         check_image_size(width, height, "ground_truth/points")
         size_only = StereoRig(width, height, 1.0, 1.0, 0.0, 0.0, 1.0)
+        self.add_points(stamp_ns, points_image(message, size_only))
+
+    def add_points(self, stamp_ns: int, points: PointImage) -> None:
+        """Keep the true points of a pair.
+
+        Args:
+            stamp_ns: Stamp of the pair.
+            points: `(H, W, 3)` metres, LM.
+        """
         self._truths = deque(
             [item for item in self._truths if item[0] < stamp_ns], maxlen=MAX_PAIRS
         )  # an earlier stamp begins a new run
-        self._truths.append((stamp_ns, points_image(message, size_only)))
+        self._truths.append((stamp_ns, points))
 
     def errors(self, cloud: PointCloud) -> FloatArray32 | None:
         """Return the distances `(N,)` float32, metres, NaN where a point has no truth; None where none has."""

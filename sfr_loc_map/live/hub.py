@@ -66,6 +66,11 @@ class Hub:
         return updates
 
     @property
+    def waiting(self) -> int:
+        """How many records wait, but for images and clouds."""
+        return len(self._waiting)
+
+    @property
     def wanted(self) -> frozenset[View]:
         """What somebody looks at; a feed makes nothing else of it."""
         return self._wanted

@@ -56,6 +56,11 @@ class TopicView:
         self.period_s = passed if not self.period_s else 0.8 * self.period_s + 0.2 * passed
         self.stamp_ns, self.received_s = stamp_ns, received_s
 
+    def moment(self, now_s: float) -> float:
+        """Return the moment by which ages are told: while a player stands still, so does its time."""
+        held = self.time_line is not None and not self.time_line.playing
+        return min(now_s, self._heard_s) if held else now_s
+
     def is_stale(self, now_s: float) -> bool:
         """Tell whether nothing has come for longer than its period explains; what came once has none."""
         return self.period_s > 0.0 and now_s - self.received_s > max(TOPIC_STALE_S, 3.0 * self.period_s)
@@ -90,6 +95,7 @@ class LiveState:
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)
         self._sampled: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
+        self._heard_s = 0.0
         self._appliers: dict[type[Any], Callable[[Any], None]] = {
             Report: self._add_report,
             PoseSample: self._add_pose,
@@ -103,6 +109,7 @@ class LiveState:
 
     def apply(self, update: Update) -> None:
         """Take a record in; one that makes no sense is noted as a problem."""
+        self._heard_s = max(self._heard_s, getattr(update, "received_s", 0.0))
         try:
             self._appliers[type(update)](update)
         except (SfrError, ValueError, OverflowError) as error:
@@ -135,6 +142,7 @@ class LiveState:
 
     def live_to_plain(self, now_s: float, *, tables: bool = True) -> dict[str, Any]:
         """Return what `state.json` adds to the score, as JSON values; the tables change with the report only."""
+        now_s = self.moment(now_s)
         report, latest = self.report, self.path.rows[-1] if self.path.rows else None
         view = report.to_plain() if report is not None and tables else None
         return {
@@ -154,10 +162,15 @@ class LiveState:
             "time_line": self.time_line_to_plain(),
         }
 
+    def moment(self, now_s: float) -> float:
+        """Return the moment by which ages are told: while a player stands still, so does its time."""
+        held = self.time_line is not None and not self.time_line.playing
+        return min(now_s, self._heard_s) if held else now_s
+
     def is_stale(self, now_s: float) -> bool:
         """Tell whether no pose comes any more although there were some."""
         topic = self.topics.get(LOCALISATION)
-        return topic is not None and topic.is_stale(now_s)
+        return topic is not None and topic.is_stale(self.moment(now_s))
 
     def under_way_to_plain(self) -> dict[str, Any] | None:
         """Return the sub-trajectory under way as JSON values."""

@@ -22,12 +22,14 @@ from sfr_loc_map.tables.terminal import COLOURS, OPEN_COLOUR
 LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
 """Sign and colour of the level of a node."""
 DROPPED, LATENCY, P95 = "dropped_", "latency_", "_p95_s"
+FIGURE_WIDTH, NUMBER_WIDTH = 18, 10
 WAITING = "no figures yet: waiting for metrics/report of the monitor"
 
 
 def screen(state: LiveState, now_s: float, title: str) -> RenderableType:
     """Return all that is shown, the most important first: what finds no room on the screen is at the end."""
     parts: list[RenderableType] = [_head(state, now_s, title), _banner(state)]
+    now_s = state.moment(now_s)
     named = {} if state.report is None else {table.name: table for table in state.report.tables}
     if "headline" in named:
         parts.append(_figures(named["headline"]))
@@ -43,6 +45,7 @@ def screen(state: LiveState, now_s: float, title: str) -> RenderableType:
 def line(state: LiveState, now_s: float) -> str:
     """Return the same in one line: verdict, state, headline figures, nodes, what is stale."""
     parts = [clock(now_s), *(f"STALE: {words}" for words in _stale(state, now_s))]
+    now_s = state.moment(now_s)
     report = state.report
     if report is None:
         parts.append(WAITING)
@@ -75,6 +78,7 @@ def _head(state: LiveState, now_s: float, title: str) -> RenderableType:
 
 def _stale(state: LiveState, now_s: float) -> Iterator[str]:
     """Say what is not of this moment any more."""
+    now_s = state.moment(now_s)
     for name, words in ((LOCALISATION, "pose"), (REPORT, "figures")):
         topic = state.topics.get(name)
         if topic is not None and topic.is_stale(now_s):
@@ -91,18 +95,22 @@ def _banner(state: LiveState) -> Text:
 
 def _figures(table: Table) -> RenderableType:
     """Return figure, mean, sigma, mean + 3 sigma, interval, n, with the unit behind the figure."""
-    titles = (column.title.replace("mean + ", "mean +\n") for column in table.columns[2:5])
-    grid = _grid(("figure", "left", 20), *((title, "right", 8) for title in titles))
-    grid.add_column(table.columns[5].title, justify="right", min_width=18)
-    grid.add_column(table.columns[6].title, justify="right", min_width=3)
+    grid = _grid("figure", FIGURE_WIDTH)
+    for column in table.columns[2:5]:
+        grid.add_column(column.title.replace("mean + ", "mean +\n"), justify="right", max_width=NUMBER_WIDTH)
+    grid.add_column(table.columns[5].title, justify="right", min_width=FIGURE_WIDTH)
+    grid.add_column(table.columns[6].title, justify="right", no_wrap=True)
     for row in table.rows:
         grid.add_row(Text(_with_unit(row)), *(Text(cell.text) for cell in row[2:7]))
     return grid
 
 
 def _verdicts(table: Table) -> RenderableType:
-    grid = _grid(("verdict", "left", 8), ("figure", "left", 20), ("limit", "right", 9), ("value", "right", 9))
-    grid.add_column("n", justify="right", min_width=3)
+    grid = _grid("verdict", max_width=NUMBER_WIDTH)
+    grid.add_column("figure", min_width=FIGURE_WIDTH)
+    grid.add_column("limit", justify="right", no_wrap=True)
+    grid.add_column("value", justify="right", max_width=NUMBER_WIDTH)
+    grid.add_column("n", justify="right", no_wrap=True)
     for verdict, head, unit, limit, value, _, count, _ in table.rows:
         style = COLOURS.get(verdict.text, OPEN_COLOUR)
         bound = f"{limit.text} {unit.text}"
@@ -131,18 +139,22 @@ def _now(state: LiveState) -> Iterator[str]:
 
 def _nodes(state: LiveState, now_s: float) -> RenderableType:
     calls = {call.node: call for call in state.calls}
-    grid = _grid(("node", "left", 17), ("health", "left", 9), ("lifecycle", "left", 8), ("state", "left", 8))
+    grid = _grid("node")
+    grid.add_column("health")
+    grid.add_column("state")
     for title in ("call", "memory", "dropped", "heard"):
-        grid.add_column(title, justify="right", min_width=6)
+        grid.add_column(title, justify="right", no_wrap=True)
     for name in sorted(state.nodes):
         node, call = state.nodes[name], calls.get(name)
-        level = _level(node, now_s)
-        icon, style = LEVELS[level]
+        plain = node.to_plain(now_s)
+        icon, style = LEVELS[plain["level"]]
+        health = Text(f"{icon} {plain['level']}", style)
+        if plain["lifecycle"] not in ("active", "unknown"):
+            health.append(f", {one_line(plain['lifecycle'])}")
         took, memory = _call_words(call) if call is not None else (ABSENT, ABSENT)
         heard = _age(now_s - node.heard_s) if node.heard_s else "never"
-        plain = node.to_plain(now_s)
-        words = (plain["lifecycle"], node.state, took, memory, str(sum(_drops(node).values())), heard)
-        grid.add_row(Text(one_line(name)), Text(f"{icon} {level}", style), *(Text(one_line(word)) for word in words))
+        words = (node.state, took, memory, str(sum(_drops(node).values())), heard)
+        grid.add_row(Text(one_line(name)), health, *(Text(one_line(word)) for word in words))
     return grid
 
 
@@ -219,8 +231,8 @@ def _age(seconds: float) -> str:
     return f"{max(seconds, 0.0):.1f} s"
 
 
-def _grid(*columns: tuple[str, str, int]) -> Grid:
+def _grid(first: str, min_width: int | None = None, max_width: int | None = None) -> Grid:
+    """Return a table without lines, with its first column."""
     grid = Grid(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold", expand=False)
-    for title, justify, width in columns:
-        grid.add_column(title, justify="left" if justify == "left" else "right", min_width=width)
+    grid.add_column(first, min_width=min_width, max_width=max_width)
     return grid

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import os
 import pty
 import re
 import signal
+import struct
 import sys
+import termios
 import time
 from typing import Any
 
@@ -101,32 +104,30 @@ def test_hostile_names_stay_words() -> None:
     assert "1.0 of 2.0 s, playing" in text
 
 
-PROGRAM = """
-import sys, time
-from rich.console import Console
-from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.terminal import Terminal
-try:
-    Terminal(Hub(), "rover1").show()
-except KeyboardInterrupt:
-    sys.exit(130)
-"""
+def run_terminal() -> None:
+    """The program of a process of its own."""
+    sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")  # of this process, not those of the tests
+    try:
+        Terminal(Hub(), "rover1", console=Console(highlight=False, force_terminal=True)).show()
+    except KeyboardInterrupt:
+        os._exit(130)
+    os._exit(0)
+
+
+def resize(terminal: int, lines: int, columns: int) -> None:
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
 
 
 def on_terminal(end: Any) -> tuple[str, int]:
-    """Return what a program writes on a terminal of its own, and its exit code."""
-    import fcntl
-    import struct
-    import termios
-
+    """Return what the program writes on a terminal of its own, and its exit code."""
     pid, terminal = pty.fork()
     if pid == 0:
-        os.execve(sys.executable, [sys.executable, "-c", PROGRAM], {**os.environ, "TERM": "xterm", "LC_ALL": "C.UTF-8"})
-    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        run_terminal()
+    resize(terminal, 24, 80)
     text = b""
     while b"q ends" not in text:
         text += os.read(terminal, 4000)
-    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 10, 50, 0, 0))
+    resize(terminal, 10, 50)
     end(pid, terminal)
     try:
         while True:
@@ -136,7 +137,6 @@ def on_terminal(end: Any) -> tuple[str, int]:
     return text.decode(), os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
 
 
-@pytest.mark.slow
 def test_q_and_signals_end_it_and_the_terminal_is_restored() -> None:
     def press_q(_: int, terminal: int) -> None:
         time.sleep(0.6)  # in which it is drawn in the new size

@@ -8,42 +8,18 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.resources import CallMeter, CallUsage
-from sfr_loc_map.metrics.modes import MappingState
-from sfr_loc_map.metrics.trajectory.relative_covariance import STEP_SIZE
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
 from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.pipeline.call_status import STATISTIC, TaskRecord, call_of
 
-MAX_CALL_S = 1e6
-DEFAULT_STATE = {"localisation": TrackingState.TRACKING.value, "mapping": MappingState.MAPPED.value}
-"""State of a call by its task, where a foreign node tells none."""
-STATISTIC = "statistic."
-"""Prefix of the names of a call's figures."""
 _ONE_AT_A_TIME = Lock()
 """Time and memory are those of the whole process: nodes that share one take turns."""
-
-
-@dataclass(frozen=True, slots=True)
-class TaskRecord:
-    """A call and the task it belongs to.
-
-    Attributes:
-        task: `localisation` or `mapping`.
-        record: The call.
-        memory_method: How the memory was measured.
-    """
-
-    task: str
-    record: CallRecord
-    memory_method: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,46 +109,7 @@ def task_record(status: DiagnosticStatus) -> TaskRecord | None:
     Raises:
         InputError: If it is such a status but a value is missing or no number.
     """
-    values = values_of(status)
-    if "task" not in values or "processing_time_s" not in values:
-        return None
     try:
-        statistics = {
-            name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)
-        }
-        record = CallRecord(
-            stamp_ns=_whole(values, "stamp_ns"),
-            processing_time_s=_seconds(values["processing_time_s"]),
-            state=values.get("state") or DEFAULT_STATE[values["task"]],
-            peak_rss_bytes=_optional(values, "peak_rss_bytes"),
-            above_idle_bytes=_optional(values, "above_idle_bytes"),
-            statistics=statistics,
-            reason=values.get("reason", ""),
-            step=_step(values.get("step", "")),
-        )
-        return TaskRecord(values["task"], record, values.get("memory_method", ""))
-    except (KeyError, ValueError) as error:
+        return call_of(values_of(status))
+    except InputError as error:
         raise InputError(f"status '{status.name}' on {TOPIC} cannot be read: {error}") from error
-
-
-def _step(text: str) -> FloatArray | None:
-    numbers = np.array([float(word) for word in text.split()[: STEP_SIZE + 1]])
-    return numbers if len(numbers) == STEP_SIZE and np.isfinite(numbers).all() else None
-
-
-def _optional(values: Mapping[str, str], name: str) -> int | None:
-    return _whole(values, name) if name in values else None
-
-
-def _whole(values: Mapping[str, str], name: str) -> int:
-    number = int(values[name])
-    if not 0 <= number < 2**63:  # what arrays of whole numbers can hold
-        raise ValueError(f"{name} is out of range")
-    return number
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0.0 <= seconds <= MAX_CALL_S:
-        raise ValueError(f"a call of {seconds} s")
-    return seconds

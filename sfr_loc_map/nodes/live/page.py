@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import signal
 import sys
-import webbrowser
 from collections.abc import Sequence
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.serve import serve_until_signal
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.nodes.live.feed import RosFeed
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
@@ -38,32 +37,6 @@ def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = Fals
     with RosFeed(hub, namespace) as feed:
         server = LiveServer(config, hub, feed.operator, namespace or "live")
         asyncio.run(serve_until_signal(server, open_browser=open_browser, farewell_s=farewell_s))
-
-
-async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, farewell_s: float = 0.0) -> None:
-    """Serve until SIGINT or SIGTERM; print the address when the page can be opened."""
-    task = asyncio.ensure_future(server.serve(lambda url: announce(url, open_browser=open_browser)))
-    loop = asyncio.get_running_loop()
-
-    def end() -> None:
-        if server.is_over or not farewell_s:
-            task.cancel()
-        server.end()
-        loop.call_later(farewell_s, task.cancel)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, end)
-    try:
-        await task
-    except asyncio.CancelledError:
-        return
-
-
-def announce(url: str, *, open_browser: bool) -> None:
-    """Say where the page is."""
-    print(f"live: {url}", flush=True)
-    if open_browser:
-        webbrowser.open(url)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -62,10 +62,10 @@ class MonitorScore:
         return jumped_back(latest_ns, stamp_ns)
 
     def add_estimate(
-        self, stamp_ns: int, position: tuple[float, ...], quat_xyzw: tuple[float, ...], covariance: FloatArray
+        self, stamp_ns: int, position: tuple[float, ...], quat_xyzw: tuple[float, ...], covariance: FloatArray | None
     ) -> None:
         """Add an estimated pose of RB in DS; see `LiveTrajectoryScore.add_estimate`."""
-        lost = bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
+        lost = covariance is not None and bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
         self._trajectory.add_estimate(stamp_ns, position, quat_xyzw, covariance, lost)
         self._estimates += 1
 

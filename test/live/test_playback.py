@@ -1,0 +1,250 @@
+"""What is played has the figures of `sfr score` at its end, and at each place those of that place."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_scene import PERIOD_NS, START_NS, nav_pair, true_pose, write_folder
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from sfr_loc_map.config import build
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.io.bag_messages import odometry
+from sfr_loc_map.io.cloud_file import save_cloud
+from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.live.commands import Action, Command
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.playback.player import Playback, Player
+from sfr_loc_map.live.playback.recorded_files import open_recording
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import TimeLine, View
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.score_json import to_dict
+from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.pipeline.offline import save_stats
+from sfr_loc_map.pipeline.score_inputs import ScoreInputs
+from sfr_loc_map.pipeline.scoring import score_files
+
+COUNT, NAV_COUNT, LOST_AT = 40, 2, 25
+CONFIG = build(ScoreConfig, {"trajectory.conditions": ("frames=5", "time=1"), "trajectory.spacing": 3})
+STATISTICS = {"stage_tracking_s": 0.01, "latency_transport_s": 0.002}
+STEP = np.concatenate([np.eye(6)[np.triu_indices(6)] * 1e-5, np.full(6, 1e-4)])
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_folder(tmp_path_factory.mktemp("playback") / "source", COUNT, NAV_COUNT)
+
+
+def estimate() -> Trajectory:
+    rng = np.random.default_rng(3)
+    poses = [true_pose(index) for index in range(COUNT)]
+    positions = np.array([pose.translation for pose in poses]) + rng.normal(0, 0.002, (COUNT, 3)).cumsum(axis=0)
+    stamps = START_NS + PERIOD_NS * np.arange(COUNT)
+    return Trajectory(stamps, positions, np.array([pose.quat_xyzw for pose in poses]))
+
+
+def calls() -> list[CallRecord]:
+    made = []
+    for index, stamp_ns in enumerate(estimate().stamps_ns.tolist()):
+        lost = index == LOST_AT
+        covariance = np.eye(6) * (9999.0 if lost else 1e-4 * (index + 1))
+        step = None if lost else STEP
+        state = "lost" if lost else "degraded" if index == 7 else "tracking"
+        peak = 300_000_000 + index
+        made.append(
+            CallRecord(
+                stamp_ns, 0.02 + 1e-4 * index, state, peak, 1000, STATISTICS, covariance, "x" if lost else "", step
+            )
+        )
+    last_ns = START_NS + (NAV_COUNT - 1) * PERIOD_NS
+    made += [CallRecord(START_NS + n * PERIOD_NS, 0.5, "mapped", 200_000_000, 2000) for n in range(NAV_COUNT)]
+    return [*made, CallRecord(last_ns, 0.1, "fused", 200_000_000, 2000, {"pairs": NAV_COUNT, "fused": 1.0})]
+
+
+def cloud() -> PointCloud:
+    points = [(nav_pair(n).truth[::4, ::4] + 0.01 * (n + 1)).reshape(-1, 3) for n in range(NAV_COUNT)]
+    v, u = (axis.ravel() for axis in np.mgrid[0:120:4, 0:160:4])
+    made = []
+    for number, xyz in enumerate(points):
+        ones = np.ones(len(xyz), np.float32)
+        pixels = u.astype(np.uint16), v.astype(np.uint16), np.full(len(xyz), number, np.uint8)
+        made.append(PointCloud(xyz.astype(np.float32), 0.01 * ones, 100 * ones, *pixels))
+    stamps = tuple(START_NS + n * PERIOD_NS for n in range(NAV_COUNT))
+    return replace(PointCloud.concatenate(made), fused=True, pair_stamps_ns=stamps)
+
+
+@pytest.fixture(scope="module")
+def out(source: Path) -> Path:
+    """A finished replay, without the report."""
+    folder = source.parent / "out"
+    folder.mkdir()
+    save_trajectory(folder / "estimate.csv", estimate())
+    save_stats(folder / "stats.csv", calls())
+    save_cloud(folder / "cloud.ply", cloud())
+    return folder
+
+
+def played_to(at_s: float, path: Path, truth: Path | None = None) -> LiveState:
+    hub, recording = Hub(), open_recording(path, truth)
+    playback = Playback(hub, recording, CONFIG, None)
+    playback.advance(at_s)
+    playback.report()
+    return taken(hub)
+
+
+def taken(hub: Hub, state: LiveState | None = None) -> LiveState:
+    state = state or LiveState()
+    for update in hub.take():
+        state.apply(update)
+    assert not state.problems
+    return state
+
+
+def same_figures(content: dict[str, Any], wanted: dict[str, Any], parts: tuple[str, ...]) -> None:
+    """Bits of all but the sums over covariances, which are added in another order."""
+    for part in parts:
+        consistent = {"nees"} if part == "trajectory" else set()
+        assert {k: v for k, v in content[part].items() if k not in consistent | {"conditions"}} == {
+            k: v for k, v in wanted[part].items() if k not in consistent | {"conditions"}
+        }
+    assert content["trajectory"]["nees"]["pose"]["mean"] == pytest.approx(wanted["trajectory"]["nees"]["pose"]["mean"])
+
+
+def test_figures_at_the_end_are_those_of_sfr_score(source: Path, out: Path) -> None:
+    state = played_to(1e9, out, source)
+    assert state.report is not None
+    stats = (out / "stats.csv",)
+    wanted = to_dict(score_files(ScoreInputs.of(out / "estimate.csv", source, stats), CONFIG))
+    same_figures(state.report.content, wanted, ("trajectory", "timing", "memory"))
+    wanted = to_dict(score_files(ScoreInputs.of(out / "cloud.ply", source, stats), CONFIG))
+    assert state.report.content["map"] == wanted["map"]
+    assert state.report.content["trajectory"]["lost"] == state.report.content["trajectory"]["degraded"] == 1
+    assert [row.lost for row in state.path.rows].index(True) == LOST_AT
+    assert state.path.rows[-1].truth is not None
+    (shown,) = state.clouds.values()
+    assert shown.error is not None
+    assert np.median(shown.error) == pytest.approx(0.0173, abs=0.02)
+    assert state.nodes["localisation_node"].state == "tracking"
+    assert state.calls[-1].memory_bytes == 300_000_000 + COUNT - 1
+
+
+def test_where_truth_is_gone_the_figures_are_those_of_the_report(out: Path, tmp_path: Path) -> None:
+    for name in ("estimate.csv", "stats.csv"):
+        (tmp_path / name).write_bytes((out / name).read_bytes())
+    (tmp_path / "report.json").write_text('{"schema": "sfr-score/1", "verdicts": [], "warnings": ["as it was"]}')
+    state = played_to(1e9, tmp_path)
+    assert state.report is not None
+    assert state.report.warnings == ("as it was",)
+    assert len(state.path.rows) == COUNT
+
+
+def write_run(path: Path) -> Path:
+    """A recording of a live run, without images: poses, truth, calls and health."""
+    types = TYPESTORE.types
+    key, status, array = (
+        types[f"diagnostic_msgs/msg/{name}"] for name in ("KeyValue", "DiagnosticStatus", "DiagnosticArray")
+    )
+    track = estimate()
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = ("localisation/odometry", "ground_truth/odometry", "diagnostics")
+        kinds = ("nav_msgs/msg/Odometry", "nav_msgs/msg/Odometry", "diagnostic_msgs/msg/DiagnosticArray")
+        put = [
+            writer.add_connection(f"/{name}", kind, typestore=TYPESTORE)
+            for name, kind in zip(topics, kinds, strict=True)
+        ]
+
+        def write(topic: int, at_ns: int, message: Any) -> None:
+            writer.write(put[topic], at_ns, TYPESTORE.serialize_cdr(message, kinds[topic]))
+
+        for row, record in enumerate(calls()[:COUNT]):
+            at_ns, pose = record.stamp_ns + 10**9, true_pose(row)
+            write(1, at_ns, odometry(record.stamp_ns, pose.translation, pose.quat_xyzw))
+            message = odometry(record.stamp_ns, track.positions[row], track.quats_xyzw[row])
+            assert record.covariance is not None
+            message.pose.covariance[:] = record.covariance.ravel()
+            write(0, at_ns + 1, message)
+            values = {
+                "task": "localisation",
+                "stamp_ns": str(record.stamp_ns),
+                "state": record.state,
+                "processing_time_s": repr(record.processing_time_s),
+            }
+            said = [key(name, text) for name, text in values.items()]
+            told = [
+                status(0, "localisation_node: call", record.state, "host", said),
+                status(1, "localisation_node: health", "warm", "host", [key("lifecycle", "active")]),
+            ]
+            write(2, at_ns + 2, array(message.header, told))
+    return path
+
+
+def test_a_recording_of_a_run_is_played_with_what_its_nodes_said(tmp_path: Path) -> None:
+    bag = write_run(tmp_path / "run")
+    state = played_to(1e9, bag)
+    assert state.report is not None
+    wanted = to_dict(score_files(ScoreInputs.of(bag, bag), CONFIG))
+    for name in ("position_m", "attitude_deg", "heading_deg", "matched", "lost"):
+        assert state.report.content["trajectory"][name] == wanted["trajectory"][name]
+    node = state.nodes["localisation_node"]
+    assert node.health is not None
+    assert (node.health.message, node.health.level, node.state) == ("warm", 1, "tracking")
+
+
+def until(condition: Callable[[], bool], seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_player_pauses_jumps_back_and_ends(source: Path, out: Path) -> None:
+    hub, state = Hub(), LiveState()
+    recording = open_recording(out, source)
+    assert recording.end_s == pytest.approx((COUNT - 1) * 0.1)
+    hub.want(frozenset(View))
+    playback = Playback(hub, recording, CONFIG, None)
+    with Player(playback, hub, recording.end_s, rate=50.0) as player:
+
+        def at_end() -> bool:
+            taken(hub, state)
+            return state.time_line is not None and state.time_line.at_s >= recording.end_s
+
+        until(at_end)
+        final = state.report.content if state.report is not None else {}
+        assert final["trajectory"]["matched"] == COUNT
+        until(lambda: bool(taken(hub, state).images) and state.images["loc/left"].stamp_ns > START_NS + 35 * PERIOD_NS)
+        assert player.run(Command(Action.SEEK, at_s=1.05)).startswith("goes to 1.")
+        until(lambda: taken(hub, state).time_line == TimeLine(1.05, recording.end_s, False))
+        assert state.path.rows[-1].n == 10
+        assert state.report is not None
+        assert state.report.content["trajectory"]["estimate_poses"] == 11
+        assert not state.is_stale(time.time() + 100.0), "a player that stands still makes nothing stale"
+        player.run(Command(Action.PLAY))
+        until(at_end)
+        assert state.report.content == final
+        player.run(Command(Action.PLAY))
+        until(lambda: taken(hub, state).time_line is not None and state.time_line.at_s < recording.end_s)
+        player.run(Command(Action.PAUSE))
+        with pytest.raises(InputError, match="no nodes"):
+            player.run(Command(Action.RESET, "mapping_node"))
+    assert not player.problem
+
+
+def test_a_data_set_shows_images_and_truth_and_nothing_else_is_refused(source: Path, tmp_path: Path) -> None:
+    recording = open_recording(source)
+    assert recording.estimates is None
+    frame = next(iter(recording.frames()))
+    assert (frame.topic, frame.stamp_ns, frame.image.shape) == ("loc/left", START_NS, (120, 160))
+    assert sum(1 for _ in recording.moments()) == COUNT
+    with pytest.raises(InputError):
+        open_recording(tmp_path)
