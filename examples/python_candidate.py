@@ -1,10 +1,10 @@
-"""An example of a candidate in Python: it says that the rover stands still."""
+"""The shortest localiser: `sfr localise SRC -o T.csv --method examples/python_candidate.py:StandStill`."""
 
 import numpy as np
 
 
 class StandStill:
-    """The shortest localiser: `sfr localise SRC -o T.csv --method examples/python_candidate.py:StandStill`."""
+    """Says that the rover stands still."""
 
     version = "1.0"
 

@@ -11,7 +11,7 @@ from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.output import JsonOption, OverwriteOption, check_outputs, say, show
 
 
-@app.command(epilog=examples("sfr methods", "cc -I $(sfr methods --include-dir) -shared -fPIC -o libmine.so mine.c"))
+@app.command(epilog=examples("sfr methods", "sfr methods --include-dir", "sfr methods --peer-python peers/bin/python"))
 def methods(
     peer_python: Annotated[
         Path | None, typer.Option("--peer-python", metavar="PYTHON", help="Interpreter in which peers are looked for.")

@@ -18,6 +18,9 @@ from sfr_loc_map.methods.method_process import Answer, MethodFailureError, Metho
 from sfr_loc_map.metrics.calls.resources import CallUsage
 from sfr_loc_map.metrics.records.method_record import FindingKind, MethodRecord
 
+SYMMETRY = 1e-6
+"""Largest asymmetry of a covariance, over its largest element."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocaliserCall:
@@ -184,11 +187,14 @@ def _covariance(numbers: Any) -> FloatArray | None:  # noqa: ANN401 - 36 numbers
     if numbers is None:
         return None
     covariance = np.reshape(np.asarray(numbers, np.float64), (6, 6))
-    if np.isnan(covariance).all():
-        return None
     if not np.isfinite(covariance).all():
+        if np.isnan(covariance).all():
+            return None
         raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance has a number that is not finite", ended=False)
-    if (np.diag(covariance) < 0.0).any() or not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-12):
+    if (
+        covariance.diagonal().min() < 0.0
+        or np.abs(covariance - covariance.T).max() > SYMMETRY * np.abs(covariance).max()
+    ):
         raise MethodFailureError(
             FindingKind.INVALID_RESULT, "the covariance is not symmetric, or a variance is negative", ended=False
         )

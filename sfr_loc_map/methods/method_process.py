@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-import selectors
+import select
 import shutil
 import signal
 import subprocess
@@ -103,7 +103,7 @@ class MethodProcess:
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
         self._log, images = self._folder / "log", self._folder / "images"
         self.output = str(self._folder / "result")
-        self._images = np.memmap(images, np.uint8, "w+", shape=(2, rig.height, rig.width))
+        self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(2, rig.height, rig.width)))
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 method.command,
@@ -162,17 +162,17 @@ class MethodProcess:
 
     def _line(self, timeout_s: float) -> bytes:
         assert self._process.stdout is not None
-        end = time.monotonic() + timeout_s
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._process.stdout, selectors.EVENT_READ)
-            while b"\n" not in self._rest:
-                if not selector.select(POLL_S):
-                    self._check(end, timeout_s)
-                    continue
-                data = os.read(self._process.stdout.fileno(), 65536)
-                if not data:
-                    self._crashed()
-                self._rest += data
+        place, end = self._process.stdout.fileno(), time.monotonic() + timeout_s
+        answers = select.poll()
+        answers.register(place, select.POLLIN)
+        while b"\n" not in self._rest:
+            if not answers.poll(1000 * POLL_S):
+                self._check(end, timeout_s)
+                continue
+            data = os.read(place, 65536)
+            if not data:
+                self._crashed()
+            self._rest += data
         line, _, self._rest = self._rest.partition(b"\n")
         return line
 

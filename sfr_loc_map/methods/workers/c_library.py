@@ -115,6 +115,7 @@ class LibraryLocaliser(Library):
             "process", ctypes.c_int32, pointer, ctypes.c_int64, pointer, pointer, pointer, pointer, pointer
         )
         self._start = np.reshape(np.asarray(setup["start"], np.float64), (4, 4))
+        self._turn = np.kron(np.eye(2), self._start[:3, :3])
 
     def prepare(self, left: Image, right: Image, order: Mapping[str, Any]) -> Callable[[], Any]:
         """Return the call."""
@@ -147,8 +148,7 @@ class LibraryLocaliser(Library):
         T_start_rb = np.eye(4)
         T_start_rb[:3, :3], T_start_rb[:3, 3] = _rotation(quat / length), pose.position_m
         stated = covariance[:36].reshape(6, 6)
-        turn = np.kron(np.eye(2), self._start[:3, :3])
-        known = None if np.isnan(stated).all() else (turn @ stated @ turn.T).ravel().tolist()
+        known = None if np.isnan(stated).all() else (self._turn @ stated @ self._turn.T).ravel().tolist()
         return {**about, "T_ds_rb": (self._start @ T_start_rb).ravel().tolist(), "covariance": known}
 
 

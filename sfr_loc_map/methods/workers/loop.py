@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 PR_SET_PDEATHSIG = 1
+MAX_COPIES = 8
 
 
 def main() -> None:
@@ -35,25 +36,54 @@ def main() -> None:
     os.dup2(2, 1)  # some methods print to standard output
     setup = json.loads(sys.stdin.readline())
     method = _load(sys.argv[1]).open_method(setup)
-    images = np.memmap(setup["images"], np.uint8, "r", shape=(2, setup["height"], setup["width"]))
+    shape = (2, setup["height"], setup["width"])
+    images = np.asarray(np.memmap(setup["images"], np.uint8, "r", shape=shape))
+    memory, copies = Memory(), ImageCopies()
     hello = {"version": str(method.version), "fuses": bool(getattr(method, "fuses", False))}
-    _answer(answers, {**hello, "idle_bytes": _status_bytes("VmRSS:")})
+    _answer(answers, {**hello, "idle_bytes": memory.bytes()[1]})
     for line in sys.stdin:
-        _answer(answers, _obey(method, images, json.loads(line)))
+        _answer(answers, _obey(method, memory, _with_copies(copies, images, json.loads(line))))
     os._exit(0)  # some methods crash in their destructors; all answers have been written
 
 
-def _obey(method: Any, images: Any, order: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - an adapter, an array
-    call = method.prepare(np.array(images[0]), np.array(images[1]), order)
-    resettable = _reset_peak()
+class ImageCopies:
+    """Copies of images in memory that is used again once nobody holds it: new memory costs more than the copy."""
+
+    def __init__(self) -> None:
+        """Count the references to an array that nobody else holds."""
+        self._held: list[Any] = [np.empty(0)]
+        self._unused = self._references()[0]
+        self._held.clear()
+
+    def _references(self) -> list[int]:
+        return [sys.getrefcount(held) for held in self._held]
+
+    def copy(self, image: Any) -> Any:  # noqa: ANN401 - arrays
+        """Return a copy that stays as it is as long as someone holds it or a view of it."""
+        for number, count in enumerate(self._references()):
+            if count == self._unused:
+                np.copyto(self._held[number], image)
+                return self._held[number]
+        self._held = [*self._held[-MAX_COPIES:], np.array(image)]
+        return self._held[-1]
+
+
+def _with_copies(copies: ImageCopies, images: Any, order: dict[str, Any]) -> tuple[Any, Any, dict[str, Any]]:  # noqa: ANN401
+    return copies.copy(images[0]), copies.copy(images[1]), order
+
+
+def _obey(method: Any, memory: Memory, given: tuple[Any, Any, dict[str, Any]]) -> dict[str, Any]:  # noqa: ANN401
+    order = given[2]
+    call = method.prepare(*given)
+    memory.reset_peak()
     begin = time.perf_counter()
     try:
         answer, raised = call(), None
     except Exception as error:
         answer, raised = None, f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - begin
-    peak = _status_bytes("VmHWM:") if resettable else None
-    costs = {"seconds": seconds, "peak_bytes": peak, "resident_bytes": _status_bytes("VmRSS:")}
+    peak, resident = memory.bytes()
+    costs = {"seconds": seconds, "peak_bytes": peak, "resident_bytes": resident}
     if raised is not None:
         return {**costs, "fault": "raised", "text": raised}
     try:
@@ -76,19 +106,31 @@ def _answer(stream: Any, value: dict[str, Any]) -> None:  # noqa: ANN401
     stream.flush()
 
 
-def _reset_peak() -> bool:
-    try:
-        with open("/proc/self/clear_refs", "wb", buffering=0) as stream:
-            stream.write(b"5")
-    except OSError:
-        return False
-    return True
+class Memory:
+    """Resident memory of this process; its files are opened once."""
+
+    def __init__(self) -> None:
+        """Open them; a system without them measures nothing."""
+        self._status = _opened("/proc/self/status", os.O_RDONLY)
+        self._clear = _opened("/proc/self/clear_refs", os.O_WRONLY)
+
+    def reset_peak(self) -> None:
+        """Set the high-water mark back to what is resident now."""
+        if self._clear is not None:
+            os.write(self._clear, b"5")
+
+    def bytes(self) -> tuple[int | None, int | None]:
+        """Return the high-water mark and what is resident now, None where not known."""
+        if self._status is None or self._clear is None:
+            return None, None
+        text = os.pread(self._status, 8192, 0)
+        peak, resident = (int(text[text.index(key) :].split(None, 2)[1]) * 1024 for key in (b"VmHWM:", b"VmRSS:"))
+        return peak, resident
 
 
-def _status_bytes(key: str) -> int | None:
+def _opened(path: str, mode: int) -> int | None:
     try:
-        with open("/proc/self/status", encoding="ascii", errors="replace") as stream:
-            return next((int(line.split()[1]) * 1024 for line in stream if line.startswith(key)), None)
+        return os.open(path, mode)
     except OSError:
         return None
 

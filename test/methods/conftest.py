@@ -1,0 +1,72 @@
+"""Libraries of candidates, compiled once, and `sfr` within the test's process."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))
+
+from cli_result import Result, Sfr
+from made_scene import write_folder
+
+from sfr_loc_map.cli.main import main
+
+ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).parent
+Build = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """`build(source, option...)`: the library of a source in C, or with `-o` as option a program."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no C compiler (cc)")
+    folder = tmp_path_factory.mktemp("libraries")
+
+    def made(*sources: Path, name: str, options: tuple[str, ...] = ("-fPIC", "-shared")) -> Path:
+        output = folder / name
+        strict = ("-std=c99", "-D_POSIX_C_SOURCE=200112L", "-Wall", "-Wextra", "-Werror", "-Wpedantic", "-O2")
+        words = [compiler, *strict, *options, "-I", ROOT / "include", *sources, "-o", output, "-lm"]
+        subprocess.run(list(map(str, words)), check=True)
+        return output
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def faulty(build: Build) -> Path:
+    """The library that does at one pair what its configuration says."""
+    return build(HERE / "faulty_candidate.c", name="libfaulty.so")
+
+
+@pytest.fixture(scope="session")
+def example(build: Build) -> Path:
+    """The example candidate in C."""
+    return build(ROOT / "examples/c_candidate/candidate.c", name="libcandidate.so")
+
+
+@pytest.fixture(scope="session")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of 12 pairs and a panorama of two."""
+    return write_folder(tmp_path_factory.mktemp("methods") / "source", 12, 2)
+
+
+@pytest.fixture
+def sfr(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Sfr:
+    """`sfr(...)` as from the shell, without the cost of a process for each."""
+    monkeypatch.delenv("SFR_DEBUG", raising=False)
+
+    def run(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
+        capsys.readouterr()
+        code = main()
+        return Result(code, *capsys.readouterr())
+
+    return run

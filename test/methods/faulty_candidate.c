@@ -1,0 +1,96 @@
+/* A candidate that stands still, and at one pair does what its configuration says: "KIND NUMBER". */
+#include "sfr_candidate.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#ifndef STATED_ABI
+#define STATED_ABI SFR_CANDIDATE_ABI
+#endif
+
+struct sfr_candidate {
+    char kind[32];
+    int at, calls;
+};
+
+uint32_t sfr_candidate_abi(void)
+{
+    return STATED_ABI;
+}
+
+const char *sfr_candidate_version(void)
+{
+    return "faulty 1";
+}
+
+sfr_candidate *sfr_candidate_create(const sfr_rig *rig, const char *config, char *message, size_t message_size)
+{
+    sfr_candidate *self = calloc(1, sizeof *self);
+    if (strcmp(config, "refuse") == 0 || rig->size != sizeof *rig) {
+        snprintf(message, message_size, "this rig is not to my taste");
+        return NULL;
+    }
+    sscanf(config, "%31s %d", self->kind, &self->at);
+    return self;
+}
+
+void sfr_candidate_destroy(sfr_candidate *self)
+{
+    free(self);
+}
+
+int32_t sfr_candidate_process(sfr_candidate *self, int64_t stamp_ns, const uint8_t *left, const uint8_t *right,
+                              sfr_pose *pose, double *covariance, int32_t *status)
+{
+    const char *kind = self->calls++ == self->at ? self->kind : "";
+    (void)left, (void)right;
+    pose->stamp_ns = stamp_ns;
+    pose->quat_xyzw[3] = 1.0;
+    *status = SFR_TRACKING;
+    for (int i = 0; i < 36; i++)
+        covariance[i] = i % 7 == 0 ? 0.01 * (1 + i / 7) : 0.0;
+    if (strcmp(kind, "crash") == 0)
+        abort();
+    if (strcmp(kind, "hang") == 0)
+        for (;;)
+            sleep(1);
+    if (strcmp(self->kind, "leak") == 0) {
+        static volatile char *kept;
+        kept = malloc((size_t)self->at * 1000000);
+        for (size_t byte = 0; byte < (size_t)self->at * 1000000; byte += 512)
+            kept[byte] = 1;
+    }
+    if (strcmp(kind, "nan") == 0)
+        pose->position_m[1] = NAN;
+    if (strcmp(kind, "stamp") == 0)
+        pose->stamp_ns += 1;
+    if (strcmp(kind, "quaternion") == 0)
+        pose->quat_xyzw[3] = 3.0;
+    if (strcmp(kind, "covariance") == 0)
+        covariance[7] = -1.0;
+    if (strcmp(kind, "beyond") == 0)
+        covariance[36] = 0.0;
+    if (strcmp(kind, "status") == 0)
+        *status = 9;
+    if (strcmp(kind, "lost") == 0)
+        *status = SFR_LOST;
+    return strcmp(kind, "fail") == 0 ? 7 : SFR_OK;
+}
+
+int32_t sfr_candidate_map(sfr_candidate *self, const sfr_pair *pair, const double *T_lm_navsb, sfr_point *points,
+                          size_t capacity, size_t *count)
+{
+    (void)pair, (void)T_lm_navsb;
+    *count = 1;
+    points[0] = (sfr_point){1.0f, 2.0f, 3.0f, 0.1f, 4, 5};
+    if (strcmp(self->kind, "many") == 0)
+        *count = capacity + 1;
+    if (strcmp(self->kind, "pixel") == 0)
+        points[0].u = 60000;
+    if (strcmp(self->kind, "nan") == 0)
+        points[0].y = NAN;
+    return SFR_OK;
+}

@@ -1,0 +1,203 @@
+"""Candidates as they should be: ours, classes of Python, the example in C, and how they are named."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_result import Sfr
+from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
+
+from sfr_loc_map import __version__
+from sfr_loc_map.errors import MethodError
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.methods import registry
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser, LocaliserCall
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
+from sfr_loc_map.methods.method import MethodTask
+from sfr_loc_map.methods.protocols import LocaliserProtocol, MapperProtocol
+from sfr_loc_map.methods.registry import find_method
+from sfr_loc_map.pipeline.offline import localise
+
+ROOT = Path(__file__).resolve().parents[2]
+CLASSES = """
+import numpy as np
+from sfr_loc_map.geometry.transform import Transform
+
+class Odd:
+    statistics = {"mood": 3}
+    def __init__(self, rig, config):
+        self.results = {"text": config, "wrong": np.eye(3), "none": None, "matrix": np.eye(4),
+                        "transform": Transform(np.eye(3), np.array([0.0, 2.0, 0.0])), "nan": np.full((4, 4), np.nan)}
+        self.kinds = iter(config.split())
+    def process(self, pair):
+        kind = next(self.kinds)
+        if kind == "raise":
+            raise RuntimeError("no idea")
+        return self.results[kind]
+
+class Flat:
+    def __init__(self, rig, config):
+        pass
+    def process(self, pair, T_lm_navsb, index):
+        return np.full(pair.left.shape, 6.0 if index == 0 else np.nan, np.float32)
+
+class Nothing:
+    def __init__(self, rig, config):
+        pass
+"""
+
+
+def calls(spec: str, config: str, count: int, start: Transform | None = None) -> list[LocaliserCall]:
+    method = find_method(spec, MethodTask.LOCALISE, config)
+    with IsolatedLocaliser(method, LOC_RIG, start or true_pose(0)) as localiser:
+        return [localiser.process(loc_pair(number)) for number in range(count)]
+
+
+def test_ours_are_what_the_protocols_say() -> None:
+    localiser, mapper = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0)), Mapper(NAV_RIG, MappingConfig())
+    assert isinstance(localiser, LocaliserProtocol)
+    assert isinstance(mapper, MapperProtocol)
+    assert not isinstance(mapper, LocaliserProtocol)
+    assert localiser.version == mapper.version == __version__
+    assert localiser.statistics == mapper.statistics == {}
+
+
+@pytest.mark.slow
+def test_ours_gives_the_same_bits_in_a_process_of_its_own(drive: Path) -> None:
+    sequence = open_source(drive).loc
+    assert sequence is not None
+    known = list(localise(sequence, LocalisationConfig(), true_pose(0)))
+    for (estimate, record), call in zip(known, calls("sfr", "", 12), strict=True):
+        np.testing.assert_array_equal(call.estimate.T_ds_rb.matrix, estimate.T_ds_rb.matrix)
+        np.testing.assert_array_equal(call.covariance, estimate.covariance)
+        np.testing.assert_array_equal(call.step, record.step)
+        assert call.estimate.state is estimate.state
+        assert {k: v for k, v in call.statistics.items() if "stage" not in k} == estimate.statistics.as_dict()
+
+
+def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Path) -> None:
+    (tmp_path / "classes.py").write_text(CLASSES)
+    made = calls(f"{tmp_path}/classes.py:Odd", "matrix transform none wrong raise nan matrix", 7)
+    assert [call.estimate.state.value for call in made] == [
+        "tracking", "tracking", "lost", "lost", "lost", "lost", "tracking"
+    ]  # fmt: skip
+    assert [call.finding for call in made] == [
+        "",
+        "",
+        "",
+        "invalid result: a pose is a PoseEstimate, a Transform or a matrix (4, 4): got ndarray of shape (3, 3)",
+        "raised: RuntimeError: no idea",
+        "not finite: the pose has a number that is not finite",
+        "",
+    ]
+    moved = true_pose(0) @ Transform(np.eye(3), np.array([0.0, 2.0, 0.0]))
+    np.testing.assert_allclose(made[1].estimate.T_ds_rb.matrix, moved.matrix, atol=1e-12)
+    assert made[1].covariance is None
+    assert made[0].statistics == {"mood": 3.0}
+    with pytest.raises(MethodError, match="has no method 'process'"):
+        calls(f"{tmp_path}/classes.py:Nothing", "", 0)
+
+
+def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) -> None:
+    (tmp_path / "matchers.py").write_text(CLASSES)
+    with IsolatedMapper(find_method(f"{tmp_path}/matchers.py:Flat", MethodTask.MAP), NAV_RIG) as mapper:
+        item = nav_pair(0)
+        first, call = mapper.process(item.pair, item.T_lm_navsb, 0)
+        second, _ = mapper.process(item.pair, item.T_lm_navsb, 1)
+    assert not call.finding
+    assert len(first.cloud) == NAV_RIG.width * NAV_RIG.height
+    assert len(second.cloud) == 0
+    T_left_lm = (item.T_lm_navsb @ NAV_RIG.T_sb_left).inverse()
+    np.testing.assert_allclose(T_left_lm.apply(first.cloud.xyz)[:, 2], NAV_RIG.fx * NAV_RIG.baseline_m / 6.0, rtol=1e-5)
+
+
+def test_the_example_in_c_localises_and_maps(example: Path, drive: Path, tmp_path: Path, sfr: Sfr) -> None:
+    estimate, method = tmp_path / "estimate.csv", ("--method", f"lib:{example}")
+    made = calls(f"lib:{example}", "", 12)
+    assert not any(call.finding for call in made)
+    error = np.linalg.norm(made[-1].estimate.T_ds_rb.translation - true_pose(11).translation)
+    assert error < 0.1  # of 0.28 m, by some 30 corners of a small image
+    (tmp_path / "config.txt").write_text("max_disparity: 2")
+    refused = sfr("localise", drive, "-o", estimate, *method, "--config", tmp_path / "config.txt")
+    assert refused.code == 2
+    assert "max_disparity is 2: must be 4 to 1023" in refused.err
+    cloud, stats = tmp_path / "cloud.npz", tmp_path / "stats.csv"
+    assert sfr("map", drive, "-o", cloud, "--stats", stats, *method).code == 0
+    scored = sfr("score", cloud, drive, "--stats", stats, "--json", tmp_path / "score.json")
+    assert scored.code == 0
+    truth = nav_pair(0)
+    with IsolatedMapper(find_method(f"lib:{example}", MethodTask.MAP), NAV_RIG) as mapper:
+        found, _ = mapper.process(truth.pair, truth.T_lm_navsb, 0)
+    assert truth.truth is not None
+    errors = np.linalg.norm(found.cloud.xyz - truth.truth[found.cloud.v, found.cloud.u], axis=1)
+    assert len(found.cloud) > 0.5 * NAV_RIG.width * NAV_RIG.height
+    assert np.median(errors) < 0.05  # of 3 m
+
+
+def test_the_candidate_is_timed_by_a_program_without_this_suite(
+    build: Callable[..., Path], drive: Path, tmp_path: Path, sfr: Sfr
+) -> None:
+    folder = ROOT / "examples/c_candidate"
+    program = build(folder / "time_on_target.c", folder / "candidate.c", name="time_on_target", options=())
+    pairs, estimate = tmp_path / "pairs.raw", tmp_path / "estimate.csv"
+    subprocess.run([sys.executable, folder / "export_pairs.py", drive, pairs], check=True, cwd=ROOT)
+    timed = subprocess.run([program, pairs], check=True, capture_output=True, text=True)
+    (tmp_path / "target.csv").write_text(timed.stdout)
+    estimate.write_bytes((drive / "loc" / "groundtruth.csv").read_bytes())
+    options = ("--target", "a board", "--target-timing", tmp_path / "target.csv", "--condition", "frames=3")
+    scored = sfr("score", estimate, drive, *options)
+    assert scored.code == 0
+    assert "a board" in scored.out
+    assert timed.stdout.count("tracking") == 11
+
+
+def test_isolation_costs_little_outside_the_timed_call(faulty: Path) -> None:
+    rig = StereoRig(1024, 1024, 800.0, 800.0, 511.5, 511.5, 0.3, Transform.identity())
+    images = np.random.default_rng(0).integers(0, 255, (2, 1024, 1024)).astype(np.uint8)
+    outside, inside = [], []
+    with IsolatedLocaliser(find_method(f"lib:{faulty}", MethodTask.LOCALISE), rig, Transform.identity()) as localiser:
+        for number in range(100):
+            begin = time.perf_counter()
+            call = localiser.process(StereoPair(number, images[0], images[1]))
+            inside.append(call.usage.processing_time_s)
+            outside.append(time.perf_counter() - begin - inside[-1])
+    assert min(outside) < 0.003  # less than 1 ms where nothing else runs
+    assert min(inside) < 0.0002
+
+
+def test_names_are_looked_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sfr: Sfr) -> None:
+    entry = metadata.EntryPoint("theirs", "package.module:Theirs", "sfr_loc_map.localisers")
+    ours = replace_name(entry, "sfr")
+    monkeypatch.setattr(registry.metadata, "entry_points", lambda group: [entry, ours] if "localisers" in group else [])
+    assert find_method("theirs", MethodTask.LOCALISE).target == "package.module:Theirs"
+    assert find_method("sfr", MethodTask.LOCALISE).target == "sfr_loc_map.methods.ours:localiser"
+    with pytest.raises(MethodError, match="no method 'none' to localise: give one of sfr, opencv, orbslam3, theirs"):
+        find_method("none", MethodTask.LOCALISE)
+    with pytest.raises(MethodError, match="there is no file"):
+        find_method("none.py:Class", MethodTask.LOCALISE)
+    with pytest.raises(MethodError, match="give --peer-python"):
+        find_method("pandora", MethodTask.MAP)
+    listed = sfr("methods")
+    assert listed.code == 0
+    for word in ("sfr", "opencv", "orbslam3", "theirs", "sgbm", "pandora", __version__):
+        assert word in listed.out
+    assert (Path(sfr("methods", "--include-dir").out.strip()) / "sfr_candidate.h").is_file()
+    for method in ("external", "none"):
+        assert sfr("localise", tmp_path, "-o", tmp_path / "out.csv", "--method", method).code == 2
+
+
+def replace_name(entry: metadata.EntryPoint, name: str) -> metadata.EntryPoint:
+    return metadata.EntryPoint(name, entry.value, entry.group)

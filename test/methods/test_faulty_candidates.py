@@ -1,0 +1,179 @@
+"""Candidates that crash, hang, leak, lie: each is named, every pair has an estimate, the run goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_result import Sfr
+from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
+
+from sfr_loc_map.bench.passes import PassInput, run_pass
+from sfr_loc_map.errors import MethodError
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser, LocaliserCall
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
+from sfr_loc_map.methods.method import MethodLimits, MethodTask
+from sfr_loc_map.methods.registry import find_method
+from sfr_loc_map.metrics.calls.resources import CallUsage
+
+Build = Callable[..., Path]
+LIMITS = MethodLimits(call_timeout_s=0.5, memory_mb=400)
+PAIRS = [loc_pair(index) for index in range(4)]
+
+
+def calls(
+    library: Path, config: str, count: int = 4, limits: MethodLimits = LIMITS, start: Transform | None = None
+) -> list[LocaliserCall]:
+    method = find_method(f"lib:{library}", MethodTask.LOCALISE, config)
+    with IsolatedLocaliser(method, LOC_RIG, start or true_pose(0), limits) as localiser:
+        return [localiser.process(replace(PAIRS[n % 4], stamp_ns=PAIRS[0].stamp_ns + n)) for n in range(count)]
+
+
+def states(made: list[LocaliserCall]) -> list[str]:
+    return [call.estimate.state.value for call in made]
+
+
+@pytest.mark.parametrize(
+    ("config", "finding"),
+    [
+        ("crash 2", "crashed: has ended by SIGABRT"),
+        ("hang 2", "hanging: has not answered for 0.5 s"),
+        ("nan 2", "not finite: the pose has a number that is not finite"),
+        ("stamp 2", "wrong stamp: answered for stamp 1700000000123456792, asked for 1700000000123456791"),
+        ("quaternion 2", "invalid result: the quaternion has length 3: must be 1"),
+        ("covariance 2", "invalid result: the covariance is not symmetric, or a variance is negative"),
+        ("beyond 2", "invalid result: wrote beyond the pose or the covariance"),
+        ("status 2", "invalid result: status is 9: must be 0 to 3"),
+        ("fail 2", "invalid result: sfr_candidate_process returned 7"),
+    ],
+)
+def test_a_faulty_call_is_named_and_the_next_pairs_have_poses(faulty: Path, config: str, finding: str) -> None:
+    made = calls(faulty, config)
+    assert states(made) == ["tracking", "tracking", "lost", "tracking"]
+    assert [call.finding.startswith(finding) for call in made] == [False, False, True, False]
+    assert made[2].reason == finding.partition(":")[0]
+    assert [call.estimate.stamp_ns for call in made] == [PAIRS[0].stamp_ns + n for n in range(4)]
+    np.testing.assert_allclose(made[2].estimate.covariance, 9999.0 * np.eye(6))
+    for call in made:  # also after a new start the last known pose is kept
+        np.testing.assert_allclose(call.estimate.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
+
+
+def test_after_too_many_crashes_it_is_not_started_again(faulty: Path) -> None:
+    made = calls(faulty, "crash 0", 6, replace(LIMITS, restarts=2))
+    assert states(made) == ["lost"] * 6
+    assert [call.finding.partition(":")[0] for call in made] == ["crashed"] * 3 + [""] * 3
+    assert made[2].finding.endswith("not started again after 3 starts")
+    assert np.isnan([call.usage.processing_time_s for call in made]).all()
+
+
+def test_a_leak_is_named_before_the_limit_ends_it(faulty: Path) -> None:
+    made = calls(faulty, "leak 30", 14)  # 30 MB a pair; at 400 MB it is ended
+    found = [call.finding for call in made]
+    leaking = [number for number, text in enumerate(found) if text.startswith("leaking: keeps 30 MB more")]
+    ended = [number for number, text in enumerate(found) if text.startswith("out of memory: has 4")]
+    assert leaking == [10]
+    assert ended == [12] or ended == [13] or ended == [11]
+    assert sum(bool(text) for text in found) == 2
+    assert states(made).count("lost") == 1
+
+
+def test_a_lost_candidate_is_no_finding_and_its_covariance_is_that_of_ds(faulty: Path) -> None:
+    turned = Transform(matrix_from_rotvec([0.0, 0.0, np.pi / 2]), np.zeros(3))
+    made = calls(faulty, "lost 1", 3, start=turned)
+    assert states(made) == ["tracking", "lost", "tracking"]
+    assert not any(call.finding for call in made)
+    variances = np.diag(made[0].estimate.covariance)
+    np.testing.assert_allclose(variances, [0.02, 0.01, 0.03, 0.05, 0.04, 0.06])  # x is the candidate's y
+
+
+def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: Path) -> None:
+    with pytest.raises(MethodError, match="sfr_candidate_create: this rig is not to my taste"):
+        calls(faulty, "refuse")
+    options = ("-fPIC", "-shared", "-DSTATED_ABI=2")
+    other = build(Path(__file__).parent / "faulty_candidate.c", name="libother.so", options=options)
+    with pytest.raises(MethodError, match=r"libother.so .* built for version 2 of sfr_candidate.h, this suite has 1"):
+        calls(other, "")
+    (tmp_path / "text.so").write_text("no library")
+    with pytest.raises(MethodError, match="cannot load the library"):
+        calls(tmp_path / "text.so", "")
+    with pytest.raises(MethodError, match="there is no library"):
+        calls(tmp_path / "none.so", "")
+
+
+@pytest.mark.parametrize(
+    ("config", "finding"),
+    [
+        ("", ""),
+        ("many 0", "invalid result: wrote 19201 points: there is room for 19200"),
+        ("pixel 0", "invalid result: a point names a pixel outside 160 x 120"),
+        ("nan 0", "not finite: a point or its sigma is not finite"),
+    ],
+)
+def test_points_are_checked(faulty: Path, config: str, finding: str) -> None:
+    with IsolatedMapper(find_method(f"lib:{faulty}", MethodTask.MAP, config), NAV_RIG, LIMITS) as mapper:
+        item = nav_pair(1)
+        made, call = mapper.process(item.pair, item.T_lm_navsb, 1)
+        fused, fusion = mapper.fuse([made], item.pair)
+    assert call.finding == finding
+    assert len(made.cloud) == len(fused.cloud) == (0 if finding else 1)
+    assert fusion is None
+    if not finding:
+        assert made.cloud.xyz.tolist() == [[1.0, 2.0, 3.0]]
+        assert (made.cloud.u[0], made.cloud.v[0], made.cloud.pair[0]) == (4, 5, 1)
+        assert made.cloud.intensity[0] == item.pair.left[5, 4]
+        assert fused.cloud.fused is False
+
+
+def test_the_command_names_the_finding_and_writes_what_there_is(
+    faulty: Path, drive: Path, tmp_path: Path, sfr: Sfr
+) -> None:
+    config, estimate, stats = tmp_path / "config.txt", tmp_path / "estimate.csv", tmp_path / "stats.csv"
+    config.write_text("crash 7")
+    method = ("--method", f"lib:{faulty}", "--config", config)
+    done = sfr("localise", drive, "-o", estimate, "--stats", stats, "--start", "truth", *method)
+    assert done.code == 1
+    assert "crashed: 1 call at stamp 1700000000823456789: has ended by SIGABRT" in done.err
+    assert "faulty 1: crashed; what it gave is written" in done.err
+    scored = sfr("score", estimate, drive, "--stats", stats, "--condition", "frames=3", "--json", "-")
+    score = json.loads(scored.out)
+    assert scored.code == 0
+    assert score["trajectory"]["estimate_poses"] == 12
+    assert score["method"] == {
+        "name": f"lib:{faulty}",
+        "version": "faulty 1",
+        "kind": "library",
+        "sha256": hashlib.sha256(faulty.read_bytes()).hexdigest(),
+    }
+    assert [(item["kind"], item["count"]) for item in score["findings"]] == [("crashed", 1)]
+    assert score["timing"]["localisation_s"]["count"] == 11
+
+
+def test_the_others_go_on_in_a_benchmark(faulty: Path, build: Build, drive: Path) -> None:
+    other = build(Path(__file__).parent / "faulty_candidate.c", name="libold.so", options=("-fPIC", "-shared"))
+    specs = [f"lib:{faulty}", f"lib:{other}"]
+    good, bad = find_method(specs[0], MethodTask.LOCALISE), find_method(specs[1], MethodTask.LOCALISE, "crash 3")
+    sequence = open_source(drive).loc
+    assert sequence is not None
+
+    def called(localiser: IsolatedLocaliser, pair: StereoPair, since_start_s: float) -> tuple[None, CallUsage, str]:
+        call = localiser.process(pair)
+        return None, call.usage, call.finding
+
+    given = PassInput(
+        sequence.pairs,
+        lambda method: IsolatedLocaliser(method, sequence.rig, Transform.identity(), replace(LIMITS, restarts=0)),
+        called,
+    )
+    done = run_pass([replace(bad, background=False), replace(good, background=False)], given)
+    assert list(done.runs) == [specs[0]]
+    assert len(done.runs[specs[0]].seconds) == 12
+    assert "crashed: has ended by SIGABRT" in done.failed[specs[1]]

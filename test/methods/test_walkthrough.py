@@ -1,0 +1,51 @@
+"""The commands of docs/candidates.md do what the page says."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cli_result import Sfr
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "candidates.md").read_text(encoding="utf-8").partition("\n## A ROS node")[0]
+
+
+def test_the_class_on_the_page_is_the_example() -> None:
+    shown = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    assert shown is not None
+    example = (ROOT / "examples" / "python_candidate.py").read_text(encoding="utf-8")
+    code = [line for line in example.splitlines() if line.strip() and '"""' not in line]
+    assert [line for line in shown[1].splitlines() if line.strip() and line.strip() != "pass"] == code
+
+
+@pytest.mark.slow
+def test_the_commands_on_the_page_work(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr) -> None:
+    if shutil.which("cc") is None:
+        pytest.skip("there is no C compiler (cc)")
+    monkeypatch.chdir(tmp_path)
+    for name in ("examples", "include"):
+        Path(name).symlink_to(ROOT / name)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    lines = "".join(re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)).splitlines()
+    assert len(lines) == 9
+    for line in lines:
+        line = line.replace("sample/sample.mcap", str(drive)).replace("$(sfr methods --include-dir)", "include")
+        if line.startswith("sfr "):  # within this process: starting one takes longer than the work
+            condition = ("--condition", "frames=3") if " score " in line else ()
+            result = sfr(*shlex.split(line)[1:], *condition)
+            assert result.code == 0, result.err
+        else:
+            subprocess.run(["sh", "-ec", re.sub("^python", sys.executable, line)], check=True)
+    still, c, target = (json.loads(Path(name).read_text()) for name in ("still.json", "c.json", "c.target.json"))
+    assert still["method"]["kind"] == "python"
+    assert c["method"]["kind"] == "library"
+    assert still["trajectory"]["position_m"]["mean"] > 3 * c["trajectory"]["position_m"]["mean"]
+    assert target["target"]["name"] == "my board"
+    assert target["target"]["timing"]["localisation_s"]["count"] == 12
