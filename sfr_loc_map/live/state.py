@@ -56,11 +56,6 @@ class TopicView:
         self.period_s = passed if not self.period_s else 0.8 * self.period_s + 0.2 * passed
         self.stamp_ns, self.received_s = stamp_ns, received_s
 
-    def moment(self, now_s: float) -> float:
-        """Return the moment by which ages are told: while a player stands still, so does its time."""
-        held = self.time_line is not None and not self.time_line.playing
-        return min(now_s, self._heard_s) if held else now_s
-
     def is_stale(self, now_s: float) -> bool:
         """Tell whether nothing has come for longer than its period explains; what came once has none."""
         return self.period_s > 0.0 and now_s - self.received_s > max(TOPIC_STALE_S, 3.0 * self.period_s)

@@ -17,7 +17,7 @@ from sfr_loc_map.live.commands import Action, Command
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.media import image_sample
 from sfr_loc_map.live.playback.recording import Frame, Moment, Recording
-from sfr_loc_map.live.updates import Report, Status, StatusKind, TimeLine, View
+from sfr_loc_map.live.updates import CloudSample, PoseSample, Report, Status, StatusKind, TimeLine, Update, View
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.verdicts.limits import Limits
@@ -74,7 +74,7 @@ class Playback:
             if moment.score is not None:
                 moment.score(self._score)
                 self._scored = True
-            self._hub.put(replace(moment.shown, **_received(moment)))
+            self._hub.put(_now(moment.shown))
             if number % MOST_WAITING == MOST_WAITING - 1:
                 self._wait_for_views()
         self.at_s = at_s
@@ -240,7 +240,8 @@ class Player:
             self._hub.put(TimeLine(round(self._playback.at_s, 3), self._end_s, self._playing))
 
 
-def _received(moment: Moment) -> dict[str, float]:
-    """Return the time of receipt: now, under the name that it has in the record."""
-    name = "received_s" if hasattr(moment.shown, "received_s") else "published_s"
-    return {name: time.time()}
+def _now(shown: PoseSample | Status | CloudSample) -> Update:
+    """Return a record as received at this moment."""
+    if isinstance(shown, CloudSample):
+        return replace(shown, published_s=time.time())
+    return replace(shown, received_s=time.time())
