@@ -12,7 +12,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos lint types config format check clean
+.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak lint types config format check clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -47,6 +47,10 @@ fuzz: $(COMPILED)  ## Feed 2000 mutated files and messages to all readers (SEED=
 
 suite-chaos: $(COMPILED)  ## Run a suite on a Dask cluster whose processes are killed at random; some ten minutes
 	$(BIN)/python test/suite/chaos.py
+
+live-soak: $(COMPILED)  ## Load the live page for half an hour: five pages, then large images and clouds
+	$(BIN)/python test/live/soak.py load 60
+	$(BIN)/python test/live/soak.py clients 30
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .

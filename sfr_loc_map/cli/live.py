@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -42,22 +45,41 @@ def require_live() -> None:
     Raises:
         MissingExtraError: If it cannot.
     """
-    try:
-        import aiohttp  # noqa: F401 - does it import?
-    except ImportError as error:
-        raise MissingExtraError(f"sfr live needs a web server ({error}): pip install 'sfr_loc_map[live]'") from error
+    if find_spec("aiohttp") is None:
+        raise MissingExtraError("sfr live needs a web server, aiohttp: pip install 'sfr_loc_map[live]'")
 
 
-def page_arguments(live: bool, port: int, namespace: str = "") -> tuple[str, ...] | None:
-    """Return the command line of the page beside a run, None where it is not wanted.
+@contextmanager
+def live_beside(
+    wanted: bool, port: int, namespace: str = "", *, isolated: bool = False
+) -> Iterator[Callable[[], None]]:
+    """Show what the `with` block runs on a page, if it is wanted.
+
+    The page starts first of all: the imports of a run take longer than those of the page.
+
+    Args:
+        wanted: Whether there is a page.
+        port: Its port; 0: a free one.
+        namespace: Of the rover.
+        isolated: Whether the run chooses a domain of its own, in which the page must be.
+
+    Yields:
+        What is to be called when the run is over, before its nodes end.
 
     Raises:
-        MissingExtraError: If it is wanted and the web server cannot be imported.
+        MissingExtraError: If a page is wanted and the web server or ROS cannot be imported.
     """
-    if not live:
-        return None
+    if not wanted:
+        yield lambda: None
+        return
     require_live()
-    return ("--port", str(port), "--namespace", namespace)
+    from sfr_loc_map.nodes.process import environment
+    from sfr_loc_map.nodes.process.live_process import live_page
+
+    if isolated:
+        environment.isolate()
+    with live_page(("--port", str(port), "--namespace", namespace)) as at_end:
+        yield at_end
 
 
 @app.command(

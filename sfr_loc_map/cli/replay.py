@@ -35,7 +35,7 @@ from sfr_loc_map.cli.external import (
     read_conversion,
     read_external,
 )
-from sfr_loc_map.cli.live import LiveOption, LivePortOption, page_arguments
+from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs
 from sfr_loc_map.cli.replay_result import check_answers, result_of, say_where
 from sfr_loc_map.cli.score import LimitsOption, present, score_config
@@ -117,28 +117,29 @@ def replay(
     apply_diagnosis: ApplyDiagnosisOption = False,
 ) -> None:
     """Play a source to the nodes over topics, record what they answer, score it."""
-    from sfr_loc_map.io.registry import open_source
+    with live_beside(live, live_port, isolated=True) as at_end:
+        from sfr_loc_map.io.registry import open_source
 
-    opened = open_source(source, remaps := parse_remaps(remap))
-    parsed_limits, asked = read_limits(limits, condition)
-    correction = read_conversion(convention, apply_diagnosis)
-    require_ros("replay")
-    from sfr_loc_map.nodes.replay.options import ReplayOptions
+        opened = open_source(source, remaps := parse_remaps(remap))
+        parsed_limits, asked = read_limits(limits, condition)
+        correction = read_conversion(convention, apply_diagnosis)
+        require_ros("replay")
+        from sfr_loc_map.nodes.replay.options import ReplayOptions
 
-    given = command, watch, answers, frames
-    options = ReplayOptions(
-        **_settings(config, limits, condition),
-        start=_first_pose(opened, check_start(start), start_offset),
-        rate=rate,
-        offset_s=start_offset,
-        paused=start_paused,
-        loop=loop,
-        remap=remaps,
-        live=page_arguments(live, live_port),
-        external=read_external(opened, (external, method), given, answer_timeout, correction),
-    )
-    score = _replay_and_score((source, opened), options, correction, parsed_limits, (out, overwrite))
-    conclude(score, asked, lenient=lenient or not (limits or condition))  # of what nobody named it warns
+        given = command, watch, answers, frames
+        options = ReplayOptions(
+            **_settings(config, limits, condition),
+            start=_first_pose(opened, check_start(start), start_offset),
+            rate=rate,
+            offset_s=start_offset,
+            paused=start_paused,
+            loop=loop,
+            remap=remaps,
+            at_end=at_end,
+            external=read_external(opened, (external, method), given, answer_timeout, correction),
+        )
+        score = _replay_and_score((source, opened), options, correction, parsed_limits, (out, overwrite))
+        conclude(score, asked, lenient=lenient or not (limits or condition))  # of what nobody named it warns
 
 
 def _settings(config: Path | None, limits: Path | None, condition: list[str] | None) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import require_ros
-from sfr_loc_map.cli.live import LiveOption, LivePortOption, page_arguments
+from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.output import say
 from sfr_loc_map.errors import InputError
 
@@ -54,7 +54,6 @@ def run(
 ) -> None:
     """Run the nodes, one process each, until Ctrl-C or SIGTERM; exit 2 if one ends before."""
     require_ros("run")
-    from sfr_loc_map.nodes.process.live_process import live_page
     from sfr_loc_map.nodes.process.supervisor import node_names, run_nodes
 
     given = list(words or ())
@@ -67,7 +66,7 @@ def run(
     for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
         arguments += ["-r", item]
     nodes = node_names(given[:cut])
-    with live_page(page_arguments(live, live_port, namespace)):
+    with live_beside(live, live_port, namespace):
         run_nodes(
             nodes, [*arguments, *given[cut + 1 :]], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn
         )

@@ -14,21 +14,20 @@ MODULE = "nodes.live.page"
 
 
 @contextmanager
-def live_page(arguments: Sequence[str] | None) -> Iterator[Callable[[], None]]:
+def live_page(arguments: Sequence[str]) -> Iterator[Callable[[], None]]:
     """Run the page during the `with` block; it writes its address to standard output.
 
     The block goes on whatever becomes of the page; what it has to say of that stands on standard error.
 
     Args:
-        arguments: Command line of the page; None for no page.
+        arguments: Command line of the page.
 
     Yields:
         What tells the page, without waiting, that the run is over, before the nodes end.
     """
-    process = NodeProcess(MODULE, arguments or ())
-    if arguments is not None:
-        with suppress(NodeError):  # too little memory for the page: the run goes on
-            process.start()
+    process = NodeProcess(MODULE, arguments)
+    with suppress(NodeError):  # too little memory for the page: the run goes on
+        process.start()
 
     def run_is_over() -> None:
         if process.is_running:

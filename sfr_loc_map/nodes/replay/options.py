@@ -27,6 +27,10 @@ RELIABLE_INPUT = {
 """Parameter of each node that a replay sets to reliable: in lock step each message is awaited."""
 
 
+def _nothing() -> None:
+    """Do nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
     """How a source is replayed.
@@ -43,7 +47,7 @@ class ReplayOptions:
         loop: Whether it starts again at its end, until the operator or a signal ends it.
         remap: New names of topics by the names in the bag.
         parameter_file: ROS parameter file for all nodes; the parameters above override it.
-        live: Command line of the live page beside it, None for no page.
+        at_end: Called when all is played, before the nodes end.
         external: Node under test in place of one of ours, None for ours.
     """
 
@@ -58,7 +62,7 @@ class ReplayOptions:
     loop: bool
     remap: Mapping[str, str]
     parameter_file: Path | None
-    live: tuple[str, ...] | None = None
+    at_end: Callable[[], None] = _nothing
     external: ExternalOptions | None = None
 
 

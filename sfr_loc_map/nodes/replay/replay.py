@@ -13,7 +13,6 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.command_process import CommandProcess
-from sfr_loc_map.nodes.process.live_process import live_page
 from sfr_loc_map.nodes.process.supervisor import Supervisor, first_signal_stops, sigterm_as_interrupt
 from sfr_loc_map.nodes.replay.external_node import external_node
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments, pairs_per_map
@@ -57,7 +56,7 @@ def replay(
     with tempfile.TemporaryDirectory(prefix="sfr-replay-") as name:
         folder = Path(name)
         os.environ.setdefault("ROS_LOG_DIR", str(folder / "log"))
-        with sigterm_as_interrupt(), live_page(options.live) as run_is_over, Supervisor(folder) as supervisor:
+        with sigterm_as_interrupt(), Supervisor(folder) as supervisor:
             for node_name, arguments in node_arguments(source, options, folder).items():
                 supervisor.start(node_name, arguments)
             with Keyboard() as keyboard, _command(options, folder) as command, ReplayNode(supervisor) as node:
@@ -78,7 +77,7 @@ def replay(
                     results.interrupted = interrupted()
                 if external is not None:
                     external.observe(results)
-                run_is_over()
+                options.at_end()
                 return results
 
 
