@@ -1,8 +1,10 @@
 """Load tests of the live page that no test suite has time for: `make live-soak`.
 
-python test/live/soak.py clients [MINUTES]   five pages, one that never reads, one that connects again each second, beside a
-                                             replay of the sample in a loop; first the same time without pages
-python test/live/soak.py load [SECONDS]      stereo images of 1 MP at 10 Hz and a cloud of a million points each 5 s
+python test/live/soak.py clients [MINUTES]
+    five pages, one that never reads, one that connects again each second, beside a replay of the sample in a loop;
+    first a third of the time without pages
+python test/live/soak.py load [SECONDS]
+    stereo images of 1 MP at 10 Hz and a cloud of a million points each 5 s
 """
 
 from __future__ import annotations
@@ -141,9 +143,8 @@ async def clients(minutes: float) -> None:
     print(
         f"server memory: {memory[0] / 1e6:.1f} MB before, then {min(settled) / 1e6:.1f} to {max(settled) / 1e6:.1f} MB"
     )
-    print(
-        f"each page: {pages[0].media / seconds / 1e6:.2f} MB/s images and clouds, {pages[0].figures / seconds / 1e3:.1f} kB/s"
-    )
+    media, figures = pages[0].media / seconds / 1e6, pages[0].figures / seconds / 1e3
+    print(f"each page: {media:.2f} MB/s of images and clouds, {figures:.1f} kB/s of figures")
     print(f"lost in transport to the nodes: {lost}; the server: {state['server']}")
 
 
