@@ -37,7 +37,7 @@ TOPICS_READ = (
         f"{task}/{side}/{part}"
         for task in ("loc", "nav")
         for side in ("left", "right")
-        for part in ("image_rect", "image_rect/compressed", "camera_info")
+        for part in ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
     ),
     "nav/pose",
     "localisation/odometry",

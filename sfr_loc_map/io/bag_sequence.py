@@ -24,6 +24,7 @@ from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.folder import check_size
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message
 from sfr_loc_map.io.point_image import points_image
+from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.io.trajectory_file import check_order
 
@@ -32,6 +33,8 @@ LOOK_AHEAD = 32
 RB_FRAME = "rb"
 LOCSB_FRAME = "locsb"
 Task = Literal["loc", "nav"]
+TASKS: tuple[Task, ...] = ("loc", "nav")
+RECTIFIED, RAW = "image_rect", "image_raw"
 
 _log = logging.getLogger(__name__)
 
@@ -50,8 +53,11 @@ class _PairTopics:
     def __init__(self, bag: Bag, task: Task) -> None:
         self.bag = bag
         self.task = task
-        self.left = _require(bag, f"{task}/left/image_rect", IMAGE, COMPRESSED)
-        self.right = _require(bag, f"{task}/right/image_rect", IMAGE, COMPRESSED)
+        self.is_raw = image_name(bag, task) == RAW
+        self.left, self.right = (
+            _require(bag, f"{task}/{side}/{RAW if self.is_raw else RECTIFIED}", IMAGE, COMPRESSED) for side in SIDES
+        )
+        self._rectifier: StereoRectifier | None = None
         self.points = bag.find("ground_truth/points", POINTS) if task == "nav" else None
         self._found: _Pairs | None = None
 
@@ -68,7 +74,11 @@ class _PairTopics:
                 raise InputError(f"bag '{self.bag.path}' has no message on '{topic.bag_name}': the rig is not known")
         extrinsics = read_extrinsics(self.bag, RB_FRAME, LOCSB_FRAME) if self.task == "loc" else None
         try:
-            return rig_from_camera_info(first[infos[0].name], first[infos[1].name], self.task, extrinsics)
+            messages = first[infos[0].name], first[infos[1].name]
+            if not self.is_raw:
+                return rig_from_camera_info(*messages, self.task, extrinsics)
+            rig, self._rectifier = rectified_rig(messages, self.task, T_rb_sb=extrinsics)
+            return rig
         except InputError as error:
             raise InputError(f"bag '{self.bag.path}': {error}") from error
 
@@ -111,7 +121,8 @@ class _PairTopics:
 
     def pair(self, stamp_ns: int, raw: Mapping[str, bytes], rig: StereoRig) -> StereoPair:
         """Return the decoded pair of a stamp."""
-        return StereoPair(stamp_ns, *(self.image(topic, raw[topic.name], rig) for topic in (self.left, self.right)))
+        left, right = (self.image(topic, raw[topic.name], rig) for topic in (self.left, self.right))
+        return StereoPair(stamp_ns, *(self._rectifier.rectify(left, right) if self._rectifier else (left, right)))
 
     def _scan(self) -> _Pairs:
         stamps: dict[str, list[int]] = {topic.name: [] for topic in self.topics}
@@ -236,9 +247,7 @@ def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:
         InputError: If it is broken, or has the images of neither task.
     """
     bag = Bag(path, remap)
-    has = {
-        task: any(bag.find(f"{task}/{side}/image_rect", IMAGE, COMPRESSED) for side in SIDES) for task in ("loc", "nav")
-    }
+    has = {task: image_name(bag, task) is not None for task in TASKS}
     if not any(has.values()):
         raise InputError(
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
@@ -246,7 +255,16 @@ def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:
         )
     loc: LocSequence | None = BagLocSequence(bag) if has["loc"] else None
     nav: NavSequence | None = BagNavSequence(bag) if has["nav"] else None
-    return Source(path, "bag", loc, nav)
+    raw = any(image_name(bag, task) == RAW for task in TASKS)
+    return Source(path, "bag of raw images" if raw else "bag", loc, nav)
+
+
+def image_name(bag: Bag, task: Task) -> str | None:
+    """Return the last part of the names of a task's images: rectified ones before raw ones, None without any."""
+    for name in (RECTIFIED, RAW):
+        if any(bag.find(f"{task}/{side}/{name}", IMAGE, COMPRESSED) for side in SIDES):
+            return name
+    return None
 
 
 def _require(bag: Bag, name: str, *msgtypes: str) -> Topic:

@@ -109,7 +109,8 @@ def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraIn
         found.append("projection p is not that of a rectified camera side by side with the other")
     if found:
         raise InputError(
-            f"{name}/camera_info is non-rectified ({', '.join(found)}): give rectified images and their camera_info"
+            f"{name}/camera_info is non-rectified ({', '.join(found)}): give rectified images and their camera_info, "
+            f"or raw images on image_raw (nodes: parameter input.rectify)"
         )
 
 

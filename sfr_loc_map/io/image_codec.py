@@ -22,6 +22,15 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.io.image_header import FORMATS, JPEG_MAGIC, PNG_MAGIC, claimed_size, decoded_pixel_bytes
 
+BAYER = {
+    "rggb": cv2.COLOR_BayerBG2GRAY,
+    "bggr": cv2.COLOR_BayerRG2GRAY,
+    "gbrg": cv2.COLOR_BayerGR2GRAY,
+    "grbg": cv2.COLOR_BayerGB2GRAY,
+}
+"""Mosaics by their first four pixels; OpenCV names them by the second pixels of the second and third row."""
+LUMA = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
+"""Encodings of a luma and half a colour a pixel: which of the two samples is the luma."""
 ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     "mono8": (np.uint8, 1),
     "8UC1": (np.uint8, 1),
@@ -30,8 +39,13 @@ ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     "rgb8": (np.uint8, 3),
     "bgr8": (np.uint8, 3),
     "8UC3": (np.uint8, 3),
+    **{f"bayer_{order}8": (np.uint8, 1) for order in BAYER},
+    **{f"bayer_{order}16": (np.uint16, 1) for order in BAYER},
+    **dict.fromkeys(LUMA, (np.uint8, 2)),
 }
 """Encodings of sensor_msgs/Image that are read: type of a sample and samples per pixel."""
+MIN_MOSAIC = 4
+"""Least side of a Bayer mosaic, pixels."""
 MAX_DECODED_BYTES = 2**27
 """Largest image that is decoded: 8192 x 8192 in 8-bit grey twice, 5792 x 5792 in colour."""
 ROWS_AT_ONCE = 256
@@ -137,7 +151,21 @@ def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_ms
     rows = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
     image = np.ascontiguousarray(rows).view(dtype).astype(kind, copy=False)
     shape = (height, width) if samples == 1 else (height, width, samples)
-    return grey8(image.reshape(shape), "rgb" if message.encoding == "rgb8" else "bgr")
+    try:
+        return _grey_of(image.reshape(shape), message.encoding)
+    except InputError as error:
+        raise InputError(f"image of stamp {stamp} {error}") from error
+
+
+def _grey_of(image: NDArray[Any], encoding: str) -> GreyImage:
+    """Return samples of an encoding as 8-bit grey."""
+    if encoding in LUMA:
+        return np.ascontiguousarray(image[:, :, LUMA[encoding]])
+    if encoding.startswith("bayer_"):
+        if min(image.shape) < MIN_MOSAIC:
+            raise InputError(f"is {image.shape[1]} x {image.shape[0]}: too small for a Bayer mosaic")
+        return grey8(np.asarray(cv2.cvtColor(image, BAYER[encoding[6:10]])))
+    return grey8(image, "rgb" if encoding == "rgb8" else "bgr")
 
 
 def image_from_compressed_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/CompressedImage

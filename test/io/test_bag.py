@@ -26,13 +26,16 @@ from made_worlds import (
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import ConfigError, InputError, OutputError, SfrError
 from sfr_loc_map.io import bag_messages as messages
 from sfr_loc_map.io.bag import TYPESTORE, Bag
 from sfr_loc_map.io.bag_poses import read_trajectory
 from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.bag_writer import CheckedWriter
+from sfr_loc_map.io.rectification import rectified_rig
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.pipeline.playback.message_stream import messages_of
 
 
 def write_messages(path: Path, entries: list[tuple[str, int, Any]], *, mcap: bool = True) -> Path:
@@ -250,6 +253,25 @@ def test_camera_info_that_is_not_of_a_rectified_pair(
     bag = write_messages(tmp_path / "b", change(loc_entries(world), "/" + topic, **make(world)))
     with pytest.raises(InputError, match=f"(?s){bag}.*{words}"):
         open_source(bag)
+
+
+def test_a_bag_of_raw_images_is_rectified_as_it_is_read(tmp_path: Path, world: World) -> None:
+    d = np.array([-0.1, 0.02, 0.001, -0.001, 0.0])
+    raw = [(t.replace("image_rect", "image_raw"), s, m) for t, s, m in loc_entries(world)]
+    raw = change(change(raw, "/loc/left/camera_info", d=d), "/loc/right/camera_info", d=d)
+    bag = write_messages(tmp_path / "b", raw)
+    source = open_source(bag)
+    assert source.loc is not None
+    assert source.loc.rig.same_cameras(world.loc_rig)
+    infos = [replace(messages.camera_info(START_NS, world.loc_rig, "loc", side), d=d) for side in SIDES]
+    _, rectifier = rectified_rig(infos, "loc")
+    for found, pair in zip(source.loc.pairs(), world.pairs, strict=True):
+        left, right = rectifier.rectify(pair.left, pair.right)
+        assert np.array_equal(found.left, left)
+        assert np.array_equal(found.right, right)
+        assert not np.array_equal(found.left, pair.left)
+    played = [item.topic for item in messages_of(source, {})]
+    assert "loc/left/image_rect" in played  # a replay sends them as the nodes expect them
 
 
 def test_missing_camera_info_is_named(tmp_path: Path, world: World) -> None:

@@ -62,10 +62,30 @@ def test_rgb_and_bgr_differ_in_order_only(image: np.ndarray) -> None:
     assert np.abs(first - luma).max() <= 0.6
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("order", ["rggb", "bggr", "gbrg", "grbg"])
+def test_mosaics_become_luma(order: str, bits: int) -> None:
+    colours = {"r": 200, "g": 120, "b": 40}
+    cell = np.array([[colours[order[0]], colours[order[1]]], [colours[order[2]], colours[order[3]]]])
+    mosaic = np.tile(cell, (5, 6)).astype(np.uint16 if bits == 16 else np.uint8) * (257 if bits == 16 else 1)
+    luma = 0.299 * 200 + 0.587 * 120 + 0.114 * 40  # ITU-R BT.601
+    found = image_from_message(message(mosaic, f"bayer_{order}{bits}"))
+    assert found.shape == mosaic.shape
+    assert np.abs(found[1:-1, 1:-1] - luma).max() <= 1.0
+
+
+@pytest.mark.parametrize(("coding", "luma_at"), [("yuv422", 1), ("uyvy", 1), ("yuv422_yuy2", 0), ("yuyv", 0)])
+def test_luma_of_yuv422_is_the_image(coding: str, luma_at: int) -> None:
+    pixels = np.random.default_rng(7).integers(0, 256, (6, 8, 2), dtype=np.uint8)
+    np.testing.assert_array_equal(image_from_message(message(pixels, coding, 3)), pixels[..., luma_at])
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"encoding": "bayer_rggb8"}, "encoding 'bayer_rggb8'.*mono8"),
+        ({"encoding": "nv21"}, "encoding 'nv21'.*mono8"),
+        ({"encoding": "yuv422"}, "too few"),
+        ({"encoding": "bayer_rggb8", "height": 3}, "too small for a Bayer mosaic"),
         ({"step": 3}, "step 3"),
         ({"height": 5}, "too few"),
         ({"width": 0}, "0 x 4"),

@@ -25,11 +25,13 @@ from rosgraph_msgs.msg import Clock
 from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
+from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.io.rectification import rectified_rig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
@@ -202,13 +204,32 @@ def test_images_that_claim_to_be_huge_do_no_harm(ros: None, capfd: Capture) -> N
             image = CompressedImage(header=header, format="png", data=bomb)
             peer.publish(CompressedImage, f"loc/{side}/image_rect/compressed", image)
         peer.until(lambda: any("is 65535 x 65535" in text for text in problems(peer.diagnostics)), "refusal")
-        for side in ("left", "right"):
-            mosaic = Image(header=header_msg(loc_pair(0).stamp_ns - 3, ""), width=160, height=120, step=160)
-            mosaic.encoding, mosaic.data = "bayer_rggb8", bytes(160 * 120)
-            peer.publish(Image, f"loc/{side}/image_rect", mosaic)
-        peer.until(lambda: any("Bayer mosaics are not supported" in t for t in problems(peer.diagnostics)), "refusal")
         peer.play(0)
         assert psutil.Process().memory_info().rss - before < 100e6
+
+
+def test_raw_images_are_rectified_in_the_node(ros: None, capfd: Capture) -> None:
+    """The node's poses are those of the localiser with images rectified offline."""
+    infos = [bag_messages.camera_info(START_NS, LOC_RIG, "loc", side) for side in SIDES]
+    for side_info in infos:
+        side_info.d[:] = (-0.1, 0.02, 0.001, -0.001, 0.0)
+    _, rectifier = rectified_rig(infos, "loc")
+    localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, "--ros-args", *MOUNT, "-p", "input.rectify:=true"):
+        for side, side_info in zip(SIDES, infos, strict=True):
+            peer.publish(CameraInfo, f"loc/{side}/camera_info", raw(side_info))
+        expected = []
+        for index in range(3):
+            pair = loc_pair(index)
+            expected.append(
+                localiser.process(StereoPair(pair.stamp_ns, *rectifier.rectify(pair.left, pair.right))).T_ds_rb
+            )
+            for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):
+                peer.publish(
+                    Image, f"loc/{side}/image_raw", raw(bag_messages.image(pair.stamp_ns, pixels, "loc", side))
+                )
+            peer.until(lambda index=index: len(peer.odometry) > index, "odometry")
+        assert [odometry_row(m)[1] for m in peer.odometry] == [tuple(pose.translation) for pose in expected]
 
 
 def test_the_debug_image_shows_what_the_localiser_found(ros: None, capfd: Capture) -> None:
@@ -298,7 +319,7 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
         images = {
             "its camera_info says": {"height": 2**31, "width": 2**31, "step": 2**31},
             "too few": {**size, "step": 2**31, "encoding": "mono8"},
-            "encoding 'bayer_rggb8'": {**size, "step": 160, "encoding": "bayer_rggb8"},
+            "encoding 'nv21'": {**size, "step": 160, "encoding": "nv21"},
         }
         for number, (words, fields) in enumerate(images.items()):
             stamp = START_NS - PERIOD_NS * (len(images) - number)

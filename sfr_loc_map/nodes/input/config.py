@@ -15,8 +15,14 @@ class StereoInputConfig:
 
     image_transport: str = param(
         "auto",
-        doc="Topics of images: image_rect (raw), image_rect/compressed (compressed), or both (auto).",
+        doc="Topics of images: image_rect (raw), image_rect/compressed (compressed), or both (auto); of image_raw "
+        "likewise.",
         choices=("raw", "compressed", "auto"),
+    )
+    rectify: bool = param(
+        False,
+        doc="Take image_raw instead of image_rect, and rectify it by the D, K, R and P of camera_info: models "
+        "plumb_bob, rational_polynomial, equidistant (fisheye).",
     )
     reliability: str = param(
         "best_effort",

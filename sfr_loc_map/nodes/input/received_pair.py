@@ -9,6 +9,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.io.rectification import StereoRectifier
 from sfr_loc_map.nodes.messages.image import grey_from_image
 from sfr_loc_map.pipeline.online.latency import MessageTimes
 
@@ -36,6 +37,7 @@ class ReceivedPair:
         frame_id: Frame of the left camera by its camera_info.
         left: Left image.
         right: Right image.
+        rectifier: What rectifies the images, None where they are rectified.
     """
 
     stamp_ns: int
@@ -43,6 +45,7 @@ class ReceivedPair:
     frame_id: str
     left: ReceivedImage
     right: ReceivedImage
+    rectifier: StereoRectifier | None = None
 
     @property
     def times(self) -> tuple[MessageTimes, MessageTimes]:
@@ -50,12 +53,13 @@ class ReceivedPair:
         return self.left.times, self.right.times
 
     def decode(self) -> StereoPair:
-        """Return the images in grey.
+        """Return the images in grey, rectified.
 
         Raises:
             InputError: If one cannot be read.
         """
-        return StereoPair(self.stamp_ns, _grey(self.left.message, self.rig), _grey(self.right.message, self.rig))
+        images = _grey(self.left.message, self.rig), _grey(self.right.message, self.rig)
+        return StereoPair(self.stamp_ns, *(images if self.rectifier is None else self.rectifier.rectify(*images)))
 
 
 def _grey(message: Any, rig: StereoRig) -> GreyImage:  # noqa: ANN401 - Image or CompressedImage

@@ -48,10 +48,11 @@ class StereoSubscriber:
         self._synchronizer = StereoSynchronizer(name, config, handlers, status.error)
         qos = profile(config.reliability, config.queue_depth)
         topics: list[tuple[str, type[Any]]] = []
+        image = "image_raw" if config.rectify else "image_rect"
         if config.image_transport != "compressed":
-            topics.append(("image_rect", Image))
+            topics.append((image, Image))
         if config.image_transport != "raw":
-            topics.append(("image_rect/compressed", CompressedImage))
+            topics.append((f"{image}/compressed", CompressedImage))
         for side in SIDES:
             on_info = partial(self._synchronizer.add_camera_info, side)
             endpoints.add_subscription(CameraInfo, f"{name}/{side}/camera_info", on_info, qos)

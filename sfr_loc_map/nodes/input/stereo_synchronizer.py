@@ -13,6 +13,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.nodes.input.config import StereoInputConfig
 from sfr_loc_map.nodes.input.received_pair import ReceivedImage, ReceivedPair
 from sfr_loc_map.nodes.messages.image import check_image
@@ -70,6 +71,8 @@ class StereoSynchronizer:
         self._infos: dict[Side, CameraInfo] = {}
         self._fresh_sides: set[Side] = set()
         self._depth = config.queue_depth
+        self._rectify = config.rectify
+        self._rectifier: StereoRectifier | None = None
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
 
@@ -113,7 +116,7 @@ class StereoSynchronizer:
 
     def _update_rig(self) -> None:
         try:
-            rig = rig_from_camera_info(self._infos["left"], self._infos["right"], self._name)
+            rig = self._new_rig()
         except InputError as error:
             self._report(str(error))
             return
@@ -122,6 +125,18 @@ class StereoSynchronizer:
             self._handlers.on_rig(rig)
         while self._without_rig:
             self._hand_over(rig, self._without_rig.popleft())
+
+    def _new_rig(self) -> StereoRig:
+        """Return the rig of the last camera_info, and make what rectifies its images.
+
+        Raises:
+            InputError: If they are not those of a rig.
+        """
+        infos = self._infos["left"], self._infos["right"]
+        if not self._rectify:
+            return rig_from_camera_info(*infos, self._name)
+        rig, self._rectifier = rectified_rig(infos, self._name, self._rectifier)
+        return rig
 
     def _hand_over(self, rig: StereoRig, images: tuple[ReceivedImage, ReceivedImage]) -> None:
         stamp_ns = stamp_of(images[0].message)
@@ -139,4 +154,4 @@ class StereoSynchronizer:
             self._handlers.on_jump_back()
         self._last_ns = stamp_ns
         frame_id = str(self._infos["left"].header.frame_id)
-        self._handlers.on_pair(ReceivedPair(stamp_ns, rig, frame_id, *images))
+        self._handlers.on_pair(ReceivedPair(stamp_ns, rig, frame_id, *images, self._rectifier))

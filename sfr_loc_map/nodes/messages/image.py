@@ -38,7 +38,7 @@ def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None
         size: Width and height given by the camera_info.
 
     Raises:
-        InputError: If the size is another or the image is a Bayer mosaic.
+        InputError: If the size is another.
     """
     if isinstance(message, Image):
         found: tuple[int, int] | None = (int(message.width), int(message.height))
@@ -49,11 +49,6 @@ def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None
         raise InputError(
             f"image of stamp {stamp_of(message)} is {what}: its camera_info says {size[0]} x {size[1]}; "
             f"publish the camera_info of these images"
-        )
-    if isinstance(message, Image) and message.encoding.startswith("bayer_"):
-        raise InputError(
-            f"image of stamp {stamp_of(message)} has encoding '{message.encoding}': Bayer mosaics are not supported; "
-            f"debayer and rectify it before (image_proc), and give image_rect"
         )
 
 

@@ -85,10 +85,6 @@ def _rig(seen: Observation, task: str) -> StereoRig | None:
 
 
 def _encoding(topic: ObservedTopic, error: InputError) -> Finding:
-    encoding = getattr(topic.messages[0], "encoding", "")
-    if encoding.startswith("bayer"):
-        text = f"its encoding {encoding} is a Bayer mosaic"
-        return blocking(Cause.ENCODING, topic.found, text, "rectify colour or grey (image_proc) and publish that")
     return blocking(Cause.ENCODING, topic.found, str(error), "publish mono8, mono16, rgb8 or bgr8")
 
 
