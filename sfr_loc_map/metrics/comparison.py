@@ -21,8 +21,9 @@ from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.records.json_records import Key, to_plain
 from sfr_loc_map.metrics.records.score_details import SubTrajectoryRows
 from sfr_loc_map.metrics.same_data import check_same_data, sub_trajectories_of
-from sfr_loc_map.metrics.score import CallScore, Interval, MapScore, PeakMemory, SampleStatistic, Score
-from sfr_loc_map.metrics.statistics.quantiles import student_quantile
+from sfr_loc_map.metrics.score import CallScore, Interval, MapScore, MethodRecord, PeakMemory, SampleStatistic, Score
+from sfr_loc_map.metrics.statistics.multiple_comparisons import holm
+from sfr_loc_map.metrics.statistics.quantiles import student_quantile, student_share
 from sfr_loc_map.metrics.statistics.running_statistics import norm
 from sfr_loc_map.metrics.trajectory.confidence import (
     MIN_FREEDOM,
@@ -64,6 +65,8 @@ class PairedDifference:
         difference: Other less first: below zero the other is better.
         ci95: 95 % interval of the difference.
         outcome: What the interval says; `no difference shown` if it holds zero.
+        p: Probability of such a difference by chance, by the scatter that the interval is made of; None without one.
+        p_corrected: The same corrected for the number of comparisons (Holm).
     """
 
     name: str
@@ -76,6 +79,8 @@ class PairedDifference:
     difference: float | None
     ci95: Interval | None
     outcome: Annotated[Outcome, Key("verdict")]
+    p: float | None = None
+    p_corrected: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,17 +102,22 @@ class Comparison:
 
     Attributes:
         names: Name of each score.
+        methods: Whose figures each has, None where it does not say so.
         pairs: By other score, condition and figure.
         side_by_side: Figures of whole runs.
     """
 
     names: tuple[str, ...]
+    methods: tuple[MethodRecord | None, ...] = ()
     pairs: tuple[PairedDifference, ...]
     side_by_side: tuple[SideBySide, ...]
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values."""
-        return {"schema": SCHEMA, **{key: to_plain(getattr(self, key)) for key in ("names", "pairs", "side_by_side")}}
+        return {
+            "schema": SCHEMA,
+            **{key: to_plain(getattr(self, key)) for key in ("names", "methods", "pairs", "side_by_side")},
+        }
 
 
 def _of_points(value: Callable[[SampleStatistic], float | None]) -> Callable[[Score], float | None]:
@@ -165,14 +175,21 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
         raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")
     for score, name in zip(scores[1:], names[1:], strict=True):
         check_same_data(scores[0], score, (names[0], name))
-    pairs = [
-        pair for score, name in zip(scores[1:], names[1:], strict=True) for pair in _paired(scores[0], score, name)
-    ]
+    pairs = _all_paired(scores, names)
     rows = [SideBySide(figure=name, values=tuple(map(value, scores))) for name, value in SIDE_BY_SIDE.items()]
     side_by_side = [row for row in rows if sum(value is not None for value in row.values) > 1]
     if not pairs and not side_by_side:
         raise MetricsError("the scores have no condition and no figure in common: score the same data alike")
-    return Comparison(names=tuple(names), pairs=tuple(pairs), side_by_side=tuple(side_by_side))
+    methods = tuple(score.method for score in scores)
+    return Comparison(names=tuple(names), methods=methods, pairs=tuple(pairs), side_by_side=tuple(side_by_side))
+
+
+def _all_paired(scores: Sequence[Score], names: Sequence[str]) -> list[PairedDifference]:
+    """Return all pairs with the first score, their probabilities corrected for their number."""
+    others = zip(scores[1:], names[1:], strict=True)
+    pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
+    corrected = holm([pair.p for pair in pairs])
+    return [replace(pair, p_corrected=p) for pair, p in zip(pairs, corrected, strict=True)]
 
 
 def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:
@@ -243,11 +260,13 @@ def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overl
     block = max(1, int(np.ceil(overlap)))
     scatter = np.std(resampled_figures(b, block) - resampled_figures(a, block))
     share = (1.0 - 1.0 / independent) * blocks_share(overlap, float(block))
-    factor = WIDENING * student_quantile(0.975, max(independent - 1.0, MIN_FREEDOM))
-    half = float(factor * scatter / np.sqrt(share)) + _PRECISION
+    freedom = max(independent - 1.0, MIN_FREEDOM)
+    sigma = float(WIDENING * scatter / np.sqrt(share))
+    half = student_quantile(0.975, freedom) * sigma + _PRECISION
+    p = 2.0 * student_share(-max(abs(difference) - _PRECISION, 0.0) / sigma, freedom) if sigma > 0.0 else None
     outcome = Outcome.BETTER if difference < 0 else Outcome.WORSE
     outcome = Outcome.NO_DIFFERENCE if abs(difference) <= half else outcome
-    return replace(pair, ci95=(difference - half, difference + half), outcome=outcome)
+    return replace(pair, ci95=(difference - half, difference + half), outcome=outcome, p=p)
 
 
 def _mean_plus_3sigma(errors: FloatArray) -> float | None:

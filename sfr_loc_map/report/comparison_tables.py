@@ -16,10 +16,12 @@ def comparison_tables(result: Comparison) -> list[Table]:
         columns = (
             Column("figure", words=True),
             Column("of", words=True),
-            *(Column(heading) for heading in (names[0], "other", "difference", "95 % interval", "n")),
+            *(Column(heading) for heading in (names[0], "other", "difference", "95 % interval", "n", "p, corrected")),
             Column("the other is", words=True),
         )
-        tables.append(Table("pairs", title, columns, tuple(map(_pair_row, result.pairs))))
+        note = "The other is better or worse where the interval does not hold zero. p: of such a difference by chance, "
+        note += f"corrected for {len(result.pairs)} comparisons (Holm)."
+        tables.append(Table("pairs", title, columns, tuple(map(_pair_row, result.pairs)), note))
     if result.side_by_side:
         title = "Whole runs, side by side (not paired: no interval)"
         columns = (Column("figure", words=True), *(Column(name) for name in names))
@@ -41,5 +43,6 @@ def _pair_row(pair: PairedDifference) -> Row:
         Cell.number(pair.difference, undefined=ABSENT, signed=True),
         Cell.interval(pair.ci95, signed=True),
         Cell.number(pair.count),
+        Cell.number(pair.p_corrected, undefined=ABSENT),
         Cell(pair.outcome.value),
     )

@@ -12,10 +12,11 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.records.json_records import to_plain
 from sfr_loc_map.metrics.score import Interval
+from sfr_loc_map.metrics.statistics.multiple_comparisons import holm
 from sfr_loc_map.suite.figure_table import FigureKind, FigureName, by_pairing, figures_of
 from sfr_loc_map.suite.groups import Drive
 from sfr_loc_map.suite.pooling import drawn_weights
-from sfr_loc_map.suite.sign_flip import holm, sign_flip_p
+from sfr_loc_map.suite.sign_flip import sign_flip_p
 from sfr_loc_map.suite.summary import Summary
 
 SCHEMA = "sfr-suite-comparison/1"

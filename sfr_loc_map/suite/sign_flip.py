@@ -1,4 +1,4 @@
-"""Do drives agree that one run is worse than another: a sign-flip test, corrected for many comparisons.
+"""Do drives agree that one run is worse than another: a sign-flip test.
 
 Where two runs are equally good, each drive's log ratio of errors is as likely positive as negative. The mean log ratio
 is compared with its distribution over all choices of signs (Fisher 1935; exact for few drives, drawn for many). No
@@ -6,8 +6,6 @@ distribution of the errors is assumed, and one bad drive decides nothing.
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -39,14 +37,3 @@ def sign_flip_p(log_ratios: FloatArray) -> float | None:
     rng = np.random.default_rng([SEED, count])
     signs = rng.integers(0, 2, (DRAWS, count), dtype=np.int8) * 2.0 - 1.0
     return float((1 + np.count_nonzero(np.abs(signs @ log_ratios) >= observed)) / (1 + DRAWS))
-
-
-def holm(probabilities: Sequence[float | None]) -> list[float | None]:
-    """Return probabilities corrected for their number (Holm 1979); None stays and does not count."""
-    known = sorted((value, index) for index, value in enumerate(probabilities) if value is not None)
-    corrected: list[float | None] = [None] * len(probabilities)
-    largest = 0.0
-    for rank, (value, index) in enumerate(known):
-        largest = max(largest, min(1.0, value * (len(known) - rank)))
-        corrected[index] = largest
-    return corrected

@@ -110,9 +110,9 @@ def test_whole_runs_stand_side_by_side() -> None:
 def test_the_json_of_a_comparison() -> None:
     truth, (a, b) = estimates(6, (0.01, 0.02), 300)
     plain = compare_scores([score(a, truth), score(b, truth)], ["a", "b"]).to_dict()
-    assert list(plain) == ["schema", "names", "pairs", "side_by_side"]
+    assert list(plain) == ["schema", "names", "methods", "pairs", "side_by_side"]
     pairs = plain["pairs"]
     assert isinstance(pairs, list)
-    keys = "name condition figure count left_out first other difference ci95 verdict"
+    keys = "name condition figure count left_out first other difference ci95 verdict p p_corrected"
     assert list(pairs[0]) == keys.split()
     assert pairs[0]["condition"] == {"distance_m": 5.0}

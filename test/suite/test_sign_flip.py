@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from sfr_loc_map.suite.sign_flip import EXACT_DRIVES, holm, sign_flip_p
+from sfr_loc_map.metrics.statistics.multiple_comparisons import holm
+from sfr_loc_map.suite.sign_flip import EXACT_DRIVES, sign_flip_p
 
 
 def test_exact_probability_is_that_of_all_signs() -> None:

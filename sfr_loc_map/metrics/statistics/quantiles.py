@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scipy.special import gammaincinv, stdtrit
+from scipy.special import gammaincinv, stdtr, stdtrit
 
 
 def chi2_quantile(share: float, freedom: float) -> float:
@@ -17,3 +17,8 @@ def chi2_quantile(share: float, freedom: float) -> float:
 def student_quantile(share: float, freedom: float) -> float:
     """Return the value that a Student t variable stays below with this probability."""
     return float(stdtrit(freedom, share))
+
+
+def student_share(value: float, freedom: float) -> float:
+    """Return the probability with which a Student t variable stays below a value."""
+    return float(stdtr(freedom, value))
