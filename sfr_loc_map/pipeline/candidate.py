@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 
+from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.estimate import PoseEstimate
-from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper, MapperCall
 from sfr_loc_map.methods.method import Method, MethodLimits
@@ -16,6 +19,8 @@ from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.records.method_record import MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.offline import MapRun, Progress
+
+DEFAULT_STEP_S = 0.1
 
 
 def localise_with(
@@ -32,9 +37,11 @@ def localise_with(
     Raises:
         MethodError: If it does not start.
     """
-    with IsolatedLocaliser(method, sequence.rig, T_ds_rb, limits) as localiser:
+    first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
+    step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
+    with IsolatedLocaliser(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}) as localiser:
         for pair in sequence.pairs():
-            call = localiser.process(pair)
+            call = localiser.process(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
             record = CallRecord(
                 pair.stamp_ns,
                 call.usage.processing_time_s,
@@ -68,7 +75,8 @@ def map_pairs_with(
     if not 1 <= len(sequence) <= MAX_PAIRS:
         raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")
     maps, records = [], []
-    with IsolatedMapper(method, sequence.rig, limits) as mapper:
+    searched = search_range(sequence.rig, MappingConfig()).count
+    with IsolatedMapper(method, sequence.rig, limits, {"disparities": searched}) as mapper:
         for index, item in enumerate(sequence.pairs()):
             done, call = mapper.process(item.pair, item.T_lm_navsb, index)
             maps.append(done)

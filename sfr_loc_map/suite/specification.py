@@ -7,7 +7,7 @@ sources:                                  # paths and globs, relative to this fi
   - {simulate: config/simulation/rocky.yaml, seeds: [1, 2], set: {drive.pairs: 60}}
   - {estimate: other/est.tum, truth: data/drive}      # of the task `score`
 perturb: ["black:share=0.1", "blurred+noisy"]         # each as well as the source without faults
-configurations: {default: {}, few: {localisation: {max_features: 400}}}
+configurations: {default: {}, few: {localisation: {max_features: 400}}, other: {localisation: {method: opencv}}}
 tasks: [localise, map]                    # localise, map, replay; score for estimates. Default: what a source has
 conditions: [distance=5]
 spacing: 10
@@ -35,13 +35,16 @@ from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.methods.method import MethodTask
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.verdicts.limits import parse_limits
 from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.suite.method import METHOD_KEYS, suite_method
 from sfr_loc_map.suite.remote import is_remote
 from sfr_loc_map.suite.task import Scoring, TaskKind
 
 SECTIONS = {"localisation": LocalisationConfig, "mapping": MappingConfig}
+METHOD_TASKS = {"localisation": MethodTask.LOCALISE, "mapping": MethodTask.MAP}
 LISTS = ("sources", "perturb", "tasks", "conditions")
 
 
@@ -137,7 +140,7 @@ def load_specification(path: Path) -> SuiteSpecification:
         path=path,
         sources=sources,
         perturb=("", *map(_fault, lists["perturb"])),
-        configurations=_configurations(content.get("configurations"), str(path)),
+        configurations=_configurations(content.get("configurations"), path),
         tasks=tasks,
         conditions=tuple(Condition.parse(str(text)).setting for text in lists["conditions"]) or ("distance=5",),
         limits=_limits(content.get("limits"), path),
@@ -200,15 +203,18 @@ def _simulation(entry: Mapping[str, Any], origin: str) -> SourceEntry:
     return SourceEntry(str(entry["simulate"]), seeds=tuple(seeds), settings=dict(settings))
 
 
-def _configurations(value: object, origin: str) -> dict[str, dict[str, object]]:
+def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
     if value is None:
         return {"default": {}}
     if not isinstance(value, Mapping) or not value:
-        raise ConfigError(f"{origin}: 'configurations' must map names to parameters, as {{default: {{}}}}")
-    return {str(name): _parameters(content, f"{origin}: configuration '{name}'") for name, content in value.items()}
+        raise ConfigError(f"{path}: 'configurations' must map names to parameters, as {{default: {{}}}}")
+    return {
+        str(name): _parameters(content, f"{path}: configuration '{name}'", path.parent)
+        for name, content in value.items()
+    }
 
 
-def _parameters(content: object, origin: str) -> dict[str, object]:
+def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]:
     """Return parameters by dotted name, those with their default value left out."""
     if not isinstance(content, Mapping):
         raise ConfigError(f"{origin}: a mapping with 'localisation' and 'mapping' is needed")
@@ -217,8 +223,12 @@ def _parameters(content: object, origin: str) -> dict[str, object]:
         if section not in SECTIONS or not isinstance(values, Mapping):
             raise ConfigError(f"{origin}: '{section}' is no mapping of parameters; known: {', '.join(SECTIONS)}")
         default = flatten(SECTIONS[section]())
-        given = flatten(build(SECTIONS[section], values, origin=origin))
+        own = {name: value for name, value in values.items() if name not in METHOD_KEYS}
+        given = flatten(build(SECTIONS[section], own, origin=origin))
         changed |= {f"{section}.{name}": value for name, value in given.items() if value != default[name]}
+        if METHOD_KEYS[0] in values:
+            chosen = suite_method(values, METHOD_TASKS[section], folder)
+            changed |= {f"{section}.{name}": value for name, value in chosen.items()}
     return changed
 
 

@@ -13,12 +13,14 @@ from pathlib import Path
 import yaml
 
 from sfr_loc_map.config import build
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.methods.method import MethodLimits, MethodTask
+from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.cloud.cloud_truth import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.records.json_records import to_plain
@@ -27,6 +29,7 @@ from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.metrics.verdicts.limits import parse_limits
 from sfr_loc_map.metrics.verdicts.verdicts import verdicts
 from sfr_loc_map.pipeline.call_stats import load_call_stats
+from sfr_loc_map.pipeline.candidate import localise_with, map_pairs_with
 from sfr_loc_map.pipeline.offline import localise, map_pairs, save_stats, start_pose, trajectory_of
 from sfr_loc_map.pipeline.perturb import faulty, perturb
 from sfr_loc_map.pipeline.score_inputs import ScoreInputs
@@ -34,6 +37,7 @@ from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, score_files, score_ru
 from sfr_loc_map.pipeline.simulate import simulate
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import Fault, parse_fault
+from sfr_loc_map.suite.method import METHOD_KEYS, task_method
 from sfr_loc_map.suite.reference_work import REFERENCE, reference_seconds
 from sfr_loc_map.suite.source_cache import SourceCache
 from sfr_loc_map.suite.task import SourceKind, Task, TaskKind
@@ -64,11 +68,17 @@ def _localise(task: Task, scratch: Path, cache: Path) -> Score:
     source = faulty(open_source(path), _faults(task), task.fault_seed)
     if source.loc is None:
         raise InputError(f"no drive in '{task.source.path}': give a source that has one")
-    config = build(LocalisationConfig, _section(task, "localisation"))
-    results = list(localise(source.loc, config, start_pose(source.loc, task.start)))
+    section, start = _section(task, "localisation"), start_pose(source.loc, task.start)
+    method = task_method(section, MethodTask.LOCALISE)
+    if method is None:
+        results = list(localise(source.loc, build(LocalisationConfig, section), start))
+        about = record_of_ours(MethodTask.LOCALISE)
+    else:
+        done = list(localise_with(method, source.loc, start.T_ds_rb, MethodLimits()))
+        results, about = [(result, record) for result, record, _ in done], done[-1][2]
     estimate, stats = Path("estimate.csv"), Path("stats.csv")
     save_trajectory(scratch / estimate, trajectory_of([result for result, _ in results]))
-    save_stats(scratch / stats, [record for _, record in results])
+    save_stats(scratch / stats, [record for _, record in results], about)
     return score_files(ScoreInputs(estimate=estimate, truth=path, stats=(stats,)), _score_config(task))
 
 
@@ -77,10 +87,15 @@ def _map(task: Task, scratch: Path, cache: Path) -> Score:
     source = faulty(open_source(path), _faults(task), task.fault_seed)
     if source.nav is None:
         raise InputError(f"no mapping pairs in '{task.source.path}': give a source that has them")
-    run = map_pairs(source.nav, build(MappingConfig, _section(task, "mapping")))
+    section = _section(task, "mapping")
+    method, about = task_method(section, MethodTask.MAP), record_of_ours(MethodTask.MAP)
+    if method is None:
+        run = map_pairs(source.nav, build(MappingConfig, section))
+    else:
+        run, about = map_pairs_with(method, source.nav, MethodLimits())
     cloud, stats = Path("cloud.npz"), Path("stats.csv")
     save_cloud(scratch / cloud, run.fused.cloud)
-    save_stats(scratch / stats, run.records)
+    save_stats(scratch / stats, run.records, about)
     inputs = ScoreInputs(cloud=cloud, map_truth=path, stats=(stats,))
     truths = truths_of(list(source.nav.pairs()), source.nav.rig)
     scored = ScoredCloud(load_cloud(cloud), truths)
@@ -98,6 +113,8 @@ def _replay(task: Task, scratch: Path, cache: Path) -> Score:
     if faults:
         perturb(open_source(path), scratch / "faulty", faults, task.fault_seed)
         path = scratch / "faulty"
+    if any(name.rpartition(".")[2] in METHOD_KEYS for name in task.parameters):
+        raise ConfigError("'method' of a configuration is for the tasks localise and map: a replay runs our nodes")
     out = scratch / "replay"
     command = [sys.executable, "-c", REPLAY, "replay", str(path), "--out", str(out), "--start", task.start]
     if task.parameters:

@@ -1,4 +1,4 @@
-/* A candidate that stands still, and at one pair does what its configuration says: "KIND NUMBER". */
+/* A candidate that stands still, and does at each pair what the word of its number in its configuration says. */
 #include "sfr_candidate.h"
 
 #include <math.h>
@@ -7,13 +7,14 @@
 #include <string.h>
 #include <unistd.h>
 
+#define LEAK 30000000
 #ifndef STATED_ABI
 #define STATED_ABI SFR_CANDIDATE_ABI
 #endif
 
 struct sfr_candidate {
-    char kind[32];
-    int at, calls;
+    char kinds[16][16];
+    int calls;
 };
 
 uint32_t sfr_candidate_abi(void)
@@ -33,7 +34,8 @@ sfr_candidate *sfr_candidate_create(const sfr_rig *rig, const char *config, char
         snprintf(message, message_size, "this rig is not to my taste");
         return NULL;
     }
-    sscanf(config, "%31s %d", self->kind, &self->at);
+    for (int number = 0, used = 0; number < 16 && sscanf(config, "%15s%n", self->kinds[number], &used) == 1; number++)
+        config += used;
     return self;
 }
 
@@ -45,7 +47,7 @@ void sfr_candidate_destroy(sfr_candidate *self)
 int32_t sfr_candidate_process(sfr_candidate *self, int64_t stamp_ns, const uint8_t *left, const uint8_t *right,
                               sfr_pose *pose, double *covariance, int32_t *status)
 {
-    const char *kind = self->calls++ == self->at ? self->kind : "";
+    const char *kind = self->calls < 16 ? self->kinds[self->calls++] : "";
     (void)left, (void)right;
     pose->stamp_ns = stamp_ns;
     pose->quat_xyzw[3] = 1.0;
@@ -57,10 +59,10 @@ int32_t sfr_candidate_process(sfr_candidate *self, int64_t stamp_ns, const uint8
     if (strcmp(kind, "hang") == 0)
         for (;;)
             sleep(1);
-    if (strcmp(self->kind, "leak") == 0) {
+    if (strcmp(self->kinds[0], "leak") == 0) {
         static volatile char *kept;
-        kept = malloc((size_t)self->at * 1000000);
-        for (size_t byte = 0; byte < (size_t)self->at * 1000000; byte += 512)
+        kept = malloc(LEAK);
+        for (size_t byte = 0; byte < LEAK; byte += 512)
             kept[byte] = 1;
     }
     if (strcmp(kind, "nan") == 0)
@@ -86,11 +88,11 @@ int32_t sfr_candidate_map(sfr_candidate *self, const sfr_pair *pair, const doubl
     (void)pair, (void)T_lm_navsb;
     *count = 1;
     points[0] = (sfr_point){1.0f, 2.0f, 3.0f, 0.1f, 4, 5};
-    if (strcmp(self->kind, "many") == 0)
+    if (strcmp(self->kinds[0], "many") == 0)
         *count = capacity + 1;
-    if (strcmp(self->kind, "pixel") == 0)
+    if (strcmp(self->kinds[0], "pixel") == 0)
         points[0].u = 60000;
-    if (strcmp(self->kind, "nan") == 0)
+    if (strcmp(self->kinds[0], "nan") == 0)
         points[0].y = NAN;
     return SFR_OK;
 }

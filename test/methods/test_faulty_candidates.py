@@ -42,33 +42,45 @@ def states(made: list[LocaliserCall]) -> list[str]:
     return [call.estimate.state.value for call in made]
 
 
+FIRST = str(PAIRS[0].stamp_ns)[:-3]
+
+
 @pytest.mark.parametrize(
-    ("config", "finding"),
+    ("config", "findings"),
     [
-        ("crash 2", "crashed: has ended by SIGABRT"),
-        ("hang 2", "hanging: has not answered for 0.5 s"),
-        ("nan 2", "not finite: the pose has a number that is not finite"),
-        ("stamp 2", "wrong stamp: answered for stamp 1700000000123456792, asked for 1700000000123456791"),
-        ("quaternion 2", "invalid result: the quaternion has length 3: must be 1"),
-        ("covariance 2", "invalid result: the covariance is not symmetric, or a variance is negative"),
-        ("beyond 2", "invalid result: wrote beyond the pose or the covariance"),
-        ("status 2", "invalid result: status is 9: must be 0 to 3"),
-        ("fail 2", "invalid result: sfr_candidate_process returned 7"),
+        ("ok crash", ["", "crashed: has ended by SIGABRT", "", "crashed: has ended by SIGABRT"]),
+        ("ok hang", ["", "hanging: has not answered for 0.5 s", ""]),
+        (
+            "ok nan stamp quaternion covariance beyond status fail ok",
+            [
+                "",
+                "not finite: the pose has a number that is not finite",
+                f"wrong stamp: answered for stamp {FIRST}792, asked for {FIRST}791",
+                "invalid result: the quaternion has length 3: must be 1",
+                "invalid result: the covariance is not symmetric, or a variance is negative",
+                "invalid result: wrote beyond the pose or the covariance",
+                "invalid result: status is 9: must be 0 to 3",
+                "invalid result: sfr_candidate_process returned 7",
+                "",
+            ],
+        ),
     ],
 )
-def test_a_faulty_call_is_named_and_the_next_pairs_have_poses(faulty: Path, config: str, finding: str) -> None:
-    made = calls(faulty, config)
-    assert states(made) == ["tracking", "tracking", "lost", "tracking"]
-    assert [call.finding.startswith(finding) for call in made] == [False, False, True, False]
-    assert made[2].reason == finding.partition(":")[0]
-    assert [call.estimate.stamp_ns for call in made] == [PAIRS[0].stamp_ns + n for n in range(4)]
-    np.testing.assert_allclose(made[2].estimate.covariance, 9999.0 * np.eye(6))
-    for call in made:  # also after a new start the last known pose is kept
+def test_a_faulty_call_is_named_and_the_next_pairs_have_poses(faulty: Path, config: str, findings: list[str]) -> None:
+    made = calls(faulty, config, len(findings))
+    for number, (call, finding) in enumerate(zip(made, findings, strict=True)):
+        assert call.finding.startswith(finding)
+        assert bool(call.finding) == bool(finding)
+        assert call.reason == finding.partition(":")[0]
+        assert call.estimate.state.value == ("lost" if finding else "tracking")
+        assert call.estimate.stamp_ns == PAIRS[0].stamp_ns + number
+        assert (call.estimate.covariance[0, 0] == 9999.0) == bool(finding)
+        # also after a new start the last known pose is kept
         np.testing.assert_allclose(call.estimate.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
 
 
 def test_after_too_many_crashes_it_is_not_started_again(faulty: Path) -> None:
-    made = calls(faulty, "crash 0", 6, replace(LIMITS, restarts=2))
+    made = calls(faulty, "crash", 6, replace(LIMITS, restarts=2))
     assert states(made) == ["lost"] * 6
     assert [call.finding.partition(":")[0] for call in made] == ["crashed"] * 3 + [""] * 3
     assert made[2].finding.endswith("not started again after 3 starts")
@@ -76,7 +88,7 @@ def test_after_too_many_crashes_it_is_not_started_again(faulty: Path) -> None:
 
 
 def test_a_leak_is_named_before_the_limit_ends_it(faulty: Path) -> None:
-    made = calls(faulty, "leak 30", 14)  # 30 MB a pair; at 400 MB it is ended
+    made = calls(faulty, "leak", 14)  # 30 MB a pair; at 400 MB it is ended
     found = [call.finding for call in made]
     leaking = [number for number, text in enumerate(found) if text.startswith("leaking: keeps 30 MB more")]
     ended = [number for number, text in enumerate(found) if text.startswith("out of memory: has 4")]
@@ -88,7 +100,7 @@ def test_a_leak_is_named_before_the_limit_ends_it(faulty: Path) -> None:
 
 def test_a_lost_candidate_is_no_finding_and_its_covariance_is_that_of_ds(faulty: Path) -> None:
     turned = Transform(matrix_from_rotvec([0.0, 0.0, np.pi / 2]), np.zeros(3))
-    made = calls(faulty, "lost 1", 3, start=turned)
+    made = calls(faulty, "ok lost", 3, start=turned)
     assert states(made) == ["tracking", "lost", "tracking"]
     assert not any(call.finding for call in made)
     variances = np.diag(made[0].estimate.covariance)
@@ -113,9 +125,9 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
     ("config", "finding"),
     [
         ("", ""),
-        ("many 0", "invalid result: wrote 19201 points: there is room for 19200"),
-        ("pixel 0", "invalid result: a point names a pixel outside 160 x 120"),
-        ("nan 0", "not finite: a point or its sigma is not finite"),
+        ("many", "invalid result: wrote 19201 points: there is room for 19200"),
+        ("pixel", "invalid result: a point names a pixel outside 160 x 120"),
+        ("nan", "not finite: a point or its sigma is not finite"),
     ],
 )
 def test_points_are_checked(faulty: Path, config: str, finding: str) -> None:
@@ -137,7 +149,7 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
     faulty: Path, drive: Path, tmp_path: Path, sfr: Sfr
 ) -> None:
     config, estimate, stats = tmp_path / "config.txt", tmp_path / "estimate.csv", tmp_path / "stats.csv"
-    config.write_text("crash 7")
+    config.write_text("ok ok ok ok ok ok ok crash")
     method = ("--method", f"lib:{faulty}", "--config", config)
     done = sfr("localise", drive, "-o", estimate, "--stats", stats, "--start", "truth", *method)
     assert done.code == 1
@@ -160,7 +172,7 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
 def test_the_others_go_on_in_a_benchmark(faulty: Path, build: Build, drive: Path) -> None:
     other = build(Path(__file__).parent / "faulty_candidate.c", name="libold.so", options=("-fPIC", "-shared"))
     specs = [f"lib:{faulty}", f"lib:{other}"]
-    good, bad = find_method(specs[0], MethodTask.LOCALISE), find_method(specs[1], MethodTask.LOCALISE, "crash 3")
+    good, bad = find_method(specs[0], MethodTask.LOCALISE), find_method(specs[1], MethodTask.LOCALISE, "ok ok ok crash")
     sequence = open_source(drive).loc
     assert sequence is not None
 

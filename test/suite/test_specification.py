@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,18 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     assert (made.settings.timing, made.settings.memory_mb, made.settings.repeats) == (True, 500, 1)
 
 
+def test_a_configuration_names_a_method(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("class Mine: pass")
+    (tmp_path / "mine.txt").write_text("fast")
+    part = {"method": "mine.py:Mine", "method_config": "mine.txt"}
+    made = load_specification(written(tmp_path, GOOD | {"configurations": {"mine": {"localisation": part}}}))
+    assert made.configurations["mine"] == {
+        "localisation.method": f"{tmp_path}/mine.py:Mine",
+        "localisation.method_config": "fast",
+        "localisation.method_sha256": hashlib.sha256(b"class Mine: pass").hexdigest(),
+    }
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -51,6 +64,8 @@ def test_every_key_means_something(tmp_path: Path) -> None:
         ({"perturb": ["rain"]}, "rain"),
         ({"configurations": {"a": {"localisation": {"wheels": 6}}}}, "wheels"),
         ({"configurations": {"a": {"radar": {}}}}, "radar"),
+        ({"configurations": {"a": {"mapping": {"method": "opencv"}}}}, "no method 'opencv' to map"),
+        ({"configurations": {"a": {"localisation": {"method": "lib:none.so"}}}}, "there is no library"),
         ({"tasks": ["fly"]}, "fly"),
         ({"conditions": ["distance=-1"]}, "distance=-1"),
         ({"limits": {"map": {"hills": 1}}}, "hills"),
