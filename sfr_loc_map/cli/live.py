@@ -37,6 +37,24 @@ PlayedRateOption = Annotated[
 TruthOption = Annotated[
     Path | None, typer.Option("--truth", metavar="SRC", help="Source with truth and images of what is played.")
 ]
+FoxgloveOption = Annotated[
+    bool, typer.Option("--foxglove", help="Serve the same over the Foxglove protocol besides, on loopback.")
+]
+FoxglovePortOption = Annotated[
+    int, typer.Option("--foxglove-port", metavar="P", min=0, max=65535, help="Its port; 0: a free one.")
+]
+
+
+def require_foxglove() -> None:
+    """Check that Foxglove's SDK can be imported.
+
+    Raises:
+        MissingExtraError: If it cannot.
+    """
+    try:
+        import foxglove  # noqa: F401 - does it import?
+    except ImportError as error:
+        raise MissingExtraError(f"--foxglove needs its SDK ({error}): pip install 'sfr_loc_map[foxglove]'") from error
 
 
 def require_live() -> None:
@@ -103,6 +121,8 @@ def live(
     truth: TruthOption = None,
     limits: LimitsOption = None,
     condition: ConditionOption = None,
+    foxglove: FoxgloveOption = False,
+    foxglove_port: FoxglovePortOption = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
@@ -124,7 +144,9 @@ def live(
         from sfr_loc_map.live.config import LiveConfig
 
         page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
-    views = Views(page, open_browser)
+    if foxglove:
+        require_foxglove()
+    views = Views(page, open_browser, foxglove_port if foxglove else None)
     if source is None:
         show_graph(namespace, views)
     else:

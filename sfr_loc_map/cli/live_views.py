@@ -26,10 +26,12 @@ class Views:
     Attributes:
         page: How the page is served; None: on the terminal.
         open_browser: Whether to open the page in the user's browser.
+        foxglove_port: Port to serve the Foxglove protocol on beside it; None: not.
     """
 
     page: LiveConfig | None
     open_browser: bool = False
+    foxglove_port: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +67,9 @@ def show_graph(namespace: str, views: Views) -> None:
     from sfr_loc_map.live.hub import Hub
     from sfr_loc_map.nodes.live.feed import RosFeed
 
-    hub = Hub()
-    with RosFeed(hub, namespace) as feed:
-        _show(hub, views, namespace or "live", feed.operator)
+    hub, title = Hub(), namespace or "live"
+    with _beside(hub, views, title) as fed, RosFeed(fed, namespace) as feed:
+        _show(hub, views, title, feed.operator)
 
 
 def show_recording(played: Played, views: Views) -> None:
@@ -82,9 +84,26 @@ def show_recording(played: Played, views: Views) -> None:
 
     recording = open_recording(played.path, played.truth)
     hub = Hub()
-    playback = Playback(hub, recording, played.score, played.limits)
-    with Player(playback, hub, recording.end_s, played.rate) as player:
-        _show(hub, views, recording.title, player)
+    with _beside(hub, views, recording.title) as fed:
+        playback = Playback(fed, recording, played.score, played.limits)
+        with Player(playback, fed, recording.end_s, played.rate) as player:
+            _show(hub, views, recording.title, player)
+
+
+@contextmanager
+def _beside(hub: Hub, views: Views, title: str) -> Iterator[Hub]:
+    """Serve Foxglove during the block where that is wanted; yield the hub that is to be fed."""
+    if views.foxglove_port is None:
+        yield hub
+        return
+    from sfr_loc_map.live.foxglove.view import FoxgloveView
+    from sfr_loc_map.live.hub import Hub
+    from sfr_loc_map.live.tee import Tee
+
+    other = Hub()
+    with FoxgloveView(other, views.foxglove_port, title) as served:
+        print(f"foxglove: {served.url}", flush=True)
+        yield Tee((hub, other))
 
 
 def _show(hub: Hub, views: Views, title: str, operator: Operator) -> None:

@@ -1,0 +1,1 @@
+"""A run over the Foxglove protocol, by its SDK (extra `[foxglove]`)."""

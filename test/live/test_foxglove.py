@@ -1,0 +1,175 @@
+"""A client of the Foxglove protocol reads every channel, and what it reads is what `state.json` says."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("foxglove", reason="needs the extra [foxglove]")
+pytest.importorskip("aiohttp", reason="needs the extra [live]")
+
+import aiohttp
+from foxglove_client import first_messages
+from live_run import updates
+
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.live.config import LiveConfig
+from sfr_loc_map.live.foxglove.messages import ERROR_SCALE
+from sfr_loc_map.live.foxglove.view import IMAGES, TOPICS, TRACKS, FoxgloveView
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.media import cloud_sample, image_sample
+from sfr_loc_map.live.server import LiveServer
+from sfr_loc_map.live.tee import Tee
+from sfr_loc_map.live.updates import View
+
+BEGIN_S = 1_700_000_000.0  # so long ago that all is stale, whenever it is asked for
+COUNT = 120
+STAMP_NS = 5_000_000_007
+LAYOUTS = Path(__file__).parents[2] / "config" / "foxglove"
+MOMENTARY = {"time_s", "age_s", "report_age_s", "server"}
+"""Ages: of the moment in which they are asked for."""
+
+
+def without_ages(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: without_ages(item) for key, item in value.items() if key not in MOMENTARY}
+    return [without_ages(item) for item in value] if isinstance(value, list) else value
+
+
+@pytest.fixture(scope="module")
+def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
+    """Channels and messages of a Foxglove client, `state.json` of the page beside it, what was fed."""
+    points = np.random.default_rng(1).uniform((0, 0, -1), (3, 2, 1), (500, 3)).astype(np.float32)
+    cloud = cloud_sample("mapping/points", STAMP_NS, points, np.full(500, 0.02), BEGIN_S, np.full(500, 0.5))
+    picture = np.full((48, 64), 90, np.uint8)
+    topics = [topic.removeprefix("/") for topic in (*IMAGES, TRACKS)]
+    images = [image_sample(topic, STAMP_NS, picture, BEGIN_S) for topic in topics]
+
+    async def run() -> tuple[Any, ...]:
+        for_page, for_foxglove = Hub(), Hub()
+        tee = Tee((for_page, for_foxglove))
+        server = LiveServer(LiveConfig(port=0), for_page)
+        ready = asyncio.Event()
+        task = asyncio.create_task(server.serve(lambda _: ready.set()))
+        await ready.wait()
+        with FoxgloveView(for_foxglove, 0, "rover1") as view:
+            assert view.url.startswith("ws://127.0.0.1:")
+            with pytest.raises(NodeError, match="--foxglove-port"):
+                FoxgloveView(Hub(), int(view.url.rpartition(":")[2]), "another").__enter__()
+            for update in (*updates(COUNT, BEGIN_S), cloud, *images):
+                tee.put(update)
+            await asyncio.sleep(0.2)
+            wanted: list[frozenset[View]] = []
+            channels, messages = await first_messages(view.url, lambda: wanted.append(tee.wanted))
+            async with aiohttp.ClientSession() as session, session.get(server.url + "state.json") as answer:
+                state = await answer.json()
+            await asyncio.sleep(0.3)
+            left = tee.wanted
+        task.cancel()
+        return channels, messages, state, (cloud, images, wanted, left, server.state.path.rows)
+
+    return asyncio.run(run())  # type: ignore[return-value]
+
+
+def test_every_channel_is_read_and_has_a_fitting_schema(shown: Any) -> None:
+    channels, messages, _, fed = shown
+    assert set(channels) == set(messages) == set(TOPICS)
+    names = {topic: channel["schemaName"] for topic, channel in channels.items()}
+    assert names["/mapping/points"] == "foxglove.PointCloud"
+    assert names["/mapping/grid"] == "foxglove.Grid"
+    assert names["/path/scene"] == "foxglove.SceneUpdate"
+    assert names["/path/estimate"] == names["/path/truth"] == "foxglove.PosesInFrame"
+    assert names["/loc/left"] == "foxglove.CompressedImage"
+    assert fed[2] == [frozenset(View)], "what is looked at is made"
+    assert fed[3] == frozenset(), "and nothing once the client is gone"
+
+
+def test_figures_are_those_of_state_json(shown: Any) -> None:
+    _, messages, state, _ = shown
+    figures = messages["/figures"]
+    assert figures["schema"] == "sfr-score/1"
+    assert without_ages(figures) == without_ages(state)
+    assert figures["trajectory"]["position_m"]["mean_plus_3sigma"] > 0.0
+    assert messages["/calls"] == state["live"]["last_call"]["localisation_node"]
+
+
+def test_path_and_scene_are_those_of_state_json(shown: Any) -> None:
+    _, messages, state, (*_, rows) = shown
+    latest, scene = state["live"]["localisation"], messages["/path/scene"]
+    xyz = {
+        name: [[pose["position"][axis] for axis in "xyz"] for pose in messages[f"/path/{name}"]["poses"]]
+        for name in ("estimate", "truth")
+    }
+    assert xyz["estimate"] == [list(row.position) for row in rows]
+    assert xyz["truth"] == [list(row.truth) for row in rows]
+    assert xyz["estimate"][-1] == pytest.approx(latest["position_m"], abs=1e-5)
+    stamp = messages["/path/estimate"]["timestamp"]
+    assert str(stamp["seconds"] * 10**9 + stamp["nanos"]) == latest["stamp_ns"]
+    lines = {entity["id"]: entity["lines"][0]["points"] for entity in scene["entities"]}
+    assert len(lines["truth"]) == len(lines["estimate"]) == len(lines["error"]) / 2 == COUNT
+    begin, end = (np.array([point[axis] for axis in "xyz"]) for point in lines["error"][-2:])
+    assert (end - begin) / ERROR_SCALE == pytest.approx(latest["error_m"], abs=1e-5)
+    ring = np.array([[point["x"], point["y"]] for point in lines["3 sigma"]]) - xyz["estimate"][-1][:2]
+    assert np.hypot(*ring.T) == pytest.approx(np.full(len(ring), 3 * 0.01))
+
+
+def test_cloud_grid_and_images_hold_what_was_fed(shown: Any) -> None:
+    _, messages, _, (cloud, images, *_) = shown
+    message, grid = messages["/mapping/points"], messages["/mapping/grid"]
+    assert [field["name"] for field in message["fields"]] == ["x", "y", "z", "sigma", "error"]
+    table = np.frombuffer(message["data"], "<f4").reshape(-1, message["point_stride"] // 4)
+    np.testing.assert_array_equal(table[:, :4], cloud.points)
+    np.testing.assert_array_equal(table[:, 4], cloud.error)
+    layers = [field["name"] for field in grid["fields"]]
+    values = np.frombuffer(grid["data"], "<f4").reshape(-1, grid["column_count"], len(layers))
+    assert values[..., layers.index("count")][np.isfinite(values[..., 3])].sum() == len(cloud.points)
+    x, y = (table[:, axis] - grid["pose"]["position"][name] for axis, name in enumerate("xy"))
+    mine = (x // grid["cell_size"]["x"] == 7) & (y // grid["cell_size"]["y"] == 4)
+    assert mine.any()
+    assert values[4, 7, layers.index("height")] == pytest.approx(table[mine, 2].mean(), abs=1e-6)
+    assert values[4, 7, layers.index("sigma")] == pytest.approx(0.02)
+    for image in images:
+        assert messages[f"/{image.topic}"]["data"] == image.jpeg
+        assert messages[f"/{image.topic}"]["format"] == "jpeg"
+
+
+def test_shipped_layouts_name_topics_that_there_are() -> None:
+    def topics(value: Any) -> set[str]:
+        if isinstance(value, dict):
+            keys = {key for key in value if key.startswith("/")}
+            return keys.union(*map(topics, value.values()))
+        if isinstance(value, list):
+            return set().union(*map(topics, value))
+        return {value.split(".")[0]} if isinstance(value, str) and value.startswith("/") else set()
+
+    def panels(value: Any) -> set[str]:
+        return {value} if isinstance(value, str) else panels(value["first"]) | panels(value["second"])
+
+    interfaces = (LAYOUTS.parents[1] / "docs" / "interfaces.md").read_text()
+    for name in ("live", "bridge"):
+        layout = json.loads((LAYOUTS / f"{name}.json").read_text())
+        assert panels(layout["layout"]) == set(layout["configById"])
+        used = topics(layout["configById"])
+        assert used
+        if name == "live":
+            assert used <= set(TOPICS)
+        for topic in used if name == "bridge" else ():
+            word = topic.removeprefix("/").split("/")[0]
+            assert f"`{topic}`" in interfaces or f"`{word}/" in interfaces, topic
+
+
+def test_it_listens_on_loopback_alone() -> None:
+    with FoxgloveView(Hub(), 0, "x") as view:
+        port = int(view.url.rpartition(":")[2])
+        addresses = {item[4][0] for item in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
+        for address in addresses - {"127.0.0.1"}:
+            if address.startswith("127."):
+                continue
+            with pytest.raises(OSError, match="refused"):
+                socket.create_connection((address, port), timeout=2.0)
