@@ -24,6 +24,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter
 from sfr_loc_map.nodes.diagnostics.key_values import Level
@@ -127,11 +128,16 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
         if pose_file is not None:
             pose_file.check()
         self._session = LocalisationSession(config.localisation, pose_file, self.status.warn)
-        self._extrinsics = Extrinsics(config.T_rb_locsb, config.rb_frame, config.locsb_frame)
-        self._motion_prior = OdometrySubscriber(config.motion_prior, config.rb_frame, self.status.warn)
+        self._extrinsics = Extrinsics(
+            config.T_rb_locsb, config.frame(config.rb_frame), config.frame(config.locsb_frame)
+        )
+        self._motion_prior = OdometrySubscriber(config.motion_prior, config.frame(config.rb_frame), self.status.warn)
         self._calls = CallReporter(self, self.task, self.status.publisher)
         self._odometry = self.endpoints.add_publisher(Odometry, "localisation/odometry", config.output_depth)
         self._path = PathPublisher(self.endpoints)
+        self._pose_set = self.endpoints.add_publisher(
+            PoseWithCovarianceStamped, "localisation/initialpose_set", 1, latched=True
+        )
         self._debug_image = self.endpoints.add_publisher(Image, "localisation/debug_image", DEBUG_DEPTH)
         tf_type = tf_message_type() if config.publish_tf else None
         self._tf = self.endpoints.add_publisher(tf_type, "/tf", 100) if tf_type else None
@@ -187,16 +193,16 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
         self.worker.enqueue(self._session.restart)
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
-        frame = message.header.frame_id
-        if frame not in ("", self.config.ds_frame):
-            self.status.warn(f"initialpose is in '{frame}', '{self.config.ds_frame}' is needed: ignored")
+        frame, wanted = message.header.frame_id, self.config.frame(self.config.ds_frame)
+        if frame not in ("", wanted):
+            self.status.warn(f"initialpose is in '{frame}', '{wanted}' is needed: ignored")
             return
         try:
             pose = start_pose_of(message)
         except InputError as error:
             self.status.warn(f"{error}; ignored")
             return
-        self.worker.enqueue(lambda: self._session.set_pose(pose))
+        self.worker.enqueue(lambda: self._set_pose(pose, message))
 
     def _forget_waiting(self) -> None:
         self.worker.clear()
@@ -208,6 +214,11 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
     def _set_rig(self, rig: StereoRig) -> None:
         if self._session.set_rig(rig):
             self.get_logger().warning("camera_info has changed: localisation restarts at its last pose")
+
+    def _set_pose(self, pose: StartPose, message: PoseWithCovarianceStamped) -> None:
+        """Take a start pose, and say so by the message itself."""
+        self._session.set_pose(pose)
+        self._pose_set.publish(message)
 
     def _reset(self) -> str:
         self._session.reset()
@@ -253,7 +264,8 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry, and path and tf where tracked; in the worker's thread, in the order of the pairs."""
-        message = odometry_msg(estimate, self.config.ds_frame, self.config.rb_frame)
+        config = self.config
+        message = odometry_msg(estimate, config.frame(config.ds_frame), config.frame(config.rb_frame))
         self._odometry.publish(message)
         if estimate.state is TrackingState.LOST:
             return

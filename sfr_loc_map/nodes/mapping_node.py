@@ -97,7 +97,7 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         terrain.warm_up()
         self._session = MappingSession(config.mapping)
         self._calls = CallReporter(self, self.task, self.status.publisher)
-        self._maps = MapPublisher(self.endpoints, config.lm_frame, self.status.warn)
+        self._maps = MapPublisher(self.endpoints, config.frame(config.lm_frame), self.status.warn)
         self._disparity = self.endpoints.add_publisher(DisparityImage, "mapping/disparity", config.output_depth)
 
     def subscribe(self) -> None:
@@ -164,7 +164,7 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         except InputError as error:
             self.status.warn(f"{error}; ignored")
             return
-        frame, wanted = message.header.frame_id, self.config.lm_frame
+        frame, wanted = message.header.frame_id, self.config.frame(self.config.lm_frame)
         if frame not in ("", wanted):
             self.status.warn(f"nav/pose is in '{frame}', '{wanted}' is needed (parameter lm_frame): ignored")
             return

@@ -19,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from made_scene import LOC_RIG, PERIOD_NS, START_NS, forged, loc_pair, true_pose
 from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMsg
 from peers import Capture, LocalNode, Manager
 from processes import Peer, node_process
 from rosgraph_msgs.msg import Clock
@@ -84,8 +85,8 @@ def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: C
     arguments = ["--ros-args", "--params-file", str(CONFIG / "rep105.yaml"), *MOUNT, "-r"]
     with (
         Peer() as peer,
-        LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover1"),
-        LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover2"),
+        LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover1", "-p", "frame_prefix:=rover1/"),
+        LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover2", "-p", "frame_prefix:=rover2/"),
     ):
         odometry = [peer.listen(Odometry, f"/rover{number}/localisation/odometry") for number in (1, 2)]
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
@@ -101,8 +102,9 @@ def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: C
                     send_pair(peer, "loc", loc_pair(indices[index]), f"/rover{number}/")
         peer.until(lambda: [len(found) for found in odometry] == [4, 3], "all odometry")
         assert [[odometry_row(message)[1] for message in found] for found in odometry] == expected
-        frames = {(m.header.frame_id, m.child_frame_id) for found in odometry for m in found}
-        assert frames == {("odom", "base_link")}
+        for number, found in enumerate(odometry, 1):
+            frames = {(m.header.frame_id, m.child_frame_id) for m in found}
+            assert frames == {(f"rover{number}/odom", f"rover{number}/base_link")}
         peer.until(lambda: len(calls(diagnostics)) == 7, "all calls")
         names = [status.name for status in calls(diagnostics)]
         assert sorted(names) == ["rover1/localisation_node: call"] * 4 + ["rover2/localisation_node: call"] * 3
@@ -339,6 +341,7 @@ def test_localisation_survives_what_the_network_may_send(ros: None, capfd: Captu
 def test_localisation_restarts_by_service_by_pose_and_when_stamps_go_back(ros: None, capfd: Capture) -> None:
     with Peer() as peer, LocalNode(peer, capfd, LocalisationNode, "--ros-args", *MOUNT) as node:
         odometry = peer.listen(Odometry, "localisation/odometry")
+        answers = peer.listen(PoseWithCovarianceStamped, "localisation/initialpose_set")
         send_infos(peer, "loc", LOC_RIG)
 
         def play(index: int, shift_ns: int = 0) -> tuple[float, ...]:
@@ -357,7 +360,13 @@ def test_localisation_restarts_by_service_by_pose_and_when_stamps_go_back(ros: N
         assert play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
         play(1)
         set_pose(1)
+        (answer,) = peer.until(lambda: answers, "what was set")
+        assert answer.pose.pose == pose_msg(true_pose(1), true_pose(1).quat_xyzw)
         assert play(2) == pytest.approx(true_pose(2).translation, abs=0.02)
+        paths = peer.listen(PathMsg, "localisation/path", latched=True)
+        peer.until(lambda: paths, "the path for who comes late")
+        assert paths[0].header.frame_id == "ds"
+        assert paths[0].poses[0].pose.position.x == pytest.approx(0.0, abs=1e-12)
         assert play(0, -10 * PERIOD_NS - 10**9) == pytest.approx(true_pose(1).translation, abs=1e-9)
         assert "stamps have gone back" in node.text
         assert peer.call("localisation_node/reset").success

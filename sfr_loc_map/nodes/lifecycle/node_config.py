@@ -42,6 +42,14 @@ class PairNodeConfig(NodeConfig):
         30, doc="Most pairs that wait to be processed (every_pair); the oldest are dropped.", low=1, high=1000
     )
 
+    frame_prefix: str = param(
+        "", doc="Put before the name of each frame, as rover1/: several rovers then share one tree of frames."
+    )
+
+    def frame(self, name: str) -> str:
+        """Return the name that a frame has in messages."""
+        return self.frame_prefix + name
+
     def queue(self) -> tuple[Overload, int]:
         """Return the limits that the parameters set."""
         return Overload(self.overload), self.queue_size

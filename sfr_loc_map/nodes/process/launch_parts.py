@@ -7,7 +7,7 @@ from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext
-from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
+from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable, Shutdown
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -16,6 +16,7 @@ from sfr_loc_map.nodes.process.environment import PROFILE, PROFILE_VARIABLE
 from sfr_loc_map.nodes.process.supervisor import TASKS
 
 PACKAGE = "sfr_loc_map"
+LEVELS = ("debug", "info", "warn", "error", "fatal")
 EXTRINSICS_HINT = "; must give T_rb_locsb where /tf_static does not"
 
 
@@ -28,10 +29,12 @@ def common_arguments(files: dict[str, str]) -> list[Any]:
     config = Path(get_package_share_directory(PACKAGE)) / "config"
     declared = {
         "namespace": ("", "Namespace of nodes and topics."),
-        "log_level": ("info", "debug, info, warn or error."),
+        "frame_prefix": ("", "Put before the name of each frame, as rover1/, for several rovers in one tree."),
+        "autostart": ("true", "false: the nodes wait for a lifecycle manager."),
+        "log_level": ("info", "debug, info, warn, error or fatal."),
         "remaps": ("", "Remappings FROM:=TO, separated by blanks, as loc/left/image_rect:=/eye/left."),
         "use_sim_time": ("false", "true: follow /clock."),
-        "respawn": ("false", "true: restart a node that ends."),
+        "respawn": ("false", "true: restart a node that ends; false: all end with the first."),
     }
     for task, name in files.items():
         declared[name] = (
@@ -53,7 +56,8 @@ def nodes(context: LaunchContext, files: dict[str, str]) -> list[Any]:
         files: Name of the argument that gives the parameter file, by task.
 
     Raises:
-        ConfigError: If a remapping has not the form FROM:=TO.
+        ConfigError: If a remapping has not the form FROM:=TO, a parameter file is missing, a switch is neither true nor
+            false, or the level of the log is none.
     """
 
     def value(name: str) -> str:
@@ -62,19 +66,41 @@ def nodes(context: LaunchContext, files: dict[str, str]) -> list[Any]:
     remaps = [tuple(item.split(":=")) for item in value("remaps").split()]
     if any(len(remap) != 2 or not all(remap) for remap in remaps):
         raise ConfigError(f"remaps:={value('remaps')}: FROM:=TO, separated by blanks, is needed")
-    sim_time = [{"use_sim_time": True}] if value("use_sim_time").lower() == "true" else []
+    respawn = _switch("respawn", value("respawn"))
+    shared = {"use_sim_time": _switch("use_sim_time", value("use_sim_time"))}
+    shared |= {"autostart": _switch("autostart", value("autostart"))}
+    if value("log_level") not in LEVELS:
+        raise ConfigError(f"log_level:={value('log_level')}: one of {', '.join(LEVELS)} is needed")
     return [
         Node(
             package=PACKAGE,
             executable=f"{task}_node",
             namespace=value("namespace"),
-            parameters=[value(files[task]), *sim_time],
+            parameters=[_file(files[task], value(files[task])), shared | _prefix(task, value("frame_prefix"))],
             remappings=remaps,
             arguments=["--ros-args", "--log-level", value("log_level")],
-            respawn=value("respawn").lower() == "true",
+            respawn=respawn,
             respawn_delay=1.0,
+            on_exit=[] if respawn else [Shutdown(reason=f"{task}_node has ended")],
             output="screen",
         )
         for task in TASKS
         if task in files
     ]
+
+
+def _prefix(task: str, prefix: str) -> dict[str, str]:
+    """Return the parameter of frame names; the monitor has no frames of its own."""
+    return {"frame_prefix": prefix} if prefix and task != "monitor" else {}
+
+
+def _switch(name: str, text: str) -> bool:
+    if text.lower() not in ("true", "false"):
+        raise ConfigError(f"{name}:={text}: true or false is needed")
+    return text.lower() == "true"
+
+
+def _file(name: str, path: str) -> str:
+    if not Path(path).is_file():
+        raise ConfigError(f"{name}:={path}: there is no such file; give a parameter file")
+    return path

@@ -10,11 +10,15 @@ pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 from geometry_msgs.msg import Point, Pose, PoseWithCovarianceStamped, Quaternion
+from made_scene import LOC_RIG, loc_pair, true_pose
 from scenes import sent
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StepEstimate, TrackingState
+from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.pose import (
     covariance_of,
@@ -58,6 +62,22 @@ def test_velocity_is_that_since_the_pose_before() -> None:
         found = (linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
         np.testing.assert_array_equal(found, velocity)
         assert np.array(twist.covariance)[0] == variance
+
+
+def test_the_velocity_integrates_to_the_path() -> None:
+    localiser = Localiser(LOC_RIG, LocalisationConfig(), true_pose(0))
+    found = true_pose(0)
+    before_ns = loc_pair(0).stamp_ns
+    for index in (0, 1, 2, 3, 5, 6):  # unequal intervals
+        message = odometry_msg(localiser.process(loc_pair(index)), "ds", "rb")
+        seconds, before_ns = (loc_pair(index).stamp_ns - before_ns) / 1e9, loc_pair(index).stamp_ns
+        twist = message.twist.twist
+        turned = [seconds * rate for rate in (twist.angular.x, twist.angular.y, twist.angular.z)]
+        moved = seconds * np.array([twist.linear.x, twist.linear.y, twist.linear.z])
+        found = found @ Transform(matrix_from_rotvec(turned), moved)
+        published = transform_from_pose(message.pose.pose, "odometry")
+        assert np.abs(found.translation - published.translation).max() < 1e-9
+        assert np.abs(found.rotation - published.rotation).max() < 1e-9
 
 
 def test_every_field_is_of_its_own_type_whatever_numpy_gives() -> None:

@@ -42,7 +42,9 @@ def maker(kind: str) -> Any:
 def described(monkeypatch: pytest.MonkeyPatch) -> Any:
     kinds = {
         "launch": ["LaunchDescription", "LaunchContext"],
-        "launch.actions": ["DeclareLaunchArgument", "SetEnvironmentVariable", "ExecuteProcess", "OpaqueFunction"],
+        "launch.actions": [
+            *("DeclareLaunchArgument", "SetEnvironmentVariable", "ExecuteProcess", "OpaqueFunction", "Shutdown")
+        ],
         "launch.substitutions": ["EnvironmentVariable", "LaunchConfiguration", "PythonExpression"],
         "launch_ros": [],
         "launch_ros.actions": ["Node"],
@@ -77,7 +79,7 @@ def of_kind(entities: list[Made], kind: str) -> list[Made]:
     return [item for item in entities if item.kind == kind]
 
 
-@pytest.mark.parametrize("name", ["sfr.launch.py", "localisation.launch.py", "replay.launch.py"])
+@pytest.mark.parametrize("name", sorted(path.name for path in LAUNCH.glob("*.py")))
 def test_arguments_are_described_and_all_that_is_used_is_declared(described: Any, name: str) -> None:
     entities = described(name)
     declared = {item.args[0] for item in of_kind(entities, "DeclareLaunchArgument")}
@@ -98,7 +100,10 @@ def test_arguments_are_described_and_all_that_is_used_is_declared(described: Any
 
 @pytest.mark.parametrize(
     ("name", "tasks"),
-    [("sfr.launch.py", ["localisation", "mapping", "monitor"]), ("localisation.launch.py", ["localisation"])],
+    [
+        ("sfr.launch.py", ["localisation", "mapping", "monitor"]),
+        *((f"{task}.launch.py", [task]) for task in ("localisation", "mapping", "monitor")),
+    ],
 )
 def test_nodes_are_those_installed_and_get_parameter_files_that_exist(
     described: Any, name: str, tasks: list[str]
@@ -109,7 +114,10 @@ def test_nodes_are_those_installed_and_get_parameter_files_that_exist(
     assert all((ROOT / "scripts" / node.options["executable"]).is_file() for node in nodes)
     assert all(node.options["package"] == "sfr_loc_map" for node in nodes)
     for node, task in zip(nodes, tasks, strict=True):
-        (file,) = node.options["parameters"]
+        file, shared = node.options["parameters"]
+        assert shared == {"use_sim_time": False, "autostart": True}
+        (action,) = node.options["on_exit"]  # where one ends, all end
+        assert action.kind == "Shutdown"
         assert f"/**/{task}_node" in yaml.safe_load(Path(file).read_text())
     (profile,) = of_kind(entities, "SetEnvironmentVariable")
     assert profile.args[0] == PROFILE_VARIABLE
@@ -117,20 +125,27 @@ def test_nodes_are_those_installed_and_get_parameter_files_that_exist(
 
 
 @pytest.mark.parametrize("name", ["sfr.launch.py", "localisation.launch.py"])
-def test_values_of_arguments_reach_the_nodes(described: Any, name: str) -> None:
+def test_values_of_arguments_reach_the_nodes(described: Any, name: str, tmp_path: Path) -> None:
     plain = of_kind(described(name), "Node")[0].options
     assert (plain["namespace"], plain["remappings"], plain["respawn"]) == ("", [], False)
     file = "params_file" if name == "localisation.launch.py" else "localisation_params_file"
-    values = {"namespace": "rover1", "log_level": "debug", "use_sim_time": "True", "respawn": "true", file: "/p.yaml"}
+    values = {"namespace": "rover1", "log_level": "debug", "use_sim_time": "True", "respawn": "true"}
+    (tmp_path / "p.yaml").touch()
+    values |= {file: str(tmp_path / "p.yaml"), "frame_prefix": "rover1/", "autostart": "false"}
     remaps = "loc/left/image_rect:=/eye/left  loc/right/image_rect:=/eye/right"
     node = of_kind(described(name, remaps=remaps, **values), "Node")[0].options
-    assert (node["namespace"], node["respawn"]) == ("rover1", True)
-    assert node["parameters"] == ["/p.yaml", {"use_sim_time": True}]
+    assert (node["namespace"], node["respawn"], node["on_exit"]) == ("rover1", True, [])
+    shared = {"use_sim_time": True, "autostart": False, "frame_prefix": "rover1/"}
+    assert node["parameters"] == [str(tmp_path / "p.yaml"), shared]
     assert node["arguments"] == ["--ros-args", "--log-level", "debug"]
     assert node["remappings"] == [("loc/left/image_rect", "/eye/left"), ("loc/right/image_rect", "/eye/right")]
     for broken in ("a", "a:=", "a:=b:=c"):
         with pytest.raises(ConfigError, match="FROM:=TO"):
             described(name, remaps=broken)
+    for wrong in ({"respawn": "yes"}, {"autostart": ""}, {"use_sim_time": "1"}, {"log_level": "loud"}, {file: "/no"}):
+        (argument,) = wrong
+        with pytest.raises(ConfigError, match=f"^{argument}:={wrong[argument]}: "):
+            described(name, **wrong)
 
 
 def test_the_replay_calls_the_command_with_options_that_it_has(described: Any) -> None:
@@ -158,6 +173,8 @@ def test_launch_files_are_installed() -> None:
     assert "launch_scripts/*.launch.py" in setup
     assert sorted(path.name for path in LAUNCH.glob("*.launch.py")) == [
         "localisation.launch.py",
+        "mapping.launch.py",
+        "monitor.launch.py",
         "replay.launch.py",
         "sfr.launch.py",
     ]

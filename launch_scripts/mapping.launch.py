@@ -1,0 +1,13 @@
+"""Starts the mapping node alone."""
+
+from launch import LaunchDescription
+from launch.actions import OpaqueFunction
+
+from sfr_loc_map.nodes.process.launch_parts import common_arguments, nodes
+
+FILES = {"mapping": "params_file"}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the node with its arguments."""
+    return LaunchDescription([*common_arguments(FILES), OpaqueFunction(function=nodes, args=[FILES])])

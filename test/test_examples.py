@@ -1,0 +1,57 @@
+"""The example configurations name what the nodes publish; the programs they are for are not run here."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "config" / "examples"
+TYPES = {"Odometry": "nav_msgs/Odometry", "Path": "nav_msgs/Path", "Map": "nav_msgs/OccupancyGrid"}
+TYPES |= {"PointCloud2": "sensor_msgs/PointCloud2"}
+"""Types that the displays of RViz show."""
+
+
+def read(name: str) -> Any:
+    return yaml.safe_load((EXAMPLES / name).read_text(encoding="utf-8"))
+
+
+def topics() -> dict[str, str]:
+    """Return the types of the topics of docs/interfaces.md."""
+    rows = (ROOT / "docs" / "interfaces.md").read_text(encoding="utf-8").splitlines()
+    cells = [[cell.strip() for cell in row.split("|")[1:3]] for row in rows if row.startswith("| `")]
+    return {name.strip("`"): kind for name, kind in cells}
+
+
+def test_rviz_shows_topics_that_are_published_with_their_durability() -> None:
+    shown = [item for item in read("sfr.rviz")["Visualization Manager"]["Displays"] if "Topic" in item]
+    assert len(shown) == 5
+    for item in shown:
+        name = item["Topic"]["Value"]
+        assert topics()[name] == TYPES[item["Class"].split("/")[1]]
+        latched = item["Topic"]["Durability Policy"] == "Transient Local"
+        assert latched == (name != "localisation/odometry")
+
+
+def test_the_costmap_takes_the_hazard_in_the_frame_of_the_map() -> None:
+    costmap = read("nav2_costmap.yaml")["global_costmap"]["global_costmap"]["ros__parameters"]
+    (layer,) = costmap["plugins"]
+    assert topics()[costmap[layer]["map_topic"]] == "nav_msgs/OccupancyGrid"
+    assert costmap[layer]["map_subscribe_transient_local"] is True
+    frames = yaml.safe_load((ROOT / "config" / "rep105.yaml").read_text(encoding="utf-8"))
+    assert costmap["global_frame"] == frames["/**/mapping_node"]["ros__parameters"]["lm_frame"]
+    assert costmap["robot_base_frame"] == frames["/**/localisation_node"]["ros__parameters"]["rb_frame"]
+
+
+def test_the_filter_fuses_the_velocity_of_the_odometry() -> None:
+    ekf = read("robot_localization_ekf.yaml")["ekf_filter_node"]["ros__parameters"]
+    assert topics()[ekf["odom0"]] == "nav_msgs/Odometry"
+    assert ekf["odom0_config"] == [False] * 6 + [True] * 6 + [False] * 3
+    assert (ekf["odom_frame"], ekf["base_link_frame"], ekf["world_frame"]) == ("odom", "base_link", "odom")
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.iterdir()), ids=lambda path: path.name)
+def test_examples_are_installed_and_described(path: Path) -> None:
+    assert f'glob("config/examples/*{path.suffix}")' in (ROOT / "setup.py").read_text(encoding="utf-8")
+    assert path.name in (ROOT / "docs" / "integration.md").read_text(encoding="utf-8")
