@@ -11,6 +11,7 @@ import { showMap } from "./map_view.js";
 import { showNodes } from "./nodes_view.js";
 import { Panels } from "./panels.js";
 import { showError, showPath } from "./path_view.js";
+import { offerPlayer, showPlayer } from "./player.js";
 import { Store } from "./store.js";
 import { dressAllHelp } from "./terms.js";
 import { currentTheme, offerTheme } from "./theme.js";
@@ -55,7 +56,7 @@ panels.add("growth", showError, (moment) => [moment.rowCount, moment.rows, momen
 panels.add("cameras", (moment) => showImages(moment, choice("rig"), byId("tracks").checked), imagesKey);
 panels.add("elevation", (moment) => showMap(cloudOf(moment), choice("layer"), currentTheme()), (moment) => [cloudOf(moment), choice("layer")]);
 panels.add("cloud", (moment) => showCloud(cloudOf(moment), choice("colour"), currentTheme()), (moment) => [cloudOf(moment), choice("colour")]);
-panels.add("calls", (moment) => showCalls(moment.calls), (moment) => [moment.calls], true);
+panels.add("calls", (moment) => showCalls(moment.calls, Boolean(store.nodes?.time_line)), (moment) => [moment.calls], true);
 panels.add("health", (moment) => showNodes(moment.nodes, store.server, moment.ended || store.ended), (moment) => [moment.nodes, store.ended]);
 
 function imagesKey(moment) {
@@ -75,6 +76,7 @@ function draw() {
   panels.draw(moment, [theme, innerWidth, turned]);
   showHeader(moment);
   showTime();
+  showPlayer(store.nodes?.time_line);
   lag.drawn(() => connection.now(), chosen === null);
   showFooter(cloudOf(moment));
   document.documentElement.dataset.drawn = String(moment.rowCount);
@@ -188,6 +190,7 @@ document.addEventListener("visibilitychange", tellViews);
 window.addEventListener("resize", redraw);
 offerTheme(redraw);
 offerTurning(() => ((turned += 1), redraw()));
+offerPlayer();
 dressAllHelp();
 tellViews();
 dirty = false;

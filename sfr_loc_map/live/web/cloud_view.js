@@ -4,7 +4,7 @@ import { drawScale, percentiles, shade } from "./colours.js";
 import { byId, colour, fitted, length, setText } from "./dom.js";
 import { countText } from "./map_view.js";
 
-const view = { turn: -2.2, tilt: 0.55, zoom: 1 };
+const view = { turn: 1.25, tilt: 0.45, zoom: 1 };
 let changed = true, drawn = "", bounds = null, boundsOf = null;
 
 /** Let the pointer, the wheel and the keys turn the cloud. */

@@ -38,6 +38,7 @@ function showNode(node, actions, ended) {
   setText(card.lifecycle, node.lifecycle);
   setText(card.message, node.problem && node.level !== "ok" ? `${node.message}; ${node.problem}` : node.message || "–");
   setText(card.rates, ratesText(node.values));
+  card.row.hidden = !Object.keys(card.buttons).some((name) => actions.has(name));
   for (const [name, button] of Object.entries(card.buttons)) {
     const idle = (name === "activate" && node.lifecycle === "active") || (name === "deactivate" && node.lifecycle !== "active");
     button.disabled = !actions.has(name) || ended || idle || (node.level === "stale" && node.in_graph === false);
@@ -69,7 +70,7 @@ function makeCard(name) {
   const facts = element("p", "facts-line", "", level, " · ", lifecycle, " ", helpButton("lifecycle"));
   const box = element("article", "node", "", head, facts, message, rates, row, answer);
   byId("nodes").append(box);
-  return { box, icon, level, lifecycle, message, rates, buttons };
+  return { box, icon, level, lifecycle, message, rates, row, buttons };
 }
 
 /** Return a button; what cannot be taken back asks for a second press. */

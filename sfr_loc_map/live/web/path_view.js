@@ -65,7 +65,7 @@ function drawGrid(context, view, width, height) {
   for (const x of ticks(x0 - half[0], x0 + half[0], (2 * half[0]) / step + 1)) {
     const [at] = view.to([x, 0]);
     context.beginPath(), context.moveTo(at, 0), context.lineTo(at, height), context.stroke();
-    if (at > 36 && at < width - 20) context.fillText(`${short(x)}`, at, height - 4);
+    if (at > 36 && at < width - 46) context.fillText(`${short(x)}`, at, height - 4);
   }
   context.textAlign = "left";
   for (const y of ticks(y0 - half[1], y0 + half[1], (2 * half[1]) / step + 1)) {
