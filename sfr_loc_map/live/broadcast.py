@@ -36,6 +36,7 @@ class Broadcast:
         self._version, self._next_row, self._next_call = state.path.version, 0, 0
         self._report_changed = False
         self._nodes_sent_s = 0.0
+        self._silent_before: frozenset[str] = frozenset()
         self._cut_off = self._replaced_of_gone = 0
 
     def join(self, client: Client, server: dict[str, Any]) -> None:
@@ -97,8 +98,9 @@ class Broadcast:
         if calls:
             self._next_call = calls[-1].n + 1
             self._to_all(message("calls", {"calls": [call.to_plain() for call in calls], "whole": False}))
-        if now_s - self._nodes_sent_s >= NODES_PERIOD_S:
-            self._nodes_sent_s = now_s
+        silent = self._silent(now_s)
+        if now_s - self._nodes_sent_s >= NODES_PERIOD_S or silent != self._silent_before:
+            self._nodes_sent_s, self._silent_before = now_s, silent
             self._to_all(self._nodes_message(now_s))
 
     def end(self) -> None:
@@ -118,6 +120,12 @@ class Broadcast:
     def note_cut_off(self) -> None:
         """Count a page that was cut off."""
         self._cut_off += 1
+
+    def _silent(self, now_s: float) -> frozenset[str]:
+        """Return the names of nodes and topics that are silent."""
+        state = self._state
+        views = {**state.nodes, **state.topics}
+        return frozenset(name for name, view in views.items() if view.is_stale(now_s))
 
     def _send_rows(self) -> None:
         path = self._state.path

@@ -11,9 +11,9 @@ from typing import Any
 
 from sfr_loc_map.live.updates import Status, StatusKind
 
-STALE_AFTER_S = 1.7
+STALE_AFTER_S = 1.6
 """A node reports its health each second; one that has not for so long is stale,"""
-STALE_PERIODS = 1.7
+STALE_PERIODS = 1.6
 """or for so many of its own periods, where they are longer."""
 LEVELS = ("ok", "warning", "error", "stale")
 MAX_VALUES = 100

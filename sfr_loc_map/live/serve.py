@@ -8,20 +8,25 @@ import webbrowser
 
 from sfr_loc_map.live.server import LiveServer
 
+LAST_MESSAGE_S = 0.1
+"""Time for the last message to the pages."""
 
-async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, farewell_s: float = 0.0) -> None:
-    """Serve until SIGINT or SIGTERM; print the address when the page can be opened."""
+
+async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) -> None:
+    """Serve until SIGINT or SIGTERM; print the address when the page can be opened.
+
+    SIGUSR1 says that the run is over: the pages are told, and can be opened still.
+    """
     task = asyncio.ensure_future(server.serve(lambda url: announce(url, open_browser=open_browser)))
     loop = asyncio.get_running_loop()
 
     def end() -> None:
-        if server.is_over or not farewell_s:
-            task.cancel()
         server.end()
-        loop.call_later(farewell_s, task.cancel)
+        loop.call_later(LAST_MESSAGE_S, task.cancel)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, end)
+    loop.add_signal_handler(signal.SIGUSR1, server.end)
     try:
         await task
     except asyncio.CancelledError:

@@ -31,7 +31,7 @@ MAX_COMMAND_BYTES = 4096
 MAX_MESSAGE_BYTES = 4096
 SOCKET_BUFFER_BYTES = 262_144
 """Of the kernel, for each page: what waits there is older than what waits here."""
-PERIOD_S = 0.5
+PERIOD_S = 0.1
 """Longest time between two looks at what is stale."""
 COALESCE_S = 0.02
 """Records within this time are sent together."""

@@ -137,12 +137,11 @@ async def clients(minutes: float) -> None:
             replay.wait(30)
     busy = pages[0].calls
     lost = {node["name"]: node["values"].get("dropped_in_transport") for node in state["nodes"]}
-    settled = memory[max(len(memory) // 5, 1) :]
+    parts = [f"{np.mean(part) / 1e6:.1f}" for part in np.array_split(np.array(memory[1:]), 6)]
     print(f"{minutes:g} minutes, {len(alone.calls)} calls before, {len(busy)} with five pages, {count} reconnections")
     print(f"localisation p95: {p95_ms(alone.calls):.1f} ms without pages, {p95_ms(busy):.1f} ms with")
-    print(
-        f"server memory: {memory[0] / 1e6:.1f} MB before, then {min(settled) / 1e6:.1f} to {max(settled) / 1e6:.1f} MB"
-    )
+    most = max(memory) / 1e6
+    print(f"server memory: {memory[0] / 1e6:.1f} MB before, then means of {', '.join(parts)} MB, at most {most:.1f}")
     media, figures = pages[0].media / seconds / 1e6, pages[0].figures / seconds / 1e3
     print(f"each page: {media:.2f} MB/s of images and clouds, {figures:.1f} kB/s of figures")
     print(f"lost in transport to the nodes: {lost}; the server: {state['server']}")

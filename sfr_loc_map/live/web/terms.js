@@ -21,7 +21,7 @@ export const TERMS = {
   transport: "From the publisher's publish call to the receipt of the slowest image of the pair by the node.",
   receive: "From the receipt of the last image to the publication of the result, with the wait in queues.",
   memory: "Largest resident memory of the node's process during the call.",
-  nodes: "What each node says of itself each second; stale: it has said nothing for 1.7 s.",
+  nodes: "What each node says of itself each second; stale: it has said nothing for 1.6 s.",
   drops: "Messages that got lost or were left out since the node started, by cause.",
   lag: "Time from the publication of an image to the moment at which the pose of its stamp is on this screen (95 of 100 are faster).",
   thinned: "What this page does not show in full: images and clouds are thinned to a budget, figures never are.",

@@ -28,6 +28,7 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Status, StatusKind, Track, Update
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
 from sfr_loc_map.nodes.live.media_feed import MediaFeed
 from sfr_loc_map.nodes.live.operator import RosOperator
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
@@ -55,6 +56,7 @@ class RosFeed:
             hub: Takes what is received.
             namespace: Of the rover.
         """
+        configure_malloc()  # large messages come in one thread and are let go in another
         environment.prepare()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._hub = hub

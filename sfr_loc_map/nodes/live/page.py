@@ -17,18 +17,14 @@ from sfr_loc_map.nodes.live.feed import RosFeed
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
 from sfr_loc_map.printable import one_line
 
-FAREWELL_S = 3.0
-"""Beside a run that is over the page is served for so long, or until a second signal."""
 
-
-def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = False, farewell_s: float = 0.0) -> None:
+def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = False) -> None:
     """Serve the page of a running graph until SIGINT or SIGTERM.
 
     Args:
         config: How it is served.
         namespace: Of the rover.
         open_browser: Whether to open the page in the user's browser.
-        farewell_s: How long it is served after the first signal, which says that the run is over.
 
     Raises:
         SfrError: If the port cannot be listened on, or other hosts are let in without a token.
@@ -36,7 +32,7 @@ def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = Fals
     hub = Hub()
     with RosFeed(hub, namespace) as feed:
         server = LiveServer(config, hub, feed.operator, namespace or "live")
-        asyncio.run(serve_until_signal(server, open_browser=open_browser, farewell_s=farewell_s))
+        asyncio.run(serve_until_signal(server, open_browser=open_browser))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -50,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         end_with_supervisor()
         values = {"host": options.host, "port": options.port, "token": options.token}
-        serve_graph(build(LiveConfig, values, origin="sfr live"), options.namespace, farewell_s=FAREWELL_S)
+        serve_graph(build(LiveConfig, values, origin="sfr live"), options.namespace)
     except KeyboardInterrupt:
         return 0
     except SfrError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from signal import SIGINT
+from signal import SIGUSR1
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.nodes.process.node_process import NodeProcess
@@ -31,7 +31,7 @@ def live_page(arguments: Sequence[str]) -> Iterator[Callable[[], None]]:
 
     def run_is_over() -> None:
         if process.is_running:
-            process.send(SIGINT)
+            process.send(SIGUSR1)
 
     try:
         yield run_is_over
