@@ -110,7 +110,7 @@ def _task(source: Source, external: str | None, method: str) -> str | None:
 
 def external_run_of(results: ReplayResults, correction: Correction) -> ExternalRun | None:
     """Return what is known of the external node of a replay, None without one; name what was wrong."""
-    from sfr_loc_map.metrics.score import ExternalScore, MethodKind, MethodRecord
+    from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
     from sfr_loc_map.pipeline.external_run import ExternalRun
 
     node, book = results.observed, results.answers
@@ -127,7 +127,9 @@ def external_run_of(results: ReplayResults, correction: Correction) -> ExternalR
     )
     method = MethodRecord(name=node.name, version=node.version, kind=MethodKind.EXTERNAL)
     say(f"external node {node.name}: {book.counts.answered} of {book.counts.pairs} pairs answered", err=True)
-    return ExternalRun(method, score, book.findings, correction, node.log)
+    declared = correction.declared.settings
+    of_cloud = ConventionRecord(declared=declared) if score.task == TASKS[1] and declared else None  # poses: later
+    return ExternalRun(method, score, book.findings, correction, node.log, convention=of_cloud)
 
 
 def read_conversion(convention: list[str] | None, apply_diagnosis: bool) -> Correction:

@@ -17,7 +17,15 @@ from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis, diagnose
 from sfr_loc_map.metrics.records.method_record import MethodKind
-from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
+from sfr_loc_map.metrics.score import (
+    ConventionRecord,
+    ExternalScore,
+    FindingRecord,
+    MemoryScore,
+    MethodRecord,
+    Score,
+    TimingScore,
+)
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
@@ -109,7 +117,10 @@ def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Sc
 def _calls(run: Run) -> list[ScoredCalls]:
     """Return the scored calls; those of an external node with what is known of it from outside."""
     calls = [score_calls(item.calls) for item in run.stats]
-    return calls if run.external is None else [with_external(item, run.external) for item in calls]
+    if run.external is None:
+        return calls
+    nothing_told = ScoredCalls(TimingScore(), MemoryScore(), None)
+    return [with_external(item, run.external) for item in calls or [nothing_told]]
 
 
 def _method(stats: Sequence[CallStats]) -> MethodRecord | None:

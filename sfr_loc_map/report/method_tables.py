@@ -24,7 +24,7 @@ def method_table(score: Score) -> Table | None:
             (Cell.head("kind"), Cell(score.method.kind.value)),
         ]
     if score.convention is not None:
-        rows.append((Cell.head("poses converted"), Cell(convention_text(score.convention))))
+        rows.append((Cell.head("converted"), Cell(convention_text(score.convention))))
     if not rows:
         return None
     return Table("method", "Method under test", (Column("of", words=True), Column("is", words=True)), tuple(rows))

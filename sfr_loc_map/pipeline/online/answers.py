@@ -49,6 +49,7 @@ class AnswerBook:
         self._timeout_s, self._clock = timeout_s, clock
         self._sent: dict[int, float] = {}
         self._latency_s: dict[int, float] = {}
+        self._early: dict[int, list[float]] = {}
         self._counts = AnswerCounts()
         self._in_a_row = 0
         self._findings: dict[FindingKind, FindingRecord] = {}
@@ -57,6 +58,8 @@ class AnswerBook:
     def published(self, stamp_ns: int, sent_s: float) -> None:
         """Note a pair whose last image was published at a time of the clock."""
         self._sent[stamp_ns] = sent_s
+        for received_s in self._early.pop(stamp_ns, ()):
+            self._answered(stamp_ns, received_s)
 
     def received(self, answer: Answer) -> bool:
         """Note an answer; return whether it is to be used."""
@@ -70,16 +73,20 @@ class AnswerBook:
             self._note("other_frame", FindingKind.OTHER_FRAME, stamp_ns, text)
             return False
         self._in_a_row = 0
-        if stamp_ns not in self._sent:
-            self._note("other_stamp", FindingKind.WRONG_STAMP, stamp_ns, "it is the stamp of no pair")
-        elif stamp_ns in self._latency_s:
-            self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair had its answer")
-        else:
-            self._latency_s[stamp_ns] = latency = now - self._sent[stamp_ns]
-            if latency > self._timeout_s:
-                text = f"{latency:.3g} s after the pair was published"
-                self._note("late", FindingKind.LATE, stamp_ns, text)
+        if stamp_ns in self._sent:
+            self._answered(stamp_ns, now)
+        else:  # of no pair; or of one whose last image is still to be published
+            self._early.setdefault(stamp_ns, []).append(now)
         return True
+
+    def _answered(self, stamp_ns: int, received_s: float) -> None:
+        if stamp_ns in self._latency_s:
+            self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair had its answer")
+            return
+        self._latency_s[stamp_ns] = latency = max(received_s - self._sent[stamp_ns], 0.0)
+        if latency > self._timeout_s:
+            text = f"{latency:.3g} s after the pair was published"
+            self._note("late", FindingKind.LATE, stamp_ns, text)
 
     def node_ended(self, how: str) -> None:
         """Note that the node's process has ended during the run."""
@@ -105,13 +112,18 @@ class AnswerBook:
     def counts(self) -> AnswerCounts:
         """The counts, with pairs that have no answer as missing."""
         pairs, answered = len(self._sent), len(self._latency_s)
-        return replace(self._counts, pairs=pairs, answered=answered, missing=pairs - answered)
+        other = sum(map(len, self._early.values()))
+        return replace(self._counts, pairs=pairs, answered=answered, missing=pairs - answered, other_stamp=other)
 
     @property
     def findings(self) -> tuple[FindingRecord, ...]:
         """What was wrong, one for each kind."""
         missing = [stamp_ns for stamp_ns in self._sent if stamp_ns not in self._latency_s]
         found = list(self._findings.values())
+        if self._early:
+            first, count = next(iter(self._early)), self.counts.other_stamp
+            kind, text = FindingKind.WRONG_STAMP, "it is the stamp of no pair"
+            found.append(FindingRecord(kind=kind, count=count, first_stamp_ns=first, text=text))
         if missing:
             text = f"no answer within {self._timeout_s:g} s" + (", not waited for at last" if self._given_up else "")
             kind = FindingKind.HANGING if self._given_up and not self.ended else FindingKind.MISSING

@@ -51,6 +51,19 @@ def test_each_kind_of_answer_is_counted_and_used_or_not() -> None:
     assert (missing.kind, missing.count, missing.first_stamp_ns) == (FindingKind.MISSING, 2, 1)
 
 
+def test_an_answer_to_the_first_image_alone_is_one_to_the_pair() -> None:
+    clock = Clock()
+    book = book_with(0, clock)
+    assert book.received(Answer(5, "odom -> base"))
+    assert book.counts.other_stamp == 1
+    clock.now_s += 0.01
+    book.published(5, clock.now_s)
+    assert book.is_settled(5)
+    assert (book.counts.other_stamp, book.counts.answered, book.findings) == (0, 1, ())
+    assert book.latency_s is not None
+    assert book.latency_s.max == 0.0
+
+
 def test_frames_that_are_declared_are_those_that_count() -> None:
     book = book_with(1, Clock(), "map -> camera")
     assert not book.received(Answer(0, "odom -> base"))
