@@ -18,6 +18,8 @@ from sfr_loc_map.report.plots import Column, Plot, Trace, axis, error_scale, lar
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 DASHES = ("solid", "dash", "dot")
 SYMBOLS = ("circle", "square", "diamond")
+LOG_RATIO = 20.0
+"""Errors that differ more than so many times are drawn on a logarithmic axis."""
 Named = Sequence[tuple[str, Score]]
 
 
@@ -70,10 +72,13 @@ def _paths(named: Named) -> list[Plot]:
         "xaxis": axis("x of DS (east), m", constrain="domain"),
         "yaxis": axis("y of DS (north), m", scaleanchor="x", scaleratio=1, constrain="domain"),
     }
-    over = {
-        "xaxis": axis("distance travelled (truth), m"),
-        "yaxis": axis(f"size of estimate - truth, {unit}", rangemode="tozero"),
-    }
+    ends = [factor * last for *_, size in sizes if (last := largest(size)) > 0.0]
+    title = f"size of estimate - truth, {unit}"
+    upright = axis(title, rangemode="tozero")
+    if ends and max(ends) > LOG_RATIO * min(ends):  # on a linear axis the best would lie on zero
+        low, high = 0.05 * min(ends), 1.5 * max(ends)
+        upright = log_axis(title, low, high, steps=(1,)) | {"range": [math.log10(low), math.log10(high)]}
+    over = {"xaxis": axis("distance travelled (truth), m"), "yaxis": upright}
     return [
         Plot("paths", "Trajectories from above", "Equal axes.", above, layout, height=560, width="full"),
         Plot("errors", "Accumulated position error", "Since the first frame, without re-basing.", errors, over),

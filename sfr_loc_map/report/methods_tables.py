@@ -57,7 +57,9 @@ def _method_row(name: str, score: Score, *, drives: bool, maps: bool) -> Row:
     part = score.trajectory
     if drives and part is not None:
         first = part.first
-        cells += [_bounded(first.position_m, 1e3), _bounded(first.attitude_deg), _bounded(first.heading_deg)]
+        cells.append(_bounded(first.position_m, 1e3))
+        for value in (first.attitude_deg, first.heading_deg):
+            cells.append(Cell.number(value.mean_plus_3sigma, undefined=ABSENT))
         cells += [Cell.number(part.matched), Cell.number(part.lost)]
     elif drives:
         cells += [Cell(ABSENT)] * 5
@@ -70,7 +72,7 @@ def _method_row(name: str, score: Score, *, drives: bool, maps: bool) -> Row:
     return (*cells, Cell(_times(score, "p50")), Cell(_times(score, "p95")), Cell(_memory(score)), Cell.number(findings))
 
 
-def _bounded(value: IntervalStatistic, factor: float = 1.0) -> Cell:
+def _bounded(value: IntervalStatistic, factor: float) -> Cell:
     total, bounds = value.mean_plus_3sigma, value.mean_plus_3sigma_ci95
     if total is None:
         return Cell(ABSENT)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from html import escape
 from urllib.parse import quote
 
-from sfr_loc_map.tables.table import Cell, CellKind, Table
+from sfr_loc_map.tables.table import Cell, CellKind, Column, Table
 
 OPEN_CLASS = "open"
 WORDS = ' class="words"'
-"""Attribute of a heading over words: they are aligned to the left."""
+"""Attribute of words and of the heading over them: they are aligned to the left."""
 VERDICT_CLASSES = {"pass": "pass", "fail": "fail"}
 """Class of the style of a verdict; every other is open."""
 
@@ -17,7 +17,7 @@ VERDICT_CLASSES = {"pass": "pass", "fail": "fail"}
 def to_html(table: Table) -> str:
     """Return a section with title, table and note."""
     heads = "".join(f'<th scope="col"{WORDS * column.words}>{escape(column.heading)}</th>' for column in table.columns)
-    rows = "\n".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in table.rows)
+    rows = "\n".join(f"<tr>{''.join(map(_cell, row, table.columns))}</tr>" for row in table.rows)
     note = f'\n<p class="note">{escape(table.note)}</p>' if table.note else ""
     return (
         f'<div class="table" id="table-{escape(table.name)}">\n<h3>{escape(table.title)}</h3>\n'
@@ -26,7 +26,7 @@ def to_html(table: Table) -> str:
     )
 
 
-def _cell(cell: Cell) -> str:
+def _cell(cell: Cell, column: Column) -> str:
     text = escape(cell.text)
     if cell.link:
         text = f'<a href="{escape(quote(cell.link))}">{text}</a>'
@@ -38,4 +38,4 @@ def _cell(cell: Cell) -> str:
     place = f' data-key="{escape(cell.key)}"' if cell.key else ""
     if isinstance(cell.value, (int, float)):
         place += f' data-value="{cell.value}" title="{escape(cell.key)} = {cell.value}"'
-    return f"<td{place}>{text}</td>"
+    return f"<td{WORDS * column.words}{place}>{text}</td>"
