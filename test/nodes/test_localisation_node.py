@@ -1,6 +1,7 @@
 """The localisation node over DDS: what it publishes, and what it survives."""
 
 # ruff: noqa: E402 - ROS may be absent
+import json
 import math
 import re
 import time
@@ -25,6 +26,7 @@ from processes import Peer, node_process
 from rosgraph_msgs.msg import Clock
 from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import String
 
 from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import ConfigError
@@ -41,8 +43,11 @@ from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages.fields import header_msg, time_msg
 from sfr_loc_map.nodes.messages.pose import odometry_row, pose_msg
+from sfr_loc_map.nodes.monitor_node import MonitorNode
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
+SCORING = ["--ros-args", "-p", "publish_period_s:=0.1", "-p", "score.trajectory.conditions:=['frames=2']"]
+SCORING += ["-p", "score.trajectory.spacing:=1"]
 OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])
 
 
@@ -87,7 +92,10 @@ def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: C
         Peer() as peer,
         LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover1", "-p", "frame_prefix:=rover1/"),
         LocalNode(peer, capfd, LocalisationNode, *arguments, "__ns:=/rover2", "-p", "frame_prefix:=rover2/"),
+        LocalNode(peer, capfd, MonitorNode, *SCORING, "-r", "__ns:=/rover1"),
+        LocalNode(peer, capfd, MonitorNode, *SCORING, "-r", "__ns:=/rover2"),
     ):
+        reports = [peer.listen(String, f"/rover{number}/metrics/report", latched=True) for number in (1, 2)]
         odometry = [peer.listen(Odometry, f"/rover{number}/localisation/odometry") for number in (1, 2)]
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         plays = ((1, [0, 1, 2, 3]), (2, [10, 11, 12]))
@@ -99,6 +107,9 @@ def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: C
         for index in range(4):
             for number, indices in plays:
                 if index < len(indices):
+                    pair, pose = loc_pair(indices[index]), true_pose(indices[index])
+                    truth = bag_messages.odometry(pair.stamp_ns, pose.translation, pose.quat_xyzw)
+                    peer.publish(Odometry, f"/rover{number}/ground_truth/odometry", raw(truth))
                     send_pair(peer, "loc", loc_pair(indices[index]), f"/rover{number}/")
         peer.until(lambda: [len(found) for found in odometry] == [4, 3], "all odometry")
         assert [[odometry_row(message)[1] for message in found] for found in odometry] == expected
@@ -108,6 +119,16 @@ def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: C
         peer.until(lambda: len(calls(diagnostics)) == 7, "all calls")
         names = [status.name for status in calls(diagnostics)]
         assert sorted(names) == ["rover1/localisation_node: call"] * 4 + ["rover2/localisation_node: call"] * 3
+
+        def scored() -> bool:
+            found = [json.loads(report[-1].data) if report else {} for report in reports]
+            return [score.get("timing", {}).get("localisation_s", {}).get("count") for score in found] == [4, 3] and [
+                score.get("trajectory", {}).get("matched") for score in found
+            ] == [4, 3]
+
+        peer.until(scored, "the scores of both, each of its own poses and calls")
+        for report in reports:
+            assert json.loads(report[-1].data)["trajectory"]["position_m"]["mean"] < 0.02
 
 
 def test_latency_is_measured_where_clocks_can_be_compared(ros: None, capfd: Capture) -> None:

@@ -54,4 +54,4 @@ def _means(cell: NDArray[np.intp], values: FloatArray32, size: int) -> NDArray[n
     known = np.isfinite(values)
     count = np.bincount(cell[known], minlength=size)
     total = np.bincount(cell[known], values[known].astype(np.float64), minlength=size)
-    return np.divide(total, count, out=np.full(size, np.nan), where=count > 0)
+    return np.asarray(np.divide(total, count, out=np.full(size, np.nan), where=count > 0))
