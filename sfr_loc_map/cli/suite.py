@@ -92,7 +92,7 @@ def run(
     if interrupted:
         done = f"{summary.done} of {summary.tasks} tasks are done and reported"
         raise InterruptedRunError(f"interrupted: {done}; the same command goes on")
-    _present(summary, store, json_path, lenient=lenient, again=f"sfr suite run {suite} --out {out}")
+    _present(summary, store, json_path, lenient=lenient)
 
 
 @app.command(epilog=examples("sfr suite report runs/today --json summary.json"))
@@ -182,7 +182,7 @@ def _say_plan(store: Store, keys: list[str], total: int, places: int) -> None:
     say(f"{len(keys)} of {total} tasks to run, {cost}")
 
 
-def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: bool, again: str = "") -> None:
+def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: bool) -> None:
     """Print the tables and say how it ended.
 
     Raises:
@@ -195,10 +195,11 @@ def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: 
 
     show(json.dumps(summary.to_dict(), allow_nan=False) + "\n", json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
-    for failure in summary.failures:
+    for failure, again in zip(summary.failures, summary.again, strict=True):
         last = failure.attempts[-1]
-        repeat = f"; again: {again} --only {failure.key[:12]}" if again else ""
-        say(one_line(f"failed: {failure.label}: {last.cause}: {last.message}{repeat}"), err=True)
+        say(one_line(f"failed: {failure.label}: {last.cause}: {last.message}"), err=True)
+        if again:
+            say(f"  again: {again}", err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
     missed = sum(item.state is VerdictState.FAIL for _, item in verdicts)
     if missed:

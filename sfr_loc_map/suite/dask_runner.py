@@ -214,7 +214,15 @@ class _Flow:
     def _submit(self, task: Task) -> None:
         key = f"sfr-{task.key}-{len(self._lost.get(task.key, ()))}-{secrets.token_hex(4)}"
         future = self._client.submit(
-            run_on_worker, to_plain(task), self._bounds, self._place, key=key, pure=False, workers=self._workers
+            run_on_worker,
+            to_plain(task),
+            self._bounds,
+            self._place,
+            key=key,
+            pure=False,
+            workers=self._workers,
+            allow_other_workers=self._workers
+            is not None,  # once these are lost; no host runs two timed tasks at a time
         )
         self._tasks[key] = task
         self._results.add(future)

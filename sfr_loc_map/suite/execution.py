@@ -18,6 +18,7 @@ from pathlib import Path
 
 from sfr_loc_map.metrics.records.json_records import to_plain
 from sfr_loc_map.suite.fork_server import ForkServer, ForkServerError
+from sfr_loc_map.suite.host import host_share
 from sfr_loc_map.suite.process_tree import resident_bytes
 from sfr_loc_map.suite.task import Task
 from sfr_loc_map.suite.task_process import BAD_INPUT
@@ -114,7 +115,7 @@ def execute(task: Task, bounds: Bounds, cache: Path, stop: threading.Event | Non
     stop = stop or threading.Event()
     failures: list[Attempt] = []
     while True:
-        with _scratch() as scratch:
+        with host_share(alone=task.alone, stop=stop), _scratch() as scratch:
             result = scratch / "result.json"
             attempt = _attempt(task, bounds, cache, result, stop)
             text = result.read_text(encoding="utf-8") if isinstance(attempt, _Usage) else None

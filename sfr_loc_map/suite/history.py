@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.records.json_records import to_plain
 from sfr_loc_map.metrics.score import Interval
 from sfr_loc_map.suite.comparison import DriveRatio, log_ratios, ratio_interval
 from sfr_loc_map.suite.figure_table import FigureKind, FigureName
-from sfr_loc_map.suite.sign_flip import sign_flip_p
+from sfr_loc_map.suite.sign_flip import sign_flip_p, smallest_p
 
 SCHEMA = "sfr-history/1"
 LEVEL = 0.01
@@ -148,14 +149,14 @@ def _point(
         ratio=ratio,
         ci95=ratio_interval(logs),
         p=p,
-        outcome=_outcome(logs.any() == np.True_, p, ratio, level),
+        outcome=_outcome(logs, p, ratio, level),
     )
 
 
-def _outcome(differs: bool, p: float | None, ratio: float, level: float) -> Outcome:
-    if not differs:
+def _outcome(logs: FloatArray, p: float | None, ratio: float, level: float) -> Outcome:
+    if not logs.any():
         return Outcome.EQUAL
-    if p is None:
+    if p is None or smallest_p(len(logs)) > level:  # even if all drives agreed, nothing could be found
         return Outcome.NOT_ENOUGH_DATA
     if p > level or 1.0 / MIN_RATIO < ratio < MIN_RATIO:
         return Outcome.NO_DIFFERENCE

@@ -35,4 +35,4 @@ def render(summary: Summary) -> str:
     """Return the page as HTML."""
     state = summary.verdict
     counts = f"{summary.done} of {summary.tasks} tasks done, {summary.failed} failed, {summary.waiting} waiting."
-    return render_overview("Suite of runs", state, counts, suite_tables(summary), suite_figures(summary))
+    return render_overview("Suite of runs", state, counts, suite_tables(summary, commands=True), suite_figures(summary))

@@ -15,7 +15,7 @@ from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.fingerprint import SourceFacts, code_fingerprint
 from sfr_loc_map.suite.remote import expand, is_remote, remote_facts
 from sfr_loc_map.suite.specification import SourceEntry, SuiteSpecification
-from sfr_loc_map.suite.task import SourceKind, Task, TaskKind, TaskSource, digest
+from sfr_loc_map.suite.task import NO_CONFIGURATION, SourceKind, Task, TaskKind, TaskSource, digest
 
 FactsOf = Callable[[Path], SourceFacts]
 """Tells what a source holds."""
@@ -155,7 +155,7 @@ def _tasks(specification: SuiteSpecification, sources: list[tuple[TaskSource, tu
                 continue
             whole = kind is TaskKind.SCORE
             faults = ("",) if whole else specification.perturb
-            configurations = {"-": {}} if whole else specification.configurations
+            configurations = {NO_CONFIGURATION: {}} if whole else specification.configurations
             for fault in faults:
                 for name, parameters in configurations.items():
                     for repeat in range(settings.repeats):

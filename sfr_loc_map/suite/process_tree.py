@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import psutil
 
@@ -28,14 +27,16 @@ def descendants(pid: int) -> Iterator[int]:
         return
     with contextlib.suppress(OSError):  # it has ended meanwhile
         for thread in os.listdir(f"/proc/{pid}/task"):
-            for child in map(int, Path(f"/proc/{pid}/task/{thread}/children").read_bytes().split()):
+            with open(f"/proc/{pid}/task/{thread}/children", "rb", buffering=0) as stream:
+                children = [int(word) for word in stream.read().split()]
+            for child in children:
                 yield child
                 yield from descendants(child)
 
 
 def _resident(pid: int) -> int:
-    with contextlib.suppress(OSError):
-        return int(Path(f"/proc/{pid}/statm").read_bytes().split()[1]) * _PAGE_BYTES
+    with contextlib.suppress(OSError), open(f"/proc/{pid}/statm", "rb", buffering=0) as stream:
+        return int(stream.read().split()[1]) * _PAGE_BYTES
     with contextlib.suppress(psutil.Error):
         return int(psutil.Process(pid).memory_info().rss)
     return 0

@@ -95,7 +95,7 @@ class LocalExecutor:
 def plan_suite(specification: SuiteSpecification, store: Store) -> Plan:
     """Return the tasks of a suite, and take them into its folder."""
     plan = make_plan(specification, store.facts_of)
-    store.plan(plan.tasks)
+    store.plan(plan.tasks, specification.path)
     return plan
 
 

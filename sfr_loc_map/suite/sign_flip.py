@@ -12,7 +12,8 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 
 EXACT_DRIVES = 14
-DRAWS = 20000
+DRAWS, MAX_DRAWS = 20000, 200000
+ENOUGH = 10
 SEED = 20260202
 MIN_DRIVES = 6
 """With fewer drives no choice of signs has a probability under 0.03."""
@@ -35,5 +36,14 @@ def sign_flip_p(log_ratios: FloatArray) -> float | None:
         sums = np.abs((2.0 * bits - 1.0) @ log_ratios)
         return float(np.mean(sums >= observed))
     rng = np.random.default_rng([SEED, count])
-    signs = rng.integers(0, 2, (DRAWS, count), dtype=np.int8) * 2.0 - 1.0
-    return float((1 + np.count_nonzero(np.abs(signs @ log_ratios) >= observed)) / (1 + DRAWS))
+    exceeded = drawn = 0
+    while exceeded < ENOUGH and drawn < MAX_DRAWS:  # few draws decide a large probability (Besag, Clifford 1991)
+        signs = rng.integers(0, 2, (DRAWS, count), dtype=np.int8) * 2.0 - 1.0
+        exceeded += int(np.count_nonzero(np.abs(signs @ log_ratios) >= observed))
+        drawn += DRAWS
+    return (1 + exceeded) / (1 + drawn)
+
+
+def smallest_p(count: int) -> float:
+    """Return the smallest probability that so many drives can show."""
+    return 2.0 ** (1 - count) if count <= EXACT_DRIVES else 1.0 / (1 + MAX_DRAWS)

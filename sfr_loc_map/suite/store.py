@@ -5,6 +5,7 @@ DIR/failures/KEY.json       why a task failed, each try
 DIR/index.sqlite            tasks, their state and cost; made again from the files if it is gone
 DIR/cache/                  simulated sources, may be deleted
 DIR/running/                locks of the tasks that run
+DIR/.suite                  the file that was run last
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import shlex
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
@@ -28,6 +30,9 @@ from sfr_loc_map.suite.fingerprint import FileStamp, SourceFacts, inspect_source
 from sfr_loc_map.suite.task import Task
 
 CACHE = "cache"
+SUITE_FILE = ".suite"
+SHORT_KEY = 12
+"""Digits of a key that name a task to people."""
 SAVE_EVERY_S = 1.0
 _TABLES = """
 CREATE TABLE IF NOT EXISTS tasks (
@@ -125,6 +130,18 @@ class Store:
             index.execute("INSERT OR REPLACE INTO sources VALUES (?, ?, ?, ?)", values)
         return facts
 
+    @property
+    def suite_file(self) -> str:
+        """The file that was run last, empty where this is not known."""
+        path = self.folder / SUITE_FILE
+        return path.read_text(encoding="utf-8").strip() if path.is_file() else ""
+
+    def command(self, key: str) -> str:
+        """Return the command that runs one task again, empty where the suite's file is not known."""
+        suite = self.suite_file
+        words = ("sfr", "suite", "run", suite, "--out", str(self.folder.absolute()), "--only", key[:SHORT_KEY])
+        return shlex.join(words) if suite else ""
+
     def is_done(self, key: str) -> bool:
         """Tell whether there is a result."""
         return (self.results / f"{key}.json").is_file()
@@ -155,8 +172,9 @@ class Store:
         except (OSError, ValueError, RecordError) as error:
             raise InputError(f"cannot read '{path}': {error}; delete it and run the suite again") from error
 
-    def plan(self, tasks: Sequence[Task]) -> None:
-        """Take the tasks of the suite as it is now; the state of each follows from the files."""
+    def plan(self, tasks: Sequence[Task], suite: Path) -> None:
+        """Take the tasks of a suite's file as it is now; the state of each follows from the files."""
+        (self.folder / SUITE_FILE).write_text(f"{suite.absolute()}\n", encoding="utf-8")
         with self._index() as index:
             costs = {row[0]: row[1:] for row in index.execute("SELECT key, seconds, peak_bytes, tries FROM tasks")}
             index.execute("DELETE FROM tasks")

@@ -32,6 +32,7 @@ class Summary:
         groups: Drives that were run alike.
         drives: Every result.
         failures: Why tasks failed.
+        again: Commands that run each of them again, alone.
         refusals: Sources that cannot be read.
         code: Fingerprint of the code.
     """
@@ -43,6 +44,7 @@ class Summary:
     groups: tuple[Group, ...]
     drives: tuple[Drive, ...]
     failures: tuple[Failure, ...]
+    again: tuple[str, ...]
     refusals: tuple[Refusal, ...]
     code: str
 
@@ -72,7 +74,9 @@ class Summary:
             "verdict": to_plain(self.verdict),
             "groups": to_plain(self.groups),
             "drives": [_drive_plain(drive) for drive in self.drives],
-            "failures": to_plain(self.failures),
+            "failures": [
+                {**to_plain(failure), "again": again} for failure, again in zip(self.failures, self.again, strict=True)
+            ],
             "refusals": to_plain(self.refusals),
         }
 
@@ -96,7 +100,8 @@ def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
     entries = store.entries()
     limits = next((parse_limits(entry.task.limits, "limits") for entry in entries if entry.task.limits), None)
     drives = [_drive(entry, store, limits) for entry in entries if entry.state == "done"]
-    failures = [store.failure(entry.task.key) for entry in entries if entry.state == "failed"]
+    found = [store.failure(entry.task.key) for entry in entries if entry.state == "failed"]
+    failures = tuple(item for item in found if item is not None)
     return Summary(
         tasks=len(entries),
         done=len(drives),
@@ -104,7 +109,8 @@ def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
         waiting=sum(entry.state == "waiting" for entry in entries),
         groups=tuple(groups_of(drives, limits)),
         drives=tuple(drives),
-        failures=tuple(item for item in failures if item is not None),
+        failures=failures,
+        again=tuple(store.command(item.key) for item in failures),
         refusals=tuple(refusals),
         code=entries[0].task.code if entries else "",
     )

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from sfr_loc_map.metrics.score import IntervalStatistic
+from sfr_loc_map.suite.failure_table import failure_table
 from sfr_loc_map.suite.groups import Drive, Group
 from sfr_loc_map.suite.pooling import PooledCondition
+from sfr_loc_map.suite.store import SHORT_KEY
 from sfr_loc_map.suite.summary import Summary
+from sfr_loc_map.suite.task import NO_CONFIGURATION
 from sfr_loc_map.tables.numbers import ABSENT, DEGREE, METRE, MIB, MILLIMETRE, MILLISECOND, PERCENT, SECOND
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
@@ -15,21 +19,28 @@ ERRORS = (("position", "position_m", METRE), ("attitude", "attitude_deg", DEGREE
 """Name, key and unit of the errors of a trajectory."""
 
 
+SUMMARY = "suite.json"
 PAGES = "pages"
 """Folder of the pages of single results, beside the page of the suite."""
 MAX_PAGES = 200
 """Pages of the worst results; of the others the score is there, of which `sfr report` makes a page."""
 
 
-def suite_tables(summary: Summary) -> list[Table]:
-    """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures."""
+def suite_tables(summary: Summary, *, commands: bool = False) -> list[Table]:
+    """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures.
+
+    Args:
+        summary: What is shown.
+        commands: Whether each failure has the command that repeats it, which is too long for a terminal's table.
+    """
     found = [
         _counts(summary),
         _verdicts(summary),
+        _runs(summary),
         _pooled(summary),
         _maps(summary),
         _drives(summary),
-        _failures(summary),
+        failure_table(summary, commands=commands),
     ]
     return [table for table in found if table is not None and table.rows]
 
@@ -43,7 +54,17 @@ def _counts(summary: Summary) -> Table:
 
 
 def _name(group: Group) -> str:
-    return f"{group.task}, {group.configuration}" + (f", {group.faults}" if group.faults else "")
+    return _joined(group.task, group.configuration, group.faults)
+
+
+def _joined(*parts: str) -> str:
+    """Return the parts that say something."""
+    return ", ".join(part for part in parts if part not in ("", NO_CONFIGURATION))
+
+
+def _in_summary(text: str) -> Cell:
+    """Return the name of a row whose figures stand in the summary's file."""
+    return replace(Cell.head(text), link=SUMMARY)
 
 
 def _runs(summary: Summary) -> Table:
@@ -59,7 +80,7 @@ def _runs(summary: Summary) -> Table:
     rows = tuple(
         (
             Cell.number(number),
-            Cell.head(group.task),
+            _in_summary(group.task),
             Cell(group.configuration),
             Cell(group.faults or "none"),
             Cell.number(group.drives, f"groups.{number - 1}.drives"),
@@ -90,7 +111,7 @@ def _verdicts(summary: Summary) -> Table:
             over = f" over {item.condition.label}" if item.condition is not None else ""
             rows.append(
                 (
-                    Cell.head(_name(group)),
+                    _in_summary(_name(group)),
                     Cell(f"{item.metric}{over}"),
                     Cell.number(item.limit, f"{place}.limit"),
                     Cell.number(item.value, f"{place}.value", undefined=ABSENT),
@@ -129,16 +150,11 @@ def _pooled(summary: Summary) -> Table:
 
 
 def _pooled_rows(group: Group, part: PooledCondition, place: str) -> Iterator[Row]:
-    errors = (
-        ("position", "position_m", METRE),
-        ("attitude", "attitude_deg", DEGREE),
-        ("heading", "heading_deg", DEGREE),
-    )
-    for name, key, unit in errors:
+    for name, key, unit in ERRORS:
         statistic: IntervalStatistic = getattr(part, key)
         shown = MILLIMETRE if unit is METRE and (statistic.mean_plus_3sigma or 0.0) < 1.0 else unit
         yield (
-            Cell.head(_name(group)),
+            _in_summary(_name(group)),
             Cell(part.condition.label),
             Cell(name),
             *(
@@ -167,7 +183,7 @@ def _maps(summary: Summary) -> Table:
         error = None if score.errors is None else score.errors.point_error_m
         rows.append(
             (
-                Cell.head(drive.source),
+                _page(drive, pages),
                 Cell(_of(drive)),
                 Cell.number(score.coverage, "map.coverage", PERCENT, ABSENT),
                 Cell.number(None if error is None else error.mean, "map.point_error_m.mean", MILLIMETRE, ABSENT),
@@ -177,7 +193,7 @@ def _maps(summary: Summary) -> Table:
                     MILLIMETRE,
                     ABSENT,
                 ),
-                _file(drive, pages),
+                _file(drive),
             )
         )
     rows.sort(key=lambda row: -float(row[4].value or 0.0))  # type: ignore[arg-type]
@@ -185,8 +201,7 @@ def _maps(summary: Summary) -> Table:
 
 
 def _of(drive: Drive) -> str:
-    parts = [drive.task, drive.configuration, drive.faults, f"repeat {drive.repeat}" if drive.repeat else ""]
-    return ", ".join(part for part in parts if part)
+    return _joined(drive.task, drive.configuration, drive.faults, f"repeat {drive.repeat}" if drive.repeat else "")
 
 
 def worst_first(summary: Summary) -> list[Drive]:
@@ -206,10 +221,14 @@ def linked(summary: Summary) -> list[Drive]:
     return (worst_first(summary) + maps)[:MAX_PAGES]
 
 
-def _file(drive: Drive, pages: set[str]) -> Cell:
-    """Return where the whole score stands, with a link to its page."""
-    link = f"{PAGES}/{drive.key}.html" if drive.key in pages else f"results/{drive.key}.json"
-    return Cell(drive.key[:12], link=link)
+def _page(drive: Drive, pages: set[str]) -> Cell:
+    """Return the name of a drive, with a link to its page."""
+    return replace(Cell.head(drive.source), link=f"{PAGES}/{drive.key}.html" if drive.key in pages else "")
+
+
+def _file(drive: Drive) -> Cell:
+    """Return the key of a result, with a link to the whole score."""
+    return Cell(drive.key[:SHORT_KEY], link=f"results/{drive.key}.json")
 
 
 def _drives(summary: Summary) -> Table:
@@ -230,7 +249,7 @@ def _drives(summary: Summary) -> Table:
     )
     pages = {drive.key for drive in linked(summary)}
     rows = tuple(_drive_row(drive, pages) for drive in worst_first(summary))
-    note = "Errors over the sub-trajectories of the first condition. A result is the whole score: results/*.json."
+    note = "Errors over the sub-trajectories of the first condition. A drive links to its page, a result to the file."
     return Table("drives", "Drives, the worst first", columns, rows, note)
 
 
@@ -243,7 +262,7 @@ def _drive_row(drive: Drive, pages: set[str]) -> Row:
     place = "trajectory."
     missed = [item.metric for item in score.failed]
     return (
-        Cell.head(drive.source),
+        _page(drive, pages),
         Cell(_of(drive)),
         Cell.number(first.position_m.mean_plus_3sigma, f"{place}position_m.mean_plus_3sigma", MILLIMETRE, ABSENT),
         Cell.number(first.attitude_deg.mean_plus_3sigma, f"{place}attitude_deg.mean_plus_3sigma", DEGREE, ABSENT),
@@ -255,30 +274,5 @@ def _drive_row(drive: Drive, pages: set[str]) -> Row:
         Cell.number(None if peaks is None else peaks.peak_bytes, "memory.localisation_peak_bytes", MIB, ABSENT),
         Cell.number(drive.seconds, "", SECOND, ABSENT),
         Cell.number(len(missed), "verdicts"),
-        _file(drive, pages),
+        _file(drive),
     )
-
-
-def _failures(summary: Summary) -> Table:
-    columns = (
-        Column("task", words=True),
-        Column("cause", words=True),
-        Column("tries"),
-        Column("message", words=True),
-        Column("result", words=True),
-    )
-    rows = [
-        (
-            Cell.head(item.label),
-            Cell(item.attempts[-1].cause.value),
-            Cell.number(len(item.attempts), "attempts"),
-            Cell(item.attempts[-1].message),
-            Cell(item.key[:12], link=f"failures/{item.key}.json"),
-        )
-        for item in summary.failures
-    ]
-    rows += [
-        (Cell.head(item.path), Cell("source refused"), Cell.number(0, "refusals"), Cell(item.reason), Cell(ABSENT))
-        for item in summary.refusals
-    ]
-    return Table("failures", "Failures", columns, tuple(rows))

@@ -12,6 +12,8 @@ from sfr_loc_map.metrics.records.json_records import to_plain
 
 KEY_LENGTH = 32
 """Hexadecimal digits of a key: two of 10^9 results agree by chance with a probability of 10^-21."""
+NO_CONFIGURATION = "-"
+"""Of tasks that take no parameters."""
 
 
 class TaskKind(StrEnum):
@@ -138,7 +140,8 @@ class Task:
         """Name for people: `localise rocky-7 + black:share=0.1, default, repeat 2`."""
         faults = f" + {self.faults}" if self.faults else ""
         repeat = f", repeat {self.repeat}" if self.repeat else ""
-        return f"{self.kind} {self.source.name}{faults}, {self.configuration}{repeat}"
+        configuration = "" if self.configuration == NO_CONFIGURATION else f", {self.configuration}"
+        return f"{self.kind} {self.source.name}{faults}{configuration}{repeat}"
 
     @property
     def pairing(self) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import signal
 import sqlite3
 import subprocess
@@ -56,7 +58,9 @@ def test_a_suite_is_run_once_judged_and_reported(sfr: Sfr, suite: Path, serial: 
     assert pooled["position_m"]["mean_plus_3sigma"] == pytest.approx(figure, rel=1e-6), "the rows are rounded"
     page = (serial / "report.html").read_text()
     assert all(f'href="pages/{drive["key"]}.html"' in page for drive in summary["drives"])
-    assert (serial / "pages" / f"{summary['drives'][0]['key']}.html").is_file()
+    links = set(re.findall(r'<a href="([^":]+)"', page))
+    assert {drive["file"] for drive in summary["drives"]} | {"suite.json"} <= links
+    assert all((serial / link).is_file() for link in links)
     assert json.loads((serial / "suite.json").read_text())["groups"] == summary["groups"]
 
 
@@ -109,14 +113,19 @@ def test_two_suites_and_their_history(sfr: Sfr, serial: Path, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_what_fails_is_named_with_the_command_that_repeats_it(sfr: Sfr, tmp_path: Path) -> None:
-    suite = made_suite(tmp_path / "made", 1)
-    (tmp_path / "made" / "drive0.csv").write_text("stamp_ns\nnonsense\n")
+    suite = made_suite(tmp_path / "made of it", 1)
+    (tmp_path / "made of it" / "drive0.csv").write_text("stamp_ns\nnonsense\n")
     out = tmp_path / "out"
     done = sfr("suite", "run", suite, "--out", out)
     assert done.code == 2
     (key,) = [path.stem for path in (out / "failures").iterdir()]
     assert f"--only {key[:12]}" in done.err
     assert "bad input" in done.err
+    (again,) = [line.partition("again: sfr ")[2] for line in done.err.splitlines() if "again: " in line]
+    (failure,) = json.loads((out / "suite.json").read_text())["failures"]
+    assert failure["again"] == f"sfr {again}"
+    repeated = sfr(*shlex.split(again))
+    assert (repeated.code, f"again: sfr {again}" in repeated.err) == (2, True)
     assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 1 tasks to run")
     assert "1 of 1" in sfr("suite", "run", suite, "--out", out, "--dry-run", "--retry-failed").out
 

@@ -182,12 +182,13 @@ def measure_resume(folder: Path, out: Path, command: list[str]) -> bool:
         begin = time.monotonic()
         with (folder / "resume.log").open("ab") as log:
             client = subprocess.Popen(command, stdout=log, stderr=log)
-        process = psutil.Process(client.pid)
+        process, own = psutil.Process(client.pid), 0.0
         while not path.exists() and client.poll() is None:
+            own = own_s(process)
             time.sleep(0.02)
         walls.append(time.monotonic() - begin)
-        processors.append(own_s(process))
-        client.wait()
+        processors.append(own)
+        assert client.wait() == 0, (folder / "resume.log").read_text()
     wall = sorted(walls)[RESUMES // 2]
     each = ", ".join(f"{wall:.1f} ({own:.1f})" for wall, own in zip(walls, processors, strict=True))
     print(f"resumed after, s (of which processor time of the client): {each}")

@@ -58,7 +58,7 @@ def summary(score: Score, factors: dict[str, float], configuration: str = "defau
         for name, factor in factors.items()
     )
     counts = {"tasks": len(drives), "done": len(drives), "failed": 0, "waiting": 0}
-    return Summary(**counts, groups=(), drives=drives, failures=(), refusals=(), code="")
+    return Summary(**counts, groups=(), drives=drives, failures=(), again=(), refusals=(), code="")
 
 
 def names(count: int) -> list[str]:

@@ -77,3 +77,12 @@ def test_a_slow_decline_adds_up() -> None:
 def test_one_run_is_no_history() -> None:
     with pytest.raises(MetricsError, match="two suites"):
         find_changes([run_of("a", errors(np.random.default_rng(0)))])
+
+
+@pytest.mark.parametrize(("drives", "runs", "found"), [(7, 2, False), (8, 2, True), (20, 201, True)])
+def test_what_so_few_drives_cannot_show_is_not_called_no_difference(drives: int, runs: int, found: bool) -> None:
+    rows = errors(np.random.default_rng(5))[:drives]
+    names = [str(number) for number in range(runs)]
+    factors = dict.fromkeys(names, 1.0) | {names[-1]: 1.3}
+    history = find_changes([run_of(name, factor * rows) for name, factor in factors.items()])
+    assert history.points[-1].outcome is (Outcome.WORSE if found else Outcome.NOT_ENOUGH_DATA)
