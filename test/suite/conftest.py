@@ -1,6 +1,24 @@
-"""Makes the helpers beside the tests importable."""
+"""Makes the helpers beside the tests importable; a score of a small drive."""
 
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parent))
+from made_suites import straight
+
+from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.pipeline.score_inputs import ScoreInputs
+from sfr_loc_map.pipeline.scoring import score_files
+
+
+@pytest.fixture(scope="session")
+def score(tmp_path_factory: pytest.TempPathFactory) -> Score:
+    folder = tmp_path_factory.mktemp("drive")
+    save_trajectory(folder / "truth.csv", straight(60, 0.0, 0))
+    save_trajectory(folder / "estimate.csv", straight(60, 0.001, 1))
+    config = ScoreConfig(trajectory=TrajectoryScoreConfig(conditions=("distance=1",), spacing=5))
+    return score_files(ScoreInputs.of(folder / "estimate.csv", folder / "truth.csv"), config)

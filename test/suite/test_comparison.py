@@ -7,29 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_suites import straight
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.pipeline.score_inputs import ScoreInputs
-from sfr_loc_map.pipeline.scoring import score_files
 from sfr_loc_map.suite.comparison import compare_suites
 from sfr_loc_map.suite.groups import Drive
 from sfr_loc_map.suite.summary import Summary
 
 POSITION = "position over 1 m, m"
-
-
-@pytest.fixture(scope="module")
-def score(tmp_path_factory: pytest.TempPathFactory) -> Score:
-    folder = tmp_path_factory.mktemp("drive")
-    save_trajectory(folder / "truth.csv", straight(60, 0.0, 0))
-    save_trajectory(folder / "estimate.csv", straight(60, 0.001, 1))
-    config = ScoreConfig(trajectory=TrajectoryScoreConfig(conditions=("distance=1",), spacing=5))
-    return score_files(ScoreInputs.of(folder / "estimate.csv", folder / "truth.csv"), config)
 
 
 def scaled(score: Score, factor: float) -> Score:
