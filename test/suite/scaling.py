@@ -3,9 +3,9 @@
     python test/suite/scaling.py SOURCE [TASKS]
 
 The same localisation tasks are run with one slot and with two. On a host that others use as well the wall time says
-little, so the processor time of the tasks is compared too: what two slots cost each other by shared caches and memory,
-and the time in which a slot has no task. Then the cost of each step that a client and a scheduler take for one task is
-measured, and set against the time that a cluster takes for it.
+little, so the processor time is compared too: it shows what two slots cost each other by shared caches and memory. Then the
+cost of each step that a client and a scheduler take for one task is measured, and set against the time that a cluster
+takes for it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ BAGS, WORKERS, TASK_S = 10_000, 500, 60.0
 """Of the simulation on paper: a task of a minute is a bag of some two minutes at 10 Hz."""
 DASK_S = 0.0163
 """Processor time of the scheduler for one task, as `chaos.py` measures it."""
-FULL = 2000
+FULL = 1000
 """Results of which costs that may grow with their number are measured."""
 
 
@@ -79,10 +79,8 @@ def measure_slots(folder: Path, source: Path, tasks: int) -> None:
         print(f"{item.slots} slots: {item.wall_s:.1f} s, processor {item.processor_s:.1f} s, busy {100 * busy:.1f} %")
     one, two = runs
     inflation = two.processor_s / one.processor_s
-    print(f"speed-up by the clock of this host: {one.wall_s / two.wall_s:.2f}")
-    busy = [item.tasks_s / (item.slots * item.wall_s) for item in runs]
-    free = 2 / inflation * busy[1] / busy[0]
-    print(f"processor time with two over one: {inflation:.3f}; speed-up on free cores: {free:.2f}")
+    print(f"speed-up by the clock of this host: {one.wall_s / two.wall_s:.2f}, with start and report")
+    print(f"processor time with two slots over one: {inflation:.3f}, so that free cores give up to {2 / inflation:.2f}")
 
 
 def timed(action: object, count: int) -> float:
