@@ -3,9 +3,9 @@
     python test/suite/scaling.py SOURCE [TASKS]
 
 The same localisation tasks are run with one slot and with two. On a host that others use as well the wall time says
-little, so the processor time is compared too: it shows what two slots cost each other by shared caches and memory. Then the
-cost of each step that a client and a scheduler take for one task is measured, and set against the time that a cluster
-takes for it.
+little, so the processor time is compared too: it shows what two slots cost each other by shared caches and memory.
+Then the cost of each step that a client and a scheduler take for one task is measured, and set against the time that a
+cluster takes for it.
 """
 
 from __future__ import annotations
