@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from sfr_loc_map.suite.remote import expand, is_remote, remote_facts
 from sfr_loc_map.suite.specification import SourceEntry, SuiteSpecification
 from sfr_loc_map.suite.task import NO_CONFIGURATION, SourceKind, Task, TaskKind, TaskSource, digest
 
+READERS = 8
+"""Sources that are hashed, or asked for, at a time: of many large ones this takes longer than their tasks."""
 FactsOf = Callable[[Path], SourceFacts]
 """Tells what a source holds."""
 
@@ -57,14 +60,12 @@ def make_plan(specification: SuiteSpecification, facts_of: FactsOf) -> Plan:
     Raises:
         ConfigError: If a path or glob matches nothing, a simulation's settings are wrong, or there is no task at all.
     """
-    sources: list[tuple[TaskSource, tuple[TaskKind, ...]]] = []
-    refusals: list[Refusal] = []
-    for entry in specification.sources:
-        for source in _sources(entry, specification.path.absolute().parent):
-            try:
-                sources.append(_known(source, facts_of))
-            except SfrError as error:
-                refusals.append(Refusal(source.path, str(error)))
+    folder = specification.path.absolute().parent
+    named = [source for entry in specification.sources for source in _sources(entry, folder)]
+    with ThreadPoolExecutor(READERS) as readers:
+        found = list(readers.map(lambda source: _known_or_refused(source, facts_of), named))
+    sources = [item for item in found if not isinstance(item, Refusal)]
+    refusals = [item for item in found if isinstance(item, Refusal)]
     tasks = {task.key: task for task in _tasks(specification, _renamed(sources))}
     if not tasks and not refusals:
         raise ConfigError(f"{specification.path}: no task: the sources have nothing that 'tasks' asks for")
@@ -104,6 +105,13 @@ def _simulations(entry: SourceEntry, folder: Path) -> Iterator[TaskSource]:
         name = f"{scenario.stem}-{seed}"
         kind = SourceKind.SIMULATED
         yield TaskSource(name=name, kind=kind, path=str(scenario), settings=settings, sha256=digest(settings))
+
+
+def _known_or_refused(source: TaskSource, facts_of: FactsOf) -> tuple[TaskSource, tuple[TaskKind, ...]] | Refusal:
+    try:
+        return _known(source, facts_of)
+    except SfrError as error:
+        return Refusal(source.path, str(error))
 
 
 def _known(source: TaskSource, facts_of: FactsOf) -> tuple[TaskSource, tuple[TaskKind, ...]]:
