@@ -47,9 +47,9 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
     """Channels and messages of a Foxglove client, `state.json` of the page beside it, what was fed."""
     points = np.random.default_rng(1).uniform((0, 0, -1), (3, 2, 1), (500, 3)).astype(np.float32)
     cloud = cloud_sample("mapping/points", STAMP_NS, points, np.full(500, 0.02), BEGIN_S, np.full(500, 0.5))
-    picture = np.full((48, 64), 90, np.uint8)
+    pixels = np.full((48, 64), 90, np.uint8)
     topics = [topic.removeprefix("/") for topic in (*IMAGES, TRACKS)]
-    images = [image_sample(topic, STAMP_NS, picture, BEGIN_S) for topic in topics]
+    images = [image_sample(topic, STAMP_NS, pixels, BEGIN_S) for topic in topics]
 
     async def run() -> tuple[Any, ...]:
         for_page, for_foxglove = Hub(), Hub()
