@@ -159,8 +159,7 @@ class LiveState:
 
     def moment(self, now_s: float) -> float:
         """Return the moment by which ages are told: while a player stands still, so does its time."""
-        held = self.time_line is not None and not self.time_line.playing
-        return min(now_s, self._heard_s) if held else now_s
+        return now_s if self.time_line is None or self.time_line.playing else min(now_s, self._heard_s)
 
     def is_stale(self, now_s: float) -> bool:
         """Tell whether no pose comes any more although there were some."""
@@ -261,6 +260,7 @@ class LiveState:
         if update.restarted:
             self.path.restart()
             self.calls.clear()
+            self.report = None
 
 
 ROW_FIELDS = (

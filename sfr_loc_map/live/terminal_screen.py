@@ -22,7 +22,7 @@ from sfr_loc_map.tables.terminal import COLOURS, OPEN_COLOUR
 LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
 """Sign and colour of the level of a node."""
 DROPPED, LATENCY, P95 = "dropped_", "latency_", "_p95_s"
-FIGURE_WIDTH, NUMBER_WIDTH = 18, 10
+FIGURE_WIDTH, NUMBER_WIDTH, VERDICT_WIDTH = 18, 10, 17
 WAITING = "no figures yet: waiting for metrics/report of the monitor"
 
 
@@ -106,7 +106,7 @@ def _figures(table: Table) -> RenderableType:
 
 
 def _verdicts(table: Table) -> RenderableType:
-    grid = _grid("verdict", max_width=NUMBER_WIDTH)
+    grid = _grid("verdict", min_width=VERDICT_WIDTH)
     grid.add_column("figure", min_width=FIGURE_WIDTH)
     grid.add_column("limit", justify="right", no_wrap=True)
     grid.add_column("value", justify="right", max_width=NUMBER_WIDTH)
@@ -231,8 +231,8 @@ def _age(seconds: float) -> str:
     return f"{max(seconds, 0.0):.1f} s"
 
 
-def _grid(first: str, min_width: int | None = None, max_width: int | None = None) -> Grid:
+def _grid(first: str, min_width: int | None = None) -> Grid:
     """Return a table without lines, with its first column."""
     grid = Grid(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold", expand=False)
-    grid.add_column(first, min_width=min_width, max_width=max_width)
+    grid.add_column(first, min_width=min_width)
     return grid

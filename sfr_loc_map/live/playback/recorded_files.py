@@ -18,7 +18,7 @@ from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.node_view import CALL_TIMES
-from sfr_loc_map.live.playback.recording import MAPPING_NODE, RecordedStatus, Recording, place
+from sfr_loc_map.live.playback.recording import MAPPING_NODE, RecordedMap, RecordedStatus, Recording, place
 from sfr_loc_map.live.report_view import MAX_REPORT_CHARACTERS
 from sfr_loc_map.live.updates import Status, StatusKind
 from sfr_loc_map.localisation.estimate import TrackingState
@@ -109,12 +109,11 @@ def _recording(
     estimates, truth = poses
     cloud, report = made
     drive, panorama = _stamps_of_poses(estimates, truth), list((cloud and cloud.pair_stamps_ns) or ())
+    drive += _stamps_of_calls(spoken, of_map=False)
+    panorama += _stamps_of_calls(spoken, of_map=True)
     if source is not None:
         drive += _ends(source.loc)
         panorama += _ends(source.nav)
-    for stamp_ns, status, _ in spoken:
-        if stamp_ns is not None:
-            (panorama if status.node == MAPPING_NODE else drive).append(stamp_ns)
     if not drive and not panorama and not report:
         raise InputError(f"'{path}' holds nothing to play: give a bag, the folder of sfr replay --out, or a data set")
     begin = (min(drive, default=0), min(panorama, default=0))
@@ -125,7 +124,7 @@ def _recording(
         truth=truth,
         statuses=list(_placed(spoken, begin)),
         source=source,
-        cloud=cloud,
+        map=None if cloud is None else RecordedMap.of(cloud, source),
         report=report,
         begin_ns=begin,
         end_s=max(ends),
@@ -136,6 +135,10 @@ def _stamps_of_poses(estimates: Estimates | None, truth: Trajectory | None) -> l
     """Return the first and the last stamp of both."""
     tracks = [track for track in (None if estimates is None else estimates.trajectory, truth) if track is not None]
     return [int(stamp) for track in tracks if len(track) for stamp in (track.stamps_ns.min(), track.stamps_ns.max())]
+
+
+def _stamps_of_calls(spoken: list[Spoken], *, of_map: bool) -> list[int]:
+    return [stamp for stamp, status, _ in spoken if stamp is not None and (status.node == MAPPING_NODE) == of_map]
 
 
 def _placed(spoken: list[Spoken], begin: tuple[int, int]) -> Iterator[RecordedStatus]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from operator import attrgetter
 
 import numpy as np
@@ -12,12 +12,13 @@ import numpy as np
 from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S, SIDES
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.cloud_truth import CloudTruth
 from sfr_loc_map.live.media import cloud_sample
 from sfr_loc_map.live.updates import CloudSample, PoseSample, Status, StatusKind, Track
+from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap
 from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
@@ -74,6 +75,41 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RecordedMap:
+    """A map with its truth.
+
+    Attributes:
+        cloud: The map.
+        sample: The same thinned for the screen, with the stamp of its last pair.
+        rig: Rig of its pairs, None where it is not known.
+        pairs: Its pairs, without any where there is no source.
+        scored: Its score, once it was made: it takes seconds, and whoever jumps back does not wait for it again.
+    """
+
+    cloud: PointCloud
+    sample: CloudSample
+    rig: StereoRig | None
+    pairs: Sequence[PosedStereoPair]
+    scored: list[ScoredMap] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, cloud: PointCloud, source: Source | None) -> RecordedMap:
+        """Return a map, with the truth of its pairs where a source has it.
+
+        Raises:
+            InputError: If the source is broken.
+        """
+        stamps, nav = cloud.pair_stamps_ns or (0,), None if source is None else source.nav
+        pairs = [] if nav is None else [item for item in nav.pairs() if item.pair.stamp_ns in stamps]
+        truth = CloudTruth()
+        for item in pairs:
+            if item.truth is not None:
+                truth.add_points(item.pair.stamp_ns, item.truth)
+        sample = cloud_sample(POINTS, stamps[-1], cloud.xyz, cloud.sigma, 0.0, truth.errors(cloud))
+        return cls(cloud, sample, None if nav is None else nav.rig, pairs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """A recorded run; what is absent is None or empty.
 
@@ -83,7 +119,7 @@ class Recording:
         truth: True poses.
         statuses: Calls and health of the nodes, in their order.
         source: Images, and the truth of the map.
-        cloud: The map, with the stamps of its pairs.
+        map: The map.
         report: JSON of a score that was made before, for where it cannot be made again.
         begin_ns: First stamp of the drive and of the mapping pairs.
         end_s: Length.
@@ -94,7 +130,7 @@ class Recording:
     truth: Trajectory | None
     statuses: Sequence[RecordedStatus]
     source: Source | None
-    cloud: PointCloud | None
+    map: RecordedMap | None
     report: str
     begin_ns: tuple[int, int]
     end_s: float
@@ -159,34 +195,24 @@ class Recording:
             yield Moment(item.at_s, item.status, score)
 
     def _map(self) -> Iterator[Moment]:
-        """Yield the cloud; its truth is read when it is its turn."""
-        cloud = self.cloud
-        if cloud is None:
+        found = self.map
+        if found is None:
             return
-        stamps = cloud.pair_stamps_ns or (self.begin_ns[1],)
-        pairs = self._mapped_pairs(stamps)
-        truth = CloudTruth()
-        for item in pairs:
-            if item.truth is not None:
-                truth.add_points(item.pair.stamp_ns, item.truth)
 
         def score(of: MonitorScore) -> None:
-            inputs = of.map_inputs
-            inputs.rig = None if self.source is None or self.source.nav is None else self.source.nav.rig
-            for item in pairs:
-                inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
+            if found.scored:
+                of.map_score = found.scored[0]
+                return
+            of.map_inputs.rig = found.rig
+            for item in found.pairs:
+                of.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
                 if item.truth is not None:
-                    inputs.add_true_points(item.pair.stamp_ns, item.truth)
-            inputs.add_cloud(stamps[-1], cloud)
-            of.score_maps()
+                    of.map_inputs.add_true_points(item.pair.stamp_ns, item.truth)
+            of.map_inputs.add_cloud(found.sample.stamp_ns, found.cloud)
+            if of.score_maps() and of.map_score is not None:
+                found.scored.append(of.map_score)
 
-        sample = cloud_sample(POINTS, stamps[-1], cloud.xyz, cloud.sigma, 0.0, truth.errors(cloud))
-        yield Moment(place(stamps[-1], self.begin_ns[1]), sample, score)
-
-    def _mapped_pairs(self, stamps_ns: tuple[int, ...]) -> list[PosedStereoPair]:
-        if self.source is None or self.source.nav is None:
-            return []
-        return [item for item in self.source.nav.pairs() if item.pair.stamp_ns in stamps_ns]
+        yield Moment(place(found.sample.stamp_ns, self.begin_ns[1]), found.sample, score)
 
 
 def place(stamp_ns: int, begin_ns: int) -> float:

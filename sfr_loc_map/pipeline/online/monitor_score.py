@@ -30,6 +30,7 @@ class MonitorScore:
 
     Attributes:
         map_inputs: What the map scores to come are made of.
+        map_score: Of the last map that could be scored, None before.
     """
 
     def __init__(self, config: ScoreConfig, limits: Limits | None) -> None:
@@ -43,7 +44,7 @@ class MonitorScore:
         self._config, self._limits = config, limits
         self._trajectory = LiveTrajectoryScore(config.trajectory)
         self._calls = CallRing(MAX_CALLS)
-        self._map_score: ScoredMap | None = None
+        self.map_score: ScoredMap | None = None
         self._estimates = self._truths = 0
         self._latest_ns: dict[str, int] = {}
 
@@ -51,7 +52,7 @@ class MonitorScore:
         """Forget everything but the inputs of maps to come."""
         self._trajectory = LiveTrajectoryScore(self._config.trajectory)
         self._calls.clear()
-        self._map_score = None
+        self.map_score = None
         self._estimates = self._truths = 0
         self._latest_ns.clear()
 
@@ -89,7 +90,7 @@ class MonitorScore:
         """
         scored = False
         for cloud, truths in self.map_inputs.take_complete():
-            self._map_score = score_map(cloud, truths, self._config.map)
+            self.map_score = score_map(cloud, truths, self._config.map)
             scored = True
         return scored
 
@@ -100,7 +101,7 @@ class MonitorScore:
             provenance: What it is made of.
             details: Whether what figures are drawn from is wanted.
         """
-        scored_map = self._map_score
+        scored_map = self.map_score
         if scored_map is not None and not details:
             scored_map = replace(scored_map, details=None)
         parts = ScoreParts(
