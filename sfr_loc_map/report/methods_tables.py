@@ -45,9 +45,9 @@ def _methods(named: Sequence[tuple[str, Score]]) -> Table:
     ]
     rows = tuple(_method_row(name, score, drives=drives, maps=maps) for name, score in named)
     note = (
-        "Errors: mean + 3 sigma with its 95 % interval. Time per call: localisation / mapping; a latency is marked, it "
+        "Errors: mean + 3 sigma, of position with its 95 % interval. Time per call: localisation / mapping; a latency "
     )
-    note += "has transport and waiting in it, and is no time per call. Memory: largest peak."
+    note += "is marked, it has transport and waiting in it, and is no time per call. Memory: largest peak."
     return Table("counts", "Methods", tuple(columns), rows, note)
 
 
