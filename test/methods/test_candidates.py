@@ -175,3 +175,10 @@ def test_names_are_looked_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sf
 
 def replace_name(entry: metadata.EntryPoint, name: str) -> metadata.EntryPoint:
     return metadata.EntryPoint(name, entry.value, entry.group)
+
+
+def test_header_and_examples_are_installed() -> None:
+    files = (ROOT / "setup.py").read_text(encoding="utf-8")
+    for place in ("include/*.h", "examples/*.py", "examples/c_candidate/*"):
+        assert f'glob("{place}")' in files
+        assert list(ROOT.glob(place))
