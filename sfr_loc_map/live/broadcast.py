@@ -124,8 +124,8 @@ class Broadcast:
     def _silent(self, now_s: float) -> frozenset[str]:
         """Return the names of nodes and topics that are silent."""
         state = self._state
-        views = {**state.nodes, **state.topics}
-        return frozenset(name for name, view in views.items() if view.is_stale(now_s))
+        nodes = {name for name, node in state.nodes.items() if node.is_stale(now_s)}
+        return frozenset(nodes | {name for name, topic in state.topics.items() if topic.is_stale(now_s)})
 
     def _send_rows(self) -> None:
         path = self._state.path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import signal
 import webbrowser
 
@@ -17,6 +18,8 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) 
 
     SIGUSR1 says that the run is over: the pages are told, and can be opened still.
     """
+    gc.collect()
+    gc.freeze()  # what is imported stays: cycles of pages that have gone are then found soon
     task = asyncio.ensure_future(server.serve(lambda url: announce(url, open_browser=open_browser)))
     loop = asyncio.get_running_loop()
 
