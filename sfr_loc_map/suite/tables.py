@@ -84,12 +84,18 @@ def _runs(summary: Summary) -> Table:
             Cell(group.configuration),
             Cell(group.faults or "none"),
             Cell.number(group.drives, f"groups.{number - 1}.drives"),
-            Cell.number(group.matched, f"groups.{number - 1}.matched"),
-            Cell.number(group.lost, f"groups.{number - 1}.lost"),
+            *_frames(group, f"groups.{number - 1}"),
         )
         for number, group in enumerate(summary.groups, 1)
     )
     return Table("runs", "Runs", columns, rows, "Drives of one number were run alike.")
+
+
+def _frames(group: Group, place: str) -> tuple[Cell, Cell]:
+    """Return frames and lost frames; maps have none."""
+    if not group.conditions:
+        return Cell(ABSENT), Cell(ABSENT)
+    return Cell.number(group.matched, f"{place}.matched"), Cell.number(group.lost, f"{place}.lost")
 
 
 def _verdicts(summary: Summary) -> Table:
