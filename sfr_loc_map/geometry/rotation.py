@@ -6,11 +6,16 @@ Quaternions are `quat_xyzw` everywhere (`q = w + x i + y j + z k`), as in ROS me
 
 from __future__ import annotations
 
+import math
+from typing import Final
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
+
+NO_LENGTH: Final = "a quaternion has no length or is not finite: a rotation needs four finite numbers, not all zero"
 
 
 def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:
@@ -25,9 +30,7 @@ def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:
     quat = np.asarray(quat_xyzw, dtype=np.float64)
     norm = np.sqrt(np.sum(quat * quat, axis=-1, keepdims=True))
     if not np.all(np.isfinite(norm)) or np.any(norm < 1e-12):
-        raise GeometryError(
-            "a quaternion has no length or is not finite: a rotation needs four finite numbers, not all zero"
-        )
+        raise GeometryError(NO_LENGTH)
     return np.asarray(quat / norm)
 
 
@@ -81,6 +84,8 @@ def quat_from_matrix(matrix: ArrayLike) -> FloatArray:
     full precision for every angle, 180 degrees too.
     """
     m = np.asarray(matrix, dtype=np.float64)
+    if m.ndim == 2:
+        return _quat_from_one_matrix(m)
     trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
     squares = np.stack((m[..., 0, 0], m[..., 1, 1], m[..., 2, 2], trace), axis=-1)
     diagonal = 1.0 + 2.0 * squares - trace[..., None]
@@ -99,6 +104,29 @@ def quat_from_matrix(matrix: ArrayLike) -> FloatArray:
     largest = np.argmax(squares, axis=-1)
     quat = quat_normalised(np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :])
     return np.where(quat[..., 3:4] < 0, -quat, quat)
+
+
+def _quat_from_one_matrix(matrix: FloatArray) -> FloatArray:
+    """Return that of one matrix `(3, 3)`, the same to the last digit and without the cost of small arrays."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    trace = a + e + i
+    squares = (a, e, i, trace)
+    largest = squares.index(max(squares)) if trace == trace else 3  # NaN
+    if largest == 3:
+        quat = (h - f, c - g, d - b, 1.0 + trace)
+    elif largest == 2:
+        quat = (c + g, h + f, 1.0 + 2.0 * i - trace, d - b)
+    elif largest == 1:
+        quat = (d + b, 1.0 + 2.0 * e - trace, h + f, c - g)
+    else:
+        quat = (1.0 + 2.0 * a - trace, d + b, c + g, h - f)
+    x, y, z, w = quat
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not 1e-12 <= norm < math.inf:
+        raise GeometryError(NO_LENGTH)
+    if w / norm < 0:
+        norm = -norm
+    return np.array((x / norm, y / norm, z / norm, w / norm))
 
 
 def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:

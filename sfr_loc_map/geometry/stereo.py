@@ -113,7 +113,7 @@ class StereoPair:
     @property
     def identical_images(self) -> bool:
         """Whether both images are one and the same: then it is no stereo pair."""
-        return np.array_equal(self.left, self.right)
+        return are_equal(self.left, self.right)
 
     def __post_init__(self) -> None:
         """Check type and size.
@@ -131,6 +131,13 @@ class StereoPair:
                 f"images of stamp {self.stamp_ns} differ in size: left {self.left.shape[::-1]}, "
                 f"right {self.right.shape[::-1]}; both must be of the rig's size"
             )
+
+
+def are_equal(one: GreyImage, other: GreyImage) -> bool:
+    """Tell whether two images `(H, W)` are the same to the last bit; the middle row tells most others."""
+    middle = len(one) // 2
+    same_middle = one.shape == other.shape and np.array_equal(one[middle : middle + 1], other[middle : middle + 1])
+    return same_middle and np.array_equal(one, other)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

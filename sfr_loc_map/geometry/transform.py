@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, check_rotation, plausible_positions, plausible_quats
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, check_rotation, plausible_quats
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
     matrix_from_rotvec,
@@ -45,9 +46,11 @@ class Transform:
             raise GeometryError(
                 f"a transform needs (3, 3) and (3,): got {self.rotation.shape}, {self.translation.shape}"
             )
-        if not (np.all(np.isfinite(self.rotation)) and np.all(np.isfinite(self.translation))):
+        position = self.translation.tolist()  # loops over a few numbers are faster than arrays of them
+        numbers = (*position, *self.rotation.reshape(-1).tolist())
+        if not all(map(isfinite, numbers)):
             raise GeometryError("a transform has a number that is not finite")
-        if not plausible_positions(self.translation):
+        if max(map(abs, position)) > MAX_POSITION_M:
             raise GeometryError(
                 f"a position is {self.translation.tolist()} m: up to {MAX_POSITION_M:g} m are possible, in metres"
             )

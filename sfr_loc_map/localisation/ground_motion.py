@@ -205,13 +205,13 @@ class GroundMotionFinder:
             return None
         start = self._tracker.align(frame.left, landmarks, guesses.poses)
         result = self._tracker.refine(frame, landmarks, start, guesses.offset)
-        if result.inliers.sum() < CONVINCING * len(landmarks):
+        if result.inlier_count < CONVINCING * len(landmarks):
             pose = self._relocaliser.pose_by_flow(frame, landmarks)
             if pose is not None:
                 by_flow = self._tracker.refine_from_afar(frame, landmarks, pose, guesses.offset)
-                result = max(result, by_flow, key=lambda item: int(item.inliers.sum()))
+                result = max(result, by_flow, key=lambda item: item.inlier_count)
         enough = max(self._min_tracked, MIN_AGREEMENT * len(landmarks))
-        return result if result.inliers.sum() >= enough else None
+        return result if result.inlier_count >= enough else None
 
     def _first_alone(self, frame: StereoFrame, first: TrackingResult, fixed: Mask, guesses: Guesses) -> GroundMotion:
         """Return the first motion; what is fixed to the camera is left out."""
@@ -272,7 +272,7 @@ class GroundMotionFinder:
 
     def _differ(self, first: TrackingResult, second: TrackingResult) -> bool:
         """Tell whether nearly all landmarks agree on the second pose, or both poses see them at different pixels."""
-        if second.inliers.sum() > CONVINCING * len(second.landmarks):
+        if second.inlier_count > CONVINCING * len(second.landmarks):
             return True
         landmarks = second.landmarks.subset(second.inliers)
         uv = (project(item.pose, landmarks, self._camera) for item in (first, second))

@@ -20,6 +20,7 @@ from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.frontend.sparse_stereo import match_corners
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
+from sfr_loc_map.localisation.median import median
 from sfr_loc_map.localisation.parallel import in_background
 
 MIN_DISPARITY_PX = 1e-3
@@ -86,7 +87,7 @@ class KeyframeBackend:
     @property
     def drift(self) -> KeyframeDrift | None:
         """How well the newest keyframe is known from the one before; None in the first of a window."""
-        return self._window.drift()
+        return self._window.drift
 
     def wait(self) -> float | None:
         """Wait for the keyframe in work; return the seconds that it took, None without one."""
@@ -137,7 +138,7 @@ class KeyframeBackend:
         seen_by_keyframe = int(np.isfinite(self.landmarks.last_seen[:, 0]).sum())
         if len(flow) < self._config.keyframe_share * seen_by_keyframe:
             return True
-        return float(np.median(flow)) > self._config.keyframe_flow * self._rig.width
+        return median(flow) > self._config.keyframe_flow * self._rig.width
 
     def add_keyframe(self, frame: StereoFrame, result: TrackingResult) -> None:
         """Make a tracked pair a keyframe, in the background."""

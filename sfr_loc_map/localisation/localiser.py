@@ -25,6 +25,7 @@ from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.ground_motion import GroundMotionFinder, Guesses
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
+from sfr_loc_map.localisation.median import finite_median
 from sfr_loc_map.localisation.motion_model import MotionModel
 from sfr_loc_map.localisation.pose_track import PoseTrack
 from sfr_loc_map.localisation.relocalisation import Relocaliser
@@ -263,9 +264,9 @@ def _statistics(
     offset = backend.calibration.offset
     return TrackingStatistics(
         features=len(result.landmarks),
-        inliers=int(result.inliers.sum()),
+        inliers=result.inlier_count,
         keyframes=keyframes,
-        chi_median=float(np.nanmedian(result.chi2_per_dof)),
+        chi_median=finite_median(result.chi2_per_dof),
         residual_px=result.residual_px,
         vertical_offset_px=offset.v,
         disparity_offset_px=-offset.u,

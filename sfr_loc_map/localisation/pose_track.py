@@ -58,7 +58,7 @@ class PoseTrack:
         Raises:
             GeometryError: If the extrinsics of the rig are unknown.
         """
-        self._T_rb_left, self._bounds = rig.T_rb_left, config.motion
+        self._T_rb_left, self._T_left_rb, self._bounds = rig.T_rb_left, rig.T_rb_left.inverse(), config.motion
         self.covariance = CovarianceModel(rig, config)
         self._history: deque[TrackedPose] = deque(maxlen=HISTORY_PAIRS)
         self._pending: StartPose | None = None
@@ -75,7 +75,7 @@ class PoseTrack:
     @property
     def T_ds_rb(self) -> Transform:
         """RB in DS."""
-        return self.T_ds_left @ self._T_rb_left.inverse()
+        return self.T_ds_left @ self._T_left_rb
 
     def set_pose(self, pose: StartPose) -> None:
         """Take a pose from outside, which gets its place with the pair at or after its stamp."""
@@ -92,7 +92,8 @@ class PoseTrack:
             calibration: What is known of the right camera.
         """
         of_left = self.covariance.of_left(self.T_world_left.translation, depth_m, calibration)
-        lever = self.T_ds_rb.translation - self.T_ds_left.translation
+        T_ds_left = self.T_ds_left
+        lever = (T_ds_left @ self._T_left_rb).translation - T_ds_left.translation
         return covariance_of_point(of_left, self.T_ds_world.rotation, lever)
 
     def plausible(self, stamp_ns: int, T_world_left: Transform) -> bool:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import GreyImage, Mask
-from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.stereo import StereoPair, are_equal
 from sfr_loc_map.localisation.estimate import StateReason
 from sfr_loc_map.localisation.frozen_images import is_frozen
 
@@ -93,12 +93,12 @@ class StaleImageFilter:
 
 def is_duplicate_pair(before: StereoPair, now: StereoPair) -> bool:
     """Tell whether two pairs have bit-identical images."""
-    return np.array_equal(before.left, now.left) and np.array_equal(before.right, now.right)
+    return are_equal(before.left, now.left) and are_equal(before.right, now.right)
 
 
 def _both_stay(before: StereoPair, now: StereoPair) -> bool:
     pairs = (before.left, now.left), (before.right, now.right)
-    return all(np.array_equal(*images) or is_frozen(*images) for images in pairs)
+    return all(are_equal(*images) or is_frozen(*images) for images in pairs)
 
 
 def _swapped(pair: StereoPair) -> StereoPair:

@@ -48,6 +48,7 @@ class StepModel:
             GeometryError: If the extrinsics of the rig are unknown.
         """
         self._rig, self._config = rig, config
+        self._T_rb_left, self._T_left_rb = rig.T_rb_left, rig.T_rb_left.inverse()
         self._interval = config.keyframe_flow * rig.width / rig.fx
         """Size of the motion between two keyframes, radians of optical flow."""
         self._before: tuple[int, Transform] | None = None
@@ -89,8 +90,8 @@ class StepModel:
         self._before, before_unseen, self._unseen = (stamp_ns, now), self._unseen, unseen
         covariance = self._drift(before.inverse() @ now, depth_m, drift, result)
         # the same of RB, in RB before
-        T_rb_left = self._rig.T_rb_left
-        motion = T_rb_left @ before.inverse() @ now @ T_rb_left.inverse()
+        T_rb_left = self._T_rb_left
+        motion = T_rb_left @ before.inverse() @ now @ self._T_left_rb
         to_rb = T_rb_left.rotation @ before.rotation.T
         lever = -motion.rotation @ T_rb_left.translation
         of_rb = covariance_of_point(covariance, to_rb, lever) + FIRST_VARIANCE * np.eye(6) + before_unseen + unseen

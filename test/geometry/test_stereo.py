@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from strategies import transforms
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig, are_equal
 from sfr_loc_map.geometry.transform import Transform
 
 RIG = StereoRig(640, 480, 500.0, 510.0, 319.5, 239.5, 0.12)
@@ -96,3 +96,14 @@ def test_same_cameras_whatever_the_place() -> None:
 def test_pairs_that_are_none(left: np.ndarray, right: np.ndarray, words: str) -> None:
     with pytest.raises(GeometryError, match=words):
         StereoPair(7, left, right)
+
+
+def test_images_are_equal_in_each_pixel() -> None:
+    image = np.random.default_rng(0).integers(0, 255, (7, 5), np.uint8)
+    assert are_equal(image, image.copy())
+    assert not are_equal(image, image[:, :4])
+    assert not are_equal(image, image[:6])
+    for pixel in np.ndindex(image.shape):
+        changed = image.copy()
+        changed[pixel] ^= 1
+        assert not are_equal(image, changed)

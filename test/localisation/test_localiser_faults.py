@@ -18,7 +18,6 @@ from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, TrackingResult
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.parallel import in_background
-from sfr_loc_map.localisation.stale_images import is_duplicate_pair
 
 DRIVE = drive(25)
 
@@ -132,15 +131,6 @@ def test_a_yaw_that_is_not_known_yet_is_within_what_is_stated() -> None:
     assert found[-1][0] > 0.01
     for metres, covariance in found[1:]:
         assert metres < 2.0 * np.sqrt(np.trace(covariance[:3, :3]))
-
-
-def test_a_duplicate_pair_is_equal_in_both_images() -> None:
-    pair = DRIVE[0]
-    assert is_duplicate_pair(pair, StereoPair(pair.stamp_ns + 1, pair.left.copy(), pair.right.copy()))
-    assert not is_duplicate_pair(pair, replace(pair, left=pair.right))
-    changed = pair.right.copy()
-    changed[-1, -1] ^= 1
-    assert not is_duplicate_pair(pair, replace(pair, right=changed))
 
 
 def test_a_pair_that_stays_is_ever_less_certain_until_another_comes() -> None:

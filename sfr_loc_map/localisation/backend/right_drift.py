@@ -57,8 +57,9 @@ class RightDrift:
             return 0.0
         shifts, pairs = np.array(self._shifts), np.arange(count) - 0.5 * (count - 1)
         slope = float(pairs @ shifts) / float(pairs @ pairs)
-        now = float(shifts.mean()) + slope * float(pairs[-1])
-        noise2 = float(np.square(shifts - shifts.mean() - slope * pairs).sum()) / (count - 2)
+        mean = shifts.mean()
+        now = float(mean) + slope * float(pairs[-1])
+        noise2 = float(np.square(shifts - mean - slope * pairs).sum()) / (count - 2)
         sigma = np.sqrt(noise2 * (1.0 / count + pairs[-1] ** 2 / float(pairs @ pairs)))
         if abs(now) < FLOOR_PX + SIGMAS * sigma:
             return 0.0

@@ -133,6 +133,7 @@ class SlidingWindow:
         observations: Where the keyframes observed them.
         pose_covariance: `(6 K, 6 K)` of all poses, position and rotation about the world's axes.
         right_offset: Offset of right positions along the rows.
+        drift: How well the newest keyframe was known from the one before when they were adjusted; None without one.
     """
 
     def __init__(self, camera: StereoCamera, size: int) -> None:
@@ -146,6 +147,7 @@ class SlidingWindow:
         self._patches: list[list[NDArray[np.float32]]] = []
         self.pose_covariance = np.zeros((0, 0))
         self.right_offset = OffsetEstimate(0.0, np.inf)
+        self.drift: KeyframeDrift | None = None
         self._prior = Prior(np.zeros((0, 0)), np.zeros(0), self.keyframes)
 
     def __len__(self) -> int:
@@ -157,7 +159,7 @@ class SlidingWindow:
         """Covariance `(6, 6)` of the newest keyframe's pose."""
         return self.pose_covariance[-6:, -6:]
 
-    def drift(self) -> KeyframeDrift | None:
+    def _drift(self) -> KeyframeDrift | None:
         """Return how well the newest keyframe is known from the one before, None where there is none."""
         if len(self) < 2:
             return None
@@ -243,6 +245,7 @@ class SlidingWindow:
         self.hosted = replace(self.hosted, uv_inverse_depth=result.uv_inverse_depth, covariance=result.covariance)
         self.pose_covariance = result.pose_covariance
         self.right_offset = result.right_offset
+        self.drift = self._drift()
 
     def shift_right_observations(self, columns: float) -> None:
         """Move all right positions as by a yaw of the right camera, by `columns` pixels at the image centre."""

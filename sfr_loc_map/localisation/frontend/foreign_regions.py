@@ -59,7 +59,7 @@ def fixed_correlation(image: FloatImage, patches: Patch, uv: FloatArray) -> Floa
 
     Returns:
         `(N, 2)` normalised cross-correlation there, and the best one beside; -1 where the patch leaves the image or one
-        of both has no texture.
+        of both has no texture, and beside where it does not fit where it was cut: most do not, and nothing follows.
     """
     values, template = np.empty(patches.shape[1], np.float32), np.empty(patches.shape[1], np.float32)
     out = np.full((len(uv), 2), -1.0)
@@ -71,6 +71,8 @@ def fixed_correlation(image: FloatImage, patches: Patch, uv: FloatArray) -> Floa
         if power < MIN_POWER:
             continue
         out[n, 0] = _correlation(image, template, power, u, v, values)
+        if not out[n, 0] > MIN_FIXED_NCC:
+            continue
         for direction in range(4):
             sign = BESIDE_PX if direction < 2 else -BESIDE_PX
             du, dv = (sign, 0) if direction % 2 == 0 else (0, sign)

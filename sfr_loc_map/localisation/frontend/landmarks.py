@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ MIN_INVERSE_DEPTH = 1e-6
 """Inverse depth, 1/m, up to which a landmark is at infinity."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Landmarks:
     """Active landmarks as arrays, each a host pixel with an inverse depth in its host keyframe.
 
@@ -97,7 +98,7 @@ class Landmarks:
         directions = np.einsum("nij,nj->ni", self.hosts.rotations, self.rays)
         return np.asarray(directions / inverse_depth[:, None] + self.hosts.positions)
 
-    @property
+    @cached_property
     def median_depth(self) -> float:
         """Median depth in the host cameras, metres, at most 1 km; 0 without landmarks."""
         return 1.0 / max(float(np.median(self.inverse_depth)), 1e-3) if len(self) else 0.0

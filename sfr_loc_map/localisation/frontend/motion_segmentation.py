@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
-from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.frontend.foreign_regions import stays
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH, Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, TrackingResult
@@ -64,14 +65,47 @@ def stays_in(frame: StereoFrame, landmarks: Landmarks) -> Mask:
     return stays(frame.left.levels[0], landmarks.patches[0][:, 0], landmarks.uv)
 
 
+@jit
+def _where_seen(
+    pose: Pose,
+    hosts: Poses,
+    rays: FloatArray,
+    inverse_depth: FloatArray,
+    host_uv: FloatArray,
+    camera: StereoCamera,
+    shape: tuple[int, int],
+) -> tuple[Mask, Mask]:
+    """Tell which landmarks `(M,)` a pose sees in an image of a shape, and which away from their host pixels.
+
+    What is behind the camera has moved too. See `project`.
+    """
+    height, width = shape
+    count = len(inverse_depth)
+    in_view, moved = np.zeros(count, np.bool_), np.ones(count, np.bool_)
+    direction, seen = np.empty(3), np.empty(3)
+    for n in range(count):
+        rho = max(inverse_depth[n], MIN_INVERSE_DEPTH)
+        for i in range(3):
+            direction[i] = rho * (hosts.positions[n, i] - pose.position[i])
+            for j in range(3):
+                direction[i] += hosts.rotations[n, i, j] * rays[n, j]
+        for j in range(3):
+            seen[j] = 0.0
+            for i in range(3):
+                seen[j] += direction[i] * pose.rotation[i, j]
+        if not seen[2] > 1e-6:
+            continue
+        u, v = camera.fx * seen[0] / seen[2] + camera.cx, camera.fy * seen[1] / seen[2] + camera.cy
+        in_view[n] = BORDER < u < width - 1 - BORDER and BORDER < v < height - 1 - BORDER
+        moved[n] = not (abs(u - host_uv[n, 0]) < MIN_MOTION_PX and abs(v - host_uv[n, 1]) < MIN_MOTION_PX)
+    return in_view, moved
+
+
 def unexplained_by(result: TrackingResult, frame: StereoFrame, camera: StereoCamera) -> Unexplained:
     """Return the landmarks that a result does not explain."""
     landmarks, outliers = result.landmarks, ~result.inliers
-    uv = project(result.pose, landmarks, camera)
-    height, width = frame.image.shape
-    in_view = np.all((uv > BORDER) & (uv < [width - 1 - BORDER, height - 1 - BORDER]), axis=1)
-    # NaN, behind the camera, has moved too
-    moved = ~(np.abs(uv - landmarks.uv).max(axis=1) < MIN_MOTION_PX)
+    host_rays = landmarks.hosts, landmarks.rays, landmarks.inverse_depth, landmarks.uv
+    in_view, moved = _where_seen(result.pose, *host_rays, camera, frame.image.shape)
     rows = in_view & outliers
     fixed = np.zeros(len(landmarks), np.bool_)
     candidates = np.flatnonzero(outliers & moved)

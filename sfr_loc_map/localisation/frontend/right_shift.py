@@ -43,11 +43,12 @@ class _Equations(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """Workspaces of one landmark: covariance of its residual `(4, 4)`, residual `(4,)`, Jacobian `(4, 7)`."""
+    """Workspaces of one landmark: residual `(4,)` and its covariance `(4, 4)`, Jacobian `(4, 7)`, also weighted."""
 
     covariance: FloatArray
     residual: FloatArray
     jacobian: FloatArray
+    weighted: FloatArray
 
 
 @jit_fast_ir_inline
@@ -66,21 +67,29 @@ def _fill(observed: FloatArray, projection: Projection, camera: StereoCamera, wo
 @jit_fast_ir_inline
 def _add(work: _Work, equations: _Equations) -> None:
     """Add a landmark to the normal equations, with a robust weight."""
-    residual, jacobian, h, g = work.residual, work.jacobian, equations.information, equations.rhs
+    residual, jacobian, weighted, h, g = (
+        work.residual,
+        work.jacobian,
+        work.weighted,
+        equations.information,
+        equations.rhs,
+    )
     whitening = inverse(work.covariance)
     chi2 = 0.0
     for i in range(4):
         for j in range(4):
             chi2 += 0.25 * residual[i] * whitening[i, j] * residual[j]
     weight = 1.0 / (1.0 + chi2 / ROBUST_CHI2) ** 2
-    for a in range(UNKNOWNS):
-        for j in range(4):
-            weighted = 0.0
-            for i in range(4):
-                weighted += weight * jacobian[i, a] * whitening[i, j]
-            g[a] += weighted * residual[j]
+    for j in range(4):
+        for a in range(UNKNOWNS):
+            weighted[j, a] = 0.0
+        for i in range(4):
+            for a in range(UNKNOWNS):
+                weighted[j, a] += weight * whitening[i, j] * jacobian[i, a]
+        for a in range(UNKNOWNS):
+            g[a] += weighted[j, a] * residual[j]
             for b in range(UNKNOWNS):
-                h[a, b] += weighted * jacobian[j, b]
+                h[a, b] += weighted[j, a] * jacobian[j, b]
 
 
 @jit_fast
@@ -100,7 +109,7 @@ def right_shift(
     """
     arrays, projection = intrinsics(camera), new_projection()
     equations = _Equations(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))
-    work = _Work(np.zeros((4, 4)), np.zeros(4), np.zeros((4, UNKNOWNS)))
+    work = _Work(np.zeros((4, 4)), np.zeros(4), np.zeros((4, UNKNOWNS)), np.zeros((4, UNKNOWNS)))
     count = 0
     every = max(1, len(landmarks.inverse_depth) // ENOUGH)
     for n in range(0, len(landmarks.inverse_depth), every):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from sfr_loc_map.localisation.frontend.photometric_alignment import Alignment, a
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.frontend.right_shift import RightShift, right_shift
+from sfr_loc_map.localisation.median import median
 from sfr_loc_map.localisation.parallel import both
 
 MIN_NCC = 0.6
@@ -68,7 +70,7 @@ class StereoFrame(NamedTuple):
         return float(np.std(self.right.levels[-1])) > MIN_TEXTURE
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class TrackingResult:
     """Observations of the active landmarks in a pair, and its pose.
 
@@ -93,10 +95,15 @@ class TrackingResult:
         """Pose of the left camera in the world."""
         return Transform(*self.pose)
 
-    @property
+    @cached_property
     def inliers(self) -> Mask:
-        """Landmarks `(M,)` that agree with the pose."""
-        return np.nan_to_num(self.chi2_per_dof, nan=1e9) < INLIER_CHI2_PER_DOF
+        """Landmarks `(M,)` that agree with the pose; NaN does not."""
+        return np.asarray(self.chi2_per_dof < INLIER_CHI2_PER_DOF)
+
+    @cached_property
+    def inlier_count(self) -> int:
+        """Number of inliers."""
+        return int(np.count_nonzero(self.inliers))
 
     @property
     def left_inlier_count(self) -> int:
@@ -106,7 +113,7 @@ class TrackingResult:
     @property
     def agreeing_share(self) -> float:
         """Share of the active landmarks that agree with the pose."""
-        return float(self.inliers.sum()) / max(len(self.landmarks), 1)
+        return self.inlier_count / max(len(self.landmarks), 1)
 
     @property
     def right_share(self) -> float:
@@ -128,7 +135,7 @@ class TrackingResult:
         total = np.where(found, self.variance[:, :, (0, 2)].mean(axis=2), 0.0).sum(axis=1)
         variance = total / np.maximum(found.sum(axis=1), 1)
         typical = np.sqrt(self.chi2_per_dof * variance)[self.inliers]
-        return float(np.median(typical)) if len(typical) else float("nan")
+        return median(typical)
 
 
 class Tracker:
@@ -207,7 +214,7 @@ class Tracker:
 
     def trusts(self, result: TrackingResult) -> bool:
         """Tell whether enough landmarks agree on the pose, of all and of those that were found."""
-        inliers, found = int(result.inliers.sum()), int(np.isfinite(result.chi2_per_dof).sum())
+        inliers, found = result.inlier_count, int(np.count_nonzero(np.isfinite(result.chi2_per_dof)))
         return inliers >= self._config.min_tracked and inliers > 0.5 * found and found > 0.2 * len(result.landmarks)
 
     def left_right_swapped(self, frame: StereoFrame, result: TrackingResult, offset: RightOffset) -> bool:
@@ -226,7 +233,8 @@ class Tracker:
             covariance: `(N, 3)` uu, uv, vv for a noise of one grey level, px^2.
             residual: `(N,)` RMS, grey levels.
         """
-        typical = np.nanmedian(residual) if np.isfinite(residual).any() else 1.0
+        found = np.isfinite(residual)
+        typical = median(residual[found]) if found.any() else 1.0
         variance = covariance * (1.2 * np.maximum(residual, typical) ** 2)[:, None]
         variance[:, 0] += self._config.pixel_floor**2
         variance[:, 2] += self._config.pixel_floor**2
