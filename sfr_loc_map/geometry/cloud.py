@@ -101,7 +101,8 @@ class PointCloud:
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
         """Return the chosen points."""
-        return replace(self, **{name: getattr(self, name)[which] for name in COLUMNS})
+        rows = np.flatnonzero(which) if which.dtype == np.bool_ else which  # found once, not once a column
+        return replace(self, **{name: getattr(self, name).take(rows, axis=0) for name in COLUMNS})
 
     @classmethod
     def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.geometry.median import median
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
@@ -20,7 +21,6 @@ from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.frontend.sparse_stereo import match_corners
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
-from sfr_loc_map.localisation.median import median
 from sfr_loc_map.localisation.parallel import in_background
 
 MIN_DISPARITY_PX = 1e-3

@@ -6,6 +6,7 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import LocalisationError
+from sfr_loc_map.geometry.median import finite_median
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.belief import are_finite, blindness, disbelief, reason_to_doubt
@@ -25,7 +26,6 @@ from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.ground_motion import GroundMotionFinder, Guesses
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
-from sfr_loc_map.localisation.median import finite_median
 from sfr_loc_map.localisation.motion_model import MotionModel
 from sfr_loc_map.localisation.pose_track import PoseTrack
 from sfr_loc_map.localisation.relocalisation import Relocaliser

@@ -113,10 +113,13 @@ class Mapper:
         initial[:, side // 2 :] = 4.0
         refined = refine(left.astype(F), right.astype(F), initial)
         sigma = disparity_sigma(refined)
-        valid_mask(left.astype(F), refined, initial, sigma)
+        valid = valid_mask(left.astype(F), refined, initial, sigma)
+        camera_rotation(left.astype(F), refined, valid, self._rig)
         cloud = cloud_from_disparity(initial, sigma, left, self._rig, self._rig.T_sb_left, 0)
+        saturation(left, np.full_like(right, 255), initial).widen(cloud.sigma.copy(), cloud, 0)
         total_sigma(cloud, [self._rig.T_sb_left], self._rig, CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0))
         view = View(cloud, initial, self._rig.T_sb_left, refined.noise)
+        without_fixed_content([view, view], self._rig)
         fuse_views([view, view], self._rig)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
@@ -151,7 +154,7 @@ class Mapper:
         view = View(cloud, disparity, T_lm_left, refined.noise)
         check = check_calibration(self._calibration, rotation, self._rig)
         random_sigma = cloud.sigma.copy()
-        clipped.widen(random_sigma, cloud, slice(None))
+        clipped.widen(random_sigma, cloud, index)
         stated = self._stated(replace(cloud, sigma=random_sigma), [T_lm_left] * (index + 1), check.sigma)
         statistics = _statistics(view, refined, share) | _rotation_statistics(rotation)
         statistics["saturated_share"] = clipped.share
@@ -175,8 +178,7 @@ class Mapper:
         T_lm_left = tuple(view.T_lm_left for view in registered.views)
         random_sigma = fused.cloud.sigma.copy()
         for number, item in enumerate(maps):
-            if item.saturation.share > 0.0:
-                item.saturation.widen(random_sigma, fused.cloud, np.flatnonzero(fused.cloud.pair == number))
+            item.saturation.widen(random_sigma, fused.cloud, number)
         calibration = widest([item.calibration for item in maps])
         stamps_ns = tuple(item.stamp_ns for item in maps)
         cloud = replace(fused.cloud, sigma=random_sigma, pair_stamps_ns=stamps_ns)

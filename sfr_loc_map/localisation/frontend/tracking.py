@@ -11,6 +11,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.geometry.median import median
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -22,7 +23,6 @@ from sfr_loc_map.localisation.frontend.photometric_alignment import Alignment, a
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
 from sfr_loc_map.localisation.frontend.right_shift import RightShift, right_shift
-from sfr_loc_map.localisation.median import median
 from sfr_loc_map.localisation.parallel import both
 
 MIN_NCC = 0.6

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
+from numba import prange
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
+from sfr_loc_map.jit import jit_rows, jit_rows_inline
+from sfr_loc_map.mapping.disparity.photometric_residual import residual_at
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.robust import mad_sigma
 
@@ -73,14 +74,12 @@ def _remaining_vertical(
     left: FloatImage, refined: RefinedDisparity, valid: Mask, rig: StereoRig
 ) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients `(5,)` of 1, x, y, x y, y^2 of the vertical disparity, px, and their sigma."""
-    residual = photometric_residual(left, refined.right, refined.disparity_px)
-    template = left + F(0.5) * np.nan_to_num(residual)
-    slope = np.asarray(cv2.Sobel(template, cv2.CV_32F, 0, 1, ksize=3, scale=0.125), F)[::STRIDE, ::STRIDE]
-    usable = (valid & np.isfinite(residual))[::STRIDE, ::STRIDE]
+    residual, slope = _samples(left, refined.right, refined.disparity_px, valid)
+    usable = np.isfinite(residual)
     v, u = np.nonzero(usable)
     if len(v) < MIN_PIXELS:
         return np.zeros(5), np.full(5, np.inf)
-    r, g = residual[::STRIDE, ::STRIDE][usable].astype(np.float64), slope[usable].astype(np.float64)
+    r, g = residual[usable].astype(np.float64), slope[usable].astype(np.float64)
     disparity = refined.disparity_px[::STRIDE, ::STRIDE][usable]
     x, y = (u * STRIDE - disparity - rig.cx) / rig.fx, (v * STRIDE - rig.cy) / rig.fy
     sigma = mad_sigma(r) + 1e-3
@@ -91,6 +90,38 @@ def _remaining_vertical(
     normal += 1e-12 * (np.trace(normal) + 1.0) * np.eye(5)
     inverse = np.linalg.inv(normal)
     return -(inverse @ (weighted.T @ r)), sigma * np.sqrt(np.diag(inverse))
+
+
+@jit_rows_inline
+def _template(left: FloatImage, right: FloatImage, disparity: FloatImage, y: int, x: int) -> np.float32:
+    """Return the mean of a left pixel and its partner; the left one without a partner. The border is reflected."""
+    rows, cols = left.shape
+    y = abs(y) if y < rows else 2 * (rows - 1) - y
+    x = abs(x) if x < cols else 2 * (cols - 1) - x
+    value = residual_at(left, right, disparity, y, x)
+    mean: np.float32 = left[y, x] + (F(0.5) * value if value == value else F(0.0))
+    return mean
+
+
+@jit_rows
+def _samples(left: FloatImage, right: FloatImage, disparity: FloatImage, valid: Mask) -> tuple[FloatImage, FloatImage]:
+    """Return residual and slope along the columns of every `STRIDE`-th pixel; NaN where not valid.
+
+    The slope is that of the mean of both images, by the Sobel operator, grey levels per pixel.
+    """
+    rows, cols = (left.shape[0] + STRIDE - 1) // STRIDE, (left.shape[1] + STRIDE - 1) // STRIDE
+    residual, slope = np.empty((rows, cols), F), np.zeros((rows, cols), F)
+    for i in prange(rows):
+        for j in range(cols):
+            y, x = STRIDE * i, STRIDE * j
+            residual[i, j] = residual_at(left, right, disparity, y, x) if valid[y, x] else F(np.nan)
+            if residual[i, j] == residual[i, j]:
+                total = F(0.0)
+                for k in range(-1, 2):
+                    below = _template(left, right, disparity, y + 1, x + k)
+                    total += F(2 - abs(k)) * (below - _template(left, right, disparity, y - 1, x + k))
+                slope[i, j] = F(0.125) * total
+    return residual, slope
 
 
 def without_roll(disparity_px: FloatImage, rotation: CameraRotation, rig: StereoRig) -> FloatImage:

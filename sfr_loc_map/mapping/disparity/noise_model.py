@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.median import median
 from sfr_loc_map.mapping.disparity.filters import downsample_mean
 from sfr_loc_map.mapping.robust import MAD_TO_SIGMA, mad_sigma
 
@@ -21,7 +22,7 @@ def overall_noise(residual: FloatImage) -> float:
     """Return the robust standard deviation of a residual `(H, W)`, grey levels, at least `MIN_NOISE`."""
     sample = residual[::8, ::4]
     sample = sample[np.isfinite(sample)]
-    return max(mad_sigma(sample - np.median(sample)), MIN_NOISE) if len(sample) else MIN_NOISE
+    return max(mad_sigma(sample - median(sample)), MIN_NOISE) if len(sample) else MIN_NOISE
 
 
 def noise_variance(left: FloatImage, residual: FloatImage, offset: FloatImage) -> FloatImage:
@@ -43,7 +44,7 @@ def noise_variance(left: FloatImage, residual: FloatImage, offset: FloatImage) -
     if len(level) < BINS * MIN_PER_BIN:
         return np.full(offset.shape, DEFAULT_VARIANCE, F)
     centre = np.array([part.mean() for part in np.array_split(level, BINS)], np.float64)
-    variance = np.array([(MAD_TO_SIGMA * float(np.median(part))) ** 2 for part in np.array_split(deviation, BINS)])
+    variance = np.array([(MAD_TO_SIGMA * median(part)) ** 2 for part in np.array_split(deviation, BINS)])
     variance = np.maximum(variance, MIN_NOISE**2)
     weight = 1.0 / np.square(variance)
     middle = np.average(centre, weights=weight)

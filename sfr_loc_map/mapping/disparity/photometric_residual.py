@@ -43,6 +43,20 @@ def _cubic(p0: np.float32, p1: np.float32, p2: np.float32, p3: np.float32, t: np
     return value
 
 
+@jit_rows_inline
+def residual_at(left: FloatImage, right: FloatImage, disparity: FloatImage, y: int, x: int) -> np.float32:
+    """Return that of one pixel, see `photometric_residual`."""
+    cols = left.shape[1]
+    u = F(x) - disparity[y, x]
+    if not (u >= 0 and u <= cols - 1):
+        return F(np.nan)
+    k = int(u)
+    p0, p1 = right[y, max(k - 1, 0)], right[y, k]
+    p2, p3 = right[y, min(k + 1, cols - 1)], right[y, min(k + 2, cols - 1)]
+    value: np.float32 = _cubic(p0, p1, p2, p3, u - F(k)) - left[y, x]
+    return value
+
+
 @jit_rows
 def photometric_residual(left: FloatImage, right: FloatImage, disparity: FloatImage) -> FloatImage:
     """Return the right image at `u - d` minus the left one `(H, W)`, grey levels; NaN outside the right image."""
@@ -50,14 +64,7 @@ def photometric_residual(left: FloatImage, right: FloatImage, disparity: FloatIm
     out = np.empty((rows, cols), F)
     for y in prange(rows):
         for x in range(cols):
-            u = F(x) - disparity[y, x]
-            if not (u >= 0 and u <= cols - 1):
-                out[y, x] = F(np.nan)
-                continue
-            k = int(u)
-            p0, p1 = right[y, max(k - 1, 0)], right[y, k]
-            p2, p3 = right[y, min(k + 1, cols - 1)], right[y, min(k + 2, cols - 1)]
-            out[y, x] = _cubic(p0, p1, p2, p3, u - F(k)) - left[y, x]
+            out[y, x] = residual_at(left, right, disparity, y, x)
     return out
 
 

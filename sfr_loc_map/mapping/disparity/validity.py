@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.median import finite_median
 from sfr_loc_map.mapping.disparity.filters import box_mean, upsample_nearest
 from sfr_loc_map.mapping.disparity.occlusion import (
     NEIGHBOURHOOD,
@@ -53,7 +54,7 @@ def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatIma
     matched = np.isfinite(initial_px)
     if not matched.any():
         return matched
-    valid = matched & (change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * float(np.nanmedian(change))))
+    valid = matched & (change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * finite_median(change)))
     valid &= ~occlusion_mask(disparity, valid, JUMP_PX)
     valid &= _textured(refined) & _similar(left, refined)
     queried = _beside_jump(disparity) & valid

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.median import median
 from sfr_loc_map.mapping.disparity.conjugate_gradient import conjugate_gradient_step
 from sfr_loc_map.mapping.disparity.disparity_grid import (
     cells_from_pixels,
@@ -109,12 +110,12 @@ def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> Refin
     deviation = np.sqrt(last.variance)
     normalised = (last.residual - upsample_nearest(last.offset)) / upsample_nearest(deviation)
     return RefinedDisparity(
-        pixels_from_cells(cells, JUMP_PX)[:height, :width],
+        np.ascontiguousarray(pixels_from_cells(cells, JUMP_PX)[:height, :width]),
         cells,
         last.equations.information,
         weights,
         normalised[:height, :width],
-        float(np.median(deviation)),
+        median(deviation),
         np.ascontiguousarray(right[:height, :width]),
         correction,
     )
@@ -181,7 +182,7 @@ def roughness(cells: FloatImage) -> tuple[FloatImage, FloatImage]:
 def _local_scale(differences: FloatImage) -> FloatImage:
     """Return the typical size around each cell; single large ones (edges) count little."""
     size = np.abs(differences)
-    typical = max(float(np.median(size)), 1e-3)
+    typical = max(median(size), 1e-3)
     local = np.square(box_mean(np.sqrt(np.minimum(size, F(10.0 * typical))), BOX))
     return box_mean(np.maximum(local, F(0.1 * typical)), 5)
 

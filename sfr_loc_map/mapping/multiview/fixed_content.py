@@ -12,9 +12,12 @@ from itertools import combinations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.jit import jit
 from sfr_loc_map.mapping.multiview.view import View
 
 F = np.float32
@@ -77,42 +80,64 @@ def without_fixed_content(views: Sequence[View], rig: StereoRig) -> MovingViews:
 
 def _grey_samples(view: View) -> FloatImage:
     """Return the grey level of each sample `(H/3, W/3)` that has a point, NaN elsewhere."""
-    u, v = view.cloud.u, view.cloud.v
-    sampled = np.flatnonzero((u % STEP == 0) & (v % STEP == 0))
     grey = np.full(view.disparity_px[::STEP, ::STEP].shape, np.nan, F)
-    grey[v[sampled] // STEP, u[sampled] // STEP] = view.cloud.intensity[sampled]
+    _fill_samples(view.cloud.v, view.cloud.u, view.cloud.intensity, grey)
     return grey
+
+
+@jit
+def _fill_samples(
+    v: NDArray[np.uint16], u: NDArray[np.uint16], values: NDArray[np.float32], samples: FloatImage
+) -> None:
+    for n in range(len(v)):
+        if v[n] % STEP == 0 and u[n] % STEP == 0:
+            samples[v[n] // STEP, u[n] // STEP] = values[n]
 
 
 def _fixed_region(views: tuple[View, View], greys: tuple[FloatImage, FloatImage], rig: StereoRig) -> Mask:
     """Return which samples `(H/3, W/3)` belong to content that is fixed to the image."""
-    first, second = (view.disparity_px[::STEP, ::STEP] for view in views)
-    with np.errstate(invalid="ignore"):
-        same = np.abs(first - second) < SAME_DISPARITY_PX
-        moves = _motion_px(first, views, rig) > MIN_MOTION_PX
-    if (same & moves).mean() < MIN_SHARE:
-        return np.zeros(same.shape, np.bool_)
+    motion = Pose.of(views[1].T_lm_left.inverse() @ views[0].T_lm_left)
+    still = _still(views[0].disparity_px, views[1].disparity_px, motion, rig.camera)
+    if still.mean() < MIN_SHARE:
+        return np.zeros(still.shape, np.bool_)
     noise = F(max(view.noise_grey for view in views))
-    alike = same & moves & (_likeness(*greys, noise) > MIN_LIKENESS)
+    alike = still & (_likeness(*greys, noise) > MIN_LIKENESS)
     square = np.ones((OPENING, OPENING), np.uint8)
     core = cv2.morphologyEx(alike.astype(np.uint8), cv2.MORPH_CLOSE, square)
     core = cv2.morphologyEx(core, cv2.MORPH_OPEN, square)
     return np.asarray(cv2.dilate(core, square)).astype(np.bool_)
 
 
-def _motion_px(disparity: FloatImage, views: tuple[View, View], rig: StereoRig) -> FloatImage:
-    """Return how far each sample of the first view moves in the image to the second, pixels; NaN where unknown."""
-    rows, columns = disparity.shape
-    x = (np.arange(columns) * STEP - rig.cx) / rig.fx
-    y = (np.arange(rows) * STEP - rig.cy) / rig.fy
-    depth = rig.fx * rig.baseline_m / disparity
-    points = np.stack((x[None] * depth, y[:, None] * depth, depth), axis=-1)
-    moved = (views[1].T_lm_left.inverse() @ views[0].T_lm_left).apply(points)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        du = moved[..., 0] / moved[..., 2] - x[None]
-        dv = moved[..., 1] / moved[..., 2] - y[:, None]
-    motion = rig.fx * np.hypot(du, dv)
-    return np.asarray(np.where(moved[..., 2] > 0.0, motion, np.inf), F)
+@jit
+def _still(first: FloatImage, second: FloatImage, motion: Pose, camera: StereoCamera) -> Mask:
+    """Tell which samples `(H/3, W/3)` have the same disparity in both images although ground there has moved.
+
+    Args:
+        first: `(H, W)`, pixels, NaN where unknown.
+        second: The same of the other view.
+        motion: Takes points in the first left camera to the second.
+        camera: Camera of both.
+    """
+    height, width = first.shape
+    rows, columns = (height + STEP - 1) // STEP, (width + STEP - 1) // STEP
+    out = np.zeros((rows, columns), np.bool_)
+    r, t = motion.rotation, motion.position
+    for i in range(rows):
+        y = (i * STEP - camera.cy) / camera.fy
+        for j in range(columns):
+            disparity = first[i * STEP, j * STEP]
+            if not abs(disparity - second[i * STEP, j * STEP]) < SAME_DISPARITY_PX:
+                continue
+            x = (j * STEP - camera.cx) / camera.fx
+            nearness = disparity / (camera.fx * camera.baseline_m)  # inverse depth, by which the motion is scaled
+            z = r[2, 0] * x + r[2, 1] * y + r[2, 2] + t[2] * nearness
+            if z > 0.0:
+                du = (r[0, 0] * x + r[0, 1] * y + r[0, 2] + t[0] * nearness) / z - x
+                dv = (r[1, 0] * x + r[1, 1] * y + r[1, 2] + t[1] * nearness) / z - y
+                out[i, j] = camera.fx * np.hypot(du, dv) > MIN_MOTION_PX
+            else:
+                out[i, j] = True
+    return out
 
 
 def _likeness(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:

@@ -117,11 +117,13 @@ class FusionAccumulator:
         """Return the points that this view keeps, moved along their rays."""
         kept = ~(self._duplicate | self._conflict)
         cloud = self._view.cloud.select(kept)
-        merged = np.flatnonzero(self._partners[kept])
-        total = self._weight[kept][merged]
-        rays = cloud.xyz[merged] - self._view.T_lm_left.translation.astype(F)
-        step = self._weighted_difference[kept][merged] / total / np.sqrt(np.einsum("ij,ij->i", rays, rays))
-        cloud.xyz[merged] += rays * step[:, None]
+        rows = np.flatnonzero(kept)
+        merged = np.flatnonzero(self._partners[rows])
+        rows = rows[merged]
+        total, points = self._weight[rows], cloud.xyz.take(merged, axis=0)
+        rays = points - self._view.T_lm_left.translation.astype(F)
+        step = self._weighted_difference[rows] / total / np.sqrt(np.einsum("ij,ij->i", rays, rays))
+        cloud.xyz[merged] = points + rays * step[:, None]
         variance = COMMON_SHARE * np.square(cloud.sigma[merged]) + (1.0 - COMMON_SHARE) / total
         cloud.sigma[merged] = np.sqrt(variance)
         return cloud

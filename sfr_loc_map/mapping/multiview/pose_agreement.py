@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.median import median
 from sfr_loc_map.mapping.multiview.view import View
 from sfr_loc_map.mapping.multiview.view_reprojection import SHIFT_PX, ReprojectedPoints
 from sfr_loc_map.mapping.robust import mad_sigma
@@ -66,7 +67,7 @@ class PoseAgreement:
         difference = points.difference[::SAMPLE]
         own = view.cloud.sigma[points.index[::SAMPLE]]
         normalised = np.abs(difference) / np.sqrt(np.square(own) + np.square(points.deviation[::SAMPLE]))
-        middle = float(np.median(difference))
+        middle = median(difference)
         grey, shifted = (_spread(item[::SAMPLE]) for item in (points.grey_difference, points.grey_difference_shifted))
         noise = max(view.noise_grey, other.noise_grey)
         return cls(
@@ -75,7 +76,7 @@ class PoseAgreement:
             overlap,
             middle,
             mad_sigma(difference - np.float32(middle)),
-            float(np.median(normalised) / MEDIAN_ABSOLUTE),
+            float(np.float32(median(normalised)) / MEDIAN_ABSOLUTE),
             grey / shifted if shifted > MIN_TEXTURE * noise else math.nan,
         )
 
@@ -107,4 +108,4 @@ class PoseAgreement:
 
 def _spread(values: FloatImage) -> float:
     known = values[np.isfinite(values)]
-    return mad_sigma(known - np.median(known)) if len(known) else math.nan
+    return mad_sigma(known - median(known)) if len(known) else math.nan
