@@ -9,6 +9,7 @@ Stamps go to and from integer nanoseconds by integer arithmetic, never through a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 
@@ -30,6 +31,10 @@ CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z,
 TUM_HEADER = "# t x y z qx qy qz qw"
 TUM_SUFFIXES = (".txt", ".tum")
 COLUMNS = 8
+HEAD_BYTES = 10_000
+"""The header is looked for in these."""
+BLOCK_BYTES = 8_000_000
+"""Text is taken apart in blocks of whole lines of about so many bytes: a million lines at once take much memory."""
 
 
 def load_trajectory(path: Path) -> Trajectory:
@@ -42,16 +47,16 @@ def load_trajectory(path: Path) -> Trajectory:
             names the line.
     """
     path = Path(path)
-    lines = _read(path).splitlines()
-    is_csv = _has_csv_header(path, lines[0] if lines else b"")
-    numbers = [i for i in range(int(is_csv), len(lines)) if lines[i][:1] not in (b"", b"#") and lines[i].strip()]
-    if not numbers:
-        raise InputError(f"trajectory '{path}' has no pose: at least one line of eight numbers is needed")
-    rows = [lines[i] for i in numbers]
+    data = _read(path)
+    first = data[:HEAD_BYTES].splitlines()
+    is_csv = _has_csv_header(path, first[0] if first else b"")
     try:
-        return _parse(rows, is_csv)
+        trajectory = _parse(data, is_csv)
     except (ValueError, ArithmeticError) as error:
-        raise _explain(path, rows, numbers, is_csv) from error
+        raise _explain(path, data, is_csv) from error
+    if not len(trajectory):
+        raise InputError(f"trajectory '{path}' has no pose: at least one line of eight numbers is needed")
+    return trajectory
 
 
 def save_trajectory(path: Path, trajectory: Trajectory) -> None:
@@ -148,27 +153,51 @@ def _has_csv_header(path: Path, first: bytes) -> bool:
     return header == CSV_HEADER
 
 
-def _parse(rows: list[bytes], is_csv: bool) -> Trajectory:
-    separator = b"," if is_csv else None
-    first = [row.split(separator, 1)[0] for row in rows]
-    stamps = _whole_stamps(first) if is_csv else _parse_stamps(first)
-    values = _floats(rows, "," if is_csv else None)
-    positions, quats = np.ascontiguousarray(values[:, :3]), np.ascontiguousarray(values[:, 3:])
+def _parse(data: bytes, is_csv: bool) -> Trajectory:
+    stamps, values = [np.zeros(0, np.int64)], [np.zeros((0, COLUMNS - 1))]
+    for lines in _blocks(data):
+        first = int(is_csv and len(stamps) == 1)
+        rows = [line for line in lines[first:] if line[:1] > b"#" or _is_row(line)]
+        stamps.append(_stamps(rows, is_csv))
+        values.append(_floats(rows, "," if is_csv else None) if rows else values[0])
+    numbers = np.concatenate(values)
+    positions, quats = np.ascontiguousarray(numbers[:, :3]), np.ascontiguousarray(numbers[:, 3:])
     _check_values(positions, quats)
-    return Trajectory(stamps, positions, quat_conjugate(quats) if is_csv else quats)
+    return Trajectory(np.concatenate(stamps), positions, quat_conjugate(quats) if is_csv else quats)
 
 
-def _whole_stamps(texts: list[bytes]) -> IntArray:
-    """Return the nanoseconds of whole numbers; what is not plain digits takes the strict, slower way."""
-    return np.array(
-        [int(text) if text.isdigit() and len(text) < 19 else parse_stamp_ns(text.decode()) for text in texts], np.int64
-    )
+def _blocks(data: bytes) -> Iterator[list[bytes]]:
+    """Yield the lines of a text in portions."""
+    start = 0
+    while start < len(data):
+        end = data.find(b"\n", start + BLOCK_BYTES) + 1 or len(data)
+        yield data[start:end].splitlines()
+        start = end
 
 
-def _parse_stamps(texts: list[bytes]) -> IntArray:
-    """Return the nanoseconds of decimal seconds; all at once where they have one form (`1700000000.123456789`)."""
+def _is_row(line: bytes) -> bool:
+    """Tell whether a line is to hold a pose: it is neither empty nor a comment."""
+    return line[:1] not in (b"", b"#") and bool(line.strip())
+
+
+def _stamps(rows: list[bytes], is_csv: bool) -> IntArray:
+    """Return the nanoseconds of the first column; what is not plain digits takes the strict, slower way."""
+    texts = [row.split(b"," if is_csv else None, 1)[0] for row in rows]
+    if is_csv:
+        whole = [int(text) if text.isdigit() and len(text) < 19 else parse_stamp_ns(text.decode()) for text in texts]
+        return np.array(whole, np.int64)
+    widths = np.fromiter(map(len, texts), np.intp, len(texts))
+    stamps = np.empty(len(texts), np.int64)
+    for width in np.unique(widths).tolist():
+        same = np.flatnonzero(widths == width)
+        stamps[same] = _seconds([texts[n] for n in same.tolist()] if len(same) < len(texts) else texts)
+    return stamps
+
+
+def _seconds(texts: list[bytes]) -> IntArray:
+    """Return the nanoseconds of decimal seconds of one width; all at once where they have one form (`1700.123456`)."""
     width, dot = len(texts[0]), texts[0].find(b".")
-    if 0 < dot <= 10 and width - dot <= 10 and all(len(text) == width for text in texts):
+    if 0 < dot <= 10 and width - dot <= 10:
         letters = np.frombuffer(b"".join(texts), np.uint8).reshape(-1, width)
         digits = np.delete(letters, dot, axis=1) - ord("0")  # what is below "0" becomes large
         if (
@@ -193,12 +222,12 @@ def _check_values(positions: FloatArray, quats: FloatArray) -> None:
         raise ValueError("a number is not finite, a position absurd or a quaternion not of unit length")
 
 
-def _explain(path: Path, rows: list[bytes], numbers: list[int], is_csv: bool) -> InputError:
+def _explain(path: Path, data: bytes, is_csv: bool) -> InputError:
     """Return the error that names the first line that is wrong."""
-    for row, number in zip(rows, numbers, strict=True):
-        problem = _problem(row.decode("utf-8", "replace"), is_csv)
+    for number, row in enumerate(data.splitlines(), 1):
+        problem = _problem(row.decode("utf-8", "replace"), is_csv) if _is_row(row) and number > int(is_csv) else ""
         if problem:
-            return InputError(f"'{path}' line {number + 1}: {problem}; correct or leave out the line")
+            return InputError(f"'{path}' line {number}: {problem}; correct or leave out the line")
     return InputError(f"'{path}' cannot be read as a trajectory")
 
 

@@ -15,6 +15,7 @@ from made_worlds import assert_same_trajectory
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.rotation import quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io import trajectory_file
 from sfr_loc_map.io.trajectory_file import (
     CSV_HEADER,
     check_order,
@@ -198,3 +199,21 @@ def test_long_files_keep_every_bit(tmp_path: Path) -> None:
     assert np.array_equal(read.stamps_ns, long.stamps_ns)
     assert np.array_equal(read.positions, long.positions)
     assert np.array_equal(read.quats_xyzw, long.quats_xyzw)
+
+
+def test_lines_of_all_forms_are_read_alike_in_blocks_of_any_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stamps = ["0", "9.5", "1.25", "10.5", "100.125", "1e3", "1700000000.123456789", "1700000001.5", "9.123456789"]
+    ends = ["\n", "\r\n", "\n# comment\n", "\n\n", "\n  \n"]
+    text = "".join(f"{stamp} {i} 2 3 0 0 0 1{ends[i % len(ends)]}" for i, stamp in enumerate(stamps))
+    path = tmp_path / "t.tum"
+    path.write_bytes(text.encode())
+    for size in (1, 30, 100, 10**6):
+        monkeypatch.setattr(trajectory_file, "BLOCK_BYTES", size)
+        found = load_trajectory(path)
+        assert found.stamps_ns.tolist() == [parse_seconds(stamp) for stamp in stamps]
+        assert found.positions[:, 0].tolist() == list(range(len(stamps)))
+    path.write_text(text + "5 1 2\n")
+    with pytest.raises(InputError, match=rf"line {len(text.splitlines()) + 1}: 3 columns"):
+        load_trajectory(path)
