@@ -74,15 +74,15 @@ def _where_seen(
     host_uv: FloatArray,
     camera: StereoCamera,
     shape: tuple[int, int],
-) -> tuple[Mask, Mask]:
-    """Tell which landmarks `(M,)` a pose sees in an image of a shape, and which away from their host pixels.
+) -> tuple[FloatArray, Mask, Mask]:
+    """Return where a pose sees landmarks `(M, 2)`, which `(M,)` lie in an image of a shape, and which have moved.
 
-    What is behind the camera has moved too. See `project`.
+    They have moved if that is away from their host pixels, or behind the camera. See `project`.
     """
     height, width = shape
     count = len(inverse_depth)
     in_view, moved = np.zeros(count, np.bool_), np.ones(count, np.bool_)
-    direction, seen = np.empty(3), np.empty(3)
+    direction, seen, uv = np.empty(3), np.empty(3), np.full((count, 2), np.nan)
     for n in range(count):
         rho = max(inverse_depth[n], MIN_INVERSE_DEPTH)
         for i in range(3):
@@ -96,16 +96,17 @@ def _where_seen(
         if not seen[2] > 1e-6:
             continue
         u, v = camera.fx * seen[0] / seen[2] + camera.cx, camera.fy * seen[1] / seen[2] + camera.cy
+        uv[n, 0], uv[n, 1] = u, v
         in_view[n] = BORDER < u < width - 1 - BORDER and BORDER < v < height - 1 - BORDER
         moved[n] = not (abs(u - host_uv[n, 0]) < MIN_MOTION_PX and abs(v - host_uv[n, 1]) < MIN_MOTION_PX)
-    return in_view, moved
+    return uv, in_view, moved
 
 
 def unexplained_by(result: TrackingResult, frame: StereoFrame, camera: StereoCamera) -> Unexplained:
     """Return the landmarks that a result does not explain."""
     landmarks, outliers = result.landmarks, ~result.inliers
     host_rays = landmarks.hosts, landmarks.rays, landmarks.inverse_depth, landmarks.uv
-    in_view, moved = _where_seen(result.pose, *host_rays, camera, frame.image.shape)
+    uv, in_view, moved = _where_seen(result.pose, *host_rays, camera, frame.image.shape)
     rows = in_view & outliers
     fixed = np.zeros(len(landmarks), np.bool_)
     candidates = np.flatnonzero(outliers & moved)
@@ -114,7 +115,7 @@ def unexplained_by(result: TrackingResult, frame: StereoFrame, camera: StereoCam
         fixed[candidates] = stays(frame.left.levels[0], patches, landmarks.uv[candidates])
     if fixed.sum() < max(MIN_FIXED, MIN_FIXED_SHARE * rows.sum()):
         fixed[:] = False
-    return Unexplained(uv, np.asarray(in_view), rows, fixed)
+    return Unexplained(uv, in_view, rows, fixed)
 
 
 def pose_difference(one: Pose, other: Pose) -> tuple[float, float]:

@@ -44,7 +44,8 @@ def test_what_is_in_view_and_what_moved_follows_from_the_projections() -> None:
     assert np.isnan(seen[:, 0]).any()
     assert 0 < inside.sum() < count
     found = unexplained_by(result, frame, CAMERA)
-    assert found.in_view == inside.sum()
+    np.testing.assert_array_equal(found.in_view, inside)
+    np.testing.assert_allclose(found.uv, seen, atol=1e-9)
     np.testing.assert_array_equal(found.rows, inside)
     assert not found.fixed.any()
 
