@@ -105,11 +105,11 @@ def render_overview(
         title: Its title.
         state: Verdict over all, None without limits.
         text: What the banner says beside it.
-        tables: Its tables; those named `verdicts`, `counts` and `runs` come before the figures.
+        tables: Its tables; those named `verdicts`, `counts` and `groups` come before the figures.
         sections: Figures by heading.
     """
     plots = [plot for _, group in sections for plot in group]
-    first = [table for table in tables if table.name in ("verdicts", "counts", "runs")]
+    first = [table for table in tables if table.name in ("verdicts", "counts", "groups")]
     word = NO_VERDICT if state is None else state.value
     return _template("page.html.j2").render(
         title=title,

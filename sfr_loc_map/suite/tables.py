@@ -88,7 +88,7 @@ def _runs(summary: Summary) -> Table:
         )
         for number, group in enumerate(summary.groups, 1)
     )
-    return Table("runs", "Runs", columns, rows, "Drives of one number were run alike.")
+    return Table("groups", "Runs", columns, rows, "Drives of one number were run alike.")
 
 
 def _frames(group: Group, place: str) -> tuple[Cell, Cell]:
