@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from importlib import metadata
 from pathlib import Path
@@ -16,6 +17,7 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.trajectory_file import load_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MappingConfig
@@ -26,6 +28,8 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method import MethodTask
 from sfr_loc_map.methods.protocols import LocaliserProtocol, MapperProtocol
 from sfr_loc_map.methods.registry import find_method
+from sfr_loc_map.metrics.records.method_record import MethodKind, MethodRecord
+from sfr_loc_map.pipeline.call_stats import load_call_stats
 from sfr_loc_map.pipeline.offline import localise
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -182,3 +186,43 @@ def test_header_and_examples_are_installed() -> None:
     for place in ("include/*.h", "examples/*.py", "examples/c_candidate/*"):
         assert f'glob("{place}")' in files
         assert list(ROOT.glob(place))
+
+
+ORBSLAM3 = """
+import numpy as np
+
+class Sensor:
+    STEREO = 1
+
+class Answer:
+    pose_valid = True
+
+class Slam:
+    def __init__(self, vocab_file, settings_file, sensor, use_viewer):
+        assert open(vocab_file).read() == "words"
+        assert "Camera.fps: 10.0" in open(settings_file).read()
+    def track_stereo(self, left, right, seconds):
+        answer = Answer()
+        answer.pose_wc = np.eye(4)
+        answer.pose_wc[2, 3] = seconds  # forward, 1 m/s
+        return answer
+"""
+
+
+def test_a_peer_is_found_by_its_configuration(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr
+) -> None:
+    (tmp_path / "pyorbslam3.py").write_text(ORBSLAM3)
+    (tmp_path / "pyorbslam3-9.1.dist-info").mkdir()
+    (tmp_path / "pyorbslam3-9.1.dist-info" / "METADATA").write_text("Name: pyorbslam3\nVersion: 9.1\n")
+    (tmp_path / "words.txt").write_text("words")
+    (tmp_path / "peer.yaml").write_text(f"python: {sys.executable}\nvocabulary: {tmp_path}/words.txt\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    estimate, stats = tmp_path / "estimate.csv", tmp_path / "stats.csv"
+    method = ("--method", "orbslam3", "--config", tmp_path / "peer.yaml", "--start", "truth")
+    assert sfr("localise", drive, "-o", estimate, "--stats", stats, *method).code == 0
+    found = load_call_stats(stats)
+    assert found.method == MethodRecord(name="orbslam3", version="9.1", kind=MethodKind.PEER)
+    T_first_last = Transform(np.eye(3), np.array([0.0, 0.0, 1.1]))
+    expected = true_pose(0) @ LOC_RIG.T_rb_left @ T_first_last @ LOC_RIG.T_rb_left.inverse()
+    np.testing.assert_allclose(load_trajectory(estimate).positions[-1], expected.translation, atol=1e-6)
