@@ -222,7 +222,10 @@ def test_player_pauses_jumps_back_and_ends(source: Path, out: Path) -> None:
         until(at_end)
         final = state.report.content if state.report is not None else {}
         assert final["trajectory"]["matched"] == COUNT
-        until(lambda: bool(taken(hub, state).images) and state.images["loc/left"].stamp_ns > START_NS + 35 * PERIOD_NS)
+        last_ns = START_NS + (COUNT - 1) * PERIOD_NS
+        nav_ns = START_NS + (NAV_COUNT - 1) * PERIOD_NS
+        until(lambda: {last_ns, nav_ns} <= {image.stamp_ns for image in taken(hub, state).images.values()})
+        assert state.images["nav/left"].stamp_ns == nav_ns
         assert player.run(Command(Action.SEEK, at_s=1.05)).startswith("goes to 1.")
         until(lambda: taken(hub, state).time_line == TimeLine(1.05, recording.end_s, False))
         assert state.path.rows[-1].n == 10

@@ -29,7 +29,7 @@ TIME_LINE_PERIOD_S = 0.25
 IMAGES_BUDGET_S = 0.03
 """Of each tick, for images that are behind: figures do not wait for them."""
 SHOWN_WITHIN_S = 0.3
-"""Images farther behind than this are passed over."""
+"""Images farther behind than this are passed over, but for the last of each camera."""
 MOST_WAITING = 2000
 """Records that may wait in the hub while the player is ahead."""
 NO_HEALTH = "as recorded; its health was not"
@@ -62,6 +62,7 @@ class Playback:
         self._moments = self._recording.moments()
         self._next: Moment | None = None
         self._frames: Iterator[Frame] | None = None
+        self._passed: dict[str, Frame] = {}
         self._scored = False
 
     def advance(self, at_s: float) -> None:
@@ -102,14 +103,18 @@ class Playback:
         until_s = time.monotonic() + IMAGES_BUDGET_S
         while time.monotonic() < until_s:
             frame = next(self._frames, None)
-            if frame is None:
-                self._frames = iter(())
+            if frame is None or frame.at_s > self.at_s:
+                self._frames = iter(()) if frame is None else chain((frame,), self._frames)
+                for passed in self._passed.values():
+                    self._show(passed)
+                self._passed.clear()
                 return
-            if frame.at_s > self.at_s:
-                self._frames = chain((frame,), self._frames)
-                return
+            self._passed[frame.topic] = frame
             if self.at_s - frame.at_s <= SHOWN_WITHIN_S:
-                self._hub.put(image_sample(frame.topic, frame.stamp_ns, frame.image, time.time()))
+                self._show(self._passed.pop(frame.topic))
+
+    def _show(self, frame: Frame) -> None:
+        self._hub.put(image_sample(frame.topic, frame.stamp_ns, frame.image, time.time()))
 
     def _until(self, at_s: float) -> Iterator[Moment]:
         while True:
