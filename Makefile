@@ -9,7 +9,7 @@ DEV_STAMP := $(VENV)/.installed-dev
 COMPILED := $(VENV)/.compiled
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
-PARALLEL := -n 2 --dist loadfile --no-loadscope-reorder
+PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
 .PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak lint types config format check clean
