@@ -47,7 +47,7 @@ def test_every_kind_of_failure_is_noticed_and_kept(tmp_path: Path) -> None:
     world, out = tmp_path / "world", tmp_path / "out"
     world.mkdir()
     (world / "file").write_bytes(b"valid")
-    limits = Limits(cpu_s=0.5, targets="made_failures:made_targets")
+    limits = Limits(cpu_s=1.5, targets="made_failures:made_targets")
     summary = Campaign(world, out, 1, 1, limits).run(list(made_targets()), len(FAILURES) + 1, 100.0)
     found = {failure.target: failure for failure in summary.failures}
     assert set(found) == set(FAILURES)
