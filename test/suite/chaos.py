@@ -28,12 +28,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 from made_suites import SFR, made_suite, results
 
 DASK_CONFIG = Path(__file__).parents[2] / "config" / "dask.yaml"
-PAUSE_S = (3.0, 8.0)
+PAUSE_S = (1.5, 4.0)
 IDLE_S = 30.0
 """After this time without a result a process is killed all the same."""
 RESUME_S, RESUMES = 5.0, 3
 COST_SHARE = 0.02
-COST_DRIVES, COST_POSES = 40, 1500
+COST_DRIVES, COST_POSES = 40, 4000
 """Of the suite whose cost is measured: its tasks take about a second, real ones ten to a thousand."""
 END_S = 3600.0
 

@@ -20,6 +20,8 @@ from sfr_loc_map.pipeline.online.process_watch import ProcessWatch, processes_na
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
 """How long the publisher of a node that listens already is waited for; some make it with their first result."""
+NOT_YET_NAMED = "_NODE_NAME_UNKNOWN_"
+"""Name in ROS of a publisher whose node is not discovered yet."""
 UNNAMED = "external"
 
 
@@ -84,7 +86,8 @@ class ExternalNode:
 
         self._node.wait_for(listens, self.options.start_timeout_s, problem)
         publishers = self._publishers()
-        self.name = ", ".join(sorted({item.node_name for item in publishers})) or self._name_of_command()
+        names = {item.node_name for item in publishers} - {NOT_YET_NAMED}
+        self.name = ", ".join(sorted(names)) or self._name_of_command()
         offered = {item.qos_profile.reliability for item in publishers}
         policy = (
             ReliabilityPolicy.RELIABLE if offered == {ReliabilityPolicy.RELIABLE} else ReliabilityPolicy.BEST_EFFORT
@@ -146,12 +149,13 @@ class ExternalNode:
 
     def _publishers(self) -> list[Any]:
         """Return who publishes the answers, as far as is known after a while."""
+        found: list[Any] = []
         for _ in range(round(PUBLISHER_GRACE_S / 0.1)):
-            found = self._node.node.get_publishers_info_by_topic(self.options.topic)
-            if found:
-                return list(found)
+            found = list(self._node.node.get_publishers_info_by_topic(self.options.topic))
+            if found and all(item.node_name != NOT_YET_NAMED for item in found):
+                break
             self._node.spin_for(0.1)
-        return []
+        return found
 
     def _name_of_command(self) -> str:
         return UNNAMED if self._command is None else os.path.basename(self._command.words[0])
