@@ -106,6 +106,8 @@ def test_hostile_names_stay_words() -> None:
 
 def run_terminal() -> None:
     """The program of a process of its own."""
+    for name in ("COLUMNS", "LINES"):  # which processes of pytest-xdist have
+        os.environ.pop(name, None)
     sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")  # of this process, not those of the tests
     try:
         Terminal(Hub(), "rover1", console=Console(highlight=False, force_terminal=True)).show()
