@@ -1,9 +1,11 @@
 """What all tests share."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
+from cli_result import Result, Sfr
 
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # before any message class is imported
 
@@ -18,7 +20,23 @@ def shared_data() -> Path:
     return SHARED
 
 
+@pytest.fixture
+def sfr(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Sfr:
+    """`sfr(...)` as from the shell, without the cost of a process for each."""
+    from sfr_loc_map.cli.main import main
+
+    monkeypatch.delenv("SFR_DEBUG", raising=False)
+
+    def run(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
+        capsys.readouterr()
+        code = main()
+        return Result(code, *capsys.readouterr())
+
+    return run
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that have slow tests: at the end both processes of `make test` have short ones left."""
+    """Begin with the files that have slow tests: at the end all processes of `make test` have short ones left."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)

@@ -8,6 +8,7 @@ import typer
 
 from sfr_loc_map.cli.convention import read_correction
 from sfr_loc_map.cli.output import say
+from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def read_external(
     Raises:
         ConfigError: If an option is not valid, or is given without an external node.
     """
-    from sfr_loc_map.nodes.replay.external_options import RESULT_TOPICS, ExternalOptions, Task
+    from sfr_loc_map.nodes.replay.external_options import RESULT_TOPICS, ExternalOptions
 
     name, given = _task(source, *chosen), dict(zip(VALUES, values, strict=True))
     if name is None:

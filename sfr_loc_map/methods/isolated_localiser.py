@@ -13,10 +13,11 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
+from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp, finding_kind, leak_finding
 from sfr_loc_map.methods.method import Method, MethodLimits
 from sfr_loc_map.methods.method_process import Answer, MethodFailureError, MethodProcess, no_usage
 from sfr_loc_map.metrics.calls.resources import CallUsage
-from sfr_loc_map.metrics.records.method_record import FindingKind, MethodRecord
+from sfr_loc_map.metrics.records.method_record import FindingKind
 
 SYMMETRY = 1e-6
 """Largest asymmetry of a covariance, over its largest element."""
@@ -45,7 +46,7 @@ class LocaliserCall:
     step: FloatArray | None = None
 
 
-class IsolatedLocaliser:
+class IsolatedLocaliser(IsolatedMethod):
     """A localiser under test.
 
     A process that was lost is started again at the next pair, at the last known pose.
@@ -72,18 +73,13 @@ class IsolatedLocaliser:
             MethodError: If it does not start.
             GeometryError: If the extrinsics of the rig are not known.
         """
-        self._method, self._rig, self._setup = method, rig, dict(setup or {})
-        self._limits = limits or MethodLimits()
         self._T_left_rb = rig.T_rb_left.inverse()
-        self._last, self._starts = T_ds_rb, 0
-        self._process: MethodProcess | None = self._started()
-        self.record: MethodRecord = method.record(self._process.version)
-        self.idle_bytes: int | None = self._process.idle_bytes
+        self._last = T_ds_rb
+        super().__init__(method, rig, limits, setup, T_ds_rb)
 
-    def _started(self) -> MethodProcess:
-        self._starts += 1
-        self._T_ds_first_left = self._last @ self._rig.T_rb_left
-        return MethodProcess(self._method, self._rig, self._limits, self._last, self._setup)
+    def _start(self, T_ds_rb: Transform) -> MethodProcess:
+        self._T_ds_first_left = T_ds_rb @ self._rig.T_rb_left
+        return super()._start(T_ds_rb)
 
     def process(self, pair: StereoPair, order: Mapping[str, object] | None = None) -> LocaliserCall:
         """Return the estimate at one pair.
@@ -92,11 +88,10 @@ class IsolatedLocaliser:
             pair: Images of the rig's size.
             order: Sent to its adapter with the pair.
         """
+        if self._is_given_up:
+            return self._lost(pair, "not started again")
         try:
-            if self._process is None:
-                if self._starts > self._limits.restarts:
-                    return self._lost(pair, "not started again")
-                self._process = self._started()
+            self._process = self._process or self._start(self._last)
             answer = self._process.show_and_call(pair, order or {})
         except (MethodFailureError, MethodError) as error:
             return self._failed(pair, error)
@@ -105,11 +100,12 @@ class IsolatedLocaliser:
     def _checked(self, pair: StereoPair, answer: Answer) -> LocaliserCall:
         """Return the estimate of an answer, lost where that is not valid."""
         try:
-            T_ds_rb = self._pose(pair, answer.result)
+            check_stamp(pair, answer)
+            T_ds_rb = self._pose(answer.result)
             covariance = _covariance(answer.result.get("covariance"))
         except MethodFailureError as failure:
             return self._lost(pair, failure.kind.value, f"{failure.kind}: {failure}", answer.usage)
-        finding = f"{FindingKind.LEAKING}: {answer.leaking}" if answer.leaking else ""
+        finding = leak_finding(answer)
         statistics = answer.result.get("statistics") or {}
         state = TrackingState(answer.result.get("state", TrackingState.TRACKING))
         if T_ds_rb is None or state is TrackingState.LOST:
@@ -123,16 +119,12 @@ class IsolatedLocaliser:
         reason = str(answer.result.get("reason", ""))
         return LocaliserCall(estimate, answer.usage, reason, finding, statistics, covariance, known_step)
 
-    def _pose(self, pair: StereoPair, result: Mapping[str, Any]) -> Transform | None:
+    def _pose(self, result: Mapping[str, Any]) -> Transform | None:
         """Return the pose of RB in DS; None where the method does not know it.
 
         Raises:
-            MethodFailureError: If it is no pose, or that of another pair.
+            MethodFailureError: If it is no pose.
         """
-        stamp_ns = result.get("stamp_ns", pair.stamp_ns)
-        if stamp_ns != pair.stamp_ns:
-            text = f"answered for stamp {stamp_ns}, asked for {pair.stamp_ns}"
-            raise MethodFailureError(FindingKind.WRONG_STAMP, text, ended=False)
         by_left = "T_first_left" in result
         numbers = result["T_first_left" if by_left else "T_ds_rb"]
         if numbers is None:
@@ -147,35 +139,14 @@ class IsolatedLocaliser:
         return self._T_ds_first_left @ pose @ self._T_left_rb if by_left else pose
 
     def _failed(self, pair: StereoPair, error: MethodFailureError | MethodError) -> LocaliserCall:
-        kind = error.kind if isinstance(error, MethodFailureError) else FindingKind.CRASHED
-        text = f"{kind}: {error}"
-        if isinstance(error, MethodError) or error.ended:
-            self._process = None
-            if self._starts > self._limits.restarts:
-                text += f"; not started again after {self._starts} starts"
-        return self._lost(pair, kind.value, text)
+        finding = self._finding(error)
+        if self._is_given_up:
+            finding += f"; not started again after {self._starts} starts"
+        return self._lost(pair, finding_kind(error).value, finding)
 
     def _lost(self, pair: StereoPair, reason: str, finding: str = "", usage: CallUsage | None = None) -> LocaliserCall:
         estimate = PoseEstimate(pair.stamp_ns, self._last, lost_covariance(), TrackingState.LOST)
         return LocaliserCall(estimate, usage or no_usage(), reason, finding, covariance=lost_covariance())
-
-    @property
-    def alive(self) -> bool:
-        """Whether its process is there."""
-        return self._process is not None
-
-    def close(self) -> None:
-        """End its process."""
-        if self._process is not None:
-            self._process.close()
-
-    def __enter__(self) -> IsolatedLocaliser:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End its process."""
-        self.close()
 
 
 def _covariance(numbers: Any) -> FloatArray | None:  # noqa: ANN401 - 36 numbers or None

@@ -20,10 +20,11 @@ from sfr_loc_map.mapping.mapper import FusedMap, PairMap
 from sfr_loc_map.mapping.multiview.view import View
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 from sfr_loc_map.mapping.systematic import CalibrationSigma
+from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp, leak_finding
 from sfr_loc_map.methods.method import Method, MethodLimits
-from sfr_loc_map.methods.method_process import Answer, MethodFailureError, MethodProcess, no_usage
+from sfr_loc_map.methods.method_process import Answer, MethodFailureError, no_usage
 from sfr_loc_map.metrics.calls.resources import CallUsage
-from sfr_loc_map.metrics.records.method_record import FindingKind, MethodRecord
+from sfr_loc_map.metrics.records.method_record import FindingKind
 
 F = np.float32
 DISPARITY_SIGMA_PX = F(0.5)
@@ -44,7 +45,7 @@ class MapperCall:
     finding: str = ""
 
 
-class IsolatedMapper:
+class IsolatedMapper(IsolatedMethod):
     """A mapper under test; a process that was lost is started again at the next pair."""
 
     def __init__(
@@ -65,16 +66,8 @@ class IsolatedMapper:
         Raises:
             MethodError: If it does not start.
         """
-        self._method, self._rig, self._setup = method, rig, dict(setup or {})
-        self._limits, self._starts = limits or MethodLimits(), 0
-        self._process: MethodProcess | None = self._started()
-        self.record: MethodRecord = method.record(self._process.version)
-        self.idle_bytes: int | None = self._process.idle_bytes
+        super().__init__(method, rig, limits, setup, Transform.identity())
         self._complete = True
-
-    def _started(self) -> MethodProcess:
-        self._starts += 1
-        return MethodProcess(self._method, self._rig, self._limits, Transform.identity(), self._setup)
 
     def disparity(self, pair: StereoPair) -> tuple[FloatImage, CallUsage, str]:
         """Return the disparities of a pair `(H, W)`, NaN where none, for a comparison of matchers; costs; finding."""
@@ -135,18 +128,14 @@ class IsolatedMapper:
         return FusedMap(cloud, cloud.sigma, T_lm_left, statistics), call
 
     def _ask(self, pair: StereoPair, T_lm_navsb: Transform, index: int, more: Mapping[str, object]) -> Answer:
-        if self._process is None:
-            if self._starts > self._limits.restarts:
-                raise MethodError("not started again")
-            self._process = self._started()
+        if self._is_given_up:
+            raise MethodError("not started again")
+        self._process = self._process or self._start(Transform.identity())
         for what in ("cloud", "disparity"):
             Path(self._file(what)).unlink(missing_ok=True)
         order = {"T_lm_navsb": T_lm_navsb.matrix.ravel().tolist(), "index": index, **more}
         answer = self._process.show_and_call(pair, order)
-        stamp_ns = answer.result.get("stamp_ns", pair.stamp_ns)
-        if stamp_ns != pair.stamp_ns:
-            text = f"answered for stamp {stamp_ns}, asked for {pair.stamp_ns}"
-            raise MethodFailureError(FindingKind.WRONG_STAMP, text, ended=False)
+        check_stamp(pair, answer)
         return answer
 
     def _file(self, what: str) -> str:
@@ -188,34 +177,9 @@ class IsolatedMapper:
         warnings = tuple(result.get("warnings") or ())
         return PairMap(pair.stamp_ns, cloud, cloud.sigma, view, plain, NO_CALIBRATION, figures, warnings)
 
-    def _finding(self, error: MethodFailureError | MethodError) -> str:
-        kind = error.kind if isinstance(error, MethodFailureError) else FindingKind.CRASHED
-        if isinstance(error, MethodError) or error.ended:
-            self._process = None
-        return f"{kind}: {error}"
-
-    @property
-    def alive(self) -> bool:
-        """Whether its process is there."""
-        return self._process is not None
-
-    def close(self) -> None:
-        """End its process."""
-        if self._process is not None:
-            self._process.close()
-
-    def __enter__(self) -> IsolatedMapper:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End its process."""
-        self.close()
-
 
 def _costs(answer: Answer) -> MapperCall:
-    finding = f"{FindingKind.LEAKING}: {answer.leaking}" if answer.leaking else ""
-    return MapperCall(answer.usage, finding)
+    return MapperCall(answer.usage, leak_finding(answer))
 
 
 def _disparity_of(cloud: PointCloud, rig: StereoRig, T_lm_left: Transform) -> FloatImage:

@@ -1,4 +1,4 @@
-"""Makes the helpers beside the tests importable, and runs `sfr` within the test's process."""
+"""Makes the helpers beside the tests importable."""
 
 from __future__ import annotations
 
@@ -9,10 +9,6 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-
-from cli_result import Result, Sfr
-
-from sfr_loc_map.cli.main import main
 
 
 @pytest.fixture(scope="session")
@@ -26,17 +22,3 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Callable[[P
         return made[make.__name__]
 
     return source
-
-
-@pytest.fixture
-def sfr(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Sfr:
-    """`sfr(...)` as from the shell, without the cost of a process for each."""
-    monkeypatch.delenv("SFR_DEBUG", raising=False)
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
-        capsys.readouterr()
-        code = main()
-        return Result(code, *capsys.readouterr())
-
-    return run

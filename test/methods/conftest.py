@@ -1,21 +1,14 @@
-"""Libraries of candidates, compiled once, and `sfr` within the test's process."""
+"""Libraries of candidates, compiled once."""
 
 from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))
-
-from cli_result import Result, Sfr
 from made_scene import write_folder
-
-from sfr_loc_map.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
@@ -56,17 +49,3 @@ def example(build: Build) -> Path:
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A drive of 12 pairs and a panorama of two."""
     return write_folder(tmp_path_factory.mktemp("methods") / "source", 12, 2)
-
-
-@pytest.fixture
-def sfr(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Sfr:
-    """`sfr(...)` as from the shell, without the cost of a process for each."""
-    monkeypatch.delenv("SFR_DEBUG", raising=False)
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
-        capsys.readouterr()
-        code = main()
-        return Result(code, *capsys.readouterr())
-
-    return run

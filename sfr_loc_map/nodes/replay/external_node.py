@@ -7,11 +7,12 @@ from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.nodes.process.command_process import CommandProcess
 from sfr_loc_map.nodes.replay.external_answers import CloudAnswers, OdometryAnswers
-from sfr_loc_map.nodes.replay.external_options import ExternalOptions, Task
+from sfr_loc_map.nodes.replay.external_options import ExternalOptions
 from sfr_loc_map.nodes.replay.replay_node import ReplayNode
 from sfr_loc_map.nodes.replay.results import ObservedNode, ReplayResults
 from sfr_loc_map.pipeline.online.answers import AnswerBook

@@ -3,26 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 
+from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 
 RESULT_TOPICS = {"localisation": "localisation/odometry", "mapping": "mapping/points"}
 """Topics of the suite that carry the results of a task."""
 CONVERTED = "external/converted"
 """Topic of converted results, where the node itself publishes on the suite's."""
-
-
-class Task(StrEnum):
-    """What an external node does in place of ours."""
-
-    LOCALISATION = "localisation"
-    MAPPING = "mapping"
-
-    @property
-    def rig(self) -> str:
-        """Rig of its pairs, as in the names of topics."""
-        return "loc" if self is Task.LOCALISATION else "nav"
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
+from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.metrics.modes import MappingState
@@ -21,7 +22,6 @@ from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, values_of
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.pose import odometry_row
 from sfr_loc_map.nodes.replay.external_node import ExternalNode
-from sfr_loc_map.nodes.replay.external_options import Task
 from sfr_loc_map.nodes.replay.replay_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.results import ReplayResults
 
