@@ -172,7 +172,7 @@ class IsolatedMapper(IsolatedMethod):
         pair: StereoPair, cloud: PointCloud, disparity: FloatImage, T_lm_left: Transform, result: Mapping[str, Any]
     ) -> PairMap:
         shape = disparity.shape
-        plain = Saturation(np.zeros(shape, np.bool_), np.ones(shape, F), 0.0)
+        plain = Saturation(np.zeros(shape, np.bool_), np.zeros(shape, np.uint8), 0.0)
         view, figures = View(cloud, disparity, T_lm_left, 0.0), result.get("statistics") or {}
         warnings = tuple(result.get("warnings") or ())
         return PairMap(pair.stamp_ns, cloud, cloud.sigma, view, plain, NO_CALIBRATION, figures, warnings)

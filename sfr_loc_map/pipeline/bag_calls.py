@@ -10,9 +10,9 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.io.bag import Bag, Topic
-from sfr_loc_map.io.text_numbers import parse_number, parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.trajectory.relative_covariance import STEP_SIZE
+from sfr_loc_map.pipeline.call_status import call_of
 
 DIAGNOSTICS: Final = "diagnostic_msgs/msg/DiagnosticArray"
 TASK: Final = "localisation"
@@ -64,13 +64,14 @@ def read_calls(bag: Bag, odometry: Topic) -> BagCalls:
 def _take(status: Any, calls: BagCalls, topic: Topic) -> None:  # noqa: ANN401 - rosbags has no types
     """Add the call that a status describes, if it is one of the localiser."""
     values = {pair.key: pair.value for pair in status.values}
-    if values.get("task") != TASK or "processing_time_s" not in values:
+    if values.get("task") != TASK:
         return
     try:
-        stamp_ns, state = parse_stamp_ns(values["stamp_ns"]), values["state"]
-        step = np.array([parse_number(word) for word in values.get("step", "").split()[: STEP_SIZE + 1]])
-    except (KeyError, ValueError) as error:
+        call = call_of(values)
+    except InputError as error:
         raise InputError(f"status '{status.name}' of '{topic.bag_name}' cannot be read: {error}") from error
-    calls.states[stamp_ns] = state
-    if len(step) == STEP_SIZE:
-        calls.steps[stamp_ns] = step
+    if call is None:
+        return
+    calls.states[call.record.stamp_ns] = call.record.state
+    if call.record.step is not None:
+        calls.steps[call.record.stamp_ns] = call.record.step
