@@ -77,7 +77,7 @@ function makeCard(name) {
 function makeButton(node, action, answer) {
   const button = element("button", "", action);
   button.type = "button";
-  let asked = 0;
+  let asked = -Infinity;
   button.addEventListener("click", async () => {
     if (CONFIRMED.has(action) && performance.now() - asked > ASKS_MS) {
       asked = performance.now();
@@ -85,7 +85,7 @@ function makeButton(node, action, answer) {
       setTimeout(() => (button.textContent = action), ASKS_MS);
       return;
     }
-    asked = -ASKS_MS;
+    asked = -Infinity;
     button.textContent = action;
     answer.textContent = `${action} …`;
     try {
