@@ -59,7 +59,7 @@ def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(s
 
 
 @pytest.mark.slow
-def test_a_compressed_bag_of_other_names_is_played_and_judged(sfr: Sfr, tmp_path: Path) -> None:
+def test_a_compressed_bag_is_played_at_a_rate_and_judged_and_nothing_is_lost(sfr: Sfr, tmp_path: Path) -> None:
     source, out = write_bag(tmp_path / "source.mcap", 8, 0, jpeg_quality=95), tmp_path / "out"
     limits = tmp_path / "limits.yaml"
     limits.write_text("timing:\n  localisation_p50_s: 1.0e-9\n", encoding="utf-8")
@@ -69,8 +69,10 @@ def test_a_compressed_bag_of_other_names_is_played_and_judged(sfr: Sfr, tmp_path
         "    input:\n      queue_depth: 7\n",
         encoding="utf-8",
     )
-    run = process("replay", source, "--out", out, "--limits", limits, "--config", config, "--start", "truth")
+    options = ["--rate", "2", "--limits", limits, "--config", config, "--start", "truth"]
+    run = process("replay", source, "--out", out, *options)
     assert run.returncode == 1, run.stderr
+    assert not list(out.glob("cloud.*"))
     assert "limits missed" in run.stderr
     assert json.loads((out / "report.json").read_text())["verdicts"][0]["verdict"] == "fail"
     assert sfr("localise", source, "-o", tmp_path / "t.csv", "--config", config, "--start", "truth").code == 0
@@ -81,15 +83,6 @@ def test_a_compressed_bag_of_other_names_is_played_and_judged(sfr: Sfr, tmp_path
     swapped = process("replay", source, "--out", other, *swap)
     assert swapped.returncode == 2
     assert "are left and right swapped?" in swapped.stderr
-
-
-@pytest.mark.slow
-def test_at_a_rate_the_stamps_set_the_pace_and_nothing_is_lost(tmp_path: Path) -> None:
-    source, out = write_folder(tmp_path / "source", 12, 0), tmp_path / "out"
-    run = process("replay", source, "--out", out, "--rate", "2")
-    assert run.returncode == 0, run.stderr
-    assert len((out / "estimate.csv").read_text().splitlines()) == 13
-    assert not list(out.glob("cloud.*"))
 
 
 @pytest.mark.slow

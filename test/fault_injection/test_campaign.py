@@ -21,7 +21,7 @@ from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.fault_injection.soak import MemoryTrend
 from sfr_loc_map.tables.markdown import to_markdown
 
-QUICK = ("kill-localisation", "kill-monitor", "pictures-localisation", "messages-monitor", "stamps-jump")
+QUICK = ("kill-localisation", "pictures-localisation", "messages-monitor", "stamps-jump")
 SETTINGS = CampaignSettings(stop_s=1.0, restart_limit_s=60.0, soak_minutes=0.0, patience_s=60.0)
 
 

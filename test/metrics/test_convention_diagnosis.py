@@ -130,7 +130,7 @@ def found(estimate: Poses, truth: Poses, T_rb_left: Transform | None = None) -> 
 @pytest.mark.parametrize("known_rig", [False, True])
 @pytest.mark.parametrize(("mistake", "name"), CASES, ids=lambda item: getattr(item, "__name__", ""))
 def test_each_mismatch_is_found_among_the_others(mistake: Callable[[Poses], Poses], name: str, known_rig: bool) -> None:
-    for seed in range(5):
+    for seed in range(2):
         truth, estimate = rover(seed)
         got, sentence = found(mistake(estimate), truth, CAMERA if known_rig else None)
         assert got == name, (seed, got, sentence)
@@ -160,15 +160,15 @@ def test_the_setting_that_is_named_corrects_it(mistake: Callable[[Poses], Poses]
 
 @pytest.mark.slow
 def test_a_correct_pair_is_never_accused() -> None:
-    for seed in range(32):
+    for seed in range(12):
         truth, estimate = rover(seed, noise=(0.0, 0.3, 1.0, 5.0)[seed % 4])
-        assert found(estimate, truth, CAMERA if seed % 2 else None)[0] is None, seed
+        assert found(estimate, truth, CAMERA if seed % 3 else None)[0] is None, seed
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["straight", "turning on the spot", "standing", "stop and go"])
 def test_plain_drives_are_not_accused_either(kind: str) -> None:
-    for seed in range(12):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         frames = int(rng.integers(20, 400))
         step = np.full(frames, 0.0 if kind in ("turning on the spot", "standing") else 0.1)
@@ -186,7 +186,7 @@ def test_plain_drives_are_not_accused_either(kind: str) -> None:
 
 def test_a_bad_estimate_is_not_excused() -> None:
     """Pure noise has no single mistake."""
-    for seed in range(10):
+    for seed in range(5):
         truth, _ = rover(seed)
         rng = np.random.default_rng(seed)
         noise = truth[0], rng.normal(0, 3, (300, 3)), Rotation.random(300, random_state=seed).as_quat()

@@ -286,17 +286,15 @@ def requested(log: Path) -> set[str]:
     return {item["url"] for item in asked if "url" in item and item["initiator"] != OF_THE_BROWSER}
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_page_opens_in_a_browser(theme: str, page: str, tmp_path: Path) -> None:
+def test_page_opens_in_a_browser_in_its_theme(page: str, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     write_page(whole_score(), path)
-    scheme = f"--blink-settings=preferredColorScheme={0 if theme == 'dark' else 1}"
-    content, log = opened(path, tmp_path, scheme)
+    content, log = opened(path, tmp_path, "--blink-settings=preferredColorScheme=0")
     count = len(specs_of(page))
     root = re.search(r"<html[^>]*>", content)
     assert root is not None
     assert f'data-figures="{count}/{count}"' in root[0], log
-    assert f'data-theme="{theme}"' in root[0]
+    assert 'data-theme="dark"' in root[0]
     bad = [
         line
         for line in log.splitlines()
@@ -319,6 +317,7 @@ def test_a_click_shows_the_frames_and_the_button_the_other_theme(page: str, tmp_
       const root = document.documentElement;
       if (!root.dataset.figures) return;
       clearInterval(wait);
+      root.dataset.before = root.dataset.theme;
       const mark = document.getElementById("position").data[0].customdata[4];
       document.getElementById("position").emit("plotly_click", { points: [{ customdata: mark }] });
       const view = document.getElementById("top-view");
@@ -332,6 +331,7 @@ def test_a_click_shows_the_frames_and_the_button_the_other_theme(page: str, tmp_
     content, log = opened(path, tmp_path, "--blink-settings=preferredColorScheme=1")
     root = re.search(r"<html[^>]*>", content)
     assert root is not None
+    assert 'data-before="light"' in root[0], log
     assert 'data-theme="dark"' in root[0], log
     details = json_of(whole_score())["details"]["trajectory"]
     rows = details["sub_trajectories"][0]
