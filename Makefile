@@ -6,13 +6,14 @@ OUT ?= out/demo
 SEED ?= 1
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
+DOCS_STAMP := $(VENV)/.installed-docs
 COMPILED := $(VENV)/.compiled
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak lint types config format check clean
+.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak lint types config format check docs clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -66,7 +67,10 @@ format: $(DEV_STAMP)  ## Format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-check: lint types test  ## Style, types and all tests: what continuous integration runs
+docs: $(DOCS_STAMP)  ## Build the documentation site, warnings are errors; it is out/docs/index.html
+	PYTHONPATH=. $(BIN)/sphinx-build -q -W --keep-going -j auto docs out/docs
+
+check: lint types docs test  ## Style, types, documentation and all tests: what continuous integration runs
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -79,6 +83,10 @@ $(STAMP): $(BIN)/python $(SOURCES)
 
 $(DEV_STAMP): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,sim,dev]"
+	@touch $@
+
+$(DOCS_STAMP): $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,docs]"
 	@touch $@
 
 # All kernels compiled side by side; otherwise each test process compiles all of them. What these runs gave is kept for a test.

@@ -1,4 +1,4 @@
-"""The pages name files and targets that are there."""
+"""The pages name files and targets that are there, and their text is short enough to be read."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from sfr_loc_map.pipeline.doctor.finding import Cause
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 MODULE = re.compile(r"(?<![\w/.*}])((?:[a-z_]+/)*[a-z_]+\.py)\b")
+WIDEST_LINE, LONGEST_CELL = 118, 90
 LINK = re.compile(r"\]\(([^)#:]+)(?:#[\w-]*)?\)")
 
 
@@ -24,6 +27,19 @@ def test_modules_and_links_are_there(page: Path) -> None:
     known = {name for name in MODULE.findall(text) if "*" not in name}
     assert not [name for name in sorted(known) if not (ROOT / name).exists() and not exists(name)]
     assert not [link for link in LINK.findall(text) if not (page.parent / link).exists()]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_lines_and_cells_are_short(page: Path) -> None:
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert not [f"line {n}: {line[:60]}" for n, line in enumerate(lines, 1) if len(line) > WIDEST_LINE]
+    cells = [cell for line in lines if line.startswith("|") for cell in line.split("|")]
+    assert not [cell for cell in cells if len(cell) > LONGEST_CELL]
+
+
+def test_each_code_of_the_doctor_has_its_section() -> None:
+    page = (ROOT / "docs" / "howto" / "troubleshooting.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^### `(\w+)`$", page, re.MULTILINE)) == set(Cause)
 
 
 def test_targets_of_make_are_there() -> None:

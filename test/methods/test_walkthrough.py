@@ -33,7 +33,8 @@ def test_the_commands_on_the_page_work(drive: Path, tmp_path: Path, monkeypatch:
     for name in ("examples", "include"):
         Path(name).symlink_to(ROOT / name)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    lines = "".join(re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)).splitlines()
+    blocks = "".join(block for block in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) if "METHOD" not in block)
+    lines = blocks.replace("\\\n", "").splitlines()
     for line in lines:
         line = line.replace("sample/sample.mcap", str(drive)).replace("$(sfr methods --include-dir)", "include")
         if line.startswith("sfr "):  # within this process: starting one takes longer than the work

@@ -1,0 +1,160 @@
+"""Reference pages made from the code: the comment `<!-- generated: NAME -->` of a page is replaced by the build.
+
+Commands come from typer, parameters from the frozen dataclasses, the keys of the score from its records. So the pages
+cannot go stale, and nothing that is generated is kept in the repository.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from enum import Enum
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+from sphinx.application import Sphinx
+
+MARK = re.compile(r"<!-- generated: ([a-z_]+) -->")
+
+
+def commands() -> str:
+    """Return the reference of `sfr` and all its subcommands."""
+    import typer
+
+    from sfr_loc_map.cli.main import app
+
+    return "\n".join(_command(typer.main.get_command(app), "sfr", None))
+
+
+def _command(command: Any, path: str, parent: Any) -> Iterator[str]:  # noqa: ANN401 - of click or typer's copy of it
+    context_type = command.context_class
+    context = context_type(command, info_name=path, parent=parent)
+    yield f"## {path}\n"
+    usage = " ".join(command.collect_usage_pieces(context))
+    yield f"```text\n{path} {usage}\n```\n"
+    yield inspect.cleandoc(command.help or "") + "\n"
+    records = [record for param in command.get_params(context) if (record := param.get_help_record(context))]
+    for names, text in records:
+        yield f"`{names.replace('|', ' | ')}`\n: {_prose(text) or '-'}\n"
+    epilog = inspect.cleandoc(command.epilog or "")
+    if epilog.startswith("Examples:"):
+        yield "Examples:\n\n```sh\n" + "\n".join(epilog.partition("\n")[2].split("\n\n")).strip() + "\n```\n"
+    elif epilog:
+        yield epilog + "\n"
+    for name, child in getattr(command, "commands", {}).items():
+        if not child.hidden:
+            yield from _command(child, f"{path} {name}", None)
+
+
+def _prose(text: str) -> str:
+    """Return a help text as Markdown; brackets, stars and angles are letters, code stays code."""
+    parts = " ".join(text.split()).split("`")
+    parts[::2] = [re.sub(r"([\[\]<>*_$])", r"\\\1", part) for part in parts[::2]]
+    return "`".join(parts)
+
+
+def parameters() -> str:
+    """Return the parameters of the three nodes, then those of the simulator."""
+    from sfr_loc_map.config import parameters as declared
+    from sfr_loc_map.nodes.tools.parameter_files import FILES
+    from sfr_loc_map.simulation.config import SimulationConfig
+
+    groups = [(f"`{node}` (`config/{file}`)", config) for file, (node, config) in FILES.items()]
+    groups.append(("`sfr simulate`", SimulationConfig))
+    parts = []
+    for title, config in groups:
+        parts.append(f"## {title}\n")
+        parts += [_parameter(info) for info in declared(config)]
+    return "\n".join(parts)
+
+
+def _parameter(info: Any) -> str:  # noqa: ANN401 - a ParamInfo
+    default = list(info.default) if isinstance(info.default, tuple) else info.default
+    facts = [f"default `{default!r}`"]
+    if info.unit:
+        facts.append(f"unit {info.unit}")
+    if info.choices:
+        facts.append("one of " + ", ".join(f"`{choice}`" for choice in info.choices))
+    if info.low is not None:
+        facts.append(f"{info.low:g} to {info.high:g}")
+    if info.live:
+        facts.append("may change while the node runs")
+    return f"`{info.name}`\n: {_prose(info.doc)} ({'; '.join(facts)})\n"
+
+
+def score() -> str:
+    """Return the keys of the score, record by record."""
+    from sfr_loc_map.metrics.score import Score
+
+    seen: list[type] = []
+    parts = []
+    waiting: list[type] = [Score]
+    while waiting:
+        record = waiting.pop(0)
+        if record in seen:
+            continue
+        seen.append(record)
+        parts.append(_record(record))
+        waiting += [kind for hint in get_type_hints(record).values() for kind in _records_in(hint)]
+    return "\n".join(parts)
+
+
+def _record(record: type) -> str:
+    text = inspect.cleandoc(record.__doc__ or "")
+    head, _, listed = text.partition("Attributes:")
+    docs = {
+        found[1]: " ".join(found[2].split())
+        for found in re.finditer(r"^ +(\w+): (.*?)(?=^ {4}\w+: |\Z)", listed, re.MULTILINE | re.DOTALL)
+    }
+    lines = [f"## {record.__name__}\n", _prose(head) + "\n"]
+    for item in dataclasses.fields(record):
+        hint = get_type_hints(record, include_extras=True)[item.name]
+        key, inline = item.name, False
+        if get_origin(hint) is Annotated:
+            hint, *notes = get_args(hint)
+            key = next((note.name for note in notes if type(note).__name__ == "Key"), key)
+            inline = any(type(note).__name__ == "Inline" for note in notes)
+        place = "its keys stand in this object" if inline else _type_name(hint)
+        lines.append(f"`{key}`\n: {_prose(docs.get(item.name, ''))} ({place})\n")
+    return "\n".join(lines)
+
+
+def _records_in(hint: Any) -> list[type]:  # noqa: ANN401 - any annotation
+    if dataclasses.is_dataclass(hint) and isinstance(hint, type) and not hasattr(hint, "to_plain"):
+        return [hint]
+    return [kind for part in get_args(hint) for kind in _records_in(part)]
+
+
+def _type_name(hint: Any) -> str:  # noqa: ANN401 - any annotation
+    origin, parts = get_origin(hint), get_args(hint)
+    if hint is type(None):
+        return "null"
+    if origin in (Union, UnionType):
+        return " or ".join(_type_name(part) for part in parts)
+    if origin is Annotated:
+        return _type_name(parts[0])
+    if origin is not None and issubclass(origin, Mapping):
+        return f"object of {_type_name(parts[1])}"
+    if origin is not None and issubclass(origin, Sequence):
+        return "array of " + _type_name(parts[0])
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return "one of " + ", ".join(f"`{member.value}`" for member in hint)
+    if dataclasses.is_dataclass(hint):
+        return f"[{hint.__name__}](#{hint.__name__.lower()})" if _records_in(hint) else "object"
+    names = {str: "text", float: "number", int: "whole number", bool: "true or false", object: "any JSON"}
+    return names.get(hint, getattr(hint, "__name__", str(hint)))
+
+
+PAGES: dict[str, Callable[[], str]] = {"commands": commands, "parameters": parameters, "score": score}
+
+
+def _fill(app: Sphinx, name: str, source: list[str]) -> None:
+    source[0] = MARK.sub(lambda found: PAGES[found[1]](), source[0])
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Fill the pages as they are read."""
+    app.connect("source-read", _fill)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
