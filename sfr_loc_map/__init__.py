@@ -1,3 +1,10 @@
-"""sfr_loc_map: stereo localisation, terrain mapping and the metrics that prove how good they are."""
+"""sfr_loc_map: stereo localisation, terrain mapping and the metrics that prove how good they are.
+
+From Python: `import sfr_loc_map as sfr`, then `sfr.open`, `sfr.localise`, `sfr.map`, `sfr.score` (docs/python.md).
+These names are loaded when they are used: the import itself is quick.
+"""
+
+import lazy_loader
 
 __version__ = "0.1.0"
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -215,3 +215,46 @@ def _construct(config_type: type[C], values: Mapping[str, Any], prefix: str) -> 
         elif name in values:
             chosen[item.name] = values[name]
     return config_type(**chosen)
+
+
+def read_config(config_type: type[C], path: Path | None, section: str) -> C:
+    """Read the parameters of one part from a YAML file.
+
+    The file is either a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`), of which the keys of
+    this part are taken, or a plain mapping of parameter names, optionally below the part's name.
+
+    Args:
+        config_type: Configuration class.
+        path: File, or None for the defaults.
+        section: Name of the part: `localisation` or `mapping`.
+
+    Raises:
+        ConfigError: If the file or a value in it is not valid.
+    """
+    if path is None:
+        return config_type()
+    content = load_yaml(path)
+    blocks = {
+        key: block["ros__parameters"]
+        for key, block in content.items()
+        if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict)
+    }
+    values: dict[str, Any] = {}
+    for key in ("/**", f"{section}_node", f"/{section}_node", f"/**/{section}_node"):
+        values.update(_section(blocks.get(key, {}), section))
+    if not blocks:
+        other = {"localisation", "mapping"} - {section}
+        values = (
+            content[section]
+            if isinstance(content.get(section), dict)
+            else {name: value for name, value in content.items() if name not in other}
+        )
+    return build(config_type, values, origin=str(path))
+
+
+def _section(block: dict[str, Any], section: str) -> dict[str, Any]:
+    """Return the parameters of a part, written below its name or with dotted names."""
+    prefix = f"{section}."
+    dotted = {name.removeprefix(prefix): value for name, value in block.items() if name.startswith(prefix)}
+    nested = block.get(section)
+    return {**(nested if isinstance(nested, dict) else {}), **dotted}

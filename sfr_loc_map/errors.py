@@ -6,6 +6,8 @@ A message is one line that says what was sought, what was found and what to do. 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from typing import ClassVar
 
@@ -90,3 +92,14 @@ class InterruptedRunError(SfrError):
     """The user ended a run; says what was finished."""
 
     exit_code = ExitCode.INTERRUPTED
+
+
+@contextmanager
+def naming(source: object) -> Iterator[None]:
+    """Let the errors that come of a source name it."""
+    try:
+        yield
+    except (InputError, GeometryError, LocalisationError, MappingError) as error:
+        if str(source) in str(error):
+            raise
+        raise type(error)(f"'{source}': {error}") from error

@@ -16,7 +16,7 @@ ROOT = "package root"
 
 BASE = {ROOT, "errors", "bounded_input", "config", "constants", "jit", "geometry", "printable"}
 MIDDLE = {"localisation", "mapping", "metrics", "simulation", "io"}
-UPPER = {"tables", "methods", "pipeline", "report", "nodes", "bench", "suite", "fault_injection", "live"}
+UPPER = {"api", "tables", "methods", "pipeline", "report", "nodes", "bench", "suite", "fault_injection", "live"}
 ALLOWED: dict[str, set[str]] = {
     ROOT: set(),
     "constants": {ROOT},
@@ -32,6 +32,7 @@ ALLOWED: dict[str, set[str]] = {
     "pipeline": BASE | MIDDLE | {"methods"},
     "report": BASE | MIDDLE | {"tables"},
     "live": BASE | MIDDLE | {"pipeline", "report", "tables"},
+    "api": BASE | (MIDDLE - {"simulation"}) | {"methods", "pipeline", "report", "tables"},
     "nodes": BASE | (MIDDLE - {"simulation"}) | {"pipeline", "live"},
     "bench": BASE | MIDDLE | {"methods", "pipeline", "tables"},
     "suite": BASE | MIDDLE | {"methods", "pipeline", "report", "tables"},

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sfr_loc_map.cli.output import say
-from sfr_loc_map.config import build, load_yaml
-from sfr_loc_map.errors import (
-    ConfigError,
-    GeometryError,
-    InputError,
-    LocalisationError,
-    MappingError,
-    MissingExtraError,
-)
+from sfr_loc_map.config import read_config as read_config
+from sfr_loc_map.errors import ConfigError, MissingExtraError
+from sfr_loc_map.errors import naming as naming
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import LocSequence, NavSequence
-
-C = TypeVar("C")
 
 SourceArgument = Annotated[
     Path, typer.Argument(metavar="SRC", help="Data set folder, ROS 2 bag (mcap, sqlite3), KITTI or EuRoC sequence.")
@@ -100,11 +91,9 @@ def open_drive(source: Path, remap: list[str] | None) -> LocSequence:
         InputError: If it has none.
     """
     from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.io.sequence import drive_of
 
-    sequence = open_source(source, parse_remaps(remap)).loc
-    if sequence is None or not len(sequence):
-        raise InputError(f"no drive (localisation pairs) in '{source}': give a source that has one")
-    return sequence
+    return drive_of(open_source(source, parse_remaps(remap)))
 
 
 def open_panorama(source: Path, remap: list[str] | None) -> NavSequence:
@@ -114,22 +103,9 @@ def open_panorama(source: Path, remap: list[str] | None) -> NavSequence:
         InputError: If it has none.
     """
     from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.io.sequence import panorama_of
 
-    sequence = open_source(source, parse_remaps(remap)).nav
-    if sequence is None or not len(sequence):
-        raise InputError(f"no mapping pairs in '{source}': give a source that has them")
-    return sequence
-
-
-@contextmanager
-def naming(source: Path) -> Iterator[None]:
-    """Let the errors that come of a source name it."""
-    try:
-        yield
-    except (InputError, GeometryError, LocalisationError, MappingError) as error:
-        if str(source) in str(error):
-            raise
-        raise type(error)(f"'{source}': {error}") from error
+    return panorama_of(open_source(source, parse_remaps(remap)))
 
 
 def parse_remaps(remaps: list[str] | None) -> dict[str, str]:
@@ -147,49 +123,6 @@ def parse_remaps(remaps: list[str] | None) -> dict[str, str]:
             )
         parsed[found] = expected
     return parsed
-
-
-def read_config(config_type: type[C], path: Path | None, section: str) -> C:
-    """Read the parameters of one part from a YAML file.
-
-    The file is either a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`), of which the keys of
-    this part are taken, or a plain mapping of parameter names, optionally below the part's name.
-
-    Args:
-        config_type: Configuration class.
-        path: File, or None for the defaults.
-        section: Name of the part: `localisation` or `mapping`.
-
-    Raises:
-        ConfigError: If the file or a value in it is not valid.
-    """
-    if path is None:
-        return config_type()
-    content = load_yaml(path)
-    blocks = {
-        key: block["ros__parameters"]
-        for key, block in content.items()
-        if isinstance(block, dict) and isinstance(block.get("ros__parameters"), dict)
-    }
-    values: dict[str, Any] = {}
-    for key in ("/**", f"{section}_node", f"/{section}_node", f"/**/{section}_node"):
-        values.update(_section(blocks.get(key, {}), section))
-    if not blocks:
-        other = {"localisation", "mapping"} - {section}
-        values = (
-            content[section]
-            if isinstance(content.get(section), dict)
-            else {name: value for name, value in content.items() if name not in other}
-        )
-    return build(config_type, values, origin=str(path))
-
-
-def _section(block: dict[str, Any], section: str) -> dict[str, Any]:
-    """Return the parameters of a part, written below its name or with dotted names."""
-    prefix = f"{section}."
-    dotted = {name.removeprefix(prefix): value for name, value in block.items() if name.startswith(prefix)}
-    nested = block.get(section)
-    return {**(nested if isinstance(nested, dict) else {}), **dotted}
 
 
 def each_tenth(doing: str, unit: str) -> Callable[[int, int], None]:

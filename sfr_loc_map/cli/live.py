@@ -130,9 +130,9 @@ def live(
     recorded, without nodes, on a time line; the figures are those of its place, at the end those of sfr score. On a
     terminal q ends, and of what is played space pauses and the arrows go 5 s back and on.
     """
-    from sfr_loc_map.cli.score import score_config
     from sfr_loc_map.cli.verdict import read_limits
     from sfr_loc_map.config import build
+    from sfr_loc_map.metrics.config import score_config
 
     if not terminal:
         require_live()

@@ -38,7 +38,7 @@ from sfr_loc_map.cli.external import (
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs
 from sfr_loc_map.cli.replay_result import check_answers, result_of, say_where
-from sfr_loc_map.cli.score import LimitsOption, present, score_config
+from sfr_loc_map.cli.score import LimitsOption, present
 from sfr_loc_map.cli.verdict import LenientOption, conclude, read_limits
 from sfr_loc_map.errors import InterruptedRunError, OutputError
 from sfr_loc_map.printable import printable
@@ -150,6 +150,7 @@ def _settings(config: Path | None, limits: Path | None, condition: list[str] | N
     """
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.mapping.config import MappingConfig
+    from sfr_loc_map.metrics.config import score_config
     from sfr_loc_map.nodes.replay.options import is_ros_parameter_file
 
     return {

@@ -26,7 +26,6 @@ from sfr_loc_map.cli.verdict import LenientOption, conclude, read_limits
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
-    from sfr_loc_map.metrics.config import ScoreConfig
     from sfr_loc_map.metrics.score import Score
 
 LimitsOption = Annotated[
@@ -51,6 +50,10 @@ FusedOption = Annotated[
     bool | None,
     typer.Option("--fused/--not-fused", help="Whether the cloud is fused, for a file that does not say so."),
 ]
+AssociateOption = Annotated[
+    str, typer.Option(metavar="auto|match|interpolate", help="How an estimate finds its truth.")
+]
+MaxGapOption = Annotated[float, typer.Option(metavar="S", help="Longest gap of the truth that is interpolated.")]
 SpacingOption = Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")]
 
 
@@ -76,10 +79,8 @@ def score(
     stats: StatsOption = None,
     target: TargetOption = None,
     target_timing: TargetTimingOption = None,
-    associate: Annotated[
-        str, typer.Option(metavar="auto|match|interpolate", help="How an estimate finds its truth.")
-    ] = "auto",
-    max_gap: Annotated[float, typer.Option(metavar="S", help="Longest gap of the truth that is interpolated.")] = 1.0,
+    associate: AssociateOption = "auto",
+    max_gap: MaxGapOption = 1.0,
     scored_range: RangeOption = (0.0, 10.0),
     fused: FusedOption = None,
     convention: ConventionOption = None,
@@ -90,6 +91,7 @@ def score(
     lenient: LenientOption = False,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
+    from sfr_loc_map.metrics.config import score_config
     from sfr_loc_map.pipeline.score_inputs import ScoreInputs
     from sfr_loc_map.pipeline.scoring import score_files
 
@@ -112,19 +114,6 @@ def score(
     result = score_files(inputs, config, parsed_limits, fused=fused, correction=correction)
     present(result, json_path, html)
     conclude(result, asked, lenient=lenient)
-
-
-def score_config(conditions: list[str] | None, settings: dict[str, object]) -> ScoreConfig:
-    """Return the settings of a score from options.
-
-    Raises:
-        ConfigError: If one is not valid.
-    """
-    from sfr_loc_map.config import build
-    from sfr_loc_map.metrics.config import ScoreConfig
-
-    named = {"trajectory.conditions": tuple(conditions)} if conditions else {}
-    return build(ScoreConfig, settings | named, origin="options")
 
 
 def present(score: Score, json_path: str | None, html: Path | None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -67,12 +68,12 @@ class Trajectory:
         return Transform.from_quat(self.positions[index], self.quats_xyzw[index])
 
     @classmethod
-    def empty(cls) -> Trajectory:
+    def empty(cls) -> Self:
         """Return a trajectory without poses."""
         return cls(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
 
     @classmethod
-    def from_poses(cls, stamped: Iterable[tuple[int, Transform]]) -> Trajectory:
+    def from_poses(cls, stamped: Iterable[tuple[int, Transform]]) -> Self:
         """Return the trajectory of `(stamp_ns, T_ds_rb)`."""
         items = list(stamped)
         if not items:

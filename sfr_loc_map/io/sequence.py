@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 
@@ -67,3 +68,25 @@ class Source:
     loc: LocSequence | None
     nav: NavSequence | None
     left_out: int = 0
+
+
+def drive_of(source: Source) -> LocSequence:
+    """Return the localisation pairs of a source.
+
+    Raises:
+        InputError: If it has none.
+    """
+    if source.loc is None or not len(source.loc):
+        raise InputError(f"no drive (localisation pairs) in '{source.path}': give a source that has one")
+    return source.loc
+
+
+def panorama_of(source: Source) -> NavSequence:
+    """Return the mapping pairs of a source.
+
+    Raises:
+        InputError: If it has none.
+    """
+    if source.nav is None or not len(source.nav):
+        raise InputError(f"no mapping pairs in '{source.path}': give a source that has them")
+    return source.nav

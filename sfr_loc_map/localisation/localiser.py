@@ -61,7 +61,12 @@ class Localiser(_Reporter):
     thread; the next call waits for it, so that results do not depend on timing.
     """
 
-    def __init__(self, rig: StereoRig, config: LocalisationConfig, start: StartPose | Transform) -> None:
+    def __init__(
+        self,
+        rig: StereoRig,
+        config: LocalisationConfig = LocalisationConfig(),  # noqa: B008 - frozen
+        start: StartPose | Transform = Transform.identity(),  # noqa: B008 - frozen, nobody writes to it
+    ) -> None:
         """Start at a given pose.
 
         Args:

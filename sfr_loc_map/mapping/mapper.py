@@ -92,7 +92,7 @@ class Mapper:
 
     version = __version__
 
-    def __init__(self, rig: StereoRig, config: MappingConfig) -> None:
+    def __init__(self, rig: StereoRig, config: MappingConfig = MappingConfig()) -> None:  # noqa: B008 - frozen
         """Prepare for a rig.
 
         Raises:

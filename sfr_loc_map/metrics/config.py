@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from sfr_loc_map.config import param
+from sfr_loc_map.config import build, param
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,3 +57,17 @@ class ScoreConfig:
 
     trajectory: TrajectoryScoreConfig = field(default_factory=TrajectoryScoreConfig)
     map: MapScoreConfig = field(default_factory=MapScoreConfig)
+
+
+def score_config(conditions: Sequence[str] | None, settings: Mapping[str, object]) -> ScoreConfig:
+    """Return the settings of a score from options.
+
+    Args:
+        conditions: Ends of a sub-trajectory; the default where there are none.
+        settings: Other values by dotted name.
+
+    Raises:
+        ConfigError: If one is not valid.
+    """
+    named = {"trajectory.conditions": tuple(conditions)} if conditions else {}
+    return build(ScoreConfig, {**settings, **named}, origin="options")

@@ -17,8 +17,11 @@ from sfr_loc_map.io.text_numbers import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.resource_score import Calls, stage_of
 from sfr_loc_map.metrics.records.method_record import FindingKind, FindingRecord, MethodKind, MethodRecord
+from sfr_loc_map.pipeline.call_record import CallRecord
 
-COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*np.triu_indices(6), strict=True))
+UPPER = np.triu_indices(6)
+"""Rows and columns of the upper triangle of a pose covariance."""
+COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 
 METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "finding")
 STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
@@ -93,6 +96,47 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     covariance, steps = (_columns(path, rows, names) for names in (COVARIANCE_NAMES, STEP_NAMES))
     findings = findings_of([row.get("finding") or "" for row in rows], calls.stamps_ns.tolist())
     return CallStats(calls, covariance, steps, _method(path, rows[0]), findings)
+
+
+def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) -> CallStats:
+    """Return what the file of some calls would hold, without writing it.
+
+    Args:
+        records: The calls, at least one.
+        method: Whose they are.
+    """
+    names = sorted({name for record in records for name in record.statistics})
+    calls = Calls(
+        np.array([record.stamp_ns for record in records], np.int64),
+        _numbers([record.processing_time_s for record in records]),
+        [record.state for record in records],
+        _numbers([record.peak_rss_bytes for record in records]),
+        _numbers([record.above_idle_bytes for record in records]),
+        {stage: _figure(records, name) for name in names if (stage := stage_of(name))},
+    )
+    findings = findings_of([record.finding for record in records], calls.stamps_ns.tolist())
+    return CallStats(calls, *_uncertainties(records), method, findings)
+
+
+def _uncertainties(records: Sequence[CallRecord]) -> tuple[FloatArray | None, FloatArray | None]:
+    """Return covariances and steps, NaN where not known; None if no call has a covariance."""
+    if all(record.covariance is None for record in records):
+        return None, None
+    covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
+    return _stacked(covariances, len(COVARIANCE_NAMES)), _stacked([item.step for item in records], len(STEP_NAMES))
+
+
+def _numbers(values: Sequence[float | None]) -> FloatArray:
+    return np.array([np.nan if value is None else value for value in values], np.float64)
+
+
+def _figure(records: Sequence[CallRecord], name: str) -> FloatArray:
+    return _numbers([record.statistics.get(name) for record in records])
+
+
+def _stacked(rows: Sequence[FloatArray | None], width: int) -> FloatArray:
+    unknown = np.full(width, np.nan)
+    return np.array([unknown if row is None else row for row in rows])
 
 
 def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:

@@ -98,8 +98,7 @@ def _converted(
     given: Estimates, correction: Correction, drive: Drive, config: ScoreConfig
 ) -> tuple[Estimates, ConventionRecord | None]:
     if drive.truth is not None and len(drive.truth):
-        extrinsics = None if drive.rig is None or drive.rig.T_rb_sb is None else drive.rig.T_rb_left
-        scored, convention = corrected(ScoredDrive(given, drive.truth, extrinsics), drive.rig, correction, config)
+        scored, convention = corrected(ScoredDrive(given, drive.truth, drive.rig), correction, config)
         return scored.estimates, convention
     declared = correction.declared
     if not declared.settings:

@@ -28,12 +28,10 @@ from sfr_loc_map.metrics.calls.resources import CallMeter
 from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.records.method_record import MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.call_stats import COVARIANCE_NAMES, METHOD_NAMES, STEP_NAMES
+from sfr_loc_map.pipeline.call_stats import COVARIANCE_NAMES, METHOD_NAMES, STEP_NAMES, UPPER
 
 MAX_START_GAP_NS = NS_PER_S
 """Longest gap of the truth in which a drive can start."""
-UPPER = np.triu_indices(6)
-"""Rows and columns of the upper triangle of a pose covariance."""
 Progress = Callable[[int], None]
 FrameObserver = Callable[[StereoPair, PoseEstimate, Localiser], None]
 """Looks at a pair, its estimate and the localiser after the call; its time is not the call's."""

@@ -24,7 +24,7 @@ from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
 from sfr_loc_map.pipeline.offline import save_stats
-from sfr_loc_map.pipeline.score_inputs import ScoreInputs, camera_extrinsics, load_estimates
+from sfr_loc_map.pipeline.score_inputs import ScoreInputs, camera_rig, load_estimates
 from sfr_loc_map.pipeline.scored_drive import ScoredDrive
 from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, score_run
 
@@ -201,7 +201,7 @@ def _drive(source: Source, result: ReplayResult, files: ReplayFiles, stats: Sequ
     truth = None if source.loc is None else source.loc.ground_truth
     if truth is None or not len(result.estimate):
         return None
-    return ScoredDrive(load_estimates(files.estimate, stats), truth, camera_extrinsics(source.path))
+    return ScoredDrive(load_estimates(files.estimate, stats), truth, camera_rig(source.path))
 
 
 def _cloud(source: Source, result: ReplayResult) -> ScoredCloud | None:

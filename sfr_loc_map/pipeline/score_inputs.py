@@ -15,7 +15,6 @@ from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, is_bag
 from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajectory
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
@@ -30,6 +29,8 @@ from sfr_loc_map.pipeline.bag_calls import read_calls
 from sfr_loc_map.pipeline.call_stats import CallStats
 
 CLOUD_SUFFIXES = (".ply", ".pcd", ".npz")
+IN_MEMORY = "(in memory)"
+"""Path of an input that is no file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,11 @@ def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
     """
     if is_bag(path):
         return _bag_estimates(path)
-    trajectory = load_trajectory(path)
+    return estimates_of(load_trajectory(path), stats)
+
+
+def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Estimates:
+    """Return estimated poses with the lost flags and covariances of the calls that gave them."""
     stamps = set(trajectory.stamps_ns.tolist())
     for item in stats:
         if stamps & set(item.calls.stamps_ns.tolist()):
@@ -130,18 +135,32 @@ def load_scored_cloud(path: Path, fused: bool | None = None) -> LoadedCloud:
         InputError: If the file cannot be read, or neither says whether the cloud is fused.
         ConfigError: If the user says otherwise than the file.
     """
-    loaded = load_cloud(path)
+    return said_fused(load_cloud(path), fused, f"cloud '{path}'")
+
+
+def said_fused(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedCloud:
+    """Return a cloud that says whether it is fused.
+
+    Args:
+        loaded: The cloud.
+        fused: What the user says of one that does not say so.
+        name: Its name, for messages.
+
+    Raises:
+        InputError: If neither says whether the cloud is fused.
+        ConfigError: If the user says otherwise than the cloud.
+    """
     if loaded.cloud is None:
         return loaded
     said = loaded.cloud.fused
     if said is None and fused is None:
         raise InputError(
-            f"cloud '{path}' does not say whether it is fused: give --fused (one surface of several pairs) or "
+            f"{name} does not say whether it is fused: give --fused (one surface of several pairs) or "
             "--not-fused (each pair's own points); coverage is counted differently"
         )
     if said is not None and fused is not None and said != fused:
         option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
-        raise ConfigError(f"'{option}': cloud '{path}' says that it is {word}; leave the option out")
+        raise ConfigError(f"'{option}': {name} says that it is {word}; leave the option out")
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
 
 
@@ -171,16 +190,6 @@ def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[P
     return truths_of([pairs[stamp_ns] for stamp_ns in stamps_ns], nav.rig)
 
 
-def camera_extrinsics(truth: Path) -> Transform | None:
-    """Return `T_rb_left` of a source with localisation cameras, None where it is not known."""
-    return extrinsics_of(camera_rig(truth))
-
-
-def extrinsics_of(rig: StereoRig | None) -> Transform | None:
-    """Return `T_rb_left` of a rig, None where it is not known."""
-    return None if rig is None or rig.T_rb_sb is None else rig.T_rb_left
-
-
 def camera_rig(truth: Path) -> StereoRig | None:
     """Return the rig of the localisation cameras of a source, None where it has none."""
     if truth.is_file() and not is_bag(truth):
@@ -192,20 +201,28 @@ def camera_rig(truth: Path) -> StereoRig | None:
     return None if loc is None else loc.rig
 
 
-def provenance(inputs: ScoreInputs, config: ScoreConfig, data: Mapping[str, str]) -> Provenance:
+def provenance(
+    inputs: ScoreInputs, config: ScoreConfig, data: Mapping[str, str], in_memory: Mapping[str, str] | None = None
+) -> Provenance:
     """Return what the score was made of: version, inputs with hashes, settings, host, time.
 
     Args:
         inputs: Files.
         config: Settings.
         data: Hash of the values of inputs by role (`truth`, `map_truth`).
+        in_memory: Hash of inputs that are no file, by role.
     """
     named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
     named["target"] = inputs.target
     named |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
+    files = {name: _input_file(name, path, data.get(name)) for name, path in named.items() if path is not None}
+    values = {
+        name: InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
+        for name, sha256 in (in_memory or {}).items()
+    }
     return Provenance(
         version=__version__,
-        inputs={name: _input_file(name, path, data.get(name)) for name, path in named.items() if path is not None},
+        inputs=files | values,
         configuration=flatten(config),
         host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
         time=datetime.now(UTC).isoformat(timespec="seconds"),

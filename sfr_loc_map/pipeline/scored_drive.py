@@ -22,12 +22,17 @@ class ScoredDrive:
     Attributes:
         estimates: Estimated poses of RB in DS.
         truth: True poses of RB in DS.
-        T_rb_left: Extrinsics of the left camera, None where they are not known.
+        rig: Rig of the localisation cameras, None where it is not known.
     """
 
     estimates: Estimates
     truth: Trajectory
-    T_rb_left: Transform | None
+    rig: StereoRig | None
+
+    @property
+    def T_rb_left(self) -> Transform | None:
+        """Extrinsics of the left camera, None where they are not known."""
+        return None if self.rig is None or self.rig.T_rb_sb is None else self.rig.T_rb_left
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +54,12 @@ class Correction:
 
 
 def corrected(
-    drive: ScoredDrive, rig: StereoRig | None, correction: Correction, config: ScoreConfig
+    drive: ScoredDrive, correction: Correction, config: ScoreConfig
 ) -> tuple[ScoredDrive, ConventionRecord | None]:
     """Return a drive as its convention says, and what was done; None where nothing was.
 
     Args:
         drive: Estimated poses as they were written.
-        rig: The stereo rig, None where it is not known.
         correction: How they are converted.
         config: Settings.
 
@@ -65,16 +69,16 @@ def corrected(
     """
     done = ConventionRecord(declared=correction.declared.settings)
     if done.declared:
-        drive = _converted(drive, rig, correction.declared)
+        drive = _converted(drive, correction.declared)
     found = diagnosis_of(drive, config).found if correction.apply_diagnosis else None
     if found is not None and found.setting:
-        drive = _converted(drive, rig, PoseConvention.parse([found.setting]))
+        drive = _converted(drive, PoseConvention.parse([found.setting]))
         done = replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
     return drive, None if done == ConventionRecord() else done
 
 
-def _converted(drive: ScoredDrive, rig: StereoRig | None, convention: PoseConvention) -> ScoredDrive:
-    T_rb_child = convention.T_rb_child(rig)
+def _converted(drive: ScoredDrive, convention: PoseConvention) -> ScoredDrive:
+    T_rb_child = convention.T_rb_child(drive.rig)
     return replace(drive, estimates=converted_estimates(drive.estimates, convention, T_rb_child, drive.truth))
 
 

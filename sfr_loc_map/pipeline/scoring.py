@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sfr_loc_map.io.cloud_file import LoadedCloud
@@ -15,7 +15,7 @@ from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map, score_ne
 from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis, diagnose
+from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis
 from sfr_loc_map.metrics.records.method_record import MethodKind
 from sfr_loc_map.metrics.score import (
     ConventionRecord,
@@ -31,16 +31,21 @@ from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.score_inputs import (
     ScoreInputs,
-    camera_extrinsics,
     camera_rig,
-    extrinsics_of,
     load_estimates,
     load_map_truth,
     load_scored_cloud,
     load_truth,
     provenance,
 )
-from sfr_loc_map.pipeline.scored_drive import Correction, ScoredDrive, applied_text, convention_mismatch, corrected
+from sfr_loc_map.pipeline.scored_drive import (
+    Correction,
+    ScoredDrive,
+    applied_text,
+    convention_mismatch,
+    corrected,
+    diagnosis_of,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +75,7 @@ class Run:
         external: How an external node behaved, None where there was none.
         findings: What was wrong with its answers.
         convention: How the poses of `drive` have been converted, None where they have not.
+        in_memory: Hash of inputs that are no file, by role.
     """
 
     inputs: ScoreInputs
@@ -81,6 +87,7 @@ class Run:
     external: ExternalScore | None = None
     findings: tuple[FindingRecord, ...] = ()
     convention: ConventionRecord | None = None
+    in_memory: Mapping[str, str] = field(default_factory=dict)
 
 
 def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Score:
@@ -105,7 +112,7 @@ def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Sc
         warnings=(*applied_text(run.convention), *(() if mismatch is None else (mismatch,))),
         contradiction=mismatch,
         map=None if cloud is None else score_cloud(cloud, config),
-        provenance=provenance(run.inputs, config, _truth_hashes(run)),
+        provenance=provenance(run.inputs, config, _truth_hashes(run), run.in_memory),
         method=run.method or _method(run.stats),
         findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
         external=run.external,
@@ -160,20 +167,48 @@ def score_files(
     Raises:
         SfrError: If a file cannot be read, or nothing can be scored.
     """
+    return score_converted(load_run(inputs, fused), config, limits, correction)
+
+
+def score_converted(run: Run, config: ScoreConfig, limits: Limits | None, correction: Correction | None) -> Score:
+    """Return the score of a run whose estimate may have to be converted first.
+
+    Args:
+        run: What there is of it.
+        config: Settings; conditions that only the limits name are scored as well.
+        limits: Limits to judge by.
+        correction: How the estimate is converted, None: not at all.
+
+    Raises:
+        SfrError: If nothing can be scored.
+    """
+    if run.drive is not None and correction is not None:
+        drive, convention = corrected(run.drive, correction, config)
+        run = replace(run, drive=drive, convention=convention)
+    return score_run(run, config, limits)
+
+
+def load_run(inputs: ScoreInputs, fused: bool | None = None) -> Run:
+    """Read files of a run.
+
+    Args:
+        inputs: The files.
+        fused: Whether the cloud is fused, for files that do not say so.
+
+    Raises:
+        SfrError: If a file cannot be read.
+    """
     stats = [load_call_stats(path) for path in inputs.stats]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
-    drive, cloud, convention = None, None, None
+    drive, cloud = None, None
     if inputs.estimate is not None and inputs.truth is not None:
         estimates, truth = load_estimates(inputs.estimate, stats), load_truth(inputs.truth)
-        rig = camera_rig(inputs.truth)
-        drive = ScoredDrive(estimates, truth, extrinsics_of(rig))
-        if correction is not None:
-            drive, convention = corrected(drive, rig, correction, config)
+        drive = ScoredDrive(estimates, truth, camera_rig(inputs.truth))
     if inputs.cloud is not None and inputs.map_truth is not None:
         loaded = load_scored_cloud(inputs.cloud, fused)
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
         cloud = ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns))
-    return score_run(Run(inputs, stats, target, drive, cloud, convention=convention), config, limits)
+    return Run(inputs, stats, target, drive, cloud)
 
 
 def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
@@ -182,8 +217,7 @@ def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosi
     Raises:
         InputError: If a file cannot be read.
     """
-    association = config.trajectory.association
-    return diagnose(load_estimates(estimate).trajectory, load_truth(truth), association, camera_extrinsics(truth))
+    return diagnosis_of(ScoredDrive(load_estimates(estimate), load_truth(truth), camera_rig(truth)), config)
 
 
 def score_cloud(cloud: ScoredCloud, config: ScoreConfig) -> ScoredMap:

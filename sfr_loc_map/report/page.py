@@ -150,6 +150,11 @@ def _sections(score: Score) -> list[tuple[str, list[Plot]]]:
     return [(title, plots) for title, plots in groups if plots]
 
 
+def figures_of(score: Score) -> list[Plot]:
+    """Return the figures of the page, in its order."""
+    return [plot for _, plots in _sections(score) for plot in plots]
+
+
 def _flat(value: object, prefix: str) -> Iterator[tuple[str, str]]:
     """Yield name and text of each entry of nested JSON values."""
     if isinstance(value, Mapping):
