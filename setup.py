@@ -26,6 +26,8 @@ DOCS = [
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
 LIVE = ["aiohttp>=3.10,<4"]
 FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]
+DEM = ["rasterio>=1.3,<2"]
+LAZ = ["laspy[lazrs]>=2.5,<3"]
 SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27", "fsspec[http]>=2025.2,<2027"]
 
 setup(
@@ -93,6 +95,8 @@ setup(
         "live": LIVE,  # Apache-2.0; the page of sfr live
         "foxglove": FOXGLOVE,  # MIT; the same by the protocol of Foxglove
         "docs": DOCS,  # the documentation site
+        "dem": DEM,  # BSD-3; bundles GDAL, MIT; elevation models as GeoTIFF
+        "laz": LAZ,  # BSD-2, its compressor lazrs MIT; clouds as LAS and LAZ
         "test": TEST,
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
         "dev": [
@@ -100,6 +104,8 @@ setup(
             *SUITE,
             *LIVE,
             *FOXGLOVE,
+            *DEM,
+            *LAZ,
             "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",
             "mypy>=1.13,<3",

@@ -1,18 +1,22 @@
-"""`sfr convert`: any source to a ROS 2 bag or a data set folder."""
+"""`sfr convert`: any source to a bag, a folder or the layout of another data set; a cloud to others."""
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import RemapOption, SourceArgument, naming, parse_remaps, progress_bar
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, output_folder, say
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.cli.convert_cloud import convert_cloud, is_cloud
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, output_folder, say, warn
+from sfr_loc_map.errors import ConfigError, InputError
+
+if TYPE_CHECKING:
+    from sfr_loc_map.pipeline.convert import ConvertOptions
 
 
 class Compression(StrEnum):
@@ -22,11 +26,30 @@ class Compression(StrEnum):
     ZSTD = "zstd"
 
 
+class To(StrEnum):
+    """Layouts of other data sets."""
+
+    KITTI = "kitti"
+    EUROC = "euroc"
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """What is converted, and where to."""
+
+    source: Path
+    destination: Path
+    remap: list[str] | None
+    overwrite: bool
+
+
 @app.command(
     epilog=examples(
         "sfr convert data/ drive.mcap --jpeg-quality 90 --compression zstd",
         "sfr convert recording.mcap data/ --remap /cam0/image:=loc/left/image_rect",
+        "sfr convert data/ sequence/ --to kitti",
         "sfr convert data/ truth.tum",
+        "sfr convert cloud.ply site.tif --cell 0.05",
     )
 )
 def convert(
@@ -35,9 +58,13 @@ def convert(
         Path,
         typer.Argument(
             metavar="DST",
-            help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.csv, *.txt, *.tum: the true trajectory; else a folder.",
+            help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.csv, *.txt, *.tum: the true trajectory; else a folder. Of a "
+            "cloud: *.ply, *.pcd, *.npz, *.las, *.laz, or its elevation model: *.tif, *.dem.npz, *.png, *.html.",
         ),
     ],
+    to: Annotated[
+        To | None, typer.Option("--to", help="Write the drive in the layout of KITTI odometry or EuRoC (ASL).")
+    ] = None,
     remap: RemapOption = None,
     jpeg_quality: Annotated[
         int | None, typer.Option(min=1, max=100, metavar="Q", help="JPEG images (bags only).")
@@ -46,34 +73,73 @@ def convert(
     truth_grid: Annotated[
         float | None, typer.Option(metavar="M", help="Round true points to this power of two (bags only).")
     ] = None,
+    cell: Annotated[
+        float | None, typer.Option(metavar="M", help="Side of the cells of an elevation model, 0.1 m unless given.")
+    ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Convert a data set folder, ROS 2 bag, KITTI or EuRoC sequence, or TUM trajectory to a bag or a folder."""
+    """Convert a source to a bag, a folder or a layout of others; a trajectory; a cloud, also to an elevation model.
+
+    Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI, EuRoC, MADMAX, Katwijk and LuSNAR.
+    """
+    from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, is_trajectory
+
+    job = _Job(source, destination, remap, overwrite)
+    layout = None if to is None else Layout(to.value)
+    options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid, layout)
+    if cell is not None and not is_cloud(source):
+        raise ConfigError(f"'--cell' is of the elevation model of a cloud: '{source}' is no file of points")
+    if is_cloud(source):
+        if options != ConvertOptions() or remap:
+            raise ConfigError(f"'{source}' is a cloud: of the options '--cell' and '--overwrite' alone are for clouds")
+        convert_cloud(source, destination, cell, overwrite=overwrite)
+    elif layout is None and is_trajectory(destination):
+        _to_trajectory(job)
+    elif is_trajectory(source) and not source.is_dir():
+        if layout is not None:
+            raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
+        _from_trajectory(job)
+    else:
+        _to_data_set(job, options)
+
+
+def _to_trajectory(job: _Job) -> None:
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.trajectory_file import load_trajectory
-    from sfr_loc_map.pipeline.convert import ConvertOptions, convert_trajectory, is_trajectory
-    from sfr_loc_map.pipeline.convert import convert as run
+    from sfr_loc_map.pipeline.convert import convert_trajectory, is_trajectory
 
-    if is_trajectory(destination):
-        check_outputs(destination, overwrite=overwrite, inputs=(source,))
-        room: AbstractContextManager[None] = nullcontext()
+    check_outputs(job.destination, overwrite=job.overwrite, inputs=(job.source,))
+    if is_trajectory(job.source) and not job.source.is_dir():
+        poses = load_trajectory(job.source)
     else:
-        room = output_folder(destination, overwrite=overwrite, inputs=(source,))
-    if is_trajectory(source) and not source.is_dir():
-        poses = load_trajectory(source)
-        with room:
-            say(f"{convert_trajectory(poses, destination)} poses: {destination}", err=True)
-        return
-    opened = open_source(source, parse_remaps(remap))
-    if is_trajectory(destination):
+        opened = open_source(job.source, parse_remaps(job.remap))
         truth = opened.loc.ground_truth if opened.loc is not None else None
         if truth is None:
-            raise InputError(f"'{source}' has no true trajectory to write as '{destination}'")
-        say(f"{convert_trajectory(truth, destination)} poses: {destination}", err=True)
-        return
-    total = sum(len(part) for part in (opened.loc, opened.nav) if part is not None)
-    options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid)
-    with room, naming(source), progress_bar("pairs") as bar:
+            raise InputError(f"'{job.source}' has no true trajectory to write as '{job.destination}'")
+        poses = truth
+    say(f"{convert_trajectory(poses, job.destination)} poses: {job.destination}", err=True)
+
+
+def _from_trajectory(job: _Job) -> None:
+    from sfr_loc_map.io.trajectory_file import load_trajectory
+    from sfr_loc_map.pipeline.convert import convert_trajectory
+
+    with output_folder(job.destination, overwrite=job.overwrite, inputs=(job.source,)):
+        poses = load_trajectory(job.source)
+        say(f"{convert_trajectory(poses, job.destination)} poses: {job.destination}", err=True)
+
+
+def _to_data_set(job: _Job, options: ConvertOptions) -> None:
+    from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.pipeline.convert import convert as run
+
+    room = output_folder(job.destination, overwrite=job.overwrite, inputs=(job.source,))
+    opened = open_source(job.source, parse_remaps(job.remap))
+    if options.layout is not None and opened.loc is not None and opened.nav is not None:
+        warn(f"the mapping pairs of '{job.source}' are left out: the layout of {options.layout} has none")
+    parts = (opened.loc,) if options.layout is not None else (opened.loc, opened.nav)
+    total = sum(len(part) for part in parts if part is not None)
+    with room, naming(job.source), progress_bar("pairs") as bar:
         task = bar.add_task("converting", total=total)
-        count = run(opened, destination, options, lambda done: bar.update(task, completed=done))
-    say(f"{count} pairs: {destination}", err=True)
+        count = run(opened, job.destination, options, lambda done: bar.update(task, completed=done))
+    say(f"{count} pairs: {job.destination}", err=True)

@@ -22,12 +22,14 @@ from sfr_loc_map.cli.common import (
     progress_bar,
     read_config,
 )
+from sfr_loc_map.cli.dem import write_dem_pages
 from sfr_loc_map.cli.method import OURS, conclude_findings, method_limits, method_of
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, say
 from sfr_loc_map.errors import ConfigError
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import NavSequence
+    from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.methods.method import MethodLimits
     from sfr_loc_map.metrics.score import MethodRecord
     from sfr_loc_map.pipeline.offline import MapRun, Progress
@@ -42,17 +44,22 @@ if TYPE_CHECKING:
         "sfr map data/ -o cloud.ply --stats stats.csv",
         "sfr map panorama.mcap -o cloud.npz --no-fuse",
         "sfr map data/ -o cloud.ply --dem 0.05 --colour --covariance",
+        "sfr map data/ -o cloud.laz --dem site.tif --dem site.html",
         "sfr map data/ -o other.ply --stats other.stats.csv --method sgbm",
     ),
 )
 def map_cloud(
     source: SourceArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd or .npz.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd, .npz, .las or .laz.")
+    ],
     fuse: Annotated[bool, typer.Option("--fuse/--no-fuse", help="One cloud, or the points of every pair.")] = True,
     dem: Annotated[
-        float | None,
+        list[str] | None,
         typer.Option(
-            metavar="CELL_M", help="Also C.dem.npz and C.dem.png: height, sigma and count of cells this wide."
+            metavar="CELL_M|FILE",
+            help="Also an elevation model, the grid of the topics: the side of its cells, 0.1 m unless given "
+            "(C.dem.npz, C.dem.png), or a file *.tif (GeoTIFF), *.npz, *.png, *.html; may be given several times.",
         ),
     ] = None,
     colour: Annotated[bool, typer.Option("--colour", help="Also C.colour.ply: points coloured by height.")] = False,
@@ -71,41 +78,49 @@ def map_cloud(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Map up to three stereo pairs, with the same code as the node, or by another method."""
-    from sfr_loc_map.io.cloud_file import SUFFIXES
+    from sfr_loc_map.io.cloud_file import SUFFIXES, check_cloud_format
+    from sfr_loc_map.pipeline.dem_products import dem_outputs
     from sfr_loc_map.pipeline.map_outputs import MapOutputs, map_warnings, save_map
     from sfr_loc_map.pipeline.offline import save_stats
 
     check_suffix(output, SUFFIXES)
-    outputs = MapOutputs(output, fuse, dem, colour, covariance)
-    check_outputs(output, stats, *outputs.beside.values(), overwrite=overwrite, inputs=(source,))
+    check_cloud_format(output)
+    parameters = _parameters(config if method == OURS else None, refine_poses)
+    outputs = MapOutputs(output, fuse, dem_outputs(dem or (), output, parameters.terrain), colour, covariance)
+    check_outputs(output, stats, *outputs.more, overwrite=overwrite, inputs=(source,))
     limits = method_limits(call_timeout, memory_limit)
-    mapper = _our_mapper(config, refine_poses) if method == OURS else _other_mapper(method, config, limits)
+    mapper = _our_mapper(parameters) if method == OURS else _other_mapper(method, config, limits)
     if refine_poses and method != OURS:
         raise ConfigError(f"'--refine-poses' is of our mapper: leave it out with --method {method}")
     sequence = open_panorama(source, remap)
     with naming(source), progress_bar("pairs") as bar:
         task = bar.add_task("mapping", total=len(sequence))
         run, about = mapper(sequence, lambda done: bar.update(task, completed=done))
-    cloud = save_map(run, sequence.rig.fx, outputs)
+    saved = save_map(run, sequence.rig.fx, outputs)
+    if saved.terrain is not None and outputs.dem is not None:
+        write_dem_pages(outputs.dem.files, saved.terrain)
     if stats is not None:
         save_stats(stats, run.records, about)
     for line in map_warnings(run):
         say(f"Warning: {line}", err=True)
-    say(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)
-    for path in outputs.beside.values():
+    say(f"{len(saved.cloud)} points of {len(run.maps)} pairs: {output}", err=True)
+    for path in outputs.more:
         say(str(path), err=True)
     conclude_findings(about, run.records)
 
 
-def _our_mapper(config: Path | None, refine_poses: bool) -> MapSource:
+def _parameters(config: Path | None, refine_poses: bool) -> MappingConfig:
     from sfr_loc_map.mapping.config import MappingConfig
+
+    parameters = read_config(MappingConfig, config, "mapping")
+    return replace(parameters, refine_poses=True) if refine_poses else parameters
+
+
+def _our_mapper(parameters: MappingConfig) -> MapSource:
     from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.offline import map_pairs
 
-    parameters = read_config(MappingConfig, config, "mapping")
-    if refine_poses:
-        parameters = replace(parameters, refine_poses=True)
     return lambda sequence, progress: (map_pairs(sequence, parameters, progress), record_of_ours(MethodTask.MAP))
 
 

@@ -1,9 +1,9 @@
-"""Point clouds as files: PLY, PCD and NPZ.
+"""Point clouds as files: PLY, PCD, NPZ, LAS and LAZ.
 
 Written are all fields of `FIELD_TYPES` in their types: PLY and PCD binary little endian, NPZ one array a field. Read
 are any order and any number type of the fields, text and binary, and clouds of other programs with x, y, z alone.
 Whether the cloud is fused and which pairs it is made of stand in the file: comments `sfr fused true` and
-`sfr pair_stamps_ns 1 2 3` (PLY, PCD), or members of these names (NPZ).
+`sfr pair_stamps_ns 1 2 3` (PLY, PCD), or members of these names (NPZ). LAS and LAZ: `io/las.py`.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
+from sfr_loc_map.io import las
 from sfr_loc_map.io.array_file import parse_npz
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_records import FUSED, MAX_PAIR_STAMPS, PAIR_STAMPS, CloudRecords, Columns
 from sfr_loc_map.io.pcd import pcd_bytes, read_pcd
 from sfr_loc_map.io.ply import ply_bytes, read_ply
 
-SUFFIXES = (".ply", ".pcd", ".npz")
+SUFFIXES = (".ply", ".pcd", ".npz", *las.SUFFIXES)
 PIXEL_FIELDS = ("u", "v", "pair")
 
 
@@ -45,21 +46,22 @@ class LoadedCloud:
 
 
 def load_cloud(path: Path) -> LoadedCloud:
-    """Read a cloud (.ply, .pcd, .npz).
+    """Read a cloud, its format by the name's ending (`SUFFIXES`).
 
     An organised PCD file (height above 1) without u and v gives them by the order of its points, with pair 0.
 
     Raises:
         InputError: If the file is missing, of another format, broken, or without x, y, z.
+        MissingExtraError: If the format needs an extra that is not installed.
     """
     path = Path(path)
-    readers: dict[str, Callable[[bytes], CloudRecords]] = {".ply": read_ply, ".pcd": read_pcd, ".npz": _read_npz}
-    if path.suffix not in readers:
-        raise InputError(f"cloud '{path}' ends in '{path.suffix}': {', '.join(readers)} are read")
+    if path.suffix not in READERS:
+        raise InputError(f"cloud '{path}' ends in '{path.suffix}': {', '.join(READERS)} are read")
     try:
-        records = readers[path.suffix](read_bytes(path, MAX_CLOUD_BYTES))
+        records = READERS[path.suffix](read_bytes(path, MAX_CLOUD_BYTES))
     except OSError as error:
-        raise InputError(f"cannot read cloud '{path}': {error.strerror}; give a .ply, .pcd or .npz file") from error
+        names = ", ".join(READERS)
+        raise InputError(f"cannot read cloud '{path}': {error.strerror}; give a file {names}") from error
     except (ValueError, KeyError, IndexError, TypeError) as error:
         raise InputError(f"cloud '{path}' cannot be read: {error}; write it again") from error
     missing = [name for name in "xyz" if name not in records.columns]
@@ -70,17 +72,28 @@ def load_cloud(path: Path) -> LoadedCloud:
 
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:
-    """Write a cloud; the format is that of the name's ending (.ply, .pcd, .npz).
+    """Write a cloud; the format is that of the name's ending (`SUFFIXES`).
 
     Raises:
+        MissingExtraError: If the format needs an extra that is not installed.
         OutputError: If the ending is another one or the file cannot be written.
     """
     path = Path(path)
-    writers: dict[str, Callable[[PointCloud], bytes]] = {".ply": ply_bytes, ".pcd": pcd_bytes, ".npz": _npz_bytes}
-    if path.suffix not in writers:
-        raise OutputError(f"cannot write cloud '{path}': its name must end in one of {', '.join(writers)}")
+    if path.suffix not in WRITERS:
+        raise OutputError(f"cannot write cloud '{path}': its name must end in one of {', '.join(WRITERS)}")
+    content = WRITERS[path.suffix](cloud)
     with atomic_path(path) as temporary:
-        temporary.write_bytes(writers[path.suffix](cloud))
+        temporary.write_bytes(content)
+
+
+def check_cloud_format(path: Path) -> None:
+    """Check that clouds of a name's ending can be written, before the work for one is done.
+
+    Raises:
+        MissingExtraError: If the format needs an extra that is not installed.
+    """
+    if path.suffix in las.SUFFIXES:
+        las.check_las()
 
 
 def save_points(path: Path, xyz: FloatArray) -> None:
@@ -147,3 +160,20 @@ def _said(members: Columns) -> tuple[bool | None, tuple[int, ...] | None]:
     if stamps is not None and (stamps.ndim != 1 or stamps.dtype.kind not in "iu" or len(stamps) > MAX_PAIR_STAMPS):
         raise ValueError(f"its member '{PAIR_STAMPS}' is {stamps.dtype} {stamps.shape}: whole nanoseconds are needed")
     return None if fused is None else bool(fused), None if stamps is None else tuple(stamps.tolist())
+
+
+READERS: dict[str, Callable[[bytes], CloudRecords]] = {
+    ".ply": read_ply,
+    ".pcd": read_pcd,
+    ".npz": _read_npz,
+    **dict.fromkeys(las.SUFFIXES, las.read_las),
+}
+"""What reads a cloud, by the ending of the file."""
+WRITERS: dict[str, Callable[[PointCloud], bytes]] = {
+    ".ply": ply_bytes,
+    ".pcd": pcd_bytes,
+    ".npz": _npz_bytes,
+    ".las": lambda cloud: las.las_bytes(cloud, compressed=False),
+    ".laz": lambda cloud: las.las_bytes(cloud, compressed=True),
+}
+"""What writes a cloud, by the ending of the file."""

@@ -4,12 +4,13 @@
     mav0/cam1/...                                 right camera
     mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
 
-Images are rectified here. RB is the body frame B, DS the world frame of the truth, whose rate is kept.
+Images are rectified here, unless they are already: equal cameras without distortion, side by side. RB is the body frame
+B, DS the world frame of the truth, whose rate is kept.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,8 @@ from sfr_loc_map.io.trajectory_file import check_order
 
 Maps = tuple[NDArray[np.float32], NDArray[np.float32]]
 TRUTH = "state_groundtruth_estimate0"
+RECTIFIED_TOLERANCE = 1e-9
+"""Cameras that differ from a rectified pair by no more, in radians and metres, are one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +63,13 @@ def open_euroc(path: Path) -> Source:
     left, right = (_load_camera(folder / name / "sensor.yaml") for name in ("cam0", "cam1"))
     if left.size != right.size:
         raise InputError(f"'{folder}': cam0 is {left.size}, cam1 {right.size}: both images need one size")
+    entries, left_out = whole_pairs(_pairs(folder), f"'{folder}'")
+    truth = _load_truth(folder / TRUTH / "data.csv")
+    rig = _rectified_rig(folder, left, right)
+    if rig is not None:
+        return Source(
+            path, "euroc", ImageFileSequence(rig, truth, entries, left.size, lambda a, b: (a, b)), None, left_out
+        )
     rig, maps = _rectification(folder, left, right)
 
     def rectify(a: GreyImage, b: GreyImage) -> tuple[GreyImage, GreyImage]:
@@ -68,9 +78,7 @@ def open_euroc(path: Path) -> Source:
         ]
         return np.asarray(images[0], np.uint8), np.asarray(images[1], np.uint8)
 
-    entries, left_out = whole_pairs(_pairs(folder), f"'{folder}'")
-    sequence = ImageFileSequence(rig, _load_truth(folder / TRUTH / "data.csv"), entries, left.size, rectify)
-    return Source(path, "euroc", sequence, None, left_out)
+    return Source(path, "euroc", ImageFileSequence(rig, truth, entries, left.size, rectify), None, left_out)
 
 
 def _load_camera(path: Path) -> _Camera:
@@ -103,6 +111,23 @@ def _load_camera(path: Path) -> _Camera:
         np.array(numbers["distortion_coefficients"]),
         pose,
     )
+
+
+def _rectified_rig(folder: Path, left: _Camera, right: _Camera) -> StereoRig | None:
+    """Return the rig of images that are rectified already, None where they are not."""
+    T_left_right = left.T_body_cam.inverse() @ right.T_body_cam
+    across = T_left_right.translation
+    off = max(float(np.abs(T_left_right.rotation - np.eye(3)).max()), float(np.abs(across[1:]).max()))
+    plain = not left.distortion.any() and not right.distortion.any() and np.array_equal(left.k, right.k)
+    if not plain or off > RECTIFIED_TOLERANCE or not across[0] > 0.0:
+        return None
+    fx, cx, fy, cy = (float(left.k[i]) for i in ((0, 0), (0, 2), (1, 1), (1, 2)))
+    try:
+        rig = StereoRig(*left.size, fx, fy, cx, cy, round(float(across[0]), 12))  # what the product of poses adds
+        T_rb_sb = left.T_body_cam @ rig.T_sb_left.inverse()
+        return replace(rig, T_rb_sb=Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw))
+    except GeometryError as error:
+        raise InputError(f"'{folder}': {error}; correct its sensor.yaml") from error
 
 
 def _rectification(folder: Path, left: _Camera, right: _Camera) -> tuple[StereoRig, list[Maps]]:

@@ -1,10 +1,12 @@
-"""Any source to a ROS 2 bag or a data set folder, as a stream."""
+"""Any source to a ROS 2 bag, a data set folder or the layout of another data set, as a stream."""
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Protocol
 
@@ -14,9 +16,18 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX, BagWriter
+from sfr_loc_map.io.euroc_writer import EurocWriter
 from sfr_loc_map.io.folder_writer import FolderWriter
+from sfr_loc_map.io.kitti_writer import KittiWriter
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import TUM_SUFFIXES, save_trajectory
+
+
+class Layout(StrEnum):
+    """Layouts of other data sets that a drive can be written in."""
+
+    KITTI = "kitti"
+    EUROC = "euroc"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +38,18 @@ class ConvertOptions:
         jpeg_quality: Images as JPEG of this quality, 1 to 100; None: raw, exact.
         zstd: Whether chunks are compressed (mcap only).
         truth_grid_m: Rounding of true points, a power of two, metres; None: exact.
+        layout: Layout of another data set; None: a bag, or a data set folder of the suite.
     """
 
     jpeg_quality: int | None = None
     zstd: bool = False
     truth_grid_m: float | None = None
+    layout: Layout | None = None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether nothing is asked for that only bags have."""
+        return self.jpeg_quality is None and not self.zstd and self.truth_grid_m is None
 
 
 class SourceWriter(Protocol):
@@ -67,7 +85,7 @@ def convert(
 ) -> int:
     """Write a source as a ROS 2 bag (*.mcap, *.db3, *.bag) or as a data set folder (any other name).
 
-    The output takes its name only when it is whole.
+    The output takes its name only when it is whole. A layout of another data set takes the drive alone.
 
     Args:
         source: What to write.
@@ -85,6 +103,8 @@ def convert(
     destination = Path(destination)
     if destination.exists() and not destination.is_dir():
         raise OutputError(f"cannot write '{destination}': a file is there; remove it or choose another name")
+    if options.layout is not None:
+        source = _drive_alone(source, options.layout)
     with atomic_path(destination) as temporary, _writer(temporary, source, options) as writer:
         return _copy(source, writer, progress)
 
@@ -118,9 +138,15 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     return len(trajectory)
 
 
-def _writer(path: Path, source: Source, options: ConvertOptions) -> BagWriter | FolderWriter:
+def _drive_alone(source: Source, layout: Layout) -> Source:
+    if source.loc is None:
+        raise OutputError(f"'{source.path}' has no drive: the layout of {layout} holds nothing else")
+    return replace(source, nav=None)
+
+
+def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractContextManager[SourceWriter]:
     storage = STORAGE_BY_SUFFIX.get(path.suffix)
-    if storage is not None:
+    if storage is not None and options.layout is None:
         return BagWriter(
             path,
             storage,
@@ -128,8 +154,14 @@ def _writer(path: Path, source: Source, options: ConvertOptions) -> BagWriter | 
             zstd=options.zstd,
             truth_grid_m=options.truth_grid_m,
         )
-    if options != ConvertOptions():
+    if storage is not None:
+        raise OutputError(f"'{path.name}' is the name of a bag: '--to {options.layout}' writes a folder")
+    if not options.is_exact:
         raise OutputError(f"'{path.name}' will be a data set folder, which is exact: JPEG, zstd and grid are for bags")
+    if options.layout is Layout.KITTI:
+        return KittiWriter(path)
+    if options.layout is Layout.EUROC:
+        return EurocWriter(path)
     return FolderWriter(path, loc=source.loc is not None, nav=source.nav is not None)
 
 

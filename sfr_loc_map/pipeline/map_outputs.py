@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.cloud_file import save_cloud
-from sfr_loc_map.mapping.terrain.elevation import elevation_from_cloud, point_covariances
+from sfr_loc_map.mapping.terrain.elevation import point_covariances
+from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline import map_products
+from sfr_loc_map.pipeline.dem_products import PAGE, DemOutputs, save_dem
 from sfr_loc_map.pipeline.offline import MapRun
 
 
@@ -18,59 +19,74 @@ class MapOutputs:
     """Which files to write.
 
     Attributes:
-        cloud: The cloud; all others lie beside it.
+        cloud: The cloud; all others lie beside it, or have names of their own.
         fuse: Whether it is the fused cloud, or holds the points of every pair.
-        dem_cell_m: Side of the cells of an elevation model, > 0, m; None for no model.
+        dem: Files of an elevation model; None for none.
         colour: Whether to write a PLY coloured by height.
         covariance: Whether to write the covariance of each point.
     """
 
     cloud: Path
     fuse: bool = True
-    dem_cell_m: float | None = None
+    dem: DemOutputs | None = None
     colour: bool = False
     covariance: bool = False
 
-    def __post_init__(self) -> None:
-        """Check the cell.
-
-        Raises:
-            ConfigError: If it has no size.
-        """
-        if self.dem_cell_m is not None and not self.dem_cell_m > 0.0:
-            raise ConfigError(f"'--dem {self.dem_cell_m}': the side of a cell must be more than 0")
+    @property
+    def coloured_ply(self) -> Path | None:
+        """Place of the coloured cloud, None for none."""
+        return self.cloud.with_suffix(".colour.ply") if self.colour else None
 
     @property
-    def beside(self) -> dict[str, Path]:
-        """Files beside the cloud, by their endings."""
-        dem = self.dem_cell_m is not None
-        wanted = {"dem.npz": dem, "dem.png": dem, "colour.ply": self.colour, "covariance.npz": self.covariance}
-        return {ending: self.cloud.with_suffix(f".{ending}") for ending, want in wanted.items() if want}
+    def covariances(self) -> Path | None:
+        """Place of the covariances, None for none."""
+        return self.cloud.with_suffix(".covariance.npz") if self.covariance else None
+
+    @property
+    def more(self) -> list[Path]:
+        """Files besides the cloud."""
+        dem = self.dem.files if self.dem is not None else ()
+        return [*dem, *(path for path in (self.coloured_ply, self.covariances) if path is not None)]
 
 
-def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
-    """Write the files of a map and return its cloud.
+@dataclass(frozen=True, slots=True)
+class SavedMap:
+    """What was written.
+
+    Attributes:
+        cloud: The cloud.
+        terrain: The grid of the elevation model, None without one.
+    """
+
+    cloud: PointCloud
+    terrain: TerrainGrid | None
+
+
+def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> SavedMap:
+    """Write the files of a map, all but pages, and return what is in them.
 
     Raises:
+        MissingExtraError: If a format needs an extra that is not installed.
         OutputError: If a file cannot be written.
     """
     cloud = run.fused.cloud if outputs.fuse else run.unfused
     save_cloud(outputs.cloud, cloud)
-    beside = outputs.beside
-    if not beside:
-        return cloud
+    terrain: TerrainGrid | None = None
+    if not outputs.more:
+        return SavedMap(cloud, terrain)
     T_lm_left = run.fused.T_lm_left if outputs.fuse else tuple(item.view.T_lm_left for item in run.maps)
     random_sigma = run.fused.random_sigma if outputs.fuse else run.unfused_random_sigma
-    if outputs.dem_cell_m is not None:
-        model = elevation_from_cloud(cloud, T_lm_left, outputs.dem_cell_m, random_sigma)
-        map_products.save_elevation(beside["dem.npz"], model)
-        map_products.save_elevation_figure(beside["dem.png"], model)
-    if outputs.colour:
-        map_products.save_coloured_ply(beside["colour.ply"], cloud)
-    if outputs.covariance:
+    if outputs.dem is not None:
+        terrain = elevation_grid(cloud, outputs.dem.terrain, T_lm_left, random_sigma)
+        for path in outputs.dem.files:
+            if path.suffix != PAGE:
+                save_dem(path, terrain)
+    if outputs.coloured_ply is not None:
+        map_products.save_coloured_ply(outputs.coloured_ply, cloud)
+    if outputs.covariances is not None:
         covariances = point_covariances(cloud, T_lm_left, focal_px)
-        map_products.save_covariances(beside["covariance.npz"], covariances, random_sigma)
-    return cloud
+        map_products.save_covariances(outputs.covariances, covariances, random_sigma)
+    return SavedMap(cloud, terrain)
 
 
 def map_warnings(run: MapRun) -> list[str]:

@@ -17,6 +17,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, is_bag
 from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajectory
+from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.registry import open_source
@@ -28,7 +29,6 @@ from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates, lost_by
 from sfr_loc_map.pipeline.bag_calls import read_calls
 from sfr_loc_map.pipeline.call_stats import CallStats
 
-CLOUD_SUFFIXES = (".ply", ".pcd", ".npz")
 IN_MEMORY = "(in memory)"
 """Path of an input that is no file."""
 

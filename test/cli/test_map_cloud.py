@@ -3,21 +3,38 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
+import rasterio
 from broken_sources import good_folder
 from cli_result import Sfr
+
+from sfr_loc_map.io.cloud_file import load_cloud
 
 
 def test_products_lie_beside_the_cloud(sfr: Sfr, tmp_path: Path) -> None:
     source = good_folder(tmp_path / "data")
-    cloud = tmp_path / "c.npz"
-    result = sfr("map", source, "-o", cloud, "--dem", "0.1", "--colour", "--covariance")
+    cloud = tmp_path / "c.laz"
+    more = [word for name in ("x.tif", "x.html") for word in ("--dem", tmp_path / name)]
+    result = sfr("map", source, "-o", cloud, "--dem", "0.1", *more, "--colour", "--covariance")
     assert (result.code, result.out) == (0, "")
-    points = len(np.load(cloud)["x"])
+    points = len(load_cloud(cloud).xyz)
     assert np.load(tmp_path / "c.covariance.npz")["covariance_m2"].shape == (points, 3, 3)
     assert int(np.load(tmp_path / "c.dem.npz")["count"].sum()) == points
-    for name in ("c.dem.png", "c.colour.ply"):
+    for name in ("c.dem.png", "c.colour.ply", "x.tif", "x.html"):
         assert (tmp_path / name).stat().st_size > 0
         assert str(tmp_path / name) in result.err
+    _same_heights(tmp_path / "x.tif", tmp_path / "c.dem.npz")
+    for name in ("y.tif", "y.dem.npz", "y.png"):
+        assert sfr("convert", cloud, tmp_path / name, "--cell", "0.2").code == 0
+    _same_heights(tmp_path / "y.tif", tmp_path / "y.dem.npz")
+    assert sfr("convert", cloud, tmp_path / "y.ply").code == 0
+    np.testing.assert_allclose(load_cloud(tmp_path / "y.ply").xyz, load_cloud(cloud).xyz, atol=1e-6)
+
+
+def _same_heights(tif: Path, archive: Path) -> None:
+    with rasterio.open(tif) as file:
+        np.testing.assert_array_equal(file.read(1)[::-1], np.load(archive)["height_m"])
+        assert file.res[0] == pytest.approx(float(np.load(archive)["cell_m"]))
 
 
 def test_nothing_is_mapped_for_cells_that_cannot_be(sfr: Sfr, tmp_path: Path) -> None:

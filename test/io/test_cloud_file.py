@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import InputError, MissingExtraError, OutputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 
@@ -54,8 +56,42 @@ def test_files_are_what_others_expect(tmp_path: Path) -> None:
         assert (arrays["u"].dtype, arrays["pair"].dtype) == (np.uint16, np.uint8)
 
 
+@pytest.mark.parametrize(("count", "seed"), [(0, 0), (1, 1), (500, 2)])
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_las_keeps_micrometres_and_all_fields(tmp_path: Path, suffix: str, count: int, seed: int) -> None:
+    path, cloud = tmp_path / f"c{suffix}", random_cloud(count, seed)
+    save_cloud(path, cloud)
+    loaded = load_cloud(path).cloud
+    assert loaded is not None
+    np.testing.assert_allclose(loaded.xyz, cloud.xyz, atol=6e-7)
+    for name in ("sigma", "intensity", "u", "v", "pair"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(cloud, name))
+    foreign = laspy.read(path)
+    assert [dim.name for dim in foreign.point_format.extra_dimensions] == ["sigma", "grey", "u", "v", "pair"]
+    np.testing.assert_allclose(foreign.xyz, cloud.xyz, atol=6e-7)
+
+
+def test_points_of_other_programs_and_broken_las(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    foreign = laspy.create(point_format=3, file_version="1.2")
+    foreign.x, foreign.y, foreign.z = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.25]])
+    path = tmp_path / "c.laz"
+    foreign.write(path)
+    assert load_cloud(path).cloud is None
+    assert load_cloud(path).xyz.tolist() == [[1.0, 3.0, 5.0], [2.0, 4.0, 6.25]]
+    whole = path.read_bytes()
+    points = whole[:107] + (2**31).to_bytes(4, "little") + whole[111:]
+    records = whole[:100] + (2**32 - 1).to_bytes(4, "little") + whole[104:]
+    for data, words in ((whole[:-40], "c.laz"), (points, "claims to hold"), (records, "records"), (b"LASF", "header")):
+        path.write_bytes(data)
+        with pytest.raises(InputError, match=words):
+            load_cloud(path)
+    monkeypatch.setitem(sys.modules, "lazrs", None)
+    with pytest.raises(MissingExtraError, match=r"LAS and LAZ need laspy .*: pip install 'sfr_loc_map\[laz\]'"):
+        load_cloud(path)
+
+
 @pytest.mark.parametrize(("fused", "stamps_ns"), [(True, (1, 2**62)), (False, ()), (None, None)])
-@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz"])
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npz", ".laz"])
 def test_a_cloud_file_says_whether_it_is_fused_and_of_which_pairs(
     tmp_path: Path, suffix: str, fused: bool | None, stamps_ns: tuple[int, ...] | None
 ) -> None:
@@ -68,8 +104,8 @@ def test_a_cloud_file_says_whether_it_is_fused_and_of_which_pairs(
         with np.load(path) as arrays:
             assert arrays["fused"].tolist() is fused if fused is not None else "fused" not in arrays.files
     else:
-        sign = b"comment" if suffix == ".ply" else b"#"
-        assert (sign + b" sfr fused " in path.read_bytes()) == (fused is not None)
+        sign = {".ply": b"comment ", ".pcd": b"# ", ".laz": b""}[suffix]
+        assert (sign + b"sfr fused " in path.read_bytes()) == (fused is not None)
 
 
 def test_a_file_that_says_something_else_of_fusion_is_refused(tmp_path: Path) -> None:
@@ -224,7 +260,7 @@ def test_pixels_must_be_whole_and_endings_known(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="differ in length"):
         load_cloud(tmp_path / "d.npz")
     with pytest.raises(OutputError, match=r"\.ply, \.pcd, \.npz"):
-        save_cloud(tmp_path / "c.las", random_cloud(1))
+        save_cloud(tmp_path / "c.obj", random_cloud(1))
     with pytest.raises(InputError, match="No such file"):
         load_cloud(tmp_path / "none.ply")
 

@@ -1,0 +1,96 @@
+"""Grids as GeoTIFF: one Float32 band a layer, with names and units, in a local frame without a place on Earth.
+
+The first row of the file has the largest y, as programs for maps expect; what is not known is NaN, declared as nodata.
+Written by rasterio (GDAL), an extra of the package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.io.atomic import atomic_path
+
+SUFFIXES = (".tif", ".tiff")
+_LOCAL_CRS = 'LOCAL_CS["{name}",LOCAL_DATUM["{name}",0],UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Band:
+    """A layer of a grid.
+
+    Attributes:
+        name: Its name, the description of the band.
+        unit: Unit of its values, empty where they have none.
+        values: `(R, C)`, rows along y, columns along x; NaN where not known.
+    """
+
+    name: str
+    unit: str
+    values: NDArray[np.float32]
+
+
+def check_geotiff() -> None:
+    """Check that GeoTIFF can be written.
+
+    Raises:
+        MissingExtraError: If rasterio is not installed.
+    """
+    _rasterio()
+
+
+def save_geotiff(
+    path: Path, bands: Sequence[Band], origin_m: tuple[float, float], cell_m: float, frame: str = "lm"
+) -> None:
+    """Write a grid.
+
+    Args:
+        path: The file.
+        bands: Its layers, of one shape.
+        origin_m: x and y of the outer corner of cell (0, 0), which has the least x and y.
+        cell_m: Side of a cell.
+        frame: Name of the local frame whose x and y the grid has.
+
+    Raises:
+        MissingExtraError: If rasterio is not installed.
+        OutputError: If the file cannot be written.
+    """
+    rasterio = _rasterio()
+    rows, columns = bands[0].values.shape
+    profile = {
+        "driver": "GTiff",
+        "dtype": "float32",
+        "count": len(bands),
+        "width": columns,
+        "height": rows,
+        "nodata": float("nan"),
+        "crs": rasterio.crs.CRS.from_wkt(_LOCAL_CRS.format(name=frame)),
+        "transform": rasterio.Affine(cell_m, 0.0, origin_m[0], 0.0, -cell_m, origin_m[1] + rows * cell_m),
+        "compress": "deflate",
+        "predictor": 3,  # of floating-point numbers
+        "BIGTIFF": "IF_SAFER",
+    }
+    with rasterio.io.MemoryFile() as memory:
+        with memory.open(**profile) as file:
+            file.descriptions = [band.name for band in bands]
+            file.units = [band.unit for band in bands]
+            file.write(np.stack([band.values[::-1] for band in bands]).astype(np.float32, copy=False))
+        content = memory.read()
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _rasterio() -> Any:  # noqa: ANN401 - a module without types
+    try:
+        import rasterio  # type: ignore[import-untyped]
+        import rasterio.crs  # type: ignore[import-untyped]
+        import rasterio.io  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise MissingExtraError(f"GeoTIFF needs rasterio ({error}): pip install 'sfr_loc_map[dem]'") from error
+    return rasterio

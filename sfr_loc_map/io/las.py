@@ -1,0 +1,117 @@
+"""LAS and LAZ files of points (ASPRS LAS 1.4), by laspy, an extra of the package.
+
+Written is point format 0 with sigma, intensity, u, v and pair as extra dimensions; the intensity of the format itself
+is a whole number. Coordinates are whole multiples of 1 micrometre, of more where the cloud is larger than 2 km. What
+the cloud says of itself stands in a variable length record of this package. Read are x, y, z and dimensions of these
+names of any LAS or LAZ file.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
+from sfr_loc_map.io.cloud_records import CloudRecords, cloud_comments, records_of
+from sfr_loc_map.io.decompression import check_expansion
+
+SUFFIXES = (".las", ".laz")
+USER, RECORD = "sfr_loc_map", 1
+"""The variable length record with what the cloud says of itself, a comment a line."""
+FINEST_M = 1e-6
+"""Unit of the coordinates."""
+EXTRA = ("sigma", "grey", "u", "v", "pair")
+"""Extra dimensions; `grey` is the intensity, which the format has in whole numbers only."""
+HEADER_BYTES = {2: 227, 3: 235, 4: 375}
+"""Least size of the header by minor version."""
+VLR_BYTES, EVLR_BYTES = 54, 60
+
+
+def check_las() -> None:
+    """Check that LAS and LAZ can be read and written.
+
+    Raises:
+        MissingExtraError: If laspy or its compressor is not installed.
+    """
+    _laspy()
+
+
+def las_bytes(cloud: PointCloud, *, compressed: bool) -> bytes:
+    """Return a cloud as a LAS or a LAZ file with all its fields.
+
+    Raises:
+        MissingExtraError: If laspy is not installed.
+    """
+    laspy = _laspy()
+    xyz = cloud.xyz.astype(np.float64)
+    low, high = (xyz.min(axis=0), xyz.max(axis=0)) if len(xyz) else (np.zeros(3), np.zeros(3))
+    header = laspy.LasHeader(point_format=0, version="1.4")
+    header.offsets = np.floor(low)
+    header.scales = np.maximum(FINEST_M, 10.0 ** np.ceil(np.log10(np.maximum(high - low + 1.0, 1.0) / 2.0**31)))
+    header.system_identifier = header.generating_software = USER
+    kinds = {"grey": np.float32, **{name: FIELD_TYPES[name] for name in EXTRA if name != "grey"}}
+    header.add_extra_dims([laspy.ExtraBytesParams(name=name, type=kinds[name]) for name in EXTRA])
+    comments = "\n".join(cloud_comments(cloud))
+    header.vlrs.append(laspy.VLR(user_id=USER, record_id=RECORD, record_data=comments.encode()))
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = xyz.T
+    data.intensity = np.clip(np.rint(np.nan_to_num(cloud.intensity)), 0, 65535).astype(np.uint16)
+    for name in EXTRA:
+        data[name] = cloud.intensity if name == "grey" else getattr(cloud, name)
+    buffer = io.BytesIO()
+    data.write(buffer, do_compress=compressed)
+    return buffer.getvalue()
+
+
+def read_las(data: bytes) -> CloudRecords:
+    """Return x, y, z, the intensity and dimensions of this package of a LAS or LAZ file.
+
+    Raises:
+        MissingExtraError: If laspy is not installed.
+        ValueError: If it is broken, or claims more points than it can hold.
+    """
+    laspy = _laspy()
+    _check_header(data)
+    try:
+        with laspy.open(io.BytesIO(data), read_evlrs=False) as reader:
+            header = reader.header
+            check_expansion(len(data), header.point_count * header.point_format.size, "a file of points")
+            content = reader.read()
+    except MemoryError:
+        raise
+    except BaseException as error:  # the compressor panics with an exception that is none of Python's kinds
+        if isinstance(error, (KeyboardInterrupt, SystemExit)):
+            raise
+        raise ValueError(f"{type(error).__name__}: {' '.join(str(error).split())[:200]}") from error
+    if len(content.x) != header.point_count:
+        raise ValueError(f"{len(content.x)} points found where {header.point_count} are said to be")
+    names = set(content.point_format.dimension_names)
+    columns = {axis: np.asarray(content[axis], np.float64) for axis in "xyz"}
+    columns |= {name: np.asarray(content[name]) for name in ("sigma", "u", "v", "pair", "intensity") if name in names}
+    if "grey" in names:
+        columns["intensity"] = np.asarray(content["grey"])
+    texts = [vlr.record_data for vlr in header.vlrs if getattr(vlr, "user_id", "") == USER and vlr.record_id == RECORD]
+    return records_of(columns, (line for text in texts for line in text.decode("ascii", "replace").splitlines()))
+
+
+def _check_header(data: bytes) -> None:
+    """Check the numbers that a reader would believe: how many records of each kind there are."""
+    if not data.startswith(b"LASF") or len(data) < min(HEADER_BYTES.values()):
+        raise ValueError("it has no LAS header")
+    records = struct.unpack_from("<I", data, 100)[0]
+    extended = struct.unpack_from("<I", data, 243)[0] if data[25] >= 4 and len(data) >= HEADER_BYTES[4] else 0
+    if records * VLR_BYTES + extended * EVLR_BYTES > len(data):
+        raise ValueError(f"its header names {records} and {extended} records, more than {len(data)} bytes hold")
+
+
+def _laspy() -> Any:  # noqa: ANN401 - only the parts used here have types
+    try:
+        import laspy  # type: ignore[import-untyped]
+        import lazrs  # type: ignore[import-untyped]  # noqa: F401 - what laspy compresses with
+    except ImportError as error:
+        raise MissingExtraError(f"LAS and LAZ need laspy ({error}): pip install 'sfr_loc_map[laz]'") from error
+    return laspy

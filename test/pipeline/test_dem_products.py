@@ -1,0 +1,132 @@
+"""Elevation models as files: every format holds the same grid, and opens in programs of others."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rasterio
+
+from sfr_loc_map.errors import ConfigError, MissingExtraError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.io.cloud_file import LoadedCloud
+from sfr_loc_map.mapping.terrain.config import TerrainConfig
+from sfr_loc_map.mapping.terrain.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
+from sfr_loc_map.pipeline import dem_products
+from sfr_loc_map.pipeline.dem_figure import VOID, elevation_figure, shaded_heights, ticks
+from sfr_loc_map.report.dem_page import dem_page
+
+NAMES = ("height", "sigma", "count", "slope", "roughness", "step", "hazard")
+
+
+def made_cloud() -> PointCloud:
+    """Return a ramp that rises along x with a block on it and a hole, in LM."""
+    rng = np.random.default_rng(2)
+    xy = rng.uniform((-1.0, 2.0), (2.0, 4.0), (20000, 2))
+    xy = xy[~((np.abs(xy[:, 0] - 1.0) < 0.3) & (np.abs(xy[:, 1] - 3.0) < 0.3))]
+    z = 0.2 * xy[:, 0] + 0.4 * ((xy[:, 0] > 0.0) & (xy[:, 0] < 0.3))
+    xyz = np.column_stack((xy, z)).astype(np.float32)
+    pixel, sigma = np.zeros(len(xyz), np.uint16), np.full(len(xyz), 0.01, np.float32)
+    return PointCloud(xyz, sigma, 100 * sigma, pixel, pixel, np.zeros(len(xyz), np.uint8))
+
+
+@pytest.fixture(scope="module")
+def cloud() -> PointCloud:
+    return made_cloud()
+
+
+@pytest.fixture(scope="module")
+def grid(cloud: PointCloud) -> TerrainGrid:
+    return elevation_grid(cloud, TerrainConfig())
+
+
+def test_geotiff_and_archive_hold_the_grid_itself(grid: TerrainGrid, tmp_path: Path) -> None:
+    for name in ("a.tif", "a.npz"):
+        dem_products.save_dem(tmp_path / name, grid)
+    read = np.load(tmp_path / "a.npz")
+    with rasterio.open(tmp_path / "a.tif") as file:
+        assert file.driver == "GTiff"
+        assert file.descriptions == NAMES
+        assert set(file.dtypes) == {"float32"}
+        assert np.isnan(file.nodata)
+        assert 'LOCAL_CS["lm"' in file.crs.to_wkt()
+        assert file.units[:4] == ("m", "m", "points", "rad")
+        bands = {name: file.read(index + 1)[::-1] for index, name in enumerate(NAMES)}
+        place = file.index(-0.95, 2.05)  # the cell with the least x and y
+        assert place == (grid.hazard.shape[0] - 1, 0)
+    arrays = ("height_m", "sigma_m", "count", "slope_rad", "roughness_m", "step_m", "hazard")
+    for name, array in zip(NAMES[:-1], arrays[:-1], strict=True):
+        np.testing.assert_array_equal(bands[name], read[array].astype(np.float32))
+    np.testing.assert_array_equal(read["height_m"], grid.elevation.height_m)
+    np.testing.assert_array_equal(np.where(np.isnan(bands["hazard"]), -1, bands["hazard"]), grid.hazard)
+    assert (grid.hazard == 100).any()
+    assert np.isnan(bands["height"]).any()
+    assert read["origin_m"].tolist() == pytest.approx([-1.0, 2.0])
+
+
+def test_figure_has_axes_scale_and_colour_bar(grid: TerrainGrid, tmp_path: Path) -> None:
+    dem_products.save_dem(tmp_path / "a.png", grid)
+    image = cv2.imread(str(tmp_path / "a.png"))
+    assert image is not None
+    np.testing.assert_array_equal(image, elevation_figure(grid.elevation))
+    bar = image[60:-120, -110]  # below its ends, left of its ticks
+    assert bar[0].tolist() != bar[-1].tolist()
+    assert (image[-14:-10, 82:120] < 100).any()  # the scale
+
+
+def test_heights_are_dark_in_holes_and_brighter_uphill() -> None:
+    height = np.repeat(np.linspace(0.0, 1.0, 40, dtype=np.float32)[None], 30, axis=0)
+    height[10:20, 10:20] = np.nan
+    known = np.isfinite(height)
+    model = ElevationModel(height, np.full_like(height, 0.01), known.astype(np.int32), (-1.0, 2.0), 0.1)
+    shaded = shaded_heights(model)
+    assert shaded.origin_m == pytest.approx((-1.0, 2.0), abs=0.11)
+    assert (shaded.image[15, 15] == VOID).all()
+    assert shaded.image[2, -3].sum() > shaded.image[2, 3].sum()
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-3.2, 41.0), (0.101, 0.113), (5.0, 5.000001)])
+def test_ticks_are_round_and_within(low: float, high: float) -> None:
+    found = ticks(low, high)
+    assert 2 <= len(found) <= 13
+    assert low - 1e-9 <= found[0] <= found[-1] <= high + 1e-9
+
+
+def test_page_shows_every_layer(grid: TerrainGrid) -> None:
+    page = dem_page(dem_products.dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m)
+    for name in NAMES:
+        assert f'id="dem-{name}"' in page
+    assert "in cells of 0.1 m" in page
+
+
+def test_a_cloud_without_sigma_has_heights_without_sigma(cloud: PointCloud) -> None:
+    bare = dem_products.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), None), TerrainConfig())
+    assert np.isnan(bare.elevation.sigma_m).all()
+    whole = dem_products.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), cloud), TerrainConfig())
+    np.testing.assert_allclose(bare.elevation.height_m, whole.elevation.height_m, atol=1e-6)
+    assert np.nanmax(whole.elevation.sigma_m) > 0
+
+
+def test_values_of_the_option(monkeypatch: pytest.MonkeyPatch) -> None:
+    cloud, terrain = Path("c.ply"), TerrainConfig()
+    assert dem_products.dem_outputs((), cloud, terrain) is None
+    wanted = dem_products.dem_outputs(("x.tif", "0.05"), cloud, terrain)
+    assert wanted is not None
+    assert wanted.files == (Path("x.tif"), Path("c.dem.npz"), Path("c.dem.png"))
+    assert (wanted.terrain.cell_m, wanted.terrain.max_step_m) == (0.05, terrain.max_step_m)
+    for words, said in (
+        (("0",), "must be more than 0"),
+        (("0,05",), r"'--dem 0,05': give the side of a cell"),
+        (("x.jpg",), "give the side of a cell"),
+        (("0.1", "0.2"), "2 sides"),
+        (("1e9",), "cell_m"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            dem_products.dem_outputs(words, cloud, terrain)
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    with pytest.raises(MissingExtraError, match=r"GeoTIFF needs rasterio .*: pip install 'sfr_loc_map\[dem\]'"):
+        dem_products.dem_outputs(("x.tif",), cloud, terrain)
