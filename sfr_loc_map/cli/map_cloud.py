@@ -38,6 +38,23 @@ if TYPE_CHECKING:
     """Maps the pairs of a source and says whose the map is."""
 
 
+DemOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="CELL_M|FILE",
+        help="Also an elevation model, the grid of the topics: the side of its cells, 0.1 m unless given "
+        "(C.dem.npz, C.dem.png), or a file *.tif (GeoTIFF), *.npz, *.png, *.html; may be given several times.",
+    ),
+]
+
+CovarianceOption = Annotated[
+    bool, typer.Option("--covariance", help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
+]
+RefinePosesOption = Annotated[
+    bool, typer.Option("--refine-poses", help="Correct the poses of later pairs by registration of the overlaps.")
+]
+
+
 @app.command(
     name="map",
     epilog=examples(
@@ -54,21 +71,10 @@ def map_cloud(
         Path, typer.Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd, .npz, .las or .laz.")
     ],
     fuse: Annotated[bool, typer.Option("--fuse/--no-fuse", help="One cloud, or the points of every pair.")] = True,
-    dem: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="CELL_M|FILE",
-            help="Also an elevation model, the grid of the topics: the side of its cells, 0.1 m unless given "
-            "(C.dem.npz, C.dem.png), or a file *.tif (GeoTIFF), *.npz, *.png, *.html; may be given several times.",
-        ),
-    ] = None,
+    dem: DemOption = None,
     colour: Annotated[bool, typer.Option("--colour", help="Also C.colour.ply: points coloured by height.")] = False,
-    covariance: Annotated[
-        bool, typer.Option("--covariance", help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
-    ] = False,
-    refine_poses: Annotated[
-        bool, typer.Option("--refine-poses", help="Correct the poses of later pairs by registration of the overlaps.")
-    ] = False,
+    covariance: CovarianceOption = False,
+    refine_poses: RefinePosesOption = False,
     stats: Annotated[Path | None, typer.Option(metavar="S.csv", help="A row for each call: time, memory, ...")] = None,
     method: MethodOption = OURS,
     call_timeout: CallTimeoutOption = 120.0,

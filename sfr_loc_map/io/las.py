@@ -76,26 +76,31 @@ def read_las(data: bytes) -> CloudRecords:
     """
     laspy = _laspy()
     _check_header(data)
-    try:
-        with laspy.open(io.BytesIO(data), read_evlrs=False) as reader:
-            header = reader.header
-            check_expansion(len(data), header.point_count * header.point_format.size, "a file of points")
-            content = reader.read()
-    except MemoryError:
-        raise
-    except BaseException as error:  # the compressor panics with an exception that is none of Python's kinds
-        if isinstance(error, (KeyboardInterrupt, SystemExit)):
-            raise
-        raise ValueError(f"{type(error).__name__}: {' '.join(str(error).split())[:200]}") from error
-    if len(content.x) != header.point_count:
-        raise ValueError(f"{len(content.x)} points found where {header.point_count} are said to be")
+    content = _points(laspy, data)
     names = set(content.point_format.dimension_names)
     columns = {axis: np.asarray(content[axis], np.float64) for axis in "xyz"}
     columns |= {name: np.asarray(content[name]) for name in ("sigma", "u", "v", "pair", "intensity") if name in names}
     if "grey" in names:
         columns["intensity"] = np.asarray(content["grey"])
-    texts = [vlr.record_data for vlr in header.vlrs if getattr(vlr, "user_id", "") == USER and vlr.record_id == RECORD]
+    records = (vlr for vlr in content.header.vlrs if isinstance(vlr, laspy.VLR))
+    texts = [vlr.record_data for vlr in records if (vlr.user_id, vlr.record_id) == (USER, RECORD)]
     return records_of(columns, (line for text in texts for line in text.decode("ascii", "replace").splitlines()))
+
+
+def _points(laspy: Any, data: bytes) -> Any:  # noqa: ANN401 - of a module without types
+    """Return what laspy reads; whatever it raises for broken data becomes a `ValueError`."""
+    try:
+        with laspy.open(io.BytesIO(data), read_evlrs=False) as reader:
+            count = reader.header.point_count
+            check_expansion(len(data), count * reader.header.point_format.size, "a file of points")
+            content = reader.read()
+    except (MemoryError, KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # the compressor panics with an exception that is none of Python's kinds
+        raise ValueError(f"{type(error).__name__}: {' '.join(str(error).split())[:200]}") from error
+    if len(content.x) != count:
+        raise ValueError(f"{len(content.x)} points found where {count} are said to be")
+    return content
 
 
 def _check_header(data: bytes) -> None:
