@@ -10,6 +10,7 @@ import cv2
 import numba
 import numpy as np
 import pytest
+from hazard_truth import hazard_accuracy
 
 from sfr_loc_map.errors import ConfigError, MappingError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
@@ -236,7 +237,12 @@ def test_development_ground(shared_data: Path) -> None:
         np.testing.assert_allclose(within, [0.683, 0.954, 0.997], atol=0.06)
         maps.append(result)
         singles.append(error[near | far].mean())
-    fused = mapper.fuse(maps).cloud
+    fused_map = mapper.fuse(maps)
+    hazard = hazard_accuracy(fused_map, [item[2] for item in items])
+    assert hazard.hazards > 400
+    assert hazard.precision > 0.95
+    assert hazard.recall > 0.93
+    fused = fused_map.cloud
     truth = np.stack([item[2] for item in items])[fused.pair, fused.v, fused.u]
     origin = np.stack([(item[1] @ rig.T_sb_left).translation for item in items])[fused.pair]
     inside = np.linalg.norm(truth - origin, axis=1) < 10.0

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hazard_truth import hazard_accuracy
 
 from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.constants import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.mapper import FusedMap, Mapper
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 
@@ -40,11 +41,32 @@ def test_sample_is_small_enough_to_clone() -> None:
     assert sum(file.stat().st_size for file in SAMPLE.iterdir()) < 20e6
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("factor", [0.6, 1.0, 1.4])
-def test_a_wrong_baseline_is_named_where_pairs_overlap(factor: float) -> None:
+def mapped(baseline_factor: float) -> FusedMap:
     nav = open_source(SAMPLE, {}).nav
     assert nav is not None
-    mapper = Mapper(replace(nav.rig, baseline_m=factor * nav.rig.baseline_m), MappingConfig())
-    fused = mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, i) for i, item in enumerate(nav.pairs())])
-    assert any("check the baseline" in line for line in fused.warnings) == (factor != 1.0)
+    mapper = Mapper(replace(nav.rig, baseline_m=baseline_factor * nav.rig.baseline_m), MappingConfig())
+    return mapper.fuse([mapper.process(item.pair, item.T_lm_navsb, i) for i, item in enumerate(nav.pairs())])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.6, 1.4])
+def test_a_wrong_baseline_is_named_where_pairs_overlap(factor: float) -> None:
+    assert any("check the baseline" in line for line in mapped(factor).warnings)
+
+
+@pytest.mark.slow
+def test_the_map_has_no_warning_no_points_in_the_sky_and_the_hazards_of_the_truth() -> None:
+    nav = open_source(SAMPLE, {}).nav
+    assert nav is not None
+    truths = [item.truth for item in nav.pairs() if item.truth is not None]
+    fused = mapped(1.0)
+    assert not fused.warnings
+    true = np.stack(truths)[fused.cloud.pair, fused.cloud.v, fused.cloud.u]
+    centres = np.stack([pose.translation for pose in fused.T_lm_left])[fused.cloud.pair]
+    near = np.linalg.norm(fused.cloud.xyz - centres, axis=1) < 15.0
+    assert np.isfinite(true[near]).all()
+    hazard = hazard_accuracy(fused, truths)
+    assert hazard.cells > 3000
+    assert hazard.hazards > 100
+    assert hazard.precision > 0.9
+    assert hazard.recall > 0.9

@@ -14,6 +14,7 @@ from sfr_loc_map.mapping.disparity.occlusion import (
     matching_cost_margin,
     occlusion_mask,
 )
+from sfr_loc_map.mapping.disparity.segments import valid_segments
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION
 from sfr_loc_map.mapping.disparity.variational_refinement import JUMP_PX, RefinedDisparity
 from sfr_loc_map.mapping.robust import MAD_TO_SIGMA
@@ -40,14 +41,14 @@ MARGIN_PER_SIGMA = F(4.0)
 MARGIN_OFFSET = F(3.0)
 """Margin in matching cost by which a pixel beside a jump must prefer its own surface, in standard deviations of noise:
 so much per pixel of its own sigma, less the offset. The weaker a match, the larger the margin it needs."""
-SPECKLE_PIXELS = 80
 
 
 def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatImage, sigma_px: FloatImage) -> Mask:
     """Tell which pixels `(H, W)` have a valid disparity.
 
     Invalid are pixels that the matcher left out, that refinement moved far, that are occluded in the right image, have
-    no texture, differ between the images, match a surface beyond an edge nearly as well as their own, or stand alone.
+    no texture, differ between the images, match a surface beyond an edge nearly as well as their own, or belong to a
+    segment that is small or has no content in common (`segments`).
     """
     disparity = refined.disparity_px
     change = np.abs(disparity - initial_px)
@@ -60,7 +61,7 @@ def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatIma
     queried = _beside_jump(disparity) & valid
     margin = matching_cost_margin(left, refined.right, disparity, matched, queried, _support_weights())
     valid &= margin > F(refined.noise) * (MARGIN_PER_SIGMA * sigma_px - MARGIN_OFFSET)
-    return _without_speckles(disparity, valid)
+    return valid_segments(left, refined.right, disparity, valid)
 
 
 def _textured(refined: RefinedDisparity) -> Mask:
@@ -92,10 +93,3 @@ def _support_weights() -> SupportWeights:
     distance = np.hypot(axis[:, None], axis[None])
     by_grey = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
     return SupportWeights(by_grey, np.exp(-distance / DISTANCE_SCALE_PX).astype(F))
-
-
-def _without_speckles(disparity: FloatImage, valid: Mask) -> Mask:
-    """Leave out small islands: a few pixels that agree with nothing around them."""
-    fixed = np.where(valid, np.rint(disparity * F(16.0)), F(-16.0)).astype(np.int16)
-    cv2.filterSpeckles(fixed, -16, SPECKLE_PIXELS, 16)
-    return fixed >= 0

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sfr_loc_map.mapping.disparity.segments import MIN_PIXELS
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION, disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, SPECKLE_PIXELS, valid_mask
+from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, valid_mask
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 
 F = np.float32
@@ -90,7 +91,7 @@ def test_regions_that_differ_between_the_images_are_invalid(scene: Scene) -> Non
 
 def test_specks_are_invalid_and_islands_are_not(scene: Scene) -> None:
     initial = np.full_like(scene.initial, np.nan)
-    side = int(np.sqrt(SPECKLE_PIXELS))
+    side = int(np.sqrt(MIN_PIXELS))
     speck, island = np.s_[50 : 50 + side, 100 : 100 + side], np.s_[150 : 152 + side, 200 : 202 + side]
     for part in (speck, island):
         initial[part] = scene.initial[part]
