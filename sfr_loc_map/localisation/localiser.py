@@ -6,7 +6,6 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.median import finite_median
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.belief import are_finite, blindness, disbelief, reason_to_doubt
@@ -271,7 +270,7 @@ def _statistics(
         features=len(result.landmarks),
         inliers=result.inlier_count,
         keyframes=keyframes,
-        chi_median=finite_median(result.chi2_per_dof),
+        chi_median=result.chi_median,
         residual_px=result.residual_px,
         vertical_offset_px=offset.v,
         disparity_offset_px=-offset.u,

@@ -4,7 +4,8 @@ The pose covariance is that since the start, most of which two poses share, and 
 is learnt; it does not tell how well the motion between two poses is known. That is made of steps:
 
 - drift, independent from step to step: the covariance of the newest keyframe given the one before, of their joint
-  adjustment, in proportion to the size of the step;
+  adjustment, in proportion to the size of the step and to the variance factor: the residuals found, over those stated
+  (the variance factor of least squares, as in Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4);
 - a common error of all disparities, alike in all steps: it scales each by `depth / (fx baseline)`, and adds up with
   its sign.
 - what no image showed: it is in the step to a pose that was kept or may be late, and in the step from it.
@@ -34,6 +35,14 @@ MIN_SHARE: Final = 0.02
 """Share of a keyframe's drift that the smallest step has: no pose is exactly that of the one before."""
 MIN_SIZE_SHARE: Final = 0.25
 """Smallest size of a keyframe interval, in intervals as the flow triggers them."""
+EXPECTED_CHI_MEDIAN: Final = 0.839
+"""Median of chi-square with four degrees of freedom, divided by them: of a landmark whose variances are as stated."""
+FACTOR_SHARE: Final = 0.1
+"""Share of a pair in the variance factor: it follows the light and the ground within some ten pairs."""
+MIN_FACTOR: Final = 0.2
+"""Smallest variance factor: below it errors dominate that a residual does not show."""
+STEP_INFLATION: Final = 1.5
+"""Factor on `inflation` where the variance factor is known: what neighbours have alike is in no residual."""
 FIRST_VARIANCE: Final = 1e-12
 """Keeps each covariance of a step positive definite (m^2, rad^2)."""
 
@@ -53,6 +62,7 @@ class StepModel:
         """Size of the motion between two keyframes, radians of optical flow."""
         self._before: tuple[int, Transform] | None = None
         self._unseen = np.zeros((6, 6))
+        self._variance_factor: float | None = None
 
     def unseen(self, stamp_ns: int, T_world_left: Transform, covariance: FloatArray) -> StepEstimate:
         """Return the step to a pose that stays because nothing is seen.
@@ -88,7 +98,8 @@ class StepModel:
         now, depth_m = result.T_world_left, result.landmarks.median_depth
         before_ns, before = (stamp_ns, now) if self._before is None else self._before
         self._before, before_unseen, self._unseen = (stamp_ns, now), self._unseen, unseen
-        covariance = self._drift(before.inverse() @ now, depth_m, drift, result)
+        factor = self._follow_residuals(result.chi_median)
+        covariance = factor * self._drift(before.inverse() @ now, depth_m, drift, result)
         # the same of RB, in RB before
         T_rb_left = self._T_rb_left
         motion = T_rb_left @ before.inverse() @ now @ self._T_left_rb
@@ -99,6 +110,13 @@ class StepModel:
         vector = np.concatenate((motion.translation, rotvec_from_matrix(motion.rotation)))
         seconds = (stamp_ns - before_ns) / NS_PER_S
         return StepEstimate(seconds, vector, of_rb, np.concatenate((systematic, np.zeros(3))))
+
+    def _follow_residuals(self, chi_median: float) -> float:
+        """Return the factor on stated variances, from the residuals of this pair and of those before it."""
+        found, before = chi_median / EXPECTED_CHI_MEDIAN, self._variance_factor
+        if np.isfinite(found):
+            self._variance_factor = found if before is None else before + FACTOR_SHARE * (found - before)
+        return 1.0 if self._variance_factor is None else STEP_INFLATION * max(self._variance_factor, MIN_FACTOR)
 
     def _drift(
         self, motion: Transform, depth_m: float, drift: KeyframeDrift | None, result: TrackingResult

@@ -11,7 +11,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.median import median
+from sfr_loc_map.geometry.median import finite_median, median
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -127,6 +127,11 @@ class TrackingResult:
         moved = self.observations[:, :2] - self.landmarks.last_seen[:, :2]
         length = np.linalg.norm(moved, axis=1)[self.inliers]
         return np.asarray(length[np.isfinite(length)])
+
+    @cached_property
+    def chi_median(self) -> float:
+        """Median over the landmarks of the squared Mahalanobis residual per degree of freedom; NaN without any."""
+        return finite_median(self.chi2_per_dof)
 
     @property
     def residual_px(self) -> float:
