@@ -14,6 +14,7 @@ from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.constants import NS_PER_S
@@ -31,6 +32,8 @@ CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z,
 TUM_HEADER = "# t x y z qx qy qz qw"
 TUM_SUFFIXES = (".txt", ".tum")
 COLUMNS = 8
+STAMP_BYTES = 24
+"""Longer stamps are read one by one."""
 HEAD_BYTES = 10_000
 """The header is looked for in these."""
 BLOCK_BYTES = 8_000_000
@@ -158,8 +161,9 @@ def _parse(data: bytes, is_csv: bool) -> Trajectory:
     for lines in _blocks(data):
         first = int(is_csv and len(stamps) == 1)
         rows = [line for line in lines[first:] if line[:1] > b"#" or _is_row(line)]
-        stamps.append(_stamps(rows, is_csv))
-        values.append(_floats(rows, "," if is_csv else None) if rows else values[0])
+        if rows:
+            stamps.append(_stamps(rows, is_csv))
+            values.append(_floats(rows, "," if is_csv else None))
     numbers = np.concatenate(values)
     positions, quats = np.ascontiguousarray(numbers[:, :3]), np.ascontiguousarray(numbers[:, 3:])
     _check_values(positions, quats)
@@ -182,31 +186,35 @@ def _is_row(line: bytes) -> bool:
 
 def _stamps(rows: list[bytes], is_csv: bool) -> IntArray:
     """Return the nanoseconds of the first column; what is not plain digits takes the strict, slower way."""
-    texts = [row.split(b"," if is_csv else None, 1)[0] for row in rows]
-    if is_csv:
-        whole = [int(text) if text.isdigit() and len(text) < 19 else parse_stamp_ns(text.decode()) for text in texts]
-        return np.array(whole, np.int64)
-    widths = np.fromiter(map(len, texts), np.intp, len(texts))
-    stamps = np.empty(len(texts), np.int64)
+    stamps = np.empty(len(rows), np.int64)
+    letters = np.array(rows, f"S{STAMP_BYTES}").view(np.uint8).reshape(len(rows), STAMP_BYTES)  # cuts longer rows
+    ends = letters == ord(",") if is_csv else (letters == ord(" ")) | (letters == ord("\t"))
+    widths = ends.argmax(axis=1)
     for width in np.unique(widths).tolist():
         same = np.flatnonzero(widths == width)
-        stamps[same] = _seconds([texts[n] for n in same.tolist()] if len(same) < len(texts) else texts)
+        plain = _plain_stamps(letters[same, :width], is_csv)
+        stamps[same] = [_strict_stamp(rows[n], is_csv) for n in same.tolist()] if plain is None else plain
     return stamps
 
 
-def _seconds(texts: list[bytes]) -> IntArray:
-    """Return the nanoseconds of decimal seconds of one width; all at once where they have one form (`1700.123456`)."""
-    width, dot = len(texts[0]), texts[0].find(b".")
-    if 0 < dot <= 10 and width - dot <= 10:
-        letters = np.frombuffer(b"".join(texts), np.uint8).reshape(-1, width)
-        digits = np.delete(letters, dot, axis=1) - ord("0")  # what is below "0" becomes large
-        if (
-            (letters[:, dot] == ord(".")).all()
-            and digits.max() <= 9
-            and digits[:, : max(dot - 9, 0)].max(initial=0) < 9
-        ):
-            return digits.astype(np.int64) @ (10 ** np.arange(dot + 8, dot + 8 - digits.shape[1], -1, dtype=np.int64))
-    return np.array([parse_seconds(text.decode()) for text in texts], np.int64)
+def _plain_stamps(letters: NDArray[np.uint8], is_csv: bool) -> IntArray | None:
+    """Return the nanoseconds of texts `(N, width)` if all are like `1700123456` (csv) or `1700.123456`, else None."""
+    width = letters.shape[1]
+    if is_csv:
+        digits, last = letters - np.uint8(ord("0")), width - 1
+    else:
+        dot = int((letters[0] == ord(".")).argmax()) if width else 0
+        if not (0 < dot <= 10 and width - dot <= 10 and (letters[:, dot] == ord(".")).all()):
+            return None
+        digits, last = np.delete(letters, dot, axis=1) - np.uint8(ord("0")), dot + 8
+    if not (width > 0 and last <= 18 and (digits <= 9).all() and (last < 18 or (digits[:, 0] < 9).all())):
+        return None  # what is below "0" became large; nineteen digits from 9 on do not fit
+    return np.asarray(digits.astype(np.int64) @ (10 ** np.arange(last, last - digits.shape[1], -1, dtype=np.int64)))
+
+
+def _strict_stamp(row: bytes, is_csv: bool) -> int:
+    text = row.split(b"," if is_csv else None, 1)[0].decode()
+    return parse_stamp_ns(text) if is_csv else parse_seconds(text)
 
 
 def _floats(rows: list[bytes], separator: str | None) -> FloatArray:

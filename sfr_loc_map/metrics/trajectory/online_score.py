@@ -16,11 +16,12 @@ from dataclasses import replace
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.plausibility import is_plausible_pose
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.modes import AssociationMode
 from sfr_loc_map.metrics.score import AssociationCounts
-from sfr_loc_map.metrics.trajectory.association import COVARIANCE_SIZE, Estimates, Frames, join
+from sfr_loc_map.metrics.trajectory.association import COVARIANCE_SIZE, UPPER, Estimates, Frames, join
 from sfr_loc_map.metrics.trajectory.relative_covariance import STEP_SIZE, StepSums
 from sfr_loc_map.metrics.trajectory.stamp_matching import AUTO_STAMPS, decide_mode, tolerance_ns, unique_rows
 from sfr_loc_map.metrics.trajectory.trajectory_score import ScoredTrajectory, TrajectoryScorer
@@ -118,7 +119,7 @@ class LiveTrajectoryScore:
             GeometryError: If the pose is not finite, absurd or the quaternion not of unit length.
         """
         _check(stamp_ns, position, quat_xyzw)
-        triangle = [np.nan] * COVARIANCE_SIZE if covariance is None else covariance[np.triu_indices(6)].tolist()
+        triangle = [np.nan] * COVARIANCE_SIZE if covariance is None else covariance[UPPER].tolist()
         row = (*map(float, position), *map(float, quat_xyzw), float(lost), *triangle)
         self._add(self._estimates, stamp_ns, row)
 
@@ -233,4 +234,8 @@ class LiveTrajectoryScore:
 
 
 def _check(stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
-    Trajectory(np.array([stamp_ns], np.int64), np.array([position], np.float64), np.array([quat_xyzw], np.float64))
+    if is_plausible_pose(position, quat_xyzw):
+        return
+    Trajectory(  # says what is wrong
+        np.array([stamp_ns], np.int64), np.array([position], np.float64), np.array([quat_xyzw], np.float64)
+    )
