@@ -13,7 +13,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak lint types config format check docs clean
+.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen lint types config format check docs clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -52,6 +52,9 @@ suite-chaos: $(COMPILED)  ## Run a suite on a Dask cluster whose processes are k
 live-soak: $(COMPILED)  ## Load the live page for half an hour: five pages, then large images and clouds
 	$(BIN)/python test/live/soak.py load 60
 	$(BIN)/python test/live/soak.py clients 30
+
+live-screen: $(COMPILED)  ## What Chromium shows of a replay at 10 Hz, and how late it is
+	PYTHONPATH=. $(BIN)/python test/live/on_screen.py 5
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .

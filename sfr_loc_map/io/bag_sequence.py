@@ -232,7 +232,8 @@ class BagNavSequence:
                 )
             truth = None
             if topics.points and topics.points.name in raw:
-                truth = points_image(topics.bag.deserialise(topics.points, raw[topics.points.name]), self._rig)
+                size = self._rig.width, self._rig.height
+                truth = points_image(topics.bag.deserialise(topics.points, raw[topics.points.name]), size)
             yield PosedStereoPair(topics.pair(stamp_ns, raw, self._rig), self._poses[stamp_ns], truth)
 
 

@@ -9,22 +9,25 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
-from sfr_loc_map.geometry.stereo import StereoRig
 
 
-def points_image(message: Any, rig: StereoRig) -> NDArray[np.float32]:  # noqa: ANN401 - a PointCloud2 of any library
+def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  # noqa: ANN401 - a PointCloud2 of any library
     """Return an organised sensor_msgs/PointCloud2 as `(H, W, 3)` float32, metres.
 
+    Args:
+        message: The message.
+        size: Width and height of the images of the pair.
+
     Raises:
-        InputError: If it is not of the rig's size, has no float32 x, y, z, or a coordinate is absurd.
+        InputError: If it is not of that size, has no float32 x, y, z, or a coordinate is absurd.
     """
     offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == 7}
     shape, step, row = (int(message.height), int(message.width)), int(message.point_step), int(message.row_step)
-    size_ok = shape == (rig.height, rig.width) and row >= step * shape[1] and len(message.data) >= row * shape[0]
+    size_ok = (shape[1], shape[0]) == size and row >= step * shape[1] and len(message.data) >= row * shape[0]
     if not size_ok or any(name not in offsets or offsets[name] + 4 > step for name in "xyz"):
         raise InputError(
             f"ground_truth/points is {shape[1]} x {shape[0]} with float32 fields {sorted(offsets)}: an organised cloud "
-            f"of {rig.width} x {rig.height} with x, y, z is needed"
+            f"of {size[0]} x {size[1]} with x, y, z is needed"
         )
     order = ">f4" if message.is_bigendian else "<f4"
     layout = np.dtype(

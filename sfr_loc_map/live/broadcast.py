@@ -7,11 +7,29 @@ import time
 from typing import Any
 
 from sfr_loc_map.live.client import Client
+from sfr_loc_map.live.commands import Operator
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.state import ROW_FIELDS, LiveState
-from sfr_loc_map.live.updates import CloudSample, ImageSample, Report, TimeLine, Update, View
-from sfr_loc_map.live.wire import cloud_frame, image_frame, message
+from sfr_loc_map.live.updates import (
+    MEDIA,
+    CloudSample,
+    ElevationSample,
+    ImageSample,
+    Report,
+    TimeLine,
+    TrackSample,
+    Update,
+    View,
+)
+from sfr_loc_map.live.wire import frame_of, message
 
+VIEW_OF = {
+    ImageSample: View.IMAGES,
+    TrackSample: View.TRACKS,
+    CloudSample: View.CLOUDS,
+    ElevationSample: View.CLOUDS,
+}
+"""What a page looks at that is sent it."""
 NODES_PERIOD_S = 0.5
 """At least so often the pages hear of the nodes, and by that of the server."""
 
@@ -23,15 +41,16 @@ class Broadcast:
         clients: The pages.
     """
 
-    def __init__(self, state: LiveState, hub: Hub) -> None:
+    def __init__(self, state: LiveState, hub: Hub, operator: Operator) -> None:
         """Start without pages.
 
         Args:
             state: What is known of the run.
             hub: Is told what the pages look at.
+            operator: Says what can be asked of the nodes.
         """
         self.clients: list[Client] = []
-        self._state, self._hub = state, hub
+        self._state, self._hub, self._operator = state, hub, operator
         self._media: dict[str, bytes] = {}
         self._version, self._next_row, self._next_call = state.path.version, 0, 0
         self._report_changed = False
@@ -79,10 +98,8 @@ class Broadcast:
         """Note a record that the state has taken in."""
         if isinstance(update, Report):
             self._report_changed = True
-        elif isinstance(update, ImageSample):
-            self._offer(update.topic, image_frame(update), View.IMAGES)
-        elif isinstance(update, CloudSample):
-            self._offer(update.topic, cloud_frame(update), View.CLOUDS)
+        elif isinstance(update, MEDIA):
+            self._offer(update.topic, frame_of(update), VIEW_OF[type(update)])
         elif isinstance(update, TimeLine) and update.restarted:
             self._media.clear()
             self._to_all(message("calls", {"calls": [], "whole": True}))
@@ -147,7 +164,7 @@ class Broadcast:
 
     def _nodes_message(self, now_s: float) -> str:
         live = self._state.live_to_plain(now_s, tables=False)
-        return message("nodes", live | {"load": self.load()})
+        return message("nodes", live | {"load": self.load(), "actions": sorted(self._operator.actions)})
 
     def _offer(self, key: str, data: bytes, view: View) -> None:
         self._media[key] = data

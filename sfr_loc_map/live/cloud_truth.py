@@ -10,7 +10,6 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.point_image import points_image
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
@@ -34,8 +33,7 @@ class CloudTruth:
         """
         width, height = int(message.width), int(message.height)
         check_image_size(width, height, "ground_truth/points")
-        size_only = StereoRig(width, height, 1.0, 1.0, 0.0, 0.0, 1.0)
-        self.add_points(stamp_ns, points_image(message, size_only))
+        self.add_points(stamp_ns, points_image(message, (width, height)))
 
     def add_points(self, stamp_ns: int, points: PointImage) -> None:
         """Keep the true points of a pair.

@@ -95,3 +95,30 @@ class NoOperator:
             InputError: Always.
         """
         raise InputError(f"'{command.action}' is not possible here: there are no nodes")
+
+
+class LateOperator:
+    """Hands commands to an operator that comes later. May be used in any thread."""
+
+    def __init__(self) -> None:
+        """Start without one."""
+        self._operator: Operator | None = None
+
+    def follow(self, operator: Operator) -> None:
+        """Hand commands to this one from now on."""
+        self._operator = operator
+
+    @property
+    def actions(self) -> frozenset[Action]:
+        """What it can do; nothing before there is one."""
+        return frozenset() if self._operator is None else self._operator.actions
+
+    def run(self, command: Command) -> str:
+        """Carry a command out.
+
+        Raises:
+            SfrError: If it cannot be done: why.
+        """
+        if self._operator is None:
+            raise InputError(f"'{command.action}' is not possible yet: the page is still joining the nodes; try again")
+        return self._operator.run(command)

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from threading import Lock
 
-from sfr_loc_map.live.updates import CloudSample, ImageSample, Update, View
+from sfr_loc_map.live.updates import MEDIA, Media, Update, View
 
 MAX_WAITING = 20_000
 """Records that wait: at 100 a second more than three minutes."""
@@ -33,7 +33,7 @@ class Hub:
         self.dropped = self.replaced = 0
         self._lock = Lock()
         self._waiting: deque[Update] = deque()
-        self._newest: dict[tuple[type[Update], str], ImageSample | CloudSample] = {}
+        self._newest: dict[tuple[type[Media], str], Media] = {}
         self._wanted: frozenset[View] = frozenset()
         self._wake: Callable[[], None] = _no_one
 
@@ -45,7 +45,7 @@ class Hub:
         """Give a record; returns at once."""
         with self._lock:
             was_empty = not self._waiting and not self._newest
-            if isinstance(update, (ImageSample, CloudSample)):
+            if isinstance(update, MEDIA):
                 key = (type(update), update.topic)
                 self.replaced += key in self._newest
                 self._newest[key] = update

@@ -7,12 +7,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray32, GreyImage
-from sfr_loc_map.io.image_codec import encode_jpeg
+from sfr_loc_map.io.image_codec import decode_grey, encode_jpeg
+from sfr_loc_map.io.image_header import JPEG_MAGIC, claimed_size
 from sfr_loc_map.live.updates import CloudSample, ImageSample
 
 IMAGE_WIDTH = 640
 """Widest image that is shown, pixels."""
 JPEG_QUALITY = 75
+MAX_JPEG_BYTES = 100_000
+"""Largest file that is shown as it is: a page has 2 MB/s for 14 images and the clouds."""
 MAX_POINTS = 40_000
 """Most points of a cloud that are shown."""
 
@@ -32,6 +35,24 @@ def image_sample(topic: str, stamp_ns: int, image: NDArray[np.uint8], published_
         size = (IMAGE_WIDTH, max(round(height * IMAGE_WIDTH / width), 1))
         shown = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
     return ImageSample(topic, stamp_ns, _jpeg(shown), (shown.shape[1], shown.shape[0]), (width, height), published_s)
+
+
+def file_sample(topic: str, stamp_ns: int, data: bytes, published_s: float) -> ImageSample:
+    """Return an image file reduced for the screen; a small JPEG file is shown as it is.
+
+    Args:
+        topic: Where it comes from.
+        stamp_ns: Its stamp.
+        data: The file.
+        published_s: When it was published, seconds of the host's clock.
+
+    Raises:
+        InputError: If it is no image that is read.
+    """
+    size = claimed_size(data) if data.startswith(JPEG_MAGIC) else None
+    if size is not None and size[0] <= IMAGE_WIDTH and len(data) <= MAX_JPEG_BYTES:
+        return ImageSample(topic, stamp_ns, data, size, size, published_s)
+    return image_sample(topic, stamp_ns, decode_grey(data), published_s)
 
 
 def _jpeg(image: GreyImage) -> bytes:

@@ -65,7 +65,7 @@ class LiveServer:
         self._operator: Operator = operator or NoOperator()
         self._access = Access(config.host, config.token, secrets.token_urlsafe(18))
         self._files = _read_files(self._access.command_token)
-        self._broadcast = Broadcast(self.state, hub)
+        self._broadcast = Broadcast(self.state, hub, self._operator)
         self._begin_s = time.time()
         self._arrived = asyncio.Event()
 

@@ -12,9 +12,11 @@ from sfr_loc_map.live.node_view import MAX_CALLS, CallSample, NodeView
 from sfr_loc_map.live.path import LivePath, PathRow
 from sfr_loc_map.live.report_view import ReportView
 from sfr_loc_map.live.updates import (
+    MEDIA,
     CloudSample,
+    ElevationSample,
     GraphView,
-    ImageSample,
+    Media,
     PoseSample,
     Report,
     Sampled,
@@ -69,8 +71,7 @@ class LiveState:
         report: The monitor's latest report, None before the first.
         nodes: By name.
         calls: The last calls.
-        images: Newest image by topic.
-        clouds: Newest cloud by topic.
+        media: Newest image, cloud, map and tracks by topic.
         topics: By name.
         time_line: Of the player of a recorded run, None of a live one.
         problems: What could not be read, the latest last.
@@ -82,8 +83,7 @@ class LiveState:
         self.report: ReportView | None = None
         self.nodes: dict[str, NodeView] = {}
         self.calls: deque[CallSample] = deque(maxlen=MAX_CALLS)
-        self.images: dict[str, ImageSample] = {}
-        self.clouds: dict[str, CloudSample] = {}
+        self.media: dict[str, Media] = {}
         self.topics: dict[str, TopicView] = {}
         self.lost: dict[str, int] = {}
         self.time_line: TimeLine | None = None
@@ -96,8 +96,7 @@ class LiveState:
             PoseSample: self._add_pose,
             Status: self._add_status,
             Sampled: self._add_sampled,
-            ImageSample: self._add_image,
-            CloudSample: self._add_cloud,
+            **dict.fromkeys(MEDIA, self._add_media),
             GraphView: self._add_graph,
             TimeLine: self._add_time_line,
         }
@@ -239,14 +238,15 @@ class LiveState:
         if len(self._sampled) > MAX_STAMPS:
             self._sampled.popitem(last=False)
 
-    def _add_image(self, update: ImageSample) -> None:
-        if update.topic in self.images or len(self.images) < MAX_TOPICS:
-            self.images[update.topic] = update
-
-    def _add_cloud(self, update: CloudSample) -> None:
-        self._note_topic(update.topic, update.stamp_ns, update.published_s)
-        if update.topic in self.clouds or len(self.clouds) < MAX_TOPICS:
-            self.clouds[update.topic] = update
+    def _add_media(self, update: Media) -> None:
+        before = self.media.get(update.topic)
+        if before is None and len(self.media) >= MAX_TOPICS:
+            return
+        if isinstance(update, (CloudSample, ElevationSample)) and (
+            before is None or before.stamp_ns != update.stamp_ns
+        ):
+            self._note_topic(update.topic, update.stamp_ns, update.published_s)
+        self.media[update.topic] = update
 
     def _add_graph(self, update: GraphView) -> None:
         self.lost = dict(update.lost)

@@ -148,6 +148,52 @@ class CloudSample:
     error: FloatArray32 | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ElevationSample:
+    """A map from above in cells, thinned for the screen.
+
+    Attributes:
+        topic: Where it comes from.
+        stamp_ns: Its stamp.
+        origin_m: Corner of cell (0, 0), LM.
+        cell_m: Side of a cell as it is shown.
+        names: Names of the layers, of `height`, `sigma`, `error` (metres), `hazard` (0 to 100), `slope` (radians),
+            `roughness`, `step` (metres) and `count`.
+        layers: `(rows along y, columns along x, len(names))` float32, NaN where not known.
+        published_s: When it was published.
+        every: Cells of the grid, along each axis, for one that is shown.
+    """
+
+    topic: str
+    stamp_ns: int
+    origin_m: tuple[float, float]
+    cell_m: float
+    names: tuple[str, ...]
+    layers: FloatArray32
+    published_s: float
+    every: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackSample:
+    """What the localiser tracked in the images of a stamp, and where it looks for nothing.
+
+    Attributes:
+        topic: Where it comes from.
+        stamp_ns: Stamp of the images.
+        tracks: `(N, 5)` float32: pixel in the left image, pixel in the newest keyframe, residual (1 and more: outlier;
+            NaN: not found).
+        masks: Outlines `(K, 2)` float32, pixels, of what is left out, by side.
+        published_s: When it was published.
+    """
+
+    topic: str
+    stamp_ns: int
+    tracks: FloatArray32
+    masks: Mapping[str, tuple[FloatArray32, ...]]
+    published_s: float
+
+
 @dataclass(frozen=True, slots=True)
 class GraphView:
     """Which nodes of the suite are in the graph.
@@ -180,4 +226,7 @@ class TimeLine:
     restarted: bool = False
 
 
-Update = Report | PoseSample | Status | Sampled | ImageSample | CloudSample | GraphView | TimeLine
+Media = ImageSample | CloudSample | ElevationSample | TrackSample
+"""What is large: the newest of each topic replaces what nobody has taken yet."""
+MEDIA = (ImageSample, CloudSample, ElevationSample, TrackSample)
+Update = Report | PoseSample | Status | Sampled | Media | GraphView | TimeLine

@@ -89,6 +89,11 @@ class KeyframeBackend:
         """How well the newest keyframe is known from the one before; None in the first of a window."""
         return self._window.drift
 
+    @property
+    def masks(self) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
+        """Where no landmark is made in the left and the right image: `(H, W)` uint8, 0 there; None for nowhere."""
+        return _both_masks(self._left_mask, self._foreign_mask), self._right_mask
+
     def wait(self) -> float | None:
         """Wait for the keyframe in work; return the seconds that it took, None without one."""
         pending, self._pending = self._pending, None
@@ -159,7 +164,7 @@ class KeyframeBackend:
 
     def _add_landmarks(self, frame: StereoFrame, known: FloatArray) -> None:
         """Detect and match new landmarks beside known ones `(M, 3)` (u, v, disparity), then adjust the window."""
-        mask = _both_masks(self._left_mask, self._foreign_mask)
+        mask, _ = self.masks
         corners = find_corners(frame.left.levels[0], known[:, :2].copy(), self._config.max_features, BORDER, mask)
         if len(corners):
             self._match_landmarks(frame, corners, known)

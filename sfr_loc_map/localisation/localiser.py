@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfr_loc_map import __version__
 from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -28,6 +27,7 @@ from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
 from sfr_loc_map.localisation.motion_model import MotionModel
 from sfr_loc_map.localisation.pose_track import PoseTrack
 from sfr_loc_map.localisation.relocalisation import Relocaliser
+from sfr_loc_map.localisation.reporter import Reporter
 from sfr_loc_map.localisation.stage_timer import StageTimer
 from sfr_loc_map.localisation.stale_images import StaleImageFilter
 from sfr_loc_map.localisation.start_pose import StartPose
@@ -35,25 +35,7 @@ from sfr_loc_map.localisation.step_uncertainty import StepModel
 from sfr_loc_map.localisation.torn_images import Wholeness
 
 
-class _Reporter:
-    """What a localiser says of itself and of its last pair."""
-
-    version = __version__
-    _last_result: TrackingResult | None = None
-
-    @property
-    def last_result(self) -> TrackingResult | None:
-        """Tracking result of the last pair, trusted or not; None where no landmark was tracked."""
-        return self._last_result
-
-    @property
-    def statistics(self) -> dict[str, float]:
-        """Landmarks (`features`) of the last pair, and how many agree with its pose; empty where none was tracked."""
-        result = self._last_result
-        return {} if result is None else {"features": len(result.landmarks), "inliers": int(result.inliers.sum())}
-
-
-class Localiser(_Reporter):
+class Localiser(Reporter):
     """Estimates the pose of RB in DS at each stereo pair.
 
     What a keyframe needs besides its pose (new landmarks, bundle adjustment) is done after its call, in a background

@@ -14,18 +14,16 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import Image
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.start_pose import StartPose
-from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter
 from sfr_loc_map.nodes.diagnostics.key_values import Level
 from sfr_loc_map.nodes.input.config import StereoInputConfig
@@ -36,17 +34,15 @@ from sfr_loc_map.nodes.input.stereo_subscriber import StereoSubscriber
 from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.node_config import PairNodeConfig
-from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.nodes.messages.image import image_msg
 from sfr_loc_map.nodes.messages.pose import odometry_msg, start_pose_of, tf_message_type, transform_of_odometry
 from sfr_loc_map.nodes.output.path_publisher import PathPublisher
+from sfr_loc_map.nodes.output.track_publisher import TrackPublisher
 from sfr_loc_map.nodes.process.runner import run
 from sfr_loc_map.pipeline.online.latency import latencies
 from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession
 from sfr_loc_map.pipeline.online.resume import PoseFile
 
 NAME = "localisation_node"
-DEBUG_DEPTH = 2
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,
@@ -138,7 +134,7 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
         self._pose_set = self.endpoints.add_publisher(
             PoseWithCovarianceStamped, "localisation/initialpose_set", 1, latched=True
         )
-        self._debug_image = self.endpoints.add_publisher(Image, "localisation/debug_image", DEBUG_DEPTH)
+        self._tracks = TrackPublisher(self.endpoints)
         tf_type = tf_message_type() if config.publish_tf else None
         self._tf = self.endpoints.add_publisher(tf_type, "/tf", 100) if tf_type else None
 
@@ -240,7 +236,7 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
             self.status.error(str(error))
             return
         self.publish_estimate(estimate)
-        self._publish_debug_image(pair, localiser, estimate, received.frame_id)
+        self._tracks.publish(pair, localiser, estimate, received.frame_id)
         now_ns = self.get_clock().now().nanoseconds
         times = latencies(received.times, pair.stamp_ns, time.time_ns(), now_ns) | {"conversion_s": conversion_s}
         statistics = estimate.figures | ({} if motion is None else {"motion_prior": 1.0})
@@ -253,14 +249,6 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
     def _count_unprocessed(self) -> None:
         if self._stereo is not None:
             self._stereo.count_unprocessed()
-
-    def _publish_debug_image(
-        self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate, frame_id: str
-    ) -> None:
-        """Publish the left image with its tracked features, if there is a subscriber."""
-        if self._debug_image.get_subscription_count():
-            image = draw_tracks(pair.left, localiser.last_result, estimate)
-            self._debug_image.publish(image_msg(image, header_msg(pair.stamp_ns, frame_id)))
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry, and path and tf where tracked; in the worker's thread, in the order of the pairs."""

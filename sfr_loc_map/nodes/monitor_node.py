@@ -224,7 +224,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         if rig is None:
             self._early_points.append(message)
             return
-        self._score.map_inputs.add_true_points(stamp_of(message), points_image(message, rig))
+        self._score.map_inputs.add_true_points(stamp_of(message), points_image(message, (rig.width, rig.height)))
         self._score_maps()
 
     def _on_cloud(self, message: PointCloud2) -> None:

@@ -16,6 +16,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.io.text_numbers import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls.resource_score import Calls, stage_of
+from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.records.method_record import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
 
@@ -24,6 +25,7 @@ UPPER = np.triu_indices(6)
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 
 METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "finding")
+MAPPING_STATES = frozenset(MappingState)
 STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
 
 
@@ -54,8 +56,14 @@ class CallStats:
         return self._state_at(stamps_ns, TrackingState.DEGRADED)
 
     def _state_at(self, stamps_ns: IntArray, state: str) -> Mask:
-        states = dict(zip(self.calls.stamps_ns.tolist(), self.calls.states, strict=True))
-        return np.array([states.get(stamp) == state for stamp in stamps_ns.tolist()], np.bool_)
+        rows, states = self.localised_rows(), self.calls.states
+        found = [rows.get(stamp) for stamp in stamps_ns.tolist()]
+        return np.array([row is not None and states[row] == state for row in found], np.bool_)
+
+    def localised_rows(self) -> dict[int, int]:
+        """Return the row of each call of a localiser by stamp; calls of a mapper may have the same stamps."""
+        calls = zip(self.calls.stamps_ns.tolist(), self.calls.states, strict=True)
+        return {stamp: row for row, (stamp, state) in enumerate(calls) if state not in MAPPING_STATES}
 
     def covariance_at(self, stamps_ns: IntArray) -> FloatArray | None:
         """Return the covariance `(N, 21)` of each stamp, NaN where there is none; None if the file has none."""
@@ -68,7 +76,7 @@ class CallStats:
     def _at(self, stamps_ns: IntArray, values: FloatArray | None) -> FloatArray | None:
         if values is None:
             return None
-        rows = {stamp: row for row, stamp in enumerate(self.calls.stamps_ns.tolist())}
+        rows = self.localised_rows()
         unknown = np.full(values.shape[1], np.nan)
         chosen = [rows.get(stamp) for stamp in stamps_ns.tolist()]
         return np.array([unknown if row is None else values[row] for row in chosen]).reshape(-1, values.shape[1])

@@ -78,7 +78,7 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
     """Return estimated poses with the lost flags and covariances of the calls that gave them."""
     stamps = set(trajectory.stamps_ns.tolist())
     for item in stats:
-        if stamps & set(item.calls.stamps_ns.tolist()):
+        if stamps & item.localised_rows().keys():
             stamps_ns = trajectory.stamps_ns
             states = item.lost_at(stamps_ns), item.degraded_at(stamps_ns)
             return Estimates.of(trajectory, *states, item.covariance_at(stamps_ns), item.steps_at(stamps_ns))

@@ -188,7 +188,7 @@ def take_odometry(path: Path) -> None:
 
 def take_cloud(path: Path) -> None:
     message = _read("PointCloud2", path)
-    for read in (lambda: points_image(message, NAV_RIG), lambda: cloud_from_msg(message)):
+    for read in (lambda: points_image(message, (NAV_RIG.width, NAV_RIG.height)), lambda: cloud_from_msg(message)):
         try:
             read()
         except SfrError:

@@ -50,7 +50,7 @@ class Browser:
 
     async def __aenter__(self) -> Browser:
         command = [str(CHROMIUM), *FLAGS, f"--user-data-dir={self._profile}", "about:blank"]
-        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         place = self._profile / "DevToolsActivePort"
         for _ in range(int(START_S / 0.05)):
             if place.exists() and len(lines := place.read_text().split()) == 2:
@@ -70,8 +70,8 @@ class Browser:
     async def __aexit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         self._reader.cancel()
         await self._session.close()
-        self._process.kill()
-        self._process.wait()
+        self.process.kill()
+        self.process.wait()
         shutil.rmtree(self._profile, ignore_errors=True)
 
     async def _read(self) -> None:
@@ -131,6 +131,10 @@ class Browser:
         sent = [event["params"] for event in self.events if event["method"] == "Network.requestWillBeSent"]
         return {params["request"]["url"] for params in sent}
 
-    async def screenshot(self, path: Path, *, whole: bool = False) -> None:
-        answer = await self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+    async def screenshot(self, path: Path, *, scale: float = 1.0) -> None:
+        """Write what is on the screen as WebP."""
+        metrics = await self.call("Page.getLayoutMetrics")
+        size = metrics["cssVisualViewport"]
+        clip = {"x": 0, "y": 0, "width": size["clientWidth"], "height": size["clientHeight"], "scale": scale}
+        answer = await self.call("Page.captureScreenshot", format="webp", quality=55, clip=clip)
         path.write_bytes(base64.b64decode(answer["data"]))

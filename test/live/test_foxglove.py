@@ -16,12 +16,13 @@ pytest.importorskip("aiohttp", reason="needs the extra [live]")
 
 import aiohttp
 from foxglove_client import first_messages
-from live_run import updates
+from live_run import tracks, updates
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.live.config import LiveConfig
+from sfr_loc_map.live.elevation import grid_of_cloud
 from sfr_loc_map.live.foxglove.messages import ERROR_SCALE
-from sfr_loc_map.live.foxglove.view import IMAGES, TOPICS, TRACKS, FoxgloveView
+from sfr_loc_map.live.foxglove.view import IMAGES, TOPICS, FoxgloveView
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.media import cloud_sample, image_sample
 from sfr_loc_map.live.server import LiveServer
@@ -48,7 +49,8 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
     points = np.random.default_rng(1).uniform((0, 0, -1), (3, 2, 1), (500, 3)).astype(np.float32)
     cloud = cloud_sample("mapping/points", STAMP_NS, points, np.full(500, 0.02), BEGIN_S, np.full(500, 0.5))
     pixels = np.full((48, 64), 90, np.uint8)
-    topics = [topic.removeprefix("/") for topic in (*IMAGES, TRACKS)]
+    grid = grid_of_cloud(STAMP_NS, points, np.full(500, 0.02), BEGIN_S, np.full(500, 0.5))
+    topics = [topic.removeprefix("/") for topic in IMAGES]
     images = [image_sample(topic, STAMP_NS, pixels, BEGIN_S) for topic in topics]
 
     async def run() -> tuple[Any, ...]:
@@ -62,7 +64,7 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
             assert view.url.startswith("ws://127.0.0.1:")
             with pytest.raises(NodeError, match="--foxglove-port"):
                 FoxgloveView(Hub(), int(view.url.rpartition(":")[2]), "another").__enter__()
-            for update in (*updates(COUNT, BEGIN_S), cloud, *images):
+            for update in (*updates(COUNT, BEGIN_S), cloud, grid, *images, tracks(STAMP_NS, BEGIN_S)):
                 tee.put(update)
             await asyncio.sleep(0.2)
             wanted: list[frozenset[View]] = []
@@ -85,6 +87,7 @@ def test_every_channel_is_read_and_has_a_fitting_schema(shown: Any) -> None:
     assert names["/mapping/grid"] == "foxglove.Grid"
     assert names["/path/scene"] == "foxglove.SceneUpdate"
     assert names["/path/estimate"] == names["/path/truth"] == "foxglove.PosesInFrame"
+    assert names["/localisation/tracks"] == "foxglove.ImageAnnotations"
     assert names["/loc/left"] == "foxglove.CompressedImage"
     assert fed[2] == [frozenset(View)], "what is looked at is made"
     assert fed[3] == frozenset(), "and nothing once the client is gone"
@@ -134,6 +137,9 @@ def test_cloud_grid_and_images_hold_what_was_fed(shown: Any) -> None:
     assert mine.any()
     assert values[4, 7, layers.index("height")] == pytest.approx(table[mine, 2].mean(), abs=1e-6)
     assert values[4, 7, layers.index("sigma")] == pytest.approx(0.02)
+    found, outliers, missed, mask = messages["/localisation/tracks"]["points"]
+    assert [len(item["points"]) for item in (found, outliers, missed, mask)] == [36, 2, 1, 4]
+    assert missed["points"][0] == {"x": 50.0, "y": 60.0}
     for image in images:
         assert messages[f"/{image.topic}"]["data"] == image.jpeg
         assert messages[f"/{image.topic}"]["format"] == "jpeg"

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import pytest
 from browser import CHROMIUM, Browser
-from made_run import NODES, fill, health_update, image_update, pose_updates
-from made_scores import HOSTILE, START_NS, whole_score
+from live_run import NODES, STEP_NS, fill, frame, health, image
+from made_scores import HOSTILE, whole_score
 
 pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
@@ -34,6 +34,7 @@ UNEXPLAINED = """[...document.querySelectorAll('button.help')]
 NAMELESS = """[...document.querySelectorAll('button, select, input, canvas')]
     .filter((item) => !(item.textContent.trim() || item.ariaLabel || item.labels?.length)).length"""
 """How many controls a screen reader has no name for."""
+LAYER = "document.getElementById('layer')"
 DRAWN = "document.documentElement.dataset.drawn > 0"
 
 
@@ -70,7 +71,7 @@ def in_loop(test: Callable[[], Awaitable[None]]) -> None:
 
 def keep_alive(hub: Hub) -> None:
     for node in NODES:
-        hub.put(health_update(node, time.time()))
+        hub.put(health(node, time.time()))
 
 
 def test_every_panel_is_drawn_with_the_figures_of_the_state() -> None:
@@ -78,7 +79,12 @@ def test_every_panel_is_drawn_with_the_figures_of_the_state() -> None:
         hub = Hub()
         fill(hub, 40)
         async with page_of(hub) as (browser, server):
-            await browser.wait_for("document.querySelectorAll('#images img:not([hidden])').length === 2")
+            await browser.wait_for("document.querySelectorAll('#images canvas:not([hidden])').length === 2")
+            shown = "document.querySelector('#images canvas').dataset"
+            await browser.wait_for(f"{shown}.tracks === '20' && {shown}.masks === '1'")
+            for layer in ("sigma", "error", "hazard", "count", "height"):
+                await browser.value(f"{LAYER}.value = '{layer}', {LAYER}.dispatchEvent(new Event('change'))")
+                await browser.wait_for(f"document.getElementById('map-note').textContent.includes('{layer} from')")
             await browser.wait_for("Number(document.getElementById('map-canvas').dataset.cells) > 100")
             await browser.wait_for("Number(document.getElementById('cloud-canvas').dataset.points) > 1000")
             await browser.wait_for("document.getElementById('error-canvas').dataset.points >= 40")
@@ -121,7 +127,7 @@ def test_hostile_names_stay_texts() -> None:
         values = {HOSTILE: HOSTILE, "lifecycle": HOSTILE, "dropped_" + HOSTILE: HOSTILE}
         for kind in StatusKind:
             hub.put(Status("localisation_node", kind, 2, HOSTILE, values, time.time()))
-        hub.put(image_update(HOSTILE, START_NS, time.time()))
+        hub.put(image(HOSTILE, STEP_NS, time.time()))
         hub.put(Report("{" + HOSTILE, time.time()))
         async with page_of(hub) as (browser, _):
             await browser.wait_for("document.body.textContent.includes('onerror=alert')")
@@ -140,7 +146,7 @@ def test_lost_stale_pause_command_and_reconnection() -> None:
         fill(hub, 10)
         async with page_of(hub, operator) as (browser, server):
             state = "document.getElementById('state').textContent"
-            for update in pose_updates(11, time.time(), lost=True):
+            for update in frame(11, time.time(), lost=True):
                 hub.put(update)
             hub.put(Status("localisation_node", StatusKind.CALL, 2, "lost: few_landmarks", {}, time.time()))
             keep_alive(hub)
@@ -152,7 +158,7 @@ def test_lost_stale_pause_command_and_reconnection() -> None:
             await browser.wait_for("!document.getElementById('nodes').textContent.includes('stale: silent')", 2.0)
             # pause: what comes does not change what is shown
             await browser.value("document.getElementById('pause').click()")
-            for update in pose_updates(12, time.time()):
+            for update in frame(12, time.time()):
                 hub.put(update)
             await browser.wait_for("sfrLive.store.rows.length === 12")
             assert await browser.value("document.getElementById('path-canvas').dataset.poses") == "11"

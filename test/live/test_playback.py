@@ -26,7 +26,7 @@ from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.playback.player import Playback, Player
 from sfr_loc_map.live.playback.recorded_files import open_recording
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import TimeLine, View
+from sfr_loc_map.live.updates import CloudSample, ElevationSample, TimeLine, View
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.pipeline.call_record import CallRecord
@@ -131,7 +131,9 @@ def test_figures_at_the_end_are_those_of_sfr_score(source: Path, out: Path) -> N
     assert state.report.content["trajectory"]["lost"] == state.report.content["trajectory"]["degraded"] == 1
     assert [row.lost for row in state.path.rows].index(True) == LOST_AT
     assert state.path.rows[-1].truth is not None
-    (shown,) = state.clouds.values()
+    shown = state.media["mapping/points"]
+    assert isinstance(shown, CloudSample)
+    assert isinstance(state.media["mapping/elevation"], ElevationSample)
     assert shown.error is not None
     assert np.median(shown.error) == pytest.approx(0.0173, abs=0.02)
     assert state.nodes["localisation_node"].state == "tracking"
@@ -224,8 +226,8 @@ def test_player_pauses_jumps_back_and_ends(source: Path, out: Path) -> None:
         assert final["trajectory"]["matched"] == COUNT
         last_ns = START_NS + (COUNT - 1) * PERIOD_NS
         nav_ns = START_NS + (NAV_COUNT - 1) * PERIOD_NS
-        until(lambda: {last_ns, nav_ns} <= {image.stamp_ns for image in taken(hub, state).images.values()})
-        assert state.images["nav/left"].stamp_ns == nav_ns
+        until(lambda: {last_ns, nav_ns} <= {image.stamp_ns for image in taken(hub, state).media.values()})
+        assert state.media["nav/left"].stamp_ns == nav_ns
         assert player.run(Command(Action.SEEK, at_s=1.05)).startswith("goes to 1.")
         until(lambda: taken(hub, state).time_line == TimeLine(1.05, recording.end_s, False))
         assert state.path.rows[-1].n == 10

@@ -12,14 +12,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_run import cloud_update, fill, health_update, image_update, pose_updates
+from live_run import cloud, fill, frame, health, image
 from made_scores import json_of, whole_score
 
 from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.live.client import MAX_FIGURE_BYTES, Client
 from sfr_loc_map.live.commands import Action, Command
 from sfr_loc_map.live.config import LiveConfig
 from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.media import file_sample
 from sfr_loc_map.live.updates import View
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
@@ -181,19 +183,25 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
         while len(found.server.state.path.rows) < 10:
             await asyncio.sleep(0.01)
         async with found.session.ws_connect(found.server.url + "ws") as channel:
-            await channel.send_json({"type": "want", "views": ["images", "clouds", "nonsense"]})
-            texts, frames = await messages_until(channel, lambda texts, frames: len(texts) >= 5 and len(frames) >= 4)
+            await channel.send_json({"type": "want", "views": ["images", "clouds", "tracks", "nonsense"]})
+            texts, frames = await messages_until(channel, lambda texts, frames: len(texts) >= 5 and len(frames) >= 5)
             kinds = [text["type"] for text in texts]
             assert kinds[:5] == ["hello", "report", "path", "calls", "nodes"]
             assert len(texts[2]["rows"]) == 10
-            assert found.hub.wanted == {View.IMAGES, View.CLOUDS}
+            assert found.hub.wanted == {View.IMAGES, View.CLOUDS, View.TRACKS}
             headers = {opened(frame)[0]["topic"]: opened(frame) for frame in frames}
             header, body = headers["mapping/points"]
             points = np.frombuffer(body, "<f4").reshape(header["count"], 5)
             assert header["total"] == 60_000 > header["count"]
             assert np.isfinite(points).all()
+            header, body = headers["mapping/elevation"]
+            cells = np.frombuffer(body, "<f4").reshape(header["rows"], header["columns"], len(header["names"]))
+            assert np.nanmax(cells[..., header["names"].index("hazard")]) == 40.0
+            header, body = headers["localisation/tracks"]
+            assert len(body) == 4 * 5 * header["count"] == 400
+            assert header["masks"]["left"][0][0] == [0.0, 200.0]
             assert headers["loc/left"][1].startswith(b"\xff\xd8")
-            for update in pose_updates(10, 1.0):
+            for update in frame(10, 1.0):
                 found.hub.put(update)
             texts, _ = await messages_until(channel, lambda texts, _: any(text["type"] == "path" for text in texts))
             (path,) = (text for text in texts if text["type"] == "path")
@@ -275,14 +283,14 @@ def test_stale_nodes_are_told_without_any_message() -> None:
     async def test(found: Served) -> None:
         import time
 
-        found.hub.put(health_update("mapping_node", time.time() - 1.5))
+        found.hub.put(health("mapping_node", time.time() - 1.5))
         async with found.session.ws_connect(found.server.url + "ws") as channel:
 
             def is_stale(texts: list[dict[str, Any]], _: list[bytes]) -> bool:
                 return any(node["stale"] for text in texts if text["type"] == "nodes" for node in text["nodes"])
 
             await messages_until(channel, is_stale)
-            found.hub.put(health_update("mapping_node", time.time()))
+            found.hub.put(health("mapping_node", time.time()))
             texts, _ = await messages_until(
                 channel, lambda texts, _: bool(texts) and texts[-1]["type"] == "nodes" and not is_stale(texts[-1:], [])
             )
@@ -292,7 +300,13 @@ def test_stale_nodes_are_told_without_any_message() -> None:
 
 
 def test_images_and_clouds_are_small_enough_for_a_screen() -> None:
-    big = image_update("loc/left", 1, 0.0)
-    cloud = cloud_update(1, 0.0, 100_000)
-    assert len(big.jpeg) < 40_000  # type: ignore[union-attr]
-    assert len(cloud.points) == 40_000  # type: ignore[union-attr]
+    big = image("loc/left", 1, 0.0)
+    points, grid = cloud(1, 0.0, 100_000)
+    assert len(big.jpeg) < 40_000
+    assert file_sample("loc/left", 1, big.jpeg, 0.0).jpeg is big.jpeg, "what is small enough is not decoded"
+    with pytest.raises(InputError):
+        file_sample("loc/left", 1, b"no image", 0.0)
+    png = file_sample("loc/left", 1, encode_png(np.zeros((900, 1200), np.uint8)), 0.0)
+    assert (png.size, png.full_size, png.jpeg[:2]) == ((640, 480), (1200, 900), b"\xff\xd8")
+    assert len(points.points) == 40_000
+    assert grid.layers.nbytes < 1_500_000

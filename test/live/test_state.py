@@ -7,7 +7,7 @@ import json
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_run import NODES, call_update, fill, health_update
+from live_run import NODES, call, fill, health
 from made_scores import HOSTILE, dig, json_of, whole_score
 
 from sfr_loc_map.live.hub import MAX_WAITING, Hub
@@ -65,19 +65,19 @@ def test_limits_stand_beside_their_figures(run: LiveState) -> None:
 def test_silent_nodes_are_stale_and_recover() -> None:
     state = LiveState()
     for number in range(4):
-        state.apply(health_update("localisation_node", float(number)))
+        state.apply(health("localisation_node", float(number)))
     node = state.nodes["localisation_node"]
     assert not node.is_stale(3.0 + STALE_AFTER_S - 0.1)
     assert node.is_stale(3.0 + STALE_AFTER_S + 0.1)
     assert node.to_plain(6.0)["level"] == "stale"
-    state.apply(health_update("localisation_node", 6.0, 2, "lost: few_landmarks"))
+    state.apply(health("localisation_node", 6.0, 2, "lost: few_landmarks"))
     assert node.to_plain(6.1)["level"] == "error"
 
 
 def test_a_node_with_a_longer_period_is_given_it() -> None:
     state = LiveState()
     for number in range(5):
-        state.apply(health_update("monitor_node", 5.0 * number))
+        state.apply(health("monitor_node", 5.0 * number))
     assert not state.nodes["monitor_node"].is_stale(20.0 + 7.0)
     assert state.nodes["monitor_node"].is_stale(20.0 + 9.0)
 
@@ -85,8 +85,8 @@ def test_a_node_with_a_longer_period_is_given_it() -> None:
 def test_memory_is_bounded() -> None:
     state = LiveState()
     for number in range(MAX_CALLS + 50):
-        state.apply(call_update(number, float(number)))
-        state.apply(health_update(f"node_{number}", float(number)))
+        state.apply(call(number, float(number)))
+        state.apply(health(f"node_{number}", float(number)))
         state.apply(Sampled(f"topic_{number}", number, float(number)))
     assert len(state.calls) == MAX_CALLS
     assert len(state.nodes) <= MAX_NODES
@@ -105,7 +105,7 @@ def test_newest_image_replaces_one_that_waits() -> None:
     fill(hub, 2)
     fill(hub, 2)
     assert len(woken) == 1
-    assert hub.replaced == 4
+    assert hub.replaced == 5
     assert hub.take()
     assert hub.take() == []
 

@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 import pytest
-from live_run import health, lost_pose, report, updates
+from live_run import health, pose_pair, report, updates
 from rich.console import Console
 
 from sfr_loc_map.live.hub import Hub
@@ -88,7 +88,7 @@ def test_what_is_stale_or_lost_is_said_and_what_finds_no_room_is_counted(recorde
     assert "STALE: no pose for 7.1 s" in later
     assert len(re.findall(r"\? stale", later)) == 3
     silent = [*recorded, health("localisation_node", END_S + 7.0, 2, "lost: no_features")]
-    silent += [lost_pose(COUNT + 20, END_S + 7.0), report(COUNT, END_S + 7.0)]
+    silent += [pose_pair(COUNT + 20, END_S + 7.0, lost=True)[1], report(COUNT, END_S + 7.0)]
     back = drawn(silent, END_S + 7.1, color_system=None)
     assert "STALE" not in back
     assert "pose 201: lost" in back

@@ -25,7 +25,7 @@ from peers import Capture, LocalNode, Manager
 from processes import Peer, node_process
 from rosgraph_msgs.msg import Clock
 from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 
 from sfr_loc_map.constants import SIDES
@@ -33,9 +33,10 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.io.image_codec import encode_png, stamp_of
 from sfr_loc_map.io.rectification import rectified_rig
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics.key_values import Level, values_of
@@ -43,6 +44,7 @@ from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages.fields import header_msg, time_msg
 from sfr_loc_map.nodes.messages.pose import odometry_row, pose_msg
+from sfr_loc_map.nodes.messages.tracks import tracks_from_msg
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
@@ -255,11 +257,16 @@ def test_raw_images_are_rectified_in_the_node(ros: None, capfd: Capture) -> None
         assert [odometry_row(m)[1] for m in peer.odometry] == [tuple(pose.translation) for pose in expected]
 
 
-def test_the_debug_image_shows_what_the_localiser_found(ros: None, capfd: Capture) -> None:
-    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, "--ros-args", *MOUNT):
+def test_tracks_mask_and_debug_image_show_what_the_localiser_found(ros: None, capfd: Capture, tmp_path: Path) -> None:
+    mask, path = np.full((LOC_RIG.height, LOC_RIG.width), 255, np.uint8), tmp_path / "mask.png"
+    mask[-24:] = 0
+    path.write_bytes(encode_png(mask))
+    arguments = ("--ros-args", *MOUNT, "-p", f"localisation.left_mask:={path}")
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments):
         images = peer.listen(Image, "localisation/debug_image")
+        tracks, masks = peer.listen(PointCloud2, "localisation/tracks"), peer.listen(Image, "localisation/left_mask")
         send_infos(peer, "loc", LOC_RIG)
-        localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
+        localiser = Localiser(LOC_RIG, LocalisationConfig(left_mask=str(path)), Transform.identity())
         for index in range(3):
             peer.play(index)
             peer.until(lambda count=index: len(images) > count, "the debug image")
@@ -269,6 +276,15 @@ def test_the_debug_image_shows_what_the_localiser_found(ros: None, capfd: Captur
             sent = images[-1]
             assert (sent.encoding, sent.step, stamp_of(sent)) == ("bgr8", 3 * sent.width, pair.stamp_ns)
             assert np.array_equal(np.frombuffer(sent.data, np.uint8).reshape(drawn.shape), drawn)
+            peer.until(lambda count=index: min(len(tracks), len(masks)) > count, "tracks and mask")
+            assert stamp_of(tracks[-1]) == stamp_of(masks[-1]) == pair.stamp_ns
+            rows, result = tracks_from_msg(tracks[-1]), localiser.last_result
+            assert (result is None) == (index == 0)
+            if result is not None:
+                np.testing.assert_array_equal(rows[:, :2], result.observations[:, :2].astype(np.float32))
+                assert int((rows[:, 4] < 1.0).sum()) == int((result.chi2_per_dof < INLIER_CHI2_PER_DOF).sum()) > 20
+            small = np.frombuffer(masks[-1].data, np.uint8).reshape(masks[-1].height, masks[-1].width)
+            assert np.array_equal(small, localiser.masks[0][2::4, 2::4])
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.records.method_record import FindingKind, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory.association import lost_by_covariance
@@ -108,6 +109,17 @@ def test_a_file_of_calls_holds_each_step_to_the_last_bit(tmp_path: Path) -> None
     found = load_call_stats(path).steps_at(np.array([0, 1, 2]))
     assert found is not None
     np.testing.assert_array_equal(found, [np.full(27, np.nan), step, np.full(27, np.nan)])
+
+
+def test_calls_of_a_mapper_at_the_same_stamps_hide_none_of_the_localiser(tmp_path: Path) -> None:
+    path, stamps = tmp_path / "stats.csv", np.array([0, 1])
+    calls = [CallRecord(stamp, 0.1, "degraded", None, None, covariance=np.eye(6)) for stamp in stamps.tolist()]
+    save_stats(path, [*calls, *(CallRecord(1, 0.1, state, None, None) for state in MappingState)])
+    found = load_call_stats(path)
+    covariance = found.covariance_at(stamps)
+    assert covariance is not None
+    assert np.isfinite(covariance).all()
+    assert found.degraded_at(stamps).all()
 
 
 def test_times_of_a_target_stand_under_its_name(

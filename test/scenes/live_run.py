@@ -1,20 +1,38 @@
-"""A made run as a feed tells it: poses with truth, calls, health, the monitor's report."""
+"""A made run as a feed tells it: poses with truth, calls, health, the monitor's report, images and maps."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 
 import numpy as np
 
 from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S
-from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Status, StatusKind, Track, Update
+from sfr_loc_map.live.elevation import grid_of_cloud, with_layer
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.media import cloud_sample, image_sample
+from sfr_loc_map.live.updates import (
+    CloudSample,
+    ElevationSample,
+    GraphView,
+    ImageSample,
+    PoseSample,
+    Report,
+    Sampled,
+    Status,
+    StatusKind,
+    Track,
+    TrackSample,
+    Update,
+)
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.verdicts.limits import Limits, parse_limits
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
 
+NODES = ("localisation_node", "mapping_node", "monitor_node")
 STEP_NS = NS_PER_S // 10
 LIMITS = {
     "minimum_count": 5,
@@ -30,30 +48,33 @@ def limits() -> Limits:
     return parse_limits(LIMITS, "made")
 
 
-def poses(count: int, begin_s: float) -> Iterator[PoseSample]:
-    """Truth and estimate, 10 Hz, 0.1 m apart on an arc; the estimate scaled by 0.4 % and turned a little."""
-    for number in range(count):
-        angle = 0.002 * number
-        truth = (20.0 * math.sin(5 * angle / 2), 20.0 * (1 - math.cos(5 * angle / 2)), 0.0)
-        wobble = 0.002 * math.sin(0.7 * number)
-        estimate = (truth[0] * 1.004 + wobble, truth[1] * 1.004 - wobble, wobble)
-        yaw = 5 * angle / 2
-        for track, place, turn in ((Track.TRUTH, truth, yaw), (Track.ESTIMATE, estimate, yaw + 0.001 * wobble)):
-            quat = (0.0, 0.0, math.sin(turn / 2), math.cos(turn / 2))
-            covariance = np.eye(6) * 1e-4 if track is Track.ESTIMATE else None
-            yield PoseSample(track, (number + 1) * STEP_NS, place, quat, begin_s + 0.1 * number, covariance)
-
-
-def lost_pose(number: int, received_s: float) -> PoseSample:
-    """A pose of a localisation that is lost."""
-    return PoseSample(
-        Track.ESTIMATE,
-        (number + 1) * STEP_NS,
-        (0.0, 0.0, 0.0),
-        (0.0, 0.0, 0.0, 1.0),
-        received_s,
-        np.eye(6) * LOST_VARIANCE,
+def pose_pair(number: int, received_s: float, *, lost: bool = False) -> tuple[PoseSample, PoseSample]:
+    """Truth and estimate of a frame, 0.1 m apart on an arc; the estimate scaled by 0.4 % and turned a little."""
+    angle, stamp_ns = 0.005 * number, (number + 1) * STEP_NS
+    truth = (20.0 * math.sin(angle), 20.0 * (1 - math.cos(angle)), 0.0)
+    wobble = 0.002 * math.sin(0.7 * number)
+    estimate = (truth[0] * 1.004 + wobble, truth[1] * 1.004 - wobble, wobble)
+    covariance = np.eye(6) * (LOST_VARIANCE if lost else 1e-4)
+    return (
+        PoseSample(Track.TRUTH, stamp_ns, truth, _yaw(angle), received_s, None),
+        PoseSample(Track.ESTIMATE, stamp_ns, estimate, _yaw(angle + 0.001 * wobble), received_s, covariance),
     )
+
+
+def _yaw(turn: float) -> tuple[float, float, float, float]:
+    return 0.0, 0.0, math.sin(turn / 2), math.cos(turn / 2)
+
+
+def poses(count: int, begin_s: float) -> Iterator[PoseSample]:
+    """Truth and estimates at 10 Hz."""
+    for number in range(count):
+        yield from pose_pair(number, begin_s + 0.1 * number)
+
+
+def frame(number: int, now_s: float, *, lost: bool = False) -> list[Update]:
+    """Poses of a frame, and when its image was published."""
+    pair = pose_pair(number, now_s, lost=lost)
+    return [Sampled("loc/left", pair[0].stamp_ns, now_s), *pair]
 
 
 def report(count: int, received_s: float) -> Report:
@@ -78,6 +99,7 @@ def call(number: int, received_s: float, state: str = "tracking") -> Status:
         "processing_time_s": "0.0351",
         "peak_rss_bytes": "412000000",
         "latency_transport_s": "0.004",
+        "latency_receive_to_publish_s": "0.041",
     }
     return Status("localisation_node", StatusKind.CALL, 0, state, values, received_s)
 
@@ -85,12 +107,63 @@ def call(number: int, received_s: float, state: str = "tracking") -> Status:
 def health(node: str, received_s: float, level: int = 0, message: str = "tracking") -> Status:
     values = {
         "lifecycle": "active",
+        "received_messages_hz": "20.0",
+        "processed_hz": "10.0",
+        "waiting": "0",
         "resident_memory_bytes": "400000000",
         "latency_transport_p95_s": "0.0042",
         "dropped_in_transport": "3" if level else "0",
         "dropped_unpaired": "0",
     }
     return Status(node, StatusKind.HEALTH, level, message, values, received_s)
+
+
+def image(topic: str, stamp_ns: int, now_s: float) -> ImageSample:
+    """An image of the size that is shown as it is."""
+    v, u = np.mgrid[:240, :320]
+    pixels = (127 + 60 * np.sin(u / 9.0) + 60 * np.cos(v / 7.0)).astype(np.uint8)
+    return image_sample(topic, stamp_ns, pixels, now_s)
+
+
+def tracks(stamp_ns: int, now_s: float) -> TrackSample:
+    """Twenty tracks, one of them an outlier and one not found, and a mask."""
+    rows = np.random.default_rng(6).uniform(20.0, 220.0, (20, 5)).astype(np.float32)
+    rows[:, 4] = np.linspace(0.0, 1.0, 20)
+    rows[3] = [np.nan, np.nan, 50.0, 60.0, np.nan]
+    masks = {"left": (np.array([[0, 200], [319, 200], [319, 239], [0, 239]], np.float32),)}
+    return TrackSample("localisation/tracks", stamp_ns, rows, masks, now_s)
+
+
+def cloud(stamp_ns: int, now_s: float, count: int = 60_000) -> tuple[CloudSample, ElevationSample]:
+    """A cloud and its grid, which has a hazard."""
+    rng = np.random.default_rng(5)
+    xy = rng.uniform((-1.0, -6.0), (12.0, 6.0), (count, 2))
+    points = np.column_stack([xy, 0.2 * np.sin(xy[:, 0]) + 0.1 * np.cos(2 * xy[:, 1])])
+    sigma = 1e-3 * np.hypot(*xy.T) ** 2
+    error = np.abs(rng.normal(0.0, sigma + 1e-6))
+    grid = grid_of_cloud(stamp_ns, points, sigma, now_s, error)
+    assert grid is not None
+    grid = with_layer(grid, "hazard", np.full(grid.layers.shape[:2], 40.0))
+    return cloud_sample("mapping/points", stamp_ns, points, sigma, now_s, error), grid
+
+
+def fill(hub: Hub, frames: int = 60) -> None:
+    """Put a whole run of this moment into a hub, with the report of all tables."""
+    from made_scores import whole_score
+
+    now_s = time.time()
+    for node in NODES:
+        hub.put(health(node, now_s))
+    for number in range(frames):
+        for update in frame(number, now_s):
+            hub.put(update)
+        hub.put(call(number, now_s))
+    hub.put(Report(to_json(whole_score(100, 48, 2, 2)), now_s))
+    hub.put(GraphView(frozenset(NODES), now_s, {"localisation/odometry": 0}))
+    for topic in ("loc/left", "loc/right"):
+        hub.put(image(topic, STEP_NS, now_s))
+    for media in (tracks(STEP_NS, now_s), *cloud(STEP_NS, now_s)):
+        hub.put(media)
 
 
 def updates(count: int, begin_s: float, *, with_report: bool = True) -> Iterator[Update]:
@@ -101,6 +174,6 @@ def updates(count: int, begin_s: float, *, with_report: bool = True) -> Iterator
     yield health("localisation_node", end_s)
     yield health("mapping_node", end_s, 1, "stereo pairs without a pose")
     yield health("monitor_node", end_s, 0, "scoring")
-    yield GraphView(frozenset({"localisation_node", "mapping_node", "monitor_node"}), end_s, {"loc/left/image_rect": 2})
+    yield GraphView(frozenset(NODES), end_s, {"loc/left/image_rect": 2})
     if with_report:
         yield report(count, end_s)

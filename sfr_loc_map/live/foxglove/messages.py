@@ -10,12 +10,16 @@ from foxglove.messages import (
     Color,
     CompressedImage,
     Grid,
+    ImageAnnotations,
     LinePrimitive,
     LinePrimitiveLineType,
     PackedElementField,
     PackedElementFieldNumericType,
+    Point2,
     Point3,
     PointCloud,
+    PointsAnnotation,
+    PointsAnnotationType,
     Pose,
     PosesInFrame,
     Quaternion,
@@ -27,9 +31,9 @@ from foxglove.messages import (
 )
 
 from sfr_loc_map.constants import NS_PER_S
-from sfr_loc_map.live.foxglove.elevation_grid import LAYERS, elevation_grid
+from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.live.path import PathRow, Point
-from sfr_loc_map.live.updates import CloudSample, ImageSample
+from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, TrackSample
 
 MAP_FRAME, DRIVE_FRAME = "lm", "ds"
 ERROR_SCALE = 20.0
@@ -37,6 +41,7 @@ ERROR_SCALE = 20.0
 ELLIPSE_POINTS = 36
 FLOAT32_BYTES = 4
 GREEN, BLUE = Color(r=0.1, g=0.6, b=0.2, a=1.0), Color(r=0.1, g=0.3, b=0.9, a=1.0)
+VIOLET, GREY = Color(r=0.86, g=0.24, b=0.86, a=1.0), Color(r=0.6, g=0.6, b=0.6, a=1.0)
 RED, YELLOW = Color(r=0.9, g=0.1, b=0.1, a=1.0), Color(r=0.9, g=0.7, b=0.0, a=1.0)
 
 
@@ -61,24 +66,47 @@ def cloud(sample: CloudSample) -> PointCloud:
     )
 
 
-def grid(sample: CloudSample) -> Grid | None:
-    """Return a cloud from above with the layers height, sigma, error, count; None of an empty one."""
-    made = elevation_grid(sample)
-    if made is None:
-        return None
-    _, columns, layers = made.layers.shape
+def grid(sample: ElevationSample) -> Grid:
+    """Return a map from above with its layers as fields."""
+    _, columns, layers = sample.layers.shape
     stride = layers * FLOAT32_BYTES
     return Grid(
         timestamp=_stamp(sample.stamp_ns),
         frame_id=MAP_FRAME,
-        pose=_pose((*made.origin_m, 0.0)),
+        pose=_pose((*sample.origin_m, 0.0)),
         column_count=columns,
-        cell_size=Vector2(x=made.cell_m, y=made.cell_m),
+        cell_size=Vector2(x=sample.cell_m, y=sample.cell_m),
         row_stride=columns * stride,
         cell_stride=stride,
-        fields=_fields(LAYERS),
-        data=np.ascontiguousarray(made.layers, "<f4").tobytes(),
+        fields=_fields(sample.names),
+        data=np.ascontiguousarray(sample.layers, "<f4").tobytes(),
     )
+
+
+def track_annotations(sample: TrackSample, scale: float) -> ImageAnnotations:
+    """Return tracks (inliers, outliers, landmarks not found) and outlines of masks, to be drawn on the left image.
+
+    Args:
+        sample: The tracks.
+        scale: Pixels of the image that is shown for one of the image that was tracked in.
+    """
+    stamp, tracks = _stamp(sample.stamp_ns), sample.tracks * np.float32(scale)
+    residual = sample.tracks[:, 4]
+    found = np.isfinite(sample.tracks[:, :4]).all(axis=1)
+    kinds = ((found & (residual < 1.0), YELLOW), (found & (residual >= 1.0), VIOLET))
+    lines = [
+        _lines(stamp, tracks[rows, :4].reshape(-1, 2), PointsAnnotationType.LineList, color) for rows, color in kinds
+    ]
+    missed = tracks[np.isnan(residual) & np.isfinite(sample.tracks[:, 2:4]).all(axis=1), 2:4]
+    lines.append(_lines(stamp, missed, PointsAnnotationType.Points, GREY))
+    rings = [ring * np.float32(scale) for ring in sample.masks.get("left", ())]
+    lines += [_lines(stamp, ring, PointsAnnotationType.LineLoop, RED) for ring in rings]
+    return ImageAnnotations(points=lines)
+
+
+def _lines(stamp: Timestamp, points: FloatArray32, kind: PointsAnnotationType, color: Color) -> PointsAnnotation:
+    corners = [Point2(x=x, y=y) for x, y in points.tolist()]
+    return PointsAnnotation(timestamp=stamp, type=kind, points=corners, outline_color=color, thickness=1.0)
 
 
 def estimates(rows: list[PathRow]) -> PosesInFrame:

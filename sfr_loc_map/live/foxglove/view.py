@@ -12,6 +12,7 @@ import foxglove
 from foxglove.channels import (
     CompressedImageChannel,
     GridChannel,
+    ImageAnnotationsChannel,
     PointCloudChannel,
     PosesInFrameChannel,
     SceneUpdateChannel,
@@ -22,7 +23,7 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.live.foxglove import messages
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import CloudSample, ImageSample, Update, View
+from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, Media, TrackSample, Update, View
 
 HOST = "127.0.0.1"
 """The protocol has no token, so other hosts are not let in: a tunnel (ssh -L) reaches it."""
@@ -34,7 +35,7 @@ PERIOD_S = 1.0
 FIGURES, CALLS, ESTIMATE, TRUTH, SCENE = "/figures", "/calls", "/path/estimate", "/path/truth", "/path/scene"
 POINTS, GRID = "/mapping/points", "/mapping/grid"
 IMAGES = ("/loc/left", "/loc/right", "/nav/left", "/nav/right")
-TRACKS = "/localisation/debug_image"
+TRACKS = "/localisation/tracks"
 VIEWS = {**dict.fromkeys(IMAGES, View.IMAGES), TRACKS: View.TRACKS, POINTS: View.CLOUDS, GRID: View.CLOUDS}
 """What a feed has to make for a topic."""
 TOPICS = (FIGURES, CALLS, ESTIMATE, TRUTH, SCENE, POINTS, GRID, *IMAGES, TRACKS)
@@ -150,23 +151,29 @@ class FoxgloveView:
                 self._show_latest(new)
 
     def _show(self, update: Update) -> None:
-        if isinstance(update, ImageSample):
-            self._send(f"/{update.topic}", lambda: messages.image(update))
-        elif isinstance(update, CloudSample):
-            self._send(f"/{update.topic}", lambda: messages.cloud(update))
-            self._send(GRID, lambda: messages.grid(update))
+        match update:
+            case ImageSample():
+                self._send(_channel_of(update), lambda: messages.image(update))
+            case CloudSample():
+                self._send(_channel_of(update), lambda: messages.cloud(update))
+            case ElevationSample():
+                self._send(_channel_of(update), lambda: messages.grid(update))
+            case TrackSample():
+                self._send(_channel_of(update), lambda: messages.track_annotations(update, self._scale()))
+
+    def _scale(self) -> float:
+        """Return by how much the left image is reduced."""
+        image = self._state.media.get("loc/left")
+        return image.size[0] / image.full_size[0] if isinstance(image, ImageSample) else 1.0
 
     def _show_latest(self, topics: set[str]) -> None:
         """Show what came before somebody looked."""
         if CALLS in topics:
             for call in {call.node: call for call in self._state.calls}.values():
                 self._send(CALLS, call.to_plain)
-        for image in self._state.images.values():
-            if f"/{image.topic}" in topics:
-                self._show(image)
-        if topics & {POINTS, GRID}:
-            for cloud in self._state.clouds.values():
-                self._show(cloud)
+        for latest in self._state.media.values():
+            if _channel_of(latest) in topics:
+                self._show(latest)
 
     def _show_calls(self) -> None:
         for call in self._state.calls:
@@ -191,6 +198,10 @@ class FoxgloveView:
             channel.log(json.dumps(message, allow_nan=False).encode() if isinstance(message, dict) else message)
 
 
+def _channel_of(media: Media) -> str:
+    return GRID if isinstance(media, ElevationSample) else f"/{media.topic}"
+
+
 def _channels(context: foxglove.Context) -> dict[str, Any]:
     """Return all channels by topic; their classes have no common one."""
     any_object = {"type": "object", "title": "sfr-live/1", "additionalProperties": True}
@@ -203,6 +214,7 @@ def _channels(context: foxglove.Context) -> dict[str, Any]:
         SCENE: SceneUpdateChannel(SCENE, context=context),
         POINTS: PointCloudChannel(POINTS, context=context),
         GRID: GridChannel(GRID, context=context),
+        TRACKS: ImageAnnotationsChannel(TRACKS, context=context),
     }
-    channels |= {topic: CompressedImageChannel(topic, context=context) for topic in (*IMAGES, TRACKS)}
+    channels |= {topic: CompressedImageChannel(topic, context=context) for topic in IMAGES}
     return channels

@@ -17,7 +17,17 @@ from sfr_loc_map.live.commands import Action, Command
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.media import image_sample
 from sfr_loc_map.live.playback.recording import Frame, Moment, Recording
-from sfr_loc_map.live.updates import CloudSample, PoseSample, Report, Status, StatusKind, TimeLine, Update, View
+from sfr_loc_map.live.updates import (
+    CloudSample,
+    ElevationSample,
+    PoseSample,
+    Report,
+    Status,
+    StatusKind,
+    TimeLine,
+    Update,
+    View,
+)
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.verdicts.limits import Limits
@@ -245,8 +255,8 @@ class Player:
             self._hub.put(TimeLine(round(self._playback.at_s, 3), self._end_s, self._playing))
 
 
-def _now(shown: PoseSample | Status | CloudSample) -> Update:
+def _now(shown: PoseSample | Status | CloudSample | ElevationSample) -> Update:
     """Return a record as received at this moment."""
-    if isinstance(shown, CloudSample):
+    if isinstance(shown, CloudSample | ElevationSample):
         return replace(shown, published_s=time.time())
     return replace(shown, received_s=time.time())

@@ -16,8 +16,9 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.cloud_truth import CloudTruth
+from sfr_loc_map.live.elevation import grid_of_cloud
 from sfr_loc_map.live.media import cloud_sample
-from sfr_loc_map.live.updates import CloudSample, PoseSample, Status, StatusKind, Track
+from sfr_loc_map.live.updates import CloudSample, ElevationSample, PoseSample, Status, StatusKind, Track
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap
 from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates
 from sfr_loc_map.pipeline.call_record import CallRecord
@@ -53,7 +54,7 @@ class Moment:
     """
 
     at_s: float
-    shown: PoseSample | Status | CloudSample
+    shown: PoseSample | Status | CloudSample | ElevationSample
     score: Callable[[MonitorScore], None] | None = None
 
 
@@ -81,6 +82,7 @@ class RecordedMap:
     Attributes:
         cloud: The map.
         sample: The same thinned for the screen, with the stamp of its last pair.
+        grid: The same from above; None of an empty cloud.
         rig: Rig of its pairs, None where it is not known.
         pairs: Its pairs, without any where there is no source.
         scored: Its score, once it was made: it takes seconds, and whoever jumps back does not wait for it again.
@@ -88,6 +90,7 @@ class RecordedMap:
 
     cloud: PointCloud
     sample: CloudSample
+    grid: ElevationSample | None
     rig: StereoRig | None
     pairs: Sequence[PosedStereoPair]
     scored: list[ScoredMap] = field(default_factory=list)
@@ -105,8 +108,10 @@ class RecordedMap:
         for item in pairs:
             if item.truth is not None:
                 truth.add_points(item.pair.stamp_ns, item.truth)
-        sample = cloud_sample(POINTS, stamps[-1], cloud.xyz, cloud.sigma, 0.0, truth.errors(cloud))
-        return cls(cloud, sample, None if nav is None else nav.rig, pairs)
+        error = truth.errors(cloud)
+        sample = cloud_sample(POINTS, stamps[-1], cloud.xyz, cloud.sigma, 0.0, error)
+        grid = grid_of_cloud(stamps[-1], cloud.xyz, cloud.sigma, 0.0, error)
+        return cls(cloud, sample, grid, None if nav is None else nav.rig, pairs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,7 +217,10 @@ class Recording:
             if of.score_maps() and of.map_score is not None:
                 found.scored.append(of.map_score)
 
-        yield Moment(place(found.sample.stamp_ns, self.begin_ns[1]), found.sample, score)
+        at_s = place(found.sample.stamp_ns, self.begin_ns[1])
+        yield Moment(at_s, found.sample, score)
+        if found.grid is not None:
+            yield Moment(at_s, found.grid)
 
 
 def place(stamp_ns: int, begin_ns: int) -> float:

@@ -29,11 +29,10 @@ const connection = new Connection({
   },
   image(header, blob) {
     store.addImage(header, blob);
-    lag.expectImage(header);
     redraw();
   },
-  cloud(header, values) {
-    store.addCloud(header, values);
+  values(header, values) {
+    store.addValues(header, values);
     redraw();
   },
   state(open) {
@@ -53,15 +52,19 @@ const panels = new Panels(redraw);
 panels.add("figures", (moment) => showReport(moment.report), (moment) => [moment.report]);
 panels.add("path", showPath, (moment) => [moment.rowCount, moment.rows, choice("gain"), byId("follow").checked]);
 panels.add("growth", showError, (moment) => [moment.rowCount, moment.rows, moment.underWay], true);
-panels.add("cameras", (moment) => showImages(moment, choice("rig"), byId("tracks").checked), imagesKey);
-panels.add("elevation", (moment) => showMap(cloudOf(moment), choice("layer"), currentTheme()), (moment) => [cloudOf(moment), choice("layer")]);
+panels.add("cameras", (moment) => showImages(moment, choice("rig"), byId("tracks").checked, noteImage), imagesKey);
+panels.add("elevation", (moment) => showMap(moment.elevation, choice("layer"), currentTheme()), (moment) => [moment.elevation, choice("layer")]);
 panels.add("cloud", (moment) => showCloud(cloudOf(moment), choice("colour"), currentTheme()), (moment) => [cloudOf(moment), choice("colour")]);
 panels.add("calls", (moment) => showCalls(moment.calls, Boolean(store.nodes?.time_line)), (moment) => [moment.calls], true);
-panels.add("health", (moment) => showNodes(moment.nodes, store.server, moment.ended || store.ended), (moment) => [moment.nodes, store.ended]);
+panels.add("health", (moment) => showNodes(moment.nodes, moment.ended || store.ended), (moment) => [moment.nodes, store.ended]);
 
 function imagesKey(moment) {
   const lost = moment.rowCount > 0 && moment.rows[moment.rowCount - 1].lost;
-  return [choice("rig"), byId("tracks").checked, lost, ["loc/left", "loc/right", "nav/left", "nav/right", "localisation/debug_image"].map((name) => moment.images.get(name)?.stamp_ns).join(" ")];
+  return [choice("rig"), byId("tracks").checked, lost, moment.tracked, ["loc/left", "loc/right", "nav/left", "nav/right"].map((name) => moment.images.get(name)?.stamp_ns).join(" ")];
+}
+
+function noteImage(image) {
+  if (chosen === null) lag.imageDrawn(image, () => connection.now());
 }
 
 function redraw() {

@@ -5,7 +5,7 @@ const LONGEST_WAIT_MS = 2000;
 const SILENT_MS = 2000;
 
 export class Connection {
-  /** Connect. `on` has figures(message), image(header, blob), cloud(header, values), state(connected, since). */
+  /** Connect. `on` has figures(message), image(header, blob), values(header, values), state(connected, since). */
   constructor(on) {
     this.on = on;
     this.offset = 0;
@@ -70,7 +70,7 @@ export class Connection {
     const size = new DataView(data).getUint32(0, true);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, size)));
     if (header.type === "image") this.on.image(header, new Blob([new Uint8Array(data, 4 + size)], { type: "image/jpeg" }));
-    else this.on.cloud(header, new Float32Array(data, 4 + size));
+    else this.on.values(header, new Float32Array(data, 4 + size));
   }
 
   /** The server's time now, seconds since 1970. */

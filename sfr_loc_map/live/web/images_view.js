@@ -1,49 +1,122 @@
-// Images of both cameras, with feature tracks where localisation publishes them, and whether it is lost.
+// Images of both cameras with feature tracks and masks drawn on them, and whether localisation is lost.
 
-import { byId, element, setText } from "./dom.js";
+import { byId, colour, element, setText } from "./dom.js";
 
-const TRACKS = "localisation/debug_image";
 const slots = new Map();
+const HATCH = 8;
 
-/** Show the images of a moment. */
-export function showImages(moment, rig, wantsTracks) {
+/**
+ * Show the images of a moment; with `wantsTracks` those that the newest tracks belong to, while tracks come.
+ * `drawn(image)` is called when an image is on its canvas.
+ */
+export function showImages(moment, rig, wantsTracks, drawn) {
   const lost = moment.rowCount > 0 && moment.rows[moment.rowCount - 1].lost;
   const node = moment.nodes?.nodes.find((item) => item.name === "localisation_node");
-  const tracks = wantsTracks && rig === "loc" && moment.images.has(TRACKS);
+  const tracked = wantsTracks && rig === "loc" ? moment.tracked : null;
   for (const side of ["left", "right"]) {
-    const topic = side === "left" && tracks ? TRACKS : `${rig}/${side}`;
-    show(slotOf(side), moment.images.get(topic), topic, rig === "loc" && lost ? node?.state || "lost" : "");
+    const found = tracked?.images[side] ?? moment.images.get(`${rig}/${side}`);
+    const own = tracked && found && found.stamp_ns === tracked.tracks.stamp_ns ? tracked.tracks : null;
+    show(slotOf(side), found, own, rig === "loc" && lost ? node?.state || "lost" : "", drawn);
   }
 }
 
 function slotOf(side) {
   if (!slots.has(side)) {
-    const image = element("img"), badge = element("span", "badge"), caption = element("figcaption", "note");
-    const box = element("div", "frame", "", image, badge);
-    const slot = { side, image, badge, caption, box, stamp: "", url: "" };
+    const canvas = element("canvas"), badge = element("span", "badge"), caption = element("figcaption", "note");
+    canvas.setAttribute("role", "img");
+    canvas.hidden = true;
+    const box = element("div", "frame", "", canvas, badge);
     byId("images").append(element("figure", "", "", box, caption));
-    slots.set(side, slot);
+    slots.set(side, { side, canvas, badge, caption, box, key: "" });
   }
   return slots.get(side);
 }
 
-function show(slot, found, topic, lost) {
+async function show(slot, found, tracks, lost, drawn) {
   slot.box.classList.toggle("lost", Boolean(lost));
   slot.badge.hidden = !lost;
   setText(slot.badge, lost ? lost.toUpperCase() : "");
+  const key = found ? `${found.topic} ${found.stamp_ns} ${tracks?.stamp_ns}` : "none";
+  if (key === slot.key) return;
+  slot.key = key;
   if (!found) {
-    slot.image.hidden = true;
+    slot.canvas.hidden = true;
     setText(slot.caption, `${slot.side}: no image yet`);
     return;
   }
-  const key = `${topic} ${found.stamp_ns}`;
-  if (key === slot.stamp) return;
-  slot.stamp = key;
-  if (slot.url) URL.revokeObjectURL(slot.url);
-  slot.url = URL.createObjectURL(found.blob);
-  slot.image.hidden = false;
-  slot.image.src = slot.url;
-  slot.image.alt = `${slot.side} image of stamp ${found.stamp_ns}`;
+  let bitmap;
+  try {
+    bitmap = await createImageBitmap(found.blob);
+  } catch {
+    setText(slot.caption, `${slot.side}: the image of stamp ${found.stamp_ns} is broken`);
+    return;
+  }
+  if (slot.key === key) {
+    paint(slot, found, tracks, bitmap);
+    drawn(found);
+  }
+  bitmap.close();
+}
+
+function paint(slot, found, tracks, bitmap) {
+  const canvas = slot.canvas, context = canvas.getContext("2d");
+  if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
+  context.drawImage(bitmap, 0, 0);
+  const scale = bitmap.width / found.full_size[0], rings = tracks?.masks[slot.side] ?? [];
+  const count = tracks && slot.side === "left" ? drawTracks(context, tracks, scale) : 0;
+  for (const ring of rings) drawMask(context, ring, scale);
+  canvas.hidden = false;
+  canvas.dataset.tracks = String(count);
+  canvas.dataset.masks = String(rings.length);
+  canvas.setAttribute("aria-label", `${slot.side} image of stamp ${found.stamp_ns}`);
   const size = found.size.join(" × "), full = found.full_size.join(" × ");
-  setText(slot.caption, `${slot.side}${topic === TRACKS ? " with tracks" : ""}: ${full === size ? size : `${size} of ${full}`} pixels, stamp ${found.stamp_ns}`);
+  const parts = [full === size ? size : `${size} of ${full}`, "pixels, stamp", found.stamp_ns];
+  if (count) parts.push(`, ${count} tracks`);
+  if (rings.length) parts.push(`, ${rings.length} masked`);
+  setText(slot.caption, `${slot.side}: ${parts.join(" ").replaceAll(" ,", ",")}`);
+}
+
+/** Draw tracks from the newest keyframe to here: blue to yellow by residual, outliers violet; a cross: not found. */
+function drawTracks(context, { values, count }, scale) {
+  context.lineWidth = 1;
+  for (let i = 0; i < count; i++) {
+    const [u, v, u0, v0, residual] = values.subarray(5 * i, 5 * i + 5);
+    if (Number.isFinite(residual) && Number.isFinite(u)) dot(context, u * scale, v * scale, u0 * scale, v0 * scale, residual);
+    else if (Number.isFinite(u0)) cross(context, u0 * scale, v0 * scale);
+  }
+  return count;
+}
+
+function dot(context, u, v, u0, v0, residual) {
+  const share = Math.min(residual, 1), mix = (a, b) => Math.round(a + (b - a) * share);
+  context.strokeStyle = context.fillStyle = residual >= 1 ? "#dc3cdc" : `rgb(${mix(60, 255)},${mix(170, 225)},${mix(255, 0)})`;
+  if (Number.isFinite(u0)) {
+    context.beginPath(), context.moveTo(u0, v0), context.lineTo(u, v), context.stroke();
+  }
+  context.fillRect(u - 1.5, v - 1.5, 3, 3);
+}
+
+function cross(context, u, v) {
+  context.strokeStyle = "#969696";
+  context.beginPath();
+  context.moveTo(u - 2, v - 2), context.lineTo(u + 2, v + 2), context.moveTo(u - 2, v + 2), context.lineTo(u + 2, v - 2);
+  context.stroke();
+}
+
+/** Hatch what is left out. */
+function drawMask(context, ring, scale) {
+  const us = ring.map(([u]) => u * scale), vs = ring.map(([, v]) => v * scale);
+  const [left, right, top, bottom] = [Math.min(...us), Math.max(...us), Math.min(...vs), Math.max(...vs)];
+  context.save();
+  context.beginPath();
+  us.forEach((u, place) => (place ? context.lineTo(u, vs[place]) : context.moveTo(u, vs[place])));
+  context.closePath();
+  context.strokeStyle = colour("lost");
+  context.lineWidth = 1.5;
+  context.stroke();
+  context.clip();
+  context.beginPath();
+  for (let u = left - (bottom - top); u < right; u += HATCH) context.moveTo(u, bottom), context.lineTo(u + bottom - top, top);
+  context.stroke();
+  context.restore();
 }

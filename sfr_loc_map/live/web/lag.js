@@ -23,15 +23,19 @@ export class Lag {
     }
   }
 
-  /** Expect an image in the next frame. */
-  expectImage(header) {
-    if (header.published_s > this.since) this.due.push([this.images, header.published_s, header.stamp_ns]);
+  /** Note that an image was drawn on its canvas. */
+  imageDrawn(image, now) {
+    if (image.published_s > this.since) this.note([[this.images, image.published_s, image.stamp_ns]], now);
   }
 
-  /** Note that a frame was drawn; the time counts once the browser has come back from painting it. */
+  /** Note that a frame was drawn. */
   drawn(now, live) {
     const due = this.due.splice(0);
-    if (!due.length || !live) return;
+    if (due.length && live) this.note(due, now);
+  }
+
+  /** Note times once the browser has come back from painting. */
+  note(due, now) {
     requestAnimationFrame(() => {
       const time = now();
       for (const [kept, published, stamp] of due) {

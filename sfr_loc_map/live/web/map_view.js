@@ -1,31 +1,31 @@
-// The map from above: the cloud's points in cells, coloured by height, sigma, error or count.
+// The map from above: cells with layers, coloured by one of them.
 
 import { drawScale, percentiles, shade } from "./colours.js";
 import { byId, colour, fitted, length, setText, short } from "./dom.js";
 
-const CELLS = 160;
+const WRITE = { hazard: (value) => `${short(value)} %`, slope: (value) => `${short((value * 180) / Math.PI)} deg`, count: short };
 let drawn = "";
 
 /** Show the map of a moment. */
-export function showMap(cloud, layer, theme) {
-  const canvas = byId("map-canvas"), key = [cloud?.topic, cloud?.stamp_ns, cloud?.count, layer, theme, canvas.clientWidth].join(" ");
+export function showMap(grid, layer, theme) {
+  const canvas = byId("map-canvas"), key = [grid?.stamp_ns, grid?.names, grid?.published_s, layer, theme, canvas.clientWidth].join(" ");
   if (key === drawn) return;
   drawn = key;
   const { context, width, height, ratio } = fitted(canvas);
   canvas.dataset.cells = "0";
-  const cells = cloud && cloud.count ? cellsOf(cloud, layer, width / height) : null;
+  const cells = grid?.names.includes(layer) ? cellsOf(grid, layer) : null;
   if (!cells || !cells.filled) {
     context.fillStyle = colour("muted");
     context.textAlign = "center";
-    context.fillText(cloud ? `no ${layer} in this cloud` : "no cloud yet", width / 2, height / 2);
+    context.fillText(grid ? `no ${layer} in this map` : "no map yet", width / 2, height / 2);
     return;
   }
   canvas.dataset.cells = String(cells.filled);
-  const [low, high] = paint(context, cells, width, height, ratio);
+  const [low, high] = paint(context, cells, width, height, ratio), write = WRITE[layer] ?? length;
   axes(context, cells, width, height);
-  const write = layer === "count" ? short : length;
   drawScale(context, width, height, write(low), write(high), colour("text"), colour("backing"));
-  setText(byId("map-note"), `${cells.filled} cells of ${length(cells.size)}, ${layer} from ${write(low)} to ${write(high)}; ${countText(cloud)}, stamp ${cloud.stamp_ns}`);
+  const thinned = grid.every > 1 ? ` (${grid.every} × ${grid.every} of the map's, thinned)` : "";
+  setText(byId("map-note"), `${cells.filled} cells of ${length(grid.cell_m)}${thinned}, ${layer} from ${write(low)} to ${write(high)}; stamp ${grid.stamp_ns}`);
 }
 
 /** Return how many points of how many are shown, in words. */
@@ -33,35 +33,31 @@ export function countText(cloud) {
   return cloud.count < cloud.total ? `${cloud.count} of ${cloud.total} points (thinned)` : `${cloud.count} points`;
 }
 
-/** Return the mean of a layer in cells over the middle of the cloud. */
-function cellsOf(cloud, layer, aspect) {
-  const { values, columns, count } = cloud, xs = new Float32Array(count), ys = new Float32Array(count);
-  for (let i = 0; i < count; i++) [xs[i], ys[i]] = [values[i * columns], values[i * columns + 1]];
-  const [left, right] = percentiles(xs, 2, 94), [low, high] = percentiles(ys, 3, 97);
-  const size = Math.max((right - left) / CELLS, ((high - low) / CELLS) * aspect, 1e-3);
-  const wide = Math.max(Math.ceil((right - left) / size), 1), tall = Math.max(Math.ceil((high - low) / size), 1);
-  const sums = new Float64Array(wide * tall), counts = new Uint32Array(wide * tall);
-  const column = { height: 2, sigma: 3, error: 4, count: 2 }[layer];
-  let filled = 0;
-  for (let i = 0; i < count && column < columns; i++) {
-    const x = Math.floor((xs[i] - left) / size), y = Math.floor((ys[i] - low) / size), value = values[i * columns + column];
-    if (x < 0 || y < 0 || x >= wide || y >= tall || !Number.isFinite(value)) continue;
-    const cell = y * wide + x;
-    if (!counts[cell]) filled += 1;
-    sums[cell] += value;
-    counts[cell] += 1;
+/** Return one layer of a grid, cut to the cells that any layer knows. */
+function cellsOf(grid, layer) {
+  const { rows, columns, names, values } = grid, at = names.indexOf(layer), height = names.indexOf("height");
+  let [top, bottom, left, right, filled] = [rows, -1, columns, -1, 0];
+  for (let row = 0; row < rows; row++) for (let column = 0; column < columns; column++) {
+    const place = (row * columns + column) * names.length;
+    if (!Number.isFinite(values[place + height])) continue;
+    [top, bottom, left, right] = [Math.min(top, row), Math.max(bottom, row), Math.min(left, column), Math.max(right, column)];
   }
-  const means = Float32Array.from(sums, (sum, cell) => (layer === "count" ? counts[cell] : sum / counts[cell]));
-  return { means, counts, wide, tall, size, left, low, filled };
+  const wide = Math.max(right - left + 1, 0), tall = Math.max(bottom - top + 1, 0), shown = new Float32Array(wide * tall);
+  for (let row = 0; row < tall; row++) for (let column = 0; column < wide; column++) {
+    const value = values[((top + row) * columns + left + column) * names.length + at];
+    shown[row * wide + column] = value;
+    filled += Number.isFinite(value);
+  }
+  return { values: shown, wide, tall, filled, size: grid.cell_m, left: grid.origin_m[0] + left * grid.cell_m, low: grid.origin_m[1] + top * grid.cell_m };
 }
 
 function paint(context, cells, width, height, ratio) {
-  const known = cells.means.filter((value, cell) => cells.counts[cell]), [low, high] = percentiles(known, 2, 98);
+  const known = cells.values.filter(Number.isFinite), [low, high] = percentiles(known, 2, 98);
   const image = new ImageData(cells.wide, cells.tall), span = high - low || 1;
   for (let y = 0; y < cells.tall; y++) for (let x = 0; x < cells.wide; x++) {
     const cell = y * cells.wide + x, at = 4 * ((cells.tall - 1 - y) * cells.wide + x);
-    if (!cells.counts[cell]) continue;
-    const [r, g, b] = shade((cells.means[cell] - low) / span);
+    if (!Number.isFinite(cells.values[cell])) continue;
+    const [r, g, b] = shade((cells.values[cell] - low) / span);
     [image.data[at], image.data[at + 1], image.data[at + 2], image.data[at + 3]] = [r, g, b, 255];
   }
   const small = new OffscreenCanvas(cells.wide, cells.tall);

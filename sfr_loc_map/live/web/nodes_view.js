@@ -16,9 +16,9 @@ const ASKS_MS = 3000;
 const cards = new Map();
 
 /** Show the nodes, topics and drops of a moment. */
-export function showNodes(nodes, server, ended) {
+export function showNodes(nodes, ended) {
   if (!nodes) return;
-  for (const node of nodes.nodes) showNode(node, new Set(server.actions ?? []), ended);
+  for (const node of nodes.nodes) showNode(node, new Set(nodes.actions), ended);
   showRows(byId("topics"), ["topic", "rate, Hz", "age, s", "lost"], Object.entries(nodes.topics).map(([name, topic]) => [
     name, topic.rate_hz === null ? "–" : topic.rate_hz.toFixed(1), topic.stale && !ended ? `stale ${topic.age_s.toFixed(1)}` : topic.age_s.toFixed(1), String(topic.lost),
   ]));
@@ -34,7 +34,7 @@ function showNode(node, actions, ended) {
   card.box.className = `node ${STYLES[level] ?? "open"}`;
   card.box.dataset.level = level;
   setText(card.icon, ICONS[level] ?? "–");
-  setText(card.level, node.stale ? staleText(node) : level === "stale" ? "no input" : level);
+  setText(card.level, level === "ended" ? "ended" : node.stale ? staleText(node) : level === "stale" ? "no input" : level);
   setText(card.lifecycle, node.lifecycle);
   setText(card.message, node.problem && node.level !== "ok" ? `${node.message}; ${node.problem}` : node.message || "–");
   setText(card.rates, ratesText(node.values));

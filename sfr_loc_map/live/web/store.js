@@ -4,6 +4,8 @@ const MINUTES = 10;
 const MOMENT_S = 0.5;
 const MAX_MOMENTS = (MINUTES * 60) / MOMENT_S;
 const MAX_CALLS = 600;
+const RECENT = 24;
+const TRACKS_HOLD_S = 2;
 
 export class Store {
   constructor() {
@@ -14,6 +16,9 @@ export class Store {
     this.nodes = null;
     this.images = new Map();
     this.clouds = new Map();
+    this.elevation = null;
+    this.recent = [];
+    this.tracked = null;
     this.underWay = null;
     this.ended = false;
     this.moments = [];
@@ -67,12 +72,28 @@ export class Store {
   addImage(header, blob) {
     const before = this.images.get(header.topic);
     this.images.set(header.topic, { ...header, blob });
+    if (header.topic.startsWith("loc/")) this.recent = [...this.recent.slice(1 - RECENT), this.images.get(header.topic)];
     if (before && before.stamp_ns === header.stamp_ns) return;
     if (header.size[0] < header.full_size[0]) this.thinned.images = header.full_size;
   }
 
-  addCloud(header, values) {
-    this.clouds.set(header.topic, { ...header, values, columns: header.error ? 5 : 4 });
+  /** Take a cloud, a map from above or feature tracks in. */
+  addValues(header, values) {
+    if (header.type === "elevation") this.elevation = { ...header, values };
+    else if (header.type === "tracks") this.addTracks({ ...header, values });
+    else this.clouds.set(header.topic, { ...header, values, columns: header.error ? 5 : 4 });
+  }
+
+  /** Put tracks and the images of their stamp together. */
+  addTracks(tracks) {
+    const of = (side) => this.recent.findLast((image) => image.topic === `loc/${side}` && image.stamp_ns === tracks.stamp_ns);
+    if (of("left")) this.tracked = { tracks, images: { left: of("left"), right: of("right") } };
+  }
+
+  /** Return the newest tracks with their images, null where none come any more. */
+  latestTracked() {
+    const newest = this.images.get("loc/left"), own = this.tracked?.images.left;
+    return own && newest && newest.published_s - own.published_s < TRACKS_HOLD_S ? this.tracked : null;
   }
 
   /** Return what is known now; nothing in it is changed later, so that it can be shown again. */
@@ -80,6 +101,7 @@ export class Store {
     return {
       time: this.nodes ? this.nodes.time_s : 0, rows: this.rows, rowCount: this.rows.length, calls: this.calls,
       report: this.report, nodes: this.nodes, images: new Map(this.images), clouds: new Map(this.clouds),
+      elevation: this.elevation, tracked: this.latestTracked(),
       underWay: this.underWay, ended: this.ended,
     };
   }

@@ -83,6 +83,7 @@ class RosFeed:
         """Leave the graph."""
         self._running = False
         self._thread.join(5.0)
+        self._media.close()
         self._node.destroy_node()
         try_shutdown()
 

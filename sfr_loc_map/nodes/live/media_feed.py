@@ -1,15 +1,16 @@
-"""Images, feature tracks and clouds for the page: received only while one looks at them."""
+"""Images, feature tracks and maps for the page: received only while one looks at them."""
 
 from __future__ import annotations
 
 import struct
 import time
+from collections import deque
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -17,19 +18,26 @@ from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
 from sfr_loc_map.constants import NS_PER_S, SIDES
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, stamp_of
-from sfr_loc_map.live.cloud_truth import CloudTruth
+from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.io.image_codec import image_from_message, stamp_of
+from sfr_loc_map.live import tracks
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.media import cloud_sample, image_sample
-from sfr_loc_map.live.updates import Sampled, View
-from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
+from sfr_loc_map.live.media import file_sample, image_sample
+from sfr_loc_map.live.updates import Sampled, TrackSample, View
+from sfr_loc_map.nodes.live.map_feed import ELEVATION, HAZARD, POINTS, TRUE_POINTS, MapFeed
+from sfr_loc_map.nodes.messages.tracks import MASK_SCALE, tracks_from_msg
 from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
 
 IMAGE_PERIOD_S = 0.15
-"""Shortest time between two images of a topic that are shown."""
-TRACKS = "localisation/debug_image"
-POINTS, TRUE_POINTS = "mapping/points", "ground_truth/points"
+"""Shortest time between two pairs of images that are shown."""
+TRACKED = "loc/left"
+"""The image that tracks are drawn on; of its stamps that are not shown they are left out."""
+MAX_SHOWN = 64
+"""Images of which tracks are waited for: ten seconds."""
+MAX_MAPS = 6
+"""Clouds, elevation and hazard grids that wait; more are left out."""
+MASK_HOLD_NS = NS_PER_S // 2
+"""A mask that much older than the tracks is shown with them."""
 STAMP_AT = 4
 """Where the stamp of a serialised message with a header begins: behind the head of its encoding."""
 Received = Callable[[bytes, dict[str, Any]], None]
@@ -52,11 +60,14 @@ class MediaFeed:
         self.gaps: dict[str, TransportGaps] = {}
         self._node, self._hub = node, hub
         self._subscriptions: dict[View, list[Any]] = {}
-        self._shown_s: dict[str, float] = {}
-        self._truth = CloudTruth()
+        self._due: dict[str, tuple[float, int]] = {}
+        self._shown: deque[int] = deque(maxlen=MAX_SHOWN)
+        self._masks: dict[str, tuple[int, tuple[FloatArray32, ...]]] = {}
+        self._map = MapFeed(hub, lambda: bool(node.count_publishers(ELEVATION)))
+        self._worker, self._maps_waiting = ThreadPoolExecutor(1, "sfr-live-maps"), 0
         self._best_effort = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
         truth = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        node.create_subscription(PointCloud2, TRUE_POINTS, self._on_true_points, truth)
+        self._raw(PointCloud2, TRUE_POINTS, partial(self._on_map, PointCloud2, self._map.add_true_points), truth)
 
     def follow(self, wanted: frozenset[View]) -> None:
         """Subscribe to what is wanted and to nothing else."""
@@ -69,10 +80,21 @@ class MediaFeed:
 
     def _subscribe(self, view: View) -> list[Any]:
         if view is View.TRACKS:
-            return [self._raw(Image, TRACKS, partial(self._on_tracks, TRACKS), self._best_effort)]
+            found = [
+                self._raw(Image, f"localisation/{side}_mask", partial(self._on_mask, side), self._best_effort)
+                for side in SIDES
+            ]
+            return [*found, self._raw(PointCloud2, tracks.TOPIC, self._on_tracks, self._best_effort)]
         if view is View.CLOUDS:
             latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            return [self._raw(PointCloud2, POINTS, self._on_cloud, latched)]
+            return [
+                self._raw(kind, topic, partial(self._on_map, kind, add), latched)
+                for topic, kind, add in (
+                    (POINTS, PointCloud2, self._map.add_cloud),
+                    (ELEVATION, PointCloud2, self._map.add_elevation),
+                    (HAZARD, OccupancyGrid, self._map.add_hazard),
+                )
+            ]
         found = []
         for name in (f"{rig}/{side}" for rig in ("loc", "nav") for side in SIDES):
             for kind, end in ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw")):
@@ -94,37 +116,56 @@ class MediaFeed:
         return self._node.create_subscription(kind, topic, listener, qos, raw=True)
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, info: dict[str, Any]) -> None:
-        published_s = _published_s(info)
-        self._hub.put(Sampled(name, _stamp_ns(raw), published_s))
-        if not self._is_due(name):
+        published_s, stamp_ns = _published_s(info), _stamp_ns(raw)
+        self._hub.put(Sampled(name, stamp_ns, published_s))
+        if not self._is_due(name.partition("/")[0], stamp_ns):
             return
+        if name == TRACKED:
+            self._shown.append(stamp_ns)
         message = deserialize_message(raw, kind)
-        image = image_from_message(message) if kind is Image else image_from_compressed_message(message)
-        self._hub.put(image_sample(name, stamp_of(message), image, published_s))
+        if kind is Image:
+            self._hub.put(image_sample(name, stamp_of(message), image_from_message(message), published_s))
+        else:
+            self._hub.put(file_sample(name, stamp_of(message), bytes(message.data), published_s))
 
-    def _on_tracks(self, name: str, raw: bytes, info: dict[str, Any]) -> None:
-        if self._is_due(name):
-            message = deserialize_message(raw, Image)
-            self._hub.put(image_sample(name, stamp_of(message), _colours(message), _published_s(info)))
+    def _on_mask(self, side: str, raw: bytes, info: dict[str, Any]) -> None:
+        message = deserialize_message(raw, Image)
+        self._masks[side] = stamp_of(message), tracks.outlines(image_from_message(message), MASK_SCALE)
 
-    def _on_cloud(self, raw: bytes, info: dict[str, Any]) -> None:
-        message = deserialize_message(raw, PointCloud2)
-        cloud = cloud_from_msg(message)
-        error = self._truth.errors(cloud)
-        self._hub.put(cloud_sample(POINTS, stamp_of(message), cloud.xyz, cloud.sigma, _published_s(info), error))
-
-    def _on_true_points(self, message: PointCloud2) -> None:
-        try:
-            self._truth.add(stamp_of(message), message)
-        except SfrError:
+    def _on_tracks(self, raw: bytes, info: dict[str, Any]) -> None:
+        stamp_ns = _stamp_ns(raw)
+        if stamp_ns not in self._shown:
             return
+        found = tracks_from_msg(deserialize_message(raw, PointCloud2))
+        masks = {side: rings for side, (at_ns, rings) in self._masks.items() if 0 <= stamp_ns - at_ns <= MASK_HOLD_NS}
+        self._hub.put(TrackSample(tracks.TOPIC, stamp_ns, found, masks, _published_s(info)))
 
-    def _is_due(self, name: str) -> bool:
+    def _on_map(self, kind: type[Any], add: Callable[[Any, float], None], raw: bytes, info: dict[str, Any]) -> None:
+        """Take a map in, beside the thread that receives: figures do not wait for it."""
+        if self._maps_waiting >= MAX_MAPS:
+            return
+        self._maps_waiting += 1
+        self._worker.submit(self._work, kind, add, raw, _published_s(info))
+
+    def _work(self, kind: type[Any], add: Callable[[Any, float], None], raw: bytes, published_s: float) -> None:
+        try:
+            add(deserialize_message(raw, kind), published_s)
+        except (SfrError, ValueError):  # as below
+            return
+        finally:
+            self._maps_waiting -= 1
+
+    def close(self) -> None:
+        """End the worker."""
+        self._worker.shutdown(cancel_futures=True)
+
+    def _is_due(self, rig: str, stamp_ns: int) -> bool:
+        """Tell whether the images of a stamp are shown: both, and not more than a screen needs."""
+        due_s, chosen_ns = self._due.get(rig, (0.0, -1))
         now = time.monotonic()
-        if now - self._shown_s.get(name, -IMAGE_PERIOD_S) < IMAGE_PERIOD_S:
-            return False
-        self._shown_s[name] = now
-        return True
+        if now >= due_s:
+            self._due[rig] = now + IMAGE_PERIOD_S, stamp_ns
+        return now >= due_s or stamp_ns == chosen_ns
 
 
 def _stamp_ns(raw: bytes) -> int:
@@ -135,18 +176,3 @@ def _stamp_ns(raw: bytes) -> int:
 
 def _published_s(info: dict[str, Any]) -> float:
     return (info.get("source_timestamp") or time.time_ns()) / NS_PER_S
-
-
-def _colours(message: Image) -> NDArray[np.uint8]:
-    """Return an image of encoding bgr8 as `(H, W, 3)`.
-
-    Raises:
-        ValueError: If it is of another encoding, or its data too short.
-        GeometryError: If its size is that of no image.
-    """
-    height, width, step = int(message.height), int(message.width), int(message.step)
-    check_image_size(width, height)
-    data = np.frombuffer(message.data, np.uint8)
-    if message.encoding != "bgr8" or step < 3 * width or len(data) < step * height:
-        raise ValueError("no image of encoding bgr8")
-    return data[: step * height].reshape(height, step)[:, : 3 * width].reshape(height, width, 3)

@@ -1,19 +1,24 @@
-"""The page of a running graph as the program of a process."""
+"""The page of a running graph as the program of a process.
+
+The page is there first: the imports of ROS and the entry into the graph go on while it is served.
+"""
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import gc
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.live.commands import LateOperator
 from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.serve import serve_until_signal
 from sfr_loc_map.live.server import LiveServer
-from sfr_loc_map.nodes.live.feed import RosFeed
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
 from sfr_loc_map.printable import one_line
 
@@ -29,10 +34,33 @@ def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = Fals
     Raises:
         SfrError: If the port cannot be listened on, or other hosts are let in without a token.
     """
-    hub = Hub()
-    with RosFeed(hub, namespace) as feed:
-        server = LiveServer(config, hub, feed.operator, namespace or "live")
-        asyncio.run(serve_until_signal(server, open_browser=open_browser))
+    asyncio.run(_serve(config, namespace, open_browser=open_browser))
+
+
+async def _serve(config: LiveConfig, namespace: str, *, open_browser: bool) -> None:
+    """Serve at once and join the graph meanwhile; end with the server, or if the graph cannot be joined."""
+    hub, operator = Hub(), LateOperator()
+    with ExitStack() as stack:
+        server = LiveServer(config, hub, operator, namespace or "live")
+        serving = asyncio.create_task(serve_until_signal(server, open_browser=open_browser))
+        joining = asyncio.create_task(asyncio.to_thread(_join, stack, hub, namespace, operator))
+        await asyncio.wait({serving, joining}, return_when=asyncio.FIRST_COMPLETED)
+        try:
+            if joining.done():
+                joining.result()
+            await serving
+        finally:
+            serving.cancel()
+            await asyncio.wait({serving, joining})
+
+
+def _join(stack: ExitStack, hub: Hub, namespace: str, operator: LateOperator) -> None:
+    from sfr_loc_map.nodes.live.feed import RosFeed
+
+    feed = stack.enter_context(RosFeed(hub, namespace))
+    operator.follow(feed.operator)
+    gc.collect()
+    gc.freeze()  # what is imported stays: cycles of pages that have gone are then found soon
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""Elevation and hazard grids as messages."""
+"""Elevation and hazard grids as messages, and back."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 from sfr_loc_map.nodes.messages.fields import byte_array, header_msg, time_msg
 
@@ -60,3 +62,37 @@ def hazard_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> OccupancyGrid
     data.frombytes(np.ascontiguousarray(grid.hazard).reshape(-1).data)
     message.data = data
     return message
+
+
+def elevation_from_msg(message: PointCloud2) -> NDArray[np.float32]:
+    """Return the cells `(R, C, 8)` of a message as `elevation_msg` makes it, in the order of `ELEVATION_FIELDS`.
+
+    Raises:
+        InputError: If it is another message, has no cell, or its data is too short.
+        GeometryError: If its size is absurd.
+    """
+    rows, columns, step = int(message.height), int(message.width), 4 * len(ELEVATION_FIELDS)
+    check_image_size(columns, rows, "the elevation grid")
+    names = tuple(field.name for field in message.fields)
+    data = np.frombuffer(message.data, np.uint8)
+    if names != ELEVATION_FIELDS or message.point_step != step or message.is_bigendian:
+        raise InputError(f"no elevation: fields {', '.join(ELEVATION_FIELDS)} are needed, found {', '.join(names)}")
+    if message.row_step != step * columns or len(data) < step * columns * rows:
+        raise InputError(f"elevation of {columns} x {rows} cells has {len(data)} bytes: too few")
+    cells = data[: step * columns * rows].view("<f4").reshape(rows, columns, len(ELEVATION_FIELDS))
+    if not np.isfinite(cells[..., :2]).all():
+        raise InputError("elevation with cells of no place: x and y must be numbers everywhere")
+    return np.asarray(cells, np.float32)
+
+
+def hazard_from_msg(message: OccupancyGrid) -> NDArray[np.float32]:
+    """Return the hazard `(R, C)` from 0 to 100, NaN where not known.
+
+    Raises:
+        InputError: If its data does not fit its size.
+    """
+    rows, columns = int(message.info.height), int(message.info.width)
+    data = np.frombuffer(message.data, np.int8)
+    if len(data) != rows * columns:
+        raise InputError(f"hazard of {columns} x {rows} cells has {len(data)}")
+    return np.where(data < 0, np.nan, data).astype(np.float32).reshape(rows, columns)

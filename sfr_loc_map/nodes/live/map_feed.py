@@ -1,0 +1,110 @@
+"""Clouds, elevation and hazard for the page, with their errors where the truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import PointCloud2
+
+from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.live import elevation
+from sfr_loc_map.live.cloud_truth import CloudTruth
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.media import cloud_sample
+from sfr_loc_map.live.updates import ElevationSample
+from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
+from sfr_loc_map.nodes.messages.terrain import ELEVATION_FIELDS, elevation_from_msg, hazard_from_msg
+
+POINTS, TRUE_POINTS = "mapping/points", "ground_truth/points"
+ELEVATION, HAZARD = "mapping/elevation", "mapping/hazard"
+NAMES = ("height", *ELEVATION_FIELDS[3:])
+"""Layers of an elevation message, after x and y."""
+
+
+class MapFeed:
+    """Gives maps to a hub: the mapper's own grid where it publishes one, else one that is made of its cloud."""
+
+    def __init__(self, hub: Hub, has_grid: Callable[[], bool]) -> None:
+        """Start without a map.
+
+        Args:
+            hub: Takes clouds and grids.
+            has_grid: Tells whether the mapper publishes a grid of its own.
+        """
+        self._has_grid = has_grid
+        self._hub, self._truth = hub, CloudTruth()
+        self._points: tuple[int, FloatArray32, FloatArray32] | None = None
+        self._hazard: tuple[int, FloatArray32] | None = None
+        self._grid: ElevationSample | None = None
+
+    def add_true_points(self, message: PointCloud2, published_s: float) -> None:
+        """Take the true points of a pair in.
+
+        Raises:
+            SfrError: If they are none.
+        """
+        self._truth.add(stamp_of(message), message)
+
+    def add_cloud(self, message: PointCloud2, published_s: float) -> None:
+        """Take a cloud in.
+
+        Raises:
+            InputError: If it is none.
+        """
+        cloud, stamp_ns = cloud_from_msg(message), stamp_of(message)
+        error = self._truth.errors(cloud)
+        self._hub.put(cloud_sample(POINTS, stamp_ns, cloud.xyz, cloud.sigma, published_s, error))
+        self._points = None if error is None else (stamp_ns, np.asarray(cloud.xyz[:, :2], np.float32), error)
+        if not self._has_grid():
+            grid = elevation.grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
+            if grid is not None:
+                self._hub.put(grid)
+
+    def add_elevation(self, message: PointCloud2, published_s: float) -> None:
+        """Take an elevation grid in.
+
+        Raises:
+            InputError: If it is none.
+        """
+        cells, stamp_ns = elevation_from_msg(message), stamp_of(message)
+        cell_m = _cell_m(cells)
+        corner = cells[0, 0, :2] - 0.5 * cell_m
+        origin = float(corner[0]), float(corner[1])
+        grid = ElevationSample(ELEVATION, stamp_ns, origin, cell_m, NAMES, cells[..., 2:], published_s)
+        if self._points is not None and self._points[0] == stamp_ns:
+            _, xy, error = self._points
+            shape = cells.shape[0], cells.shape[1]
+            means = elevation.means_of(elevation.cells_of(xy, origin, cell_m, shape), error, shape[0] * shape[1])
+            known = np.where(np.isfinite(cells[..., 2]), means.reshape(shape), np.nan)
+            grid = elevation.with_layer(grid, elevation.ERROR, known)
+        self._points, self._grid = None, grid
+        self._put()
+
+    def add_hazard(self, message: OccupancyGrid, published_s: float) -> None:
+        """Take a hazard grid in; it is shown with the elevation of its stamp.
+
+        Raises:
+            InputError: If its data does not fit its size.
+        """
+        self._hazard = stamp_of(message), hazard_from_msg(message)
+        self._put()
+
+    def _put(self) -> None:
+        """Show the grid with its hazard, whichever comes first."""
+        grid, hazard = self._grid, self._hazard
+        if grid is None:
+            return
+        if hazard is not None and hazard[0] == grid.stamp_ns and hazard[1].shape == grid.layers.shape[:2]:
+            grid = elevation.with_layer(grid, elevation.HAZARD, hazard[1])
+        self._hub.put(elevation.thinned(grid))
+
+
+def _cell_m(cells: FloatArray32) -> float:
+    """Return the side of a cell; one alone has the side that is usual."""
+    rows, columns, _ = cells.shape
+    if columns > 1:
+        return float(cells[0, -1, 0] - cells[0, 0, 0]) / (columns - 1)
+    return float(cells[-1, 0, 1] - cells[0, 0, 1]) / (rows - 1) if rows > 1 else elevation.CELL_M

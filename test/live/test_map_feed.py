@@ -1,0 +1,121 @@
+"""Maps as the page is given them: the mapper's own grid with hazard and error, large ones thinned without loss."""
+
+# ruff: noqa: E402 - ROS may be absent
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
+
+from scenes import sent
+
+from sfr_loc_map.errors import SfrError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.live.elevation import MAX_CELLS, thinned
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.tracks import outlines
+from sfr_loc_map.live.updates import CloudSample, ElevationSample
+from sfr_loc_map.mapping.terrain.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.grid import TerrainGrid
+from sfr_loc_map.nodes.live.map_feed import MapFeed
+from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
+from sfr_loc_map.nodes.messages.terrain import elevation_from_msg, elevation_msg, hazard_msg
+
+STAMP_NS = 1_700_000_000_000_000_000
+SIDE, CELL_M = 48, 0.5
+
+
+def ground() -> np.ndarray:
+    """True points of an image of 48 x 48 pixels: a plane of 12 m, four pixels a metre."""
+    v, u = np.mgrid[:SIDE, :SIDE].astype(np.float32)
+    return np.stack([0.25 * u, 0.25 * v, np.zeros_like(u)], axis=-1)
+
+
+def estimated(truth: np.ndarray) -> PointCloud:
+    """A cloud that lies 0.01 m above the truth, 0.03 m where x is above 6 m."""
+    v, u = np.mgrid[:SIDE, :SIDE].astype(np.uint16)
+    xyz = truth.reshape(-1, 3).copy()
+    xyz[:, 2] += np.where(xyz[:, 0] >= 6.0, 0.03, 0.01)
+    flat, floats = SIDE * SIDE, np.full(SIDE * SIDE, 0.02, np.float32)
+    return PointCloud(xyz, floats, floats, u.reshape(-1), v.reshape(-1), np.zeros(flat, np.uint8))
+
+
+def terrain() -> TerrainGrid:
+    layers = np.zeros((5, 24, 24), np.float32)
+    layers[0, :, 3] = np.nan  # cells whose height is not known
+    hazard = np.zeros((24, 24), np.int8)
+    hazard[2, 5], hazard[:, 3] = 100, -1
+    model = ElevationModel(layers[0], layers[1], np.ones((24, 24), np.int32), (0.0, 0.0), CELL_M)
+    return TerrainGrid(model, layers[2], layers[3], layers[4], hazard)
+
+
+def fed(*, has_grid: bool) -> dict[str, Any]:
+    hub, truth = Hub(), ground()
+    feed = MapFeed(hub, lambda: has_grid)
+    feed.add_true_points(bag_messages.points(STAMP_NS, truth, None), 0.0)
+    feed.add_cloud(sent(cloud_msg(estimated(truth), STAMP_NS, "lm")), 0.0)
+    if has_grid:
+        feed.add_hazard(sent(hazard_msg(terrain(), STAMP_NS, "lm")), 0.0)
+        feed.add_elevation(sent(elevation_msg(terrain(), STAMP_NS, "lm")), 0.0)
+    return {update.topic: update for update in hub.take()}  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("has_grid", [True, False])
+def test_map_has_its_errors_and_the_grid_that_there_is(has_grid: bool) -> None:
+    found = fed(has_grid=has_grid)
+    cloud, grid = found["mapping/points"], found["mapping/elevation"]
+    assert isinstance(cloud, CloudSample)
+    assert cloud.error is not None
+    assert sorted(set(np.round(cloud.error, 3).tolist())) == pytest.approx([0.01, 0.03])
+    assert isinstance(grid, ElevationSample)
+    error = grid.layers[..., grid.names.index("error")]
+    at = (np.array([[3.0, 1.0], [9.0, 1.0]]) - grid.origin_m) / grid.cell_m
+    (column, row), (far, _) = np.floor(at + 1e-3).astype(int)
+    assert [error[row, column], error[row, far]] == pytest.approx([0.01, 0.03], abs=1e-6)
+    assert ("hazard" in grid.names) == has_grid
+    if has_grid:
+        assert (grid.cell_m, grid.origin_m) == (CELL_M, (0.0, 0.0))
+        hazard = grid.layers[..., grid.names.index("hazard")]
+        assert hazard[2, 5] == 100.0
+        assert np.isnan(hazard[:, 3]).all()
+        assert np.isnan(error[:, 3]).all(), "what has no height has no error of it"
+
+
+def test_broken_grids_are_refused() -> None:
+    message = elevation_msg(terrain(), STAMP_NS, "lm")
+    for change in ({"width": 25}, {"point_step": 16}, {"fields": []}, {"height": 10**6}):
+        broken = sent(message)
+        for name, value in change.items():
+            setattr(broken, name, value)
+        with pytest.raises(SfrError):
+            elevation_from_msg(broken)
+
+
+def test_thinned_grids_keep_the_worst_hazard_and_means_of_heights() -> None:
+    layers = np.zeros((400, 300, 3), np.float32)
+    layers[..., 0] = np.arange(400)[:, None]
+    layers[7, 8, 1], layers[..., 2], layers[:4, :4, 0] = 100.0, 1.0, np.nan
+    grid = thinned(ElevationSample("m", 0, (1.0, 2.0), 0.1, ("height", "hazard", "count"), layers, 0.0))
+    assert grid.every == 2
+    assert grid.layers.shape == (200, 150, 3)
+    assert grid.layers.shape[0] * grid.layers.shape[1] <= MAX_CELLS
+    assert grid.cell_m == pytest.approx(0.2)
+    assert grid.layers[3, 4, 1] == 100.0
+    assert (grid.layers[5, 5, 0], grid.layers[5, 5, 2]) == (10.5, 4.0)
+    assert np.isnan(grid.layers[1, 1, 0])
+
+
+def test_outline_of_a_mask_is_that_of_the_image() -> None:
+    mask = np.full((60, 80), 255, np.uint8)
+    cv2.rectangle(mask, (10, 40), (30, 59), 0, -1)
+    (ring,) = outlines(mask, 4.0)
+    assert (ring.min(axis=0).tolist(), ring.max(axis=0).tolist()) == ([41.5, 161.5], [121.5, 237.5])
