@@ -13,7 +13,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen lint types config format check docs clean
+.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen lint types config format check docs figures docs-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -72,6 +72,12 @@ format: $(DEV_STAMP)  ## Format the code
 
 docs: $(DOCS_STAMP)  ## Build the documentation site, warnings are errors; it is out/docs/index.html
 	PYTHONPATH=. $(BIN)/sphinx-build -q -W --keep-going -j auto docs out/docs
+
+figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
+	PYTHONPATH=. $(BIN)/python docs/_figures/draw.py
+
+docs-test: $(DEV_STAMP)  ## Run every command of the tutorials as it stands; some ten minutes
+	$(BIN)/python test/tutorial_runner.py
 
 check: lint types docs test  ## Style, types, documentation and all tests: what continuous integration runs
 

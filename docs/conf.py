@@ -23,7 +23,7 @@ extensions = [
     "mathml",
     "reference_pages",
 ]
-exclude_patterns = ["_build", "_ext"]
+exclude_patterns = ["_build", "_ext", "_figures"]
 source_suffix = {".md": "markdown"}
 highlight_language = "none"
 
@@ -48,3 +48,4 @@ python_maximum_signature_line_length = 100
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
+napoleon_use_ivar = True

@@ -147,14 +147,44 @@ def _type_name(hint: Any) -> str:  # noqa: ANN401 - any annotation
     return names.get(hint, getattr(hint, "__name__", str(hint)))
 
 
-PAGES: dict[str, Callable[[], str]] = {"commands": commands, "parameters": parameters, "score": score}
+PACKAGES = ("", "geometry", "io", "localisation", "mapping", "metrics", "pipeline", "report", "methods", "simulation")
+"""Packages whose public names are described; those of the nodes need ROS and are explained in nodes.md."""
+
+
+def api() -> str:
+    """Return directives of autodoc for the public names of each package."""
+    import importlib
+
+    parts: list[str] = []
+    seen: list[int] = []
+    for name in PACKAGES:
+        path = f"sfr_loc_map.{name}".rstrip(".")
+        package = importlib.import_module(path)
+        parts += [f"## {path}", "", (package.__doc__ or "").strip().partition("\n")[0], "", "```{eval-rst}"]
+        for public in sorted(set(package.__all__)):
+            value = getattr(package, public)
+            kind = "autoclass" if inspect.isclass(value) else "autofunction" if inspect.isroutine(value) else None
+            if kind is not None and not get_args(value) and id(value) not in seen:  # an alias has nothing to say
+                seen.append(id(value))
+                parts += [f".. {kind}:: {path}.{public}", ""]
+        parts += ["```", ""]
+    return "\n".join(parts)
+
+
+PAGES: dict[str, Callable[[], str]] = {"commands": commands, "parameters": parameters, "score": score, "api": api}
 
 
 def _fill(app: Sphinx, name: str, source: list[str]) -> None:
     source[0] = MARK.sub(lambda found: PAGES[found[1]](), source[0])
 
 
+def _code_spans(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Turn code spans of docstrings, which have single backticks, into those of reStructuredText."""
+    lines[:] = re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", "\n".join(lines)).split("\n")
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Fill the pages as they are read."""
+    app.connect("autodoc-process-docstring", _code_spans)
     app.connect("source-read", _fill)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

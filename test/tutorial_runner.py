@@ -1,0 +1,114 @@
+"""The commands of the tutorials: read from the pages, run as they stand by `make docs-test`.
+
+A block ```sh or ```python is run in the order of the page, in one folder a page, in which `sample`, `config` and
+`examples` are those of the repository and `data` is the sample as a folder. A comment before a block says what is
+special about it: `<!-- slow -->` leaves it out of the quick test (test_tutorials.py), `<!-- until Ctrl-C -->` marks a
+command that ends when it is interrupted: it is, at the end of the page. What needs other software (```console) is not
+run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([*(ROOT / "docs" / "tutorials").glob("*.md"), ROOT / "docs" / "python.md"])
+BLOCK = re.compile(r"(?:<!-- (slow|until Ctrl-C) -->\n)?```(sh|python)\n(.*?)```", re.DOTALL)
+STARTED_S, BLOCK_S = 15.0, 900.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of commands.
+
+    Attributes:
+        language: `sh` or `python`.
+        code: The text.
+        note: `slow`, `until Ctrl-C`, or empty.
+    """
+
+    language: str
+    code: str
+    note: str
+
+
+def blocks(page: Path) -> list[Block]:
+    """Return the blocks of a page, in its order."""
+    return [Block(found[2], found[3], found[1] or "") for found in BLOCK.finditer(page.read_text(encoding="utf-8"))]
+
+
+def lay_out(folder: Path) -> None:
+    """Make what the pages find in their folder."""
+    for name in ("sample", "config", "examples"):
+        (folder / name).symlink_to(ROOT / name)
+
+
+def run_page(page: Path, folder: Path) -> None:
+    """Run all blocks of a page as they stand.
+
+    Raises:
+        RuntimeError: If one fails.
+    """
+    lay_out(folder)
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "ROS_DOMAIN_ID": "87"}
+    if '"data"' in page.read_text(encoding="utf-8"):
+        subprocess.run(["sfr", "convert", "sample/sample.mcap", "data"], cwd=folder, env=environment, check=True)
+    names: dict[str, Any] = {}
+    running: list[tuple[Block, subprocess.Popen[bytes]]] = []
+    os.chdir(folder)
+    try:
+        for block in blocks(page):
+            began = time.monotonic()
+            if block.language == "python":
+                exec(compile(block.code, str(page), "exec"), names)  # the page is part of the repository
+            elif block.note == "until Ctrl-C":
+                command = ["bash", "-c", f"exec {block.code}"]
+                running.append((block, subprocess.Popen(command, env=environment, start_new_session=True)))
+                time.sleep(STARTED_S)
+                if running[-1][1].poll() is not None:
+                    raise RuntimeError(f"{page.name}: ended by itself: {block.code}")
+            else:
+                done = subprocess.run(["bash", "-euc", block.code], env=environment, timeout=BLOCK_S)
+                if done.returncode:
+                    raise RuntimeError(f"{page.name}: exit code {done.returncode}: {block.code}")
+            print(f"{page.name}: {time.monotonic() - began:.1f} s: {block.code.splitlines()[0]}", flush=True)
+    finally:
+        for block, process in reversed(running):
+            os.killpg(process.pid, signal.SIGINT)
+            code = process.wait(60)
+            print(f"{page.name}: exit code {code} after Ctrl-C: {block.code.strip()}", flush=True)
+    if any(process.returncode not in (0, 130) for _, process in running):
+        raise RuntimeError(f"{page.name}: Ctrl-C did not end a command as it should")
+
+
+def main() -> int:
+    """Run the pages named on the command line, or all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("page", nargs="*", type=Path, help="pages; by default all tutorials")
+    failed = []
+    for page in [path.resolve() for path in parser.parse_args().page] or PAGES:
+        with tempfile.TemporaryDirectory(prefix="tutorial-") as folder:
+            try:
+                run_page(page, Path(folder))
+            except Exception as error:  # the next page is still of interest
+                failed.append(page.name)
+                print(f"FAILED {page.name}: {error}", flush=True)
+            finally:
+                os.chdir(ROOT)
+    print(f"failed: {', '.join(failed)}" if failed else "all commands of all tutorials work")
+    return bool(failed)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
