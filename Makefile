@@ -4,10 +4,15 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
 SEED ?= 1
+CORE := $(VENV)/.installed-core
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 DOCS_STAMP := $(VENV)/.installed-docs
 COMPILED := $(VENV)/.compiled
+KERNELS := $(VENV)/.kernels-localisation $(VENV)/.kernels-mapping
+# uv installs in a few seconds where it is there; pip compiles no bytecode of modules that nobody may import.
+UV := $(shell command -v uv 2>/dev/null)
+INSTALL := $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python,$(BIN)/pip install --quiet --disable-pip-version-check --no-compile)
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
@@ -18,9 +23,12 @@ SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.ht
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
 
-demo: $(STAMP)  ## Replay the sample bag through the three nodes, score it, write the report
-	$(BIN)/sfr replay sample/sample.mcap --start truth --out $(OUT) --overwrite
+demo:  ## Replay the sample bag through the three nodes, score it against limits, write the report
+	@$(MAKE) --no-print-directory -j 3 $(STAMP) $(KERNELS)
+	$(BIN)/sfr replay sample/sample.mcap --start truth --limits sample/limits.yaml --out $(OUT) --overwrite
+	@echo
 	@echo "sfr is $(abspath $(BIN)/sfr): run it by that path, or as sfr after: source $(BIN)/activate"
+	@echo "next: $(BIN)/sfr init my_rover    # a configuration and limits for data of your own, with the commands that use them"
 
 sample: $(DEV_STAMP)  ## Render the sample bag again
 	rm -rf out/sample sample/sample.mcap
@@ -85,13 +93,26 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 # setuptools copies what it finds in build/, also what is gone from the sources
-$(STAMP): $(BIN)/python $(SOURCES)
+$(CORE): $(BIN)/python $(SOURCES)
 	rm -rf build
-	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros]"
+	$(INSTALL) .
+	@touch $@
+
+$(STAMP): $(CORE)
+	$(INSTALL) "sfr_loc_map[ros]"
 	@touch $@
 
 $(DEV_STAMP): $(STAMP)
-	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,sim,dev]"
+	$(INSTALL) "sfr_loc_map[ros,sim,dev]"
+	@touch $@
+
+# The kernels need no ROS: they are compiled on two cores while its wheels are fetched.
+$(VENV)/.kernels-localisation: $(CORE)
+	$(BIN)/python -P -m sfr_loc_map.pipeline.compile_kernels localisation
+	@touch $@
+
+$(VENV)/.kernels-mapping: $(CORE)
+	$(BIN)/python -P -m sfr_loc_map.pipeline.compile_kernels mapping metrics
 	@touch $@
 
 $(DOCS_STAMP): $(STAMP)

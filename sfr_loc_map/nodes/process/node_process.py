@@ -62,13 +62,19 @@ class NodeProcess:
     def _start(self, log: IO[bytes] | None) -> subprocess.Popen[bytes]:
         # A session of its own: Ctrl-C at the terminal reaches this process alone, which then ends the nodes.
         return subprocess.Popen(
-            [sys.executable, "-m", "sfr_loc_map.nodes.process.start", self._module, *self._arguments],
+            [sys.executable, "-P", "-m", "sfr_loc_map.nodes.process.start", self._module, *self._arguments],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT if log is not None else None,
-            env=os.environ | {SUPERVISOR_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1"} | self._environment,
+            env=os.environ | self._own_variables() | self._environment,
             start_new_session=True,
         )
+
+    @staticmethod
+    def _own_variables() -> dict[str, str]:
+        """Return the variables of a node: it imports what this process does, whatever folder it is started in."""
+        path = os.pathsep.join(os.path.abspath(place) for place in sys.path)
+        return {SUPERVISOR_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1", "PYTHONPATH": path}
 
     @property
     def popen(self) -> subprocess.Popen[bytes]:
