@@ -9,7 +9,7 @@ from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.map_tables import map_error
 from sfr_loc_map.report.score_cells import keyed_conditions
 from sfr_loc_map.report.score_tables import headline_table, limit_name, limit_unit
-from sfr_loc_map.tables.numbers import ABSENT, number
+from sfr_loc_map.tables.numbers import ABSENT, fitting, number
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 NAME = "live"
@@ -51,9 +51,15 @@ def _row(row: Row, limits: list[Verdict]) -> Row:
     *cells, count = row
     if not limits:
         return (*cells, Cell(ABSENT), Cell(ABSENT), count)
-    text = "; ".join(f"{_statistic(item)} ≤ {number(item.limit, unit=limit_unit(item.metric))}" for item in limits)
+    text = "; ".join(map(_limit, limits))
     worst = min((item.state for item in limits), key=WORST_FIRST.index)
     return (*cells, Cell(text), Cell.verdict(worst.value), count)
+
+
+def _limit(item: Verdict) -> str:
+    """Return a limit with its unit: `mean + 3 sigma ≤ 50 mm`."""
+    unit = fitting(limit_unit(item.metric), item.limit, item.value)
+    return f"{_statistic(item)} ≤ {number(item.limit, unit=unit)} {unit.symbol}"
 
 
 def _statistic(item: Verdict) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud, save_points
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.methods.method import MethodTask
+from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.cloud.cloud_truth import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.modes import CallKind
@@ -167,7 +170,12 @@ def _save_external(run: ExternalRun, files: ReplayFiles) -> None:
 
 
 def score_replay(
-    source: Source, result: ReplayResult, files: ReplayFiles, config: ScoreConfig, limits: Limits | None
+    source: Source,
+    result: ReplayResult,
+    files: ReplayFiles,
+    config: ScoreConfig,
+    limits: Limits | None,
+    settings: Mapping[str, object] = MappingProxyType({}),
 ) -> Score:
     """Return the score of what `save_replay` has written.
 
@@ -177,6 +185,7 @@ def score_replay(
         files: Where it was written.
         config: Settings.
         limits: Limits to judge by.
+        settings: Of localiser and mapper, where they differ from the defaults; they join those of the score.
 
     Raises:
         SfrError: If a file cannot be read or the truth does not fit.
@@ -190,10 +199,15 @@ def score_replay(
         map_truth=None if cloud is None else source.path,
         stats=(files.stats,) if stats else (),
     )
-    run = Run(inputs, stats, drive=drive, cloud=cloud)
+    task = MethodTask.MAP if drive is None else MethodTask.LOCALISE
+    run = Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task))
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
-    return score_run(run, config, limits)
+    score = score_run(run, config, limits)
+    made = score.provenance
+    if made is None or not settings:
+        return score
+    return replace(score, provenance=replace(made, configuration={**made.configuration, **settings}))
 
 
 def _drive(source: Source, result: ReplayResult, files: ReplayFiles, stats: Sequence[CallStats]) -> ScoredDrive | None:

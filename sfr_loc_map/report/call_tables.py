@@ -5,7 +5,8 @@ from __future__ import annotations
 from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.score import MemoryScore, Score, TimingScore
 from sfr_loc_map.report.score_cells import figure
-from sfr_loc_map.tables.numbers import MIB, SECOND, UNKNOWN
+from sfr_loc_map.report.terms import terms
+from sfr_loc_map.tables.numbers import MIB, SECOND, UNKNOWN, fitting
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 HOST = "host"
@@ -55,34 +56,32 @@ def _time_table(timing: TimingScore, name: str, title: str, place: str, target: 
     rows: list[Row] = []
     for kind, calls in timing.kinds():
         key = f"{place}.{kind}_s"
-        cells = (
-            figure(calls.p50, f"{key}.p50"),
-            figure(calls.p95, f"{key}.p95"),
-            figure(calls.p99, f"{key}.p99"),
-            figure(calls.max, f"{key}.max"),
-            figure(calls.mean_plus_3sigma, f"{key}.mean_plus_3sigma"),
-            figure(calls.first, f"{key}.first"),
-            figure(calls.max_after_first, f"{key}.max_after_first"),
-        )
-        rows.append((Cell.head(kind.value), *cells, Cell.number(calls.count, f"{key}.count"), Cell(calls.clock)))
+        unit = fitting(SECOND, calls.max, calls.mean_plus_3sigma)
+        names = ("p50", "p95", "p99", "max", "mean_plus_3sigma", "first", "max_after_first")
+        cells = (figure(getattr(calls, name), f"{key}.{name}", unit) for name in names)
+        count = Cell.number(calls.count, f"{key}.count")
+        rows.append((Cell.head(kind.value), Cell(unit.symbol), *cells, count, Cell(calls.clock)))
     if not rows:
         return None
     titles = ("p50", "p95", "p99", "max", "mean + 3 sigma", "first call", "max without it")
-    columns = (Column("call", words=True), *(Column(title, SECOND) for title in titles), Column("n"), Column("clock"))
-    return Table(name, title, columns, tuple(rows), clock_text(timing, target))
+    columns = (Column("call", words=True), Column("unit"), *map(Column, titles), Column("n"), Column("clock"))
+    words = terms("time per call", "p50, p95, p99", "mean + 3 sigma", "first call")
+    return Table(name, title, columns, tuple(rows), clock_text(timing, target), words)
 
 
 def stage_table(score: Score) -> Table | None:
     """Return the times of the stages of the calls, None where no call had any."""
     rows: list[Row] = []
+    stages = [times for _, calls in (score.timing.kinds() if score.timing else ()) for times in calls.stages.values()]
+    unit = fitting(SECOND, *(times.max for times in stages))
     for kind, calls in score.timing.kinds() if score.timing is not None else ():
         for stage, times in calls.stages.items():
             key = f"timing.{kind}_s.stages.{stage}"
             cells = (
-                figure(times.mean, f"{key}.mean"),
-                figure(times.p50, f"{key}.p50"),
-                figure(times.p95, f"{key}.p95"),
-                figure(times.max, f"{key}.max"),
+                figure(times.mean, f"{key}.mean", unit),
+                figure(times.p50, f"{key}.p50", unit),
+                figure(times.p95, f"{key}.p95", unit),
+                figure(times.max, f"{key}.max", unit),
             )
             rows.append((Cell.head(f"{kind}: {stage}"), *cells, Cell.number(times.count, f"{key}.count")))
     if not rows:
@@ -91,7 +90,7 @@ def stage_table(score: Score) -> Table | None:
         "Over the calls that had the stage. Keyframe: work of a thread of its own after its call; the next call waits "
         "for what is left of it (wait)."
     )
-    titles = (Column(title, SECOND) for title in ("mean", "p50", "p95", "max"))
+    titles = (Column(title, unit) for title in ("mean", "p50", "p95", "max"))
     return Table("stages", "Time of stages", (Column("stage", words=True), *titles, Column("n")), tuple(rows), note)
 
 
@@ -117,4 +116,5 @@ def _memory_table(memory: MemoryScore, name: str, title: str, place: str) -> Tab
     if not rows:
         return None
     columns = (Column("call", words=True), Column("peak", MIB), Column("above the idle process", MIB))
-    return Table(name, title, columns, tuple(rows), f"Method: {memory.method or UNKNOWN}.")
+    words = terms("peak", "above the idle process")
+    return Table(name, title, columns, tuple(rows), f"Method: {memory.method or UNKNOWN}.", words)

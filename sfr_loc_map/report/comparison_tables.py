@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sfr_loc_map.metrics.comparison import Comparison, PairedDifference
-from sfr_loc_map.tables.numbers import ABSENT
+from sfr_loc_map.tables.numbers import ABSENT, Unit, fitting
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 
@@ -34,14 +34,15 @@ def comparison_tables(result: Comparison) -> list[Table]:
 
 
 def _pair_row(pair: PairedDifference) -> Row:
-    name, _, unit = pair.figure.partition("_")
+    name, _, symbol = pair.figure.partition("_")
+    unit = fitting(Unit(symbol), pair.first, pair.other)
     return (
-        Cell.head(f"{name}, {unit}, over {pair.condition.label}"),
+        Cell.head(f"{name}, {unit.symbol}, over {pair.condition.label}"),
         Cell(pair.name),
-        Cell.number(pair.first, undefined=ABSENT),
-        Cell.number(pair.other, undefined=ABSENT),
-        Cell.number(pair.difference, undefined=ABSENT, signed=True),
-        Cell.interval(pair.ci95, signed=True),
+        Cell.number(pair.first, unit=unit, undefined=ABSENT),
+        Cell.number(pair.other, unit=unit, undefined=ABSENT),
+        Cell.number(pair.difference, unit=unit, undefined=ABSENT, signed=True),
+        Cell.interval(pair.ci95, unit=unit, signed=True),
         Cell.number(pair.count),
         Cell.number(pair.p_corrected, undefined=ABSENT),
         Cell(pair.outcome.value),

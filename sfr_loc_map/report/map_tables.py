@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from sfr_loc_map.metrics.score import DisparityStatistic, MapScore, SampleStatistic, Score
 from sfr_loc_map.report.score_cells import figure, statistic_cells, statistic_columns
-from sfr_loc_map.tables.numbers import ABSENT, METRE, PIXEL, number
+from sfr_loc_map.report.terms import terms
+from sfr_loc_map.tables.numbers import ABSENT, METRE, PIXEL, Unit, fitting, number
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 
@@ -42,23 +43,25 @@ def map_table(score: Score) -> Table | None:
         return None
     errors, without_truth = part.errors, 0
     disparity = None if errors is None else errors.disparity_error_px
-    rows = [_row("all points", error.value, error.key, _disparity(disparity, "map"), _coverage(part.coverage, "map"))]
+    unit = fitting(METRE, error.value.mean_plus_3sigma, error.value.p95)
+    cells = _disparity(disparity, "map"), _coverage(part.coverage, "map")
+    rows = [_row("all points", (error.value, error.key, unit), *cells)]
     if errors is not None:
         without_truth = errors.points_without_truth
         for k, item in enumerate(errors.by_range):
             key = f"map.by_range.{k}"
             title = f"{item.from_m:g} to {item.to_m:g} m"
             cells = _disparity(item.disparity_error_px, key), _coverage(item.coverage, key)
-            rows.append(_row(title, item.point_error_m, key, *cells))
+            rows.append(_row(title, (item.point_error_m, key, unit), *cells))
         for k, pair in enumerate(errors.by_pair):
             key = f"map.by_pair.{k}"
             cells = Cell(ABSENT), _coverage(pair.coverage, key)
-            rows.append(_row(f"pair {pair.pair}", pair.point_error_m, f"{key}.point_error_m", *cells))
+            rows.append(_row(f"pair {pair.pair}", (pair.point_error_m, f"{key}.point_error_m", unit), *cells))
     columns = (
         Column("points", words=True),
-        *statistic_columns(METRE),
-        Column("p50", METRE),
-        Column("p95", METRE),
+        *statistic_columns(unit),
+        Column("p50", unit),
+        Column("p95", unit),
         Column("|disparity error| p50", PIXEL),
         Column("n"),
         Column("coverage"),
@@ -66,13 +69,17 @@ def map_table(score: Score) -> Table | None:
     low, high = (number(bound) for bound in part.coverage_range_m)
     note = f"{part.points} points of {part.pairs} pairs, {without_truth} of them without truth (not scored). "
     note += f"Coverage: share of the true points from {low} to {high} m, or of the range named."
-    return Table("map", error.title.capitalize(), columns, tuple(rows), note)
+    name = error.title.removeprefix("map: ")
+    words = terms(name, "mean + 3 sigma", "p50, p95, p99", "disparity error", "coverage", "LM")
+    return Table("map", error.title.capitalize(), columns, tuple(rows), note, words)
 
 
-def _row(title: str, error: SampleStatistic, key: str, disparity: Cell, coverage: Cell) -> Row:
-    quantiles = figure(error.p50, f"{key}.p50"), figure(error.p95, f"{key}.p95")
+def _row(title: str, place: tuple[SampleStatistic, str, Unit], disparity: Cell, coverage: Cell) -> Row:
+    """Return a row; the error comes with its key and its unit."""
+    error, key, unit = place
+    quantiles = figure(error.p50, f"{key}.p50", unit), figure(error.p95, f"{key}.p95", unit)
     count = Cell.number(error.count, f"{key}.count")
-    return (Cell.head(title), *statistic_cells(error, key), *quantiles, disparity, count, coverage)
+    return (Cell.head(title), *statistic_cells(error, key, unit), *quantiles, disparity, count, coverage)
 
 
 def _disparity(value: DisparityStatistic | None, key: str) -> Cell:

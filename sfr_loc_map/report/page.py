@@ -6,7 +6,7 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -23,9 +23,11 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.report.cost_figures import cost_figures
 from sfr_loc_map.report.error_figures import error_figures
+from sfr_loc_map.report.look_first import LookFirst, look_first
 from sfr_loc_map.report.map_figures import map_figures
 from sfr_loc_map.report.overall import NO_VERDICT, NO_VERDICT_ICON, Overall, overall_of
 from sfr_loc_map.report.plots import Plot
+from sfr_loc_map.report.run_header import data_set_name, run_facts
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.trajectory_figures import trajectory_figures
 from sfr_loc_map.tables.html import OPEN_CLASS, VERDICT_CLASSES, to_html
@@ -78,7 +80,9 @@ def render_page(score: Score, *, figures: bool = True) -> str:
     provenance = dict(_flat(to_plain(score.provenance) or {}, ""))
     details = score.details.trajectory if score.details is not None else None
     return _template("page.html.j2").render(
-        title=TITLE,
+        title=f"{name}: {TITLE[0].lower()}{TITLE[1:]}" if (name := data_set_name(score)) else TITLE,
+        facts=run_facts(score),
+        look_first=_reachable(score, tables, sections),
         version=provenance.get("version", UNKNOWN),
         time=provenance.get("time", "time unknown"),
         overall=overall_of(score),
@@ -90,6 +94,16 @@ def render_page(score: Score, *, figures: bool = True) -> str:
         specs=_inline_json([asdict(plot) for plot in plots]),
         every=details.path.every if details is not None else 1,
     )
+
+
+def _reachable(
+    score: Score, tables: Sequence[Table], sections: Sequence[tuple[str, list[Plot]]]
+) -> list[LookFirst]:
+    """Return what to look at first, each with a place that this page has."""
+    places = {f"table-{table.name}" for table in tables}
+    places |= {f"figure-{plot.name}" for _, group in sections for plot in group}
+    everything = f"table-{tables[0].name}" if tables else "overall"
+    return [item if item.place in places else replace(item, place=everything) for item in look_first(score)]
 
 
 def render_overview(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sfr_loc_map.metrics.score import ConditionScore, IntervalStatistic, SampleStatistic, Score, Statistic
-from sfr_loc_map.tables.numbers import ABSENT, NONE, NOT_ENOUGH, Unit
+from sfr_loc_map.tables.numbers import ABSENT, NONE, NOT_ENOUGH, Unit, fitting
 from sfr_loc_map.tables.table import Cell, Column, Row
 
 
@@ -19,18 +19,26 @@ def statistic_columns(unit: Unit = NONE) -> tuple[Column, ...]:
     return tuple(Column(title, unit) for title in ("mean", "sigma", "mean + 3 sigma"))
 
 
-def statistic_cells(value: Statistic | SampleStatistic, key: str) -> Row:
+def statistic_values(value: Statistic | SampleStatistic) -> tuple[float | None, ...]:
     """Return mean, sigma and mean + 3 sigma."""
-    named = (("mean", value.mean), ("sigma", value.sigma), ("mean_plus_3sigma", value.mean_plus_3sigma))
-    return tuple(figure(item, f"{key}.{name}") for name, item in named)
+    return value.mean, value.sigma, value.mean_plus_3sigma
+
+
+def statistic_cells(value: Statistic | SampleStatistic, key: str, unit: Unit = NONE) -> Row:
+    """Return mean, sigma and mean + 3 sigma in a unit."""
+    names = ("mean", "sigma", "mean_plus_3sigma")
+    values = zip(names, statistic_values(value), strict=True)
+    return tuple(figure(item, f"{key}.{name}", unit) for name, item in values)
 
 
 def statistic_row(title: str, unit: Unit, value: Statistic | SampleStatistic, key: str, count: Cell) -> Row:
-    """Return a row: title, unit, statistic, interval of mean + 3 sigma, count."""
+    """Return a row in the unit that suits it: title, unit, statistic, interval of mean + 3 sigma, count."""
+    bounds = value.mean_plus_3sigma_ci95 if isinstance(value, IntervalStatistic) else None
+    unit = fitting(unit, *statistic_values(value), *(bounds or ()))
     interval = Cell(ABSENT)
     if isinstance(value, IntervalStatistic):
-        interval = Cell.interval(value.mean_plus_3sigma_ci95, f"{key}.mean_plus_3sigma_ci95", undefined=NOT_ENOUGH)
-    return (Cell.head(title), Cell(unit.symbol), *statistic_cells(value, key), interval, count)
+        interval = Cell.interval(bounds, f"{key}.mean_plus_3sigma_ci95", unit, NOT_ENOUGH)
+    return (Cell.head(title), Cell(unit.symbol), *statistic_cells(value, key, unit), interval, count)
 
 
 def keyed_conditions(score: Score) -> Iterator[tuple[str, ConditionScore]]:

@@ -17,9 +17,10 @@ from sfr_loc_map.report.call_tables import (
 from sfr_loc_map.report.map_tables import map_error, map_table
 from sfr_loc_map.report.method_tables import external_table, method_table
 from sfr_loc_map.report.score_cells import figure, keyed_conditions, statistic_columns, statistic_row
+from sfr_loc_map.report.terms import terms
 from sfr_loc_map.report.trajectory_tables import association_table, component_table, consistency_table, growth_table
 from sfr_loc_map.tables.markdown import to_markdown
-from sfr_loc_map.tables.numbers import ABSENT, DEGREE, METRE, MIB, SECOND, SHARE, Unit, number
+from sfr_loc_map.tables.numbers import ABSENT, DEGREE, METRE, MIB, SECOND, SHARE, Unit, fitting, number
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 SUMMARY = ("headline", "map", "time", "memory", "target-time", "target-memory", "external", "method", "verdicts")
@@ -68,11 +69,11 @@ def verdict_table(score: Score) -> Table | None:
         *(Column(title) for title in ("unit", "limit", "value", "95 % interval", "n", "certain")),
     )
     rows = tuple(_verdict_row(item, f"verdicts.{number}") for number, item in enumerate(score.verdicts))
-    return Table("verdicts", "Verdicts", columns, rows, "Certain: the 95 % interval does not span the limit.")
+    return Table("verdicts", "Verdicts", columns, rows, terms=terms("certain", "95 % interval", "not enough data"))
 
 
 def _verdict_row(item: Verdict, key: str) -> Row:
-    unit = limit_unit(item.metric)
+    unit = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ()))
     sign = "≥" if item.metric.endswith("_min") else "≤"
     over = f", over {item.condition}" if item.condition is not None else ""
     return (
@@ -133,7 +134,19 @@ def headline_table(score: Score) -> Table | None:
     )
     note = "Interval: of mean + 3 sigma. n: sub-trajectories, map points or calls. "
     note += frames_text(score) + clock_text(score.timing, target_name(score))
-    return Table("headline", "Figures", columns, tuple(rows), note.rstrip())
+    return Table("headline", "Figures", columns, tuple(rows), note.rstrip(), _headline_terms(score))
+
+
+def _headline_terms(score: Score) -> tuple[tuple[str, str], ...]:
+    """Return the definitions of what the headline has."""
+    names = ["mean + 3 sigma", "95 % interval"]
+    if score.trajectory is not None:
+        names += ["sub-trajectory", "re-based", "position error", "attitude error", "heading error", "lost", "degraded"]
+    if score.map is not None:
+        names.append("point error" if score.map.errors is not None else "distance to the nearest true point")
+    if score.timing is not None:
+        names.append("time per call")
+    return terms(*names)
 
 
 def frames_text(score: Score) -> str:

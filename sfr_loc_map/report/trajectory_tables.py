@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from sfr_loc_map.metrics.score import Interval, NeesPart, Score, SigmaNees
-from sfr_loc_map.report.score_cells import figure, keyed_conditions, statistic_cells, statistic_columns
-from sfr_loc_map.tables.numbers import DEGREE, METRE, number
+from sfr_loc_map.report.score_cells import figure, keyed_conditions, statistic_cells, statistic_columns, statistic_values
+from sfr_loc_map.report.terms import terms
+from sfr_loc_map.tables.numbers import DEGREE, METRE, fitting, number
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 
@@ -13,24 +14,24 @@ def growth_table(score: Score) -> Table | None:
     if score.trajectory is None or not score.trajectory.by_distance:
         return None
     rows: list[Row] = []
+    totals = [item.position_m.mean_plus_3sigma for item in score.trajectory.by_distance]
+    units = fitting(METRE, *totals), DEGREE, DEGREE
     for k, item in enumerate(score.trajectory.by_distance):
         key = f"trajectory.by_distance.{k}"
         cells: list[Cell] = []
-        for name, value in (
-            ("position_m", item.position_m),
-            ("attitude_deg", item.attitude_deg),
-            ("heading_deg", item.heading_deg),
-        ):
-            cells.append(figure(value.mean, f"{key}.{name}.mean"))
-            cells.append(figure(value.mean_plus_3sigma, f"{key}.{name}.mean_plus_3sigma"))
+        errors = {"position_m": item.position_m, "attitude_deg": item.attitude_deg, "heading_deg": item.heading_deg}
+        for unit, (name, value) in zip(units, errors.items(), strict=True):
+            cells.append(figure(value.mean, f"{key}.{name}.mean", unit))
+            cells.append(figure(value.mean_plus_3sigma, f"{key}.{name}.mean_plus_3sigma", unit))
         rows.append((Cell.head(f"{item.distance_m:g} m"), *cells, Cell.number(item.count, f"{key}.count")))
     heads = (
-        Column(f"{name}, {unit.symbol}, {statistic}")
-        for name, unit in (("position", METRE), ("attitude", DEGREE), ("heading", DEGREE))
+        Column(f"{name} {statistic}", unit)
+        for name, unit in zip(("position", "attitude", "heading"), units, strict=True)
         for statistic in ("mean", "mean + 3 sigma")
     )
     columns = (Column("over", words=True), *heads, Column("n"))
-    return Table("growth", "Error against the length of the sub-trajectory", columns, tuple(rows))
+    words = terms("sub-trajectory", "re-based", "mean + 3 sigma")
+    return Table("growth", "Error against the length of the sub-trajectory", columns, tuple(rows), terms=words)
 
 
 def component_table(score: Score) -> Table | None:
@@ -46,11 +47,14 @@ def component_table(score: Score) -> Table | None:
             ("vertical", "vertical_m", part.components.vertical_m),
         ):
             head = Cell.head(f"{title}, over {part.condition}")
-            rows.append((head, Cell(METRE.symbol), *statistic_cells(value, f"{key}.components.{name}")))
+            unit = fitting(METRE, *statistic_values(value))
+            rows.append((head, Cell(unit.symbol), *statistic_cells(value, f"{key}.components.{name}", unit)))
     if not rows:
         return None
     columns = (Column("position error", words=True), Column("unit"), *statistic_columns())
-    return Table("components", "Position error by direction", columns, tuple(rows), "Means with their signs.")
+    words = terms("DS", "along, across", "mean + 3 sigma")
+    title = "Position error by direction"
+    return Table("components", title, columns, tuple(rows), "x, y, z of DS. Means with their signs.", words)
 
 
 def consistency_table(score: Score) -> Table | None:
@@ -78,7 +82,8 @@ def consistency_table(score: Score) -> Table | None:
     columns = (Column("normalised error squared", words=True), *(Column(title) for title in titles))
     note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large. "
     note += "n: sub-trajectories that share no frame, or points of blocks far apart."
-    return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note)
+    words = terms("NEES", "95 % of consistent ones")
+    return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note, words)
 
 
 def _consistency_row(
@@ -122,4 +127,5 @@ def association_table(score: Score) -> Table | None:
         ("duration, s", part.duration_s, "trajectory.duration_s"),
     )
     rows = tuple((Cell.head(title), Cell.number(value, place)) for title, value, place in facts)
-    return Table("frames", "What was scored", (Column("frames", words=True), Column("number")), rows)
+    words = terms("lost", "degraded")
+    return Table("frames", "What was scored", (Column("frames", words=True), Column("number")), rows, terms=words)

@@ -14,7 +14,8 @@ COLUMNS = ("table", "row", "column", "key", "value")
 def to_csv(tables: Iterable[Table]) -> str:
     """Return every figure in a row of its own: table, row, column, key, value.
 
-    A figure that is not defined has no value; the bounds of an interval are two rows.
+    The value is in the unit that its key ends in, whatever unit suits the tables, so the column is named without one. A
+    figure that is not defined has no value; the bounds of an interval are two rows.
     """
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
@@ -23,7 +24,7 @@ def to_csv(tables: Iterable[Table]) -> str:
         for row in table.rows:
             head = next((cell.text for cell in row if cell.kind is CellKind.HEAD), "")
             for column, cell in zip(table.columns, row, strict=True):
-                writer.writerows((table.name, head, column.heading, key, text) for key, text in _figures(cell))
+                writer.writerows((table.name, head, column.title, key, text) for key, text in _figures(cell))
     return buffer.getvalue()
 
 

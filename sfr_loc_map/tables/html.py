@@ -22,8 +22,14 @@ def to_html(table: Table) -> str:
     return (
         f'<div class="table" id="table-{escape(table.name)}">\n<h3>{escape(table.title)}</h3>\n'
         f'<div class="scroll"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table></div>'
-        f"{note}\n</div>\n"
+        f"{note}{_terms(table)}\n</div>\n"
     )
+
+
+def _terms(table: Table) -> str:
+    """Return the definitions as a list, empty without any."""
+    items = "".join(f"<div><dt>{escape(word)}</dt><dd>{escape(text)}</dd></div>" for word, text in table.terms)
+    return f'\n<dl class="terms">{items}</dl>' if items else ""
 
 
 def _cell(cell: Cell, column: Column) -> str:

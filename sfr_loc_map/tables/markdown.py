@@ -15,6 +15,7 @@ def to_markdown(tables: Iterable[Table], title: str = "") -> str:
         lines += [f"## {_plain(table.title)}", ""] if table.title else []
         lines += [*_rows(table), ""]
         lines += [_plain(table.note), ""] if table.note else []
+        lines += [*(f"- **{_plain(word)}**: {_plain(text)}" for word, text in table.terms), ""] if table.terms else []
     return "\n".join(lines)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 UNKNOWN = "unknown"
@@ -29,6 +31,20 @@ NONE = Unit("")
 METRE, SECOND, DEGREE, PIXEL, SHARE = Unit("m"), Unit("s"), Unit("deg"), Unit("px"), Unit("share")
 MILLIMETRE, MILLISECOND, PERCENT = Unit("mm", 1e-3), Unit("ms", 1e-3), Unit("%", 1e-2)
 MIB = Unit("MiB", 2.0**20)
+_SMALLER = {"m": (1.0, MILLIMETRE), "s": (10.0, MILLISECOND)}
+"""By symbol: values that are all below this, in that unit, are shown in the smaller one."""
+
+
+def fitting(unit: Unit, *values: float | None) -> Unit:
+    """Return the unit that suits values which are compared with each other: 3.2 mm rather than 0.0032 m.
+
+    Args:
+        unit: Unit of the values; only metres and seconds have a smaller one.
+        values: The values; None is left out.
+    """
+    limit, smaller = _SMALLER.get(unit.symbol, (0.0, unit))
+    largest = max((abs(value) for value in values if value is not None and math.isfinite(value)), default=0.0)
+    return smaller if 0.0 < largest < limit else unit
 
 
 def number(value: float | int | None, undefined: str = UNKNOWN, unit: Unit = NONE, *, signed: bool = False) -> str:

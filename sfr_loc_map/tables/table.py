@@ -129,6 +129,7 @@ class Table:
         columns: Its columns.
         rows: As many cells as columns in each.
         note: How the figures are to be read.
+        terms: Words of the table with their definitions, shown where there is room: in pages and in Markdown.
     """
 
     name: str
@@ -136,6 +137,7 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     note: str = ""
+    terms: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         """Make the texts fit for a terminal: they may come from a file."""
