@@ -89,6 +89,45 @@ def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - 
     return flat
 
 
+def changed(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
+    """Return the values of a configuration that are not its defaults, by dotted name."""
+    usual = flatten(type(config)(), prefix)
+    return {name: value for name, value in flatten(config, prefix).items() if value != usual[name]}
+
+
+def to_yaml_lines(config_type: type, indent: str) -> list[str]:
+    """Return all parameters of a configuration class as lines of YAML, each below its description, at the default."""
+    lines: list[str] = []
+    groups: list[str] = []
+    for info in parameters(config_type):
+        *parents, name = info.name.split(".")
+        for depth, parent in enumerate(parents):
+            if groups[: depth + 1] != parents[: depth + 1]:
+                lines.append(f"{indent}{'  ' * depth}{parent}:")
+                groups = parents[: depth + 1]
+        groups = parents
+        inner = indent + "  " * len(parents)
+        lines += [f"{inner}# {_comment(info)}", f"{inner}{name}: {_yaml(info.default)}"]
+    return lines
+
+
+def _comment(info: ParamInfo) -> str:
+    parts = [info.doc]
+    if info.unit:
+        parts.append(f"[{info.unit}]")
+    if info.choices:
+        parts.append(f"One of: {', '.join(info.choices)}.")
+    if info.low is not None and info.high is not None:
+        parts.append(f"({info.low:g} .. {info.high:g})")
+    return " ".join(parts)
+
+
+def _yaml(value: Any) -> str:  # noqa: ANN401 - any parameter type
+    plain = list(value) if isinstance(value, tuple) else value
+    text = yaml.safe_dump(plain, default_flow_style=True, width=10**6, default_style='"' if plain == "" else None)
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
 def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
     """Make a configuration from dotted names; what is not named keeps its default.
 

@@ -26,6 +26,7 @@ def sfr(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     from sfr_loc_map.cli.main import main
 
     monkeypatch.delenv("SFR_DEBUG", raising=False)
+    monkeypatch.setenv("SFR_HINTS", "0")  # for tests of what a command says itself
 
     def run(*arguments: object) -> Result:
         monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])

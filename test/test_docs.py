@@ -52,6 +52,9 @@ def test_targets_of_make_are_there() -> None:
 def test_the_demo_says_where_the_command_is_and_can_be_repeated() -> None:
     recipe = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\ndemo:")[2].partition("\n\n")[0]
     assert "--overwrite" in recipe
-    assert "$(BIN)/sfr" in recipe.splitlines()[-1]
-    assert "source $(BIN)/activate" in recipe.splitlines()[-1]
+    place, following = recipe.splitlines()[-2:]
+    assert "$(BIN)/sfr" in place
+    assert "source $(BIN)/activate" in place
+    assert "next: $(BIN)/sfr init" in following
+    assert "--limits sample/limits.yaml" in recipe
     assert "source .venv/bin/activate" in (ROOT / "README.md").read_text(encoding="utf-8")

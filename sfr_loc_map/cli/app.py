@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 from sfr_loc_map import __version__
+from sfr_loc_map.cli.next_step import SWITCH, propose_default
 
 EXIT_CODES = (
     "Exit codes: 0 all well; 1 a limit was missed, or the doctor found something; 2 bad input or usage; "
@@ -23,6 +24,11 @@ class _Command(TyperCommand):
     def get_params(self, ctx: Any) -> list[Any]:  # noqa: ANN401 - click's own, or the copy within typer, by its version
         """Return the parameters."""
         return _without_types(super().get_params(ctx))
+
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - as above
+        """Run the command; its last line is the usual one until it proposes another."""
+        propose_default(ctx.command_path.partition(" ")[2])
+        return super().invoke(ctx)
 
 
 class _Group(TyperGroup):
@@ -80,8 +86,11 @@ def _version(wanted: bool) -> None:
 def _root(
     context: typer.Context,
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
+    no_hints: bool = typer.Option(False, "--no-hints", help="Leave out the last line, which says what is useful next."),
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
 ) -> None:
     if debug:
         os.environ["SFR_DEBUG"] = "1"
+    if no_hints:
+        os.environ[SWITCH] = "0"
     help_without_command(context)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import (
     HTML_SUFFIXES,
     HtmlOption,
@@ -60,6 +61,8 @@ def compare(
         text = f"{len(names)} scores of the same data; the reference is {names[0]}."
         write_text(render_overview(TITLE, None, text, tables, methods_figures(loaded, names)), html)
     shown = [table for table in tables if table.name != PROVENANCE]
+    if html is not None:
+        propose(f"open {html} in a browser")
     show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, shown)
 
 

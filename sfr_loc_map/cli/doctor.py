@@ -10,6 +10,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import ConfigOption, RemapOption, parse_remaps, progress_bar, require_ros
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, OverwriteOption, check_outputs, say, show
 from sfr_loc_map.cli.verdict import LenientOption, not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
@@ -66,9 +67,9 @@ def doctor(
         require_ros("doctor --graph")
         from sfr_loc_map.nodes.tools.graph_observation import observe_graph
 
-        _examine(observe_graph(seconds, namespace, remaps, extrinsics_given=extrinsics_given), json_path)
+        _examine(observe_graph(seconds, namespace, remaps, extrinsics_given=extrinsics_given), json_path, "--graph")
     elif subject is not None:
-        _examine(_observe(subject, remaps, extrinsics_given=extrinsics_given), json_path)
+        _examine(_observe(subject, remaps, extrinsics_given=extrinsics_given), json_path, subject)
 
 
 def _observe(source: Path, remaps: dict[str, str], *, extrinsics_given: bool) -> Observation:
@@ -90,7 +91,8 @@ def _observe(source: Path, remaps: dict[str, str], *, extrinsics_given: bool) ->
         return observe_source(source, extrinsics_given=extrinsics_given, progress=lambda: bar.advance(task))
 
 
-def _examine(seen: Observation, json_path: str | None) -> None:
+def _examine(seen: Observation, json_path: str | None, asked: Path | str) -> None:
+    """Show the findings; `asked` is what was examined, as the user named it."""
     from sfr_loc_map.pipeline.doctor.checks import examine
 
     findings = examine(seen)
@@ -103,8 +105,19 @@ def _examine(seen: Observation, json_path: str | None) -> None:
             say(f"       fix: {finding.fix}")
         if not findings:
             say(f"{seen.subject}: no blocking issue")
+    if json_path != STANDARD_OUTPUT:
+        _propose(asked, stops)
     if stops:
         raise FailedVerdictError(f"{stops} blocking issue{'s' * (stops > 1)} on {seen.subject}")
+
+
+def _propose(asked: Path | str, stops: int) -> None:
+    if stops:
+        propose("sfr", "doctor", asked, why="again, after the fix")
+    elif isinstance(asked, Path):
+        propose("sfr", "replay", asked, "--out", "out", why="through the nodes; scored, if it has a truth")
+    else:
+        propose("sfr", "record", "drive", why="inputs and outputs of the nodes into a bag")
 
 
 def _gives_extrinsics(config: Path | None) -> bool:

@@ -25,6 +25,7 @@ from sfr_loc_map.cli.common import (
     read_config,
 )
 from sfr_loc_map.cli.method import OURS, conclude_findings, method_limits, method_of
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, say, warn
 from sfr_loc_map.errors import ConfigError, InterruptedRunError
 
@@ -92,12 +93,17 @@ def localise(
     if stats is not None:
         save_stats(stats, records, about)
     say(f"{len(done)} poses, {states_text(records)}: {output}", err=True)
+    _propose(output, source if sequence.ground_truth is not None else "TRUTH", stats)
     text = tracking_warning(records, source)
     if text is not None:
         warn(text)
     if len(done) < len(sequence):
         raise InterruptedRunError(f"interrupted: {len(done)} of {len(sequence)} pairs were localised, and written")
     conclude_findings(about, records)
+
+
+def _propose(output: Path, truth: Path | str, stats: Path | None) -> None:
+    propose("sfr", "score", output, truth, *(("--stats", stats) if stats is not None else ()), why="against the truth")
 
 
 def _run(

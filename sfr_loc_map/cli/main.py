@@ -14,10 +14,12 @@ import sys
 import typer
 
 from sfr_loc_map.cli.app import app
+from sfr_loc_map.cli.next_step import last_line
 from sfr_loc_map.errors import ExitCode, SfrError
-from sfr_loc_map.printable import one_line
+from sfr_loc_map.printable import one_line, printable
 
 COMMANDS = (
+    "init",
     "localise",
     "map",
     "convert",
@@ -54,6 +56,13 @@ class _LineFormatter(logging.Formatter):
 
 def main() -> int:
     """Run the command line; return the exit code."""
+    code = _run()
+    if line := last_line(code):
+        print(printable(line), file=sys.stderr)
+    return code
+
+
+def _run() -> int:
     if logging.lastResort is not None:  # what writes where no program has set up logging
         logging.lastResort.setFormatter(_LineFormatter())
     try:

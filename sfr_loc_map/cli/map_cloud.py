@@ -24,6 +24,7 @@ from sfr_loc_map.cli.common import (
 )
 from sfr_loc_map.cli.dem import write_dem_pages
 from sfr_loc_map.cli.method import OURS, conclude_findings, method_limits, method_of
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, say
 from sfr_loc_map.errors import ConfigError
 
@@ -112,6 +113,7 @@ def map_cloud(
     say(f"{len(saved.cloud)} points of {len(run.maps)} pairs: {output}", err=True)
     for path in outputs.more:
         say(str(path), err=True)
+    propose("sfr", "score", output, source, why="against the truth, if the source has it")
     conclude_findings(about, run.records)
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfr_loc_map.cli.next_step import propose_nothing
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.printable import one_line, printable
 
@@ -149,6 +150,7 @@ def write_text(text: str, path: Path) -> None:
 def show(json_text: str, place: str | None, tables: Iterable[Table]) -> None:
     """Write the JSON where `--json` says and print the tables; the JSON alone where it goes to standard output."""
     if place == STANDARD_OUTPUT:
+        propose_nothing()
         sys.stdout.write(json_text)
         return
     if place is not None:

@@ -9,6 +9,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import SourceArgument, naming, progress_bar
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import OverwriteOption, output_folder, say
 from sfr_loc_map.errors import ConfigError
 
@@ -52,3 +53,4 @@ def perturb(
         task = bar.add_task("injecting faults", total=total)
         count = run(opened, destination, faults, seed, lambda done: bar.update(task, completed=done))
     say(f"{count} of {total} pairs: {destination}", err=True)
+    propose("sfr", "localise", destination, "-o", "estimate.csv", "--stats", "stats.csv", why="what the fault does")

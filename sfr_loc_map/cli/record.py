@@ -9,6 +9,7 @@ import typer
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import require_ros
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import OverwriteOption, output_folder, say
 
 
@@ -41,6 +42,7 @@ def record(
     with output_folder(out, overwrite=overwrite):
         counts = run(out, options, lambda text: say(text, err=True))
     count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))
+    propose("sfr", "doctor", out, why="is it complete")
     say(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")
     for name, topic in counts.items():
         if topic.lost:

@@ -40,6 +40,7 @@ from sfr_loc_map.cli.output import OverwriteOption, check_outputs
 from sfr_loc_map.cli.replay_result import check_answers, result_of, say_where
 from sfr_loc_map.cli.score import LimitsOption, present
 from sfr_loc_map.cli.verdict import LenientOption, conclude, read_limits
+from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InterruptedRunError, OutputError
 from sfr_loc_map.printable import printable
 
@@ -211,7 +212,8 @@ def _replay_and_score(
             for file in files.all:
                 file.unlink(missing_ok=True)  # of an earlier run, which may have written more of them
             save_replay(result, files)
-            score = score_replay(source, result, files, options.score, limits)
+            settings = changed(options.localisation, "localisation.") | changed(options.mapping, "mapping.")
+            score = score_replay(source, result, files, options.score, limits, settings)
             try:
                 present(score, None if out is None else str(files.report), None if out is None else files.page)
             finally:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from sfr_loc_map.cli.external import external_run_of
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import say, warn
 from sfr_loc_map.errors import NodeError
 
@@ -60,3 +61,4 @@ def say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path 
     if out is not None:
         page = files.page if files.page.exists() else files.report
         say(f"report: {page}")
+        propose(f"open {page} in a browser")

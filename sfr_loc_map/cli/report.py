@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs, say, write_text
 from sfr_loc_map.errors import ConfigError
 
@@ -69,6 +70,8 @@ def report(
         return
     write_text(text, output)
     say(f"report: {output}")
+    if chosen in (Format.HTML, Format.PDF_READY):
+        propose(f"open {output} in a browser")
 
 
 def _text(score: Score, form: Format) -> str:

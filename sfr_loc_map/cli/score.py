@@ -11,6 +11,7 @@ import typer
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import ConditionOption
 from sfr_loc_map.cli.convention import ApplyDiagnosisOption, ConventionOption, read_correction
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import (
     HTML_SUFFIXES,
     STANDARD_OUTPUT,
@@ -19,6 +20,7 @@ from sfr_loc_map.cli.output import (
     OverwriteOption,
     check_outputs,
     check_suffix,
+    say,
     show,
     warn,
 )
@@ -113,6 +115,7 @@ def score(
     correction = read_correction(convention, apply_diagnosis, has_poses=inputs.estimate is not None)
     result = score_files(inputs, config, parsed_limits, fused=fused, correction=correction)
     present(result, json_path, html)
+    _propose(result, (estimate, truth), json_path, html)
     conclude(result, asked, lenient=lenient)
 
 
@@ -129,6 +132,8 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     if not tables and json_path != STANDARD_OUTPUT:
         raise ConfigError("nothing was scored: give an estimate and its truth")
     show(to_json(score), json_path, tables)
+    if json_path != STANDARD_OUTPUT:
+        _say_verdict(score)
     if html is not None:
         _write_page(score, html)
     for finding in score.findings:
@@ -136,6 +141,32 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     for warning in score.warnings:
         if warning != score.contradiction:  # that ends the command
             warn(warning)
+
+
+def _propose(score: Score, inputs: tuple[Path, Path], json_path: str | None, html: Path | None) -> None:
+    """Propose what is useful after a score."""
+    if json_path == STANDARD_OUTPUT:
+        return
+    if score.contradiction is not None:
+        propose("sfr", "doctor", *inputs, why="which convention mismatch it is, and what corrects it")
+    elif html is not None:
+        propose(f"open {html} in a browser")
+    elif not score.verdicts:
+        propose("sfr init    # limits to fill in; then: sfr score ... --limits limits.yaml --html report.html")
+    else:
+        propose("sfr", "score", *inputs, "--html", "report.html", why="the same as a page with figures")
+
+
+def _say_verdict(score: Score) -> None:
+    """Say the verdict over all limits, and what to look at first."""
+    from sfr_loc_map.report.look_first import look_first
+    from sfr_loc_map.report.overall import overall_of
+
+    if score.verdicts:
+        overall = overall_of(score)
+        say(f"verdict: {overall.state}. {overall.text}")
+    for item in look_first(score)[:1]:
+        say(f"look at this first: {item.what}. {item.why}")
 
 
 def _write_page(score: Score, html: Path) -> None:

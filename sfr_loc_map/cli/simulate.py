@@ -12,6 +12,7 @@ import yaml
 from sfr_loc_map.bounded_input import parse_yaml
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import each_tenth, progress_bar
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import OverwriteOption, output_folder, say
 from sfr_loc_map.errors import ConfigError, InterruptedRunError
 
@@ -69,6 +70,7 @@ def simulate(
                 f"interrupted: {state[0]} of {state[1]} images are rendered; the same command continues"
             ) from None
     say(f"{count} pairs: {out}", err=True)
+    propose("sfr", "replay", out, "--start", "truth", "--out", f"{out}_result", why="through the nodes, scored")
 
 
 def parse_settings(settings: list[str] | None) -> dict[str, Any]:

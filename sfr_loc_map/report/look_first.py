@@ -35,7 +35,7 @@ def look_first(score: Score) -> tuple[LookFirst, ...]:
     """Return what to look at, the worst first; without a finding, what would go wrong first."""
     everything = (
         *_contradiction(score),
-        *(LookFirst(str(item.kind), f"The method under test did something wrong: {item}.", "table-method") for item in score.findings),
+        *_findings(score),
         *_missed(score),
         *_lost(score),
         *_undecided(score),
@@ -46,9 +46,14 @@ def look_first(score: Score) -> tuple[LookFirst, ...]:
     return tuple(islice(everything, MOST))
 
 
+def _findings(score: Score) -> Iterator[LookFirst]:
+    for item in score.findings:
+        yield LookFirst(str(item.kind), f"The method under test did something wrong: {item}.", "table-method")
+
+
 def _contradiction(score: Score) -> Iterator[LookFirst]:
     if score.contradiction is not None:
-        why = f"Estimate and truth contradict each other, so that no figure of the trajectory judges: {score.contradiction}"
+        why = f"Estimate and truth contradict each other, so that no figure of them judges: {score.contradiction}"
         yield LookFirst("the convention of the poses", why, "table-headline")
 
 
@@ -111,7 +116,8 @@ def _worst_part(score: Score) -> Iterator[LookFirst]:
 def _worst_text(part: Part, worst: int, size: float) -> str:
     unit = fitting(METRE, size)
     frames = f"frames {part.rows.start_frame[worst]} to {part.rows.end_frame[worst]}"
-    return f"Over {part.score.condition} the largest position error is {number(size, unit=unit)} {unit.symbol}, at {frames}."
+    largest = f"{number(size, unit=unit)} {unit.symbol}"
+    return f"Over {part.score.condition} the largest position error is {largest}, at {frames}."
 
 
 def _use_of_limit(item: Verdict) -> float:

@@ -96,9 +96,7 @@ def render_page(score: Score, *, figures: bool = True) -> str:
     )
 
 
-def _reachable(
-    score: Score, tables: Sequence[Table], sections: Sequence[tuple[str, list[Plot]]]
-) -> list[LookFirst]:
+def _reachable(score: Score, tables: Sequence[Table], sections: Sequence[tuple[str, list[Plot]]]) -> list[LookFirst]:
     """Return what to look at first, each with a place that this page has."""
     places = {f"table-{table.name}" for table in tables}
     places |= {f"figure-{plot.name}" for _, group in sections for plot in group}

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 TERMS: Mapping[str, str] = {
-    "sub-trajectory": "the part of the drive from a start to where the condition is met: so many metres, seconds or frames "
-    "later; starts follow each other at a fixed number of frames.",
-    "re-based": "the estimate is placed on the true pose at the start of each sub-trajectory, so that its error at the "
-    "end is what was added on the way.",
-    "position error": "estimated less true position at the end of a sub-trajectory, as a vector; the mean is the length "
-    "of the mean vector.",
-    "attitude error": "angle of the rotation between the estimated and the true attitude at the end of a sub-trajectory.",
+    "sub-trajectory": "the part of the drive from a start to where the condition is met: so many metres, seconds or "
+    "frames later; starts follow each other at a fixed number of frames.",
+    "re-based": "the estimate is placed on the true pose at the start of each sub-trajectory, so that its error at "
+    "the end is what was added on the way.",
+    "position error": "estimated less true position at the end of a sub-trajectory, as a vector; the mean is the "
+    "length of the mean vector.",
+    "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory.",
     "heading error": "estimated less true heading (about the vertical) at the end of a sub-trajectory, with its sign.",
-    "mean + 3 sigma": "size of the mean plus three standard deviations, over all sub-trajectories, map points or calls: "
-    "what the specification limits.",
+    "mean + 3 sigma": "size of the mean plus three standard deviations, over all sub-trajectories, map points or "
+    "calls: what the specification limits.",
     "95 % interval": "range that holds the true mean + 3 sigma in 95 of 100 such drives.",
     "not enough data": "the figure is not defined for so few values.",
     "DS": "the fixed world frame of the drive: x east, y north, z up.",
@@ -24,7 +24,7 @@ TERMS: Mapping[str, str] = {
     "number of components (expected).",
     "95 % of consistent ones": "range in which the mean NEES of an honest estimate lies in 95 of 100 cases.",
     "point error": "distance from a map point to the true point of its pixel.",
-    "distance to the nearest true point": "distance from a map point to any true point; it reads lower than point error.",
+    "distance to the nearest true point": "distance from a map point to any true point; reads lower than point error.",
     "coverage": "share of the true points within the scored range that have a map point.",
     "disparity error": "the disparity, in pixels, that the error in depth amounts to; it does not grow with range.",
     "p50, p95, p99": "50, 95 or 99 of 100 values are not larger.",

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from sfr_loc_map.metrics.score import Interval, NeesPart, Score, SigmaNees
-from sfr_loc_map.report.score_cells import figure, keyed_conditions, statistic_cells, statistic_columns, statistic_values
+from sfr_loc_map.report.score_cells import (
+    figure,
+    keyed_conditions,
+    statistic_cells,
+    statistic_columns,
+    statistic_values,
+)
 from sfr_loc_map.report.terms import terms
 from sfr_loc_map.tables.numbers import DEGREE, METRE, fitting, number
 from sfr_loc_map.tables.table import Cell, Column, Row, Table

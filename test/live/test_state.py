@@ -56,9 +56,9 @@ def test_strings_are_those_of_the_table_model(run: LiveState) -> None:
 def test_limits_stand_beside_their_figures(run: LiveState) -> None:
     (table,) = (table for table in run.live_to_plain(0.0)["tables"] if table["name"] == "live")
     rows = {row[0]["text"]: [cell.get("text") for cell in row] for row in table["rows"]}
-    assert rows["position error over 5 m"][6:8] == ["mean + 3 sigma ≤ 1e-06", "fail"]
-    assert rows["heading error over 5 m"][6:8] == ["mean + 3 sigma ≤ 90", "pass"]
-    assert rows["position error over 500 m"][6:8] == ["mean + 3 sigma ≤ 0.1", "not enough data"]
+    assert rows["position error over 5 m"][6:8] == ["mean + 3 sigma ≤ 0.001 mm", "fail"]
+    assert rows["heading error over 5 m"][6:8] == ["mean + 3 sigma ≤ 90 deg", "pass"]
+    assert rows["position error over 500 m"][6:8] == ["mean + 3 sigma ≤ 100 mm", "not enough data"]
     assert rows["attitude error over 5 m"][6:8] == ["-", "-"]
 
 

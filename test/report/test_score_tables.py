@@ -65,7 +65,7 @@ def small() -> Score:
 
 def test_headline_row_by_hand() -> None:
     rows = table(small(), "headline").rows
-    assert texts(rows[0]) == ["position error over 5 m", "m", "0.01235", "0.002", "0.01835", "0.015 to 0.025", "31"]
+    assert texts(rows[0]) == ["position error over 5 m", "mm", "12.35", "2", "18.35", "15 to 25", "31"]
     assert rows[0][4].value == 0.0183456
     assert rows[0][4].key == "trajectory.position_m.mean_plus_3sigma"
 
@@ -77,7 +77,7 @@ def test_undefined_figures_are_words() -> None:
 def test_verdict_rows_by_hand() -> None:
     rows = [texts(row) for row in table(small(), "verdicts").rows]
     assert rows[0] == [
-        "pass", "position mean + 3 sigma, over 5 m", "m", "≤ 0.02", "0.01835", "0.015 to 0.025", "31", "no",
+        "pass", "position mean + 3 sigma, over 5 m", "mm", "≤ 20", "18.35", "15 to 25", "31", "no",
     ]  # fmt: skip
     assert rows[1][1:5] == ["localisation peak", "MiB", "≤ 1", "500"]
     assert rows[2][1:5] == ["map coverage", "share", "≥ 0.8", "not enough data"]
@@ -149,7 +149,7 @@ def test_calls_of_a_target_stand_apart_under_its_name() -> None:
     target = TargetScore(name="GR740", timing=score.timing, memory=score.memory)
     shown = table(replace(score, target=target), "target-time")
     assert shown.title == "Time per call on GR740"
-    assert shown.rows[0][1].key == "target.timing.localisation_s.p50"
+    assert shown.rows[0][2].key == "target.timing.localisation_s.p50"
     assert table(replace(score, target=target), "target-memory").rows[0][1].key == (
         "target.memory.localisation_peak_bytes"
     )

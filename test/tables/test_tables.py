@@ -9,7 +9,7 @@ from rich.console import Console
 from sfr_loc_map.tables.csv_rows import to_csv
 from sfr_loc_map.tables.html import to_html
 from sfr_loc_map.tables.markdown import to_markdown
-from sfr_loc_map.tables.numbers import MIB, MILLISECOND, Unit, number
+from sfr_loc_map.tables.numbers import DEGREE, METRE, MIB, MILLISECOND, SECOND, Unit, fitting, number
 from sfr_loc_map.tables.table import Cell, Column, Table
 from sfr_loc_map.tables.terminal import to_rich
 
@@ -54,6 +54,22 @@ def test_a_value_is_shown_in_the_unit(unit: Unit, text: str) -> None:
     assert number(500 * 2**20, unit=unit) == text
 
 
+@pytest.mark.parametrize(
+    ("unit", "values", "symbol"),
+    [
+        (METRE, (0.003157, None), "mm"),
+        (METRE, (0.003157, -1.5), "m"),
+        (METRE, (0.0, None), "m"),
+        (METRE, (float("inf"),), "m"),
+        (SECOND, (1.871, 0.04), "ms"),
+        (SECOND, (12.0,), "s"),
+        (DEGREE, (0.001,), "deg"),
+    ],
+)
+def test_the_unit_suits_the_largest_value(unit: Unit, values: tuple[float | None, ...], symbol: str) -> None:
+    assert fitting(unit, *values).symbol == symbol
+
+
 def test_differences_have_a_sign() -> None:
     assert [number(value, signed=True) for value in (0.25, -0.25, 20000.0, 3)] == ["+0.25", "-0.25", "+20000", "+3"]
 
@@ -79,11 +95,11 @@ def test_csv_has_the_exact_values_and_both_bounds() -> None:
     rows = list(csv.reader(io.StringIO(to_csv([TABLE]))))
     assert rows[0] == ["table", "row", "column", "key", "value"]
     assert [row[2:] for row in rows[1:]] == [
-        ["p50, ms", "timing.p50", "0.0123456"],
+        ["p50", "timing.p50", "0.0123456"],
         ["95 % interval", "timing.ci95.0", "1.0"],
         ["95 % interval", "timing.ci95.1", "2.5"],
         ["verdict", "", "pass"],
-        ["p50, ms", "timing.p95", ""],
+        ["p50", "timing.p95", ""],
         ["verdict", "", "open"],
     ]
     assert {row[0] for row in rows[1:]} == {"times"}

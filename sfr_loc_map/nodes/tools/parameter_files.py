@@ -9,9 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from sfr_loc_map.config import ParamInfo, parameters
+from sfr_loc_map.config import to_yaml_lines
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.nodes.localisation_node import NAME as LOCALISATION_NODE
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
@@ -35,35 +33,9 @@ def parameter_file(node_name: str, config_type: type[Any]) -> str:
         f"# `ros2 run sfr_loc_map {node_name} --ros-args --params-file FILE`, or `sfr replay --config FILE`.",
         f"/**/{node_name}:",
         "  ros__parameters:",
+        *to_yaml_lines(config_type, "    "),
     ]
-    groups: list[str] = []
-    for info in parameters(config_type):
-        *parents, name = info.name.split(".")
-        for depth, parent in enumerate(parents):
-            if groups[: depth + 1] != parents[: depth + 1]:
-                lines.append(f"{'  ' * (depth + 2)}{parent}:")
-                groups = parents[: depth + 1]
-        groups = parents
-        indent = "  " * (len(parents) + 2)
-        lines += [f"{indent}# {_comment(info)}", f"{indent}{name}: {_yaml(info.default)}"]
     return "\n".join(lines) + "\n"
-
-
-def _comment(info: ParamInfo) -> str:
-    parts = [info.doc]
-    if info.unit:
-        parts.append(f"[{info.unit}]")
-    if info.choices:
-        parts.append(f"One of: {', '.join(info.choices)}.")
-    if info.low is not None and info.high is not None:
-        parts.append(f"({info.low:g} .. {info.high:g})")
-    return " ".join(parts)
-
-
-def _yaml(value: Any) -> str:  # noqa: ANN401 - any parameter type
-    plain = list(value) if isinstance(value, tuple) else value
-    text = yaml.safe_dump(plain, default_flow_style=True, width=10**6, default_style='"' if plain == "" else None)
-    return text.removesuffix("\n").removesuffix("\n...")
 
 
 def main(folder: Path) -> None:

@@ -1,0 +1,114 @@
+"""The head of the report: whose run it is, and what to look at first."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+from made_scores import whole_score
+
+from sfr_loc_map.metrics.condition import Condition
+from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.score import InputFile, MethodKind, MethodRecord, Provenance, Score, Verdict
+from sfr_loc_map.report.look_first import MOST, LookFirst, look_first
+from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.run_header import data_set_name, run_facts
+from sfr_loc_map.report.score_tables import score_tables
+from sfr_loc_map.report.terms import TERMS
+
+FIVE_METRES = Condition.parse("distance=5")
+
+
+def named(truth: str = "drives/crater/loc/groundtruth.csv", **settings: object) -> Score:
+    made = Provenance(
+        version="9.9",
+        inputs={"estimate": InputFile(path="out/e.csv", sha256="0"), "truth": InputFile(path=truth, sha256="0")},
+        configuration={"trajectory.spacing": 10, "trajectory.conditions": ["distance=5"], **settings},
+        host={"machine": "x86_64"},
+        time="2024-02-29T12:00:00+00:00",
+    )
+    method = MethodRecord(name="orbslam", version="3", kind=MethodKind.PYTHON)
+    return replace(whole_score(), provenance=made, method=method)
+
+
+def verdict(value: float | None, limit: float, state: VerdictState, metric: str = "position_mean_m") -> Verdict:
+    return Verdict(
+        metric=metric, limit=limit, value=value, state=state, ci95=None, count=7, certain=None, condition=FIVE_METRES
+    )
+
+
+def only(*verdicts: Verdict) -> Score:
+    return Score(verdicts=verdicts)
+
+
+def test_the_header_names_data_set_and_run() -> None:
+    facts = dict(run_facts(named(**{"trajectory.spacing": 5, "localisation.max_features": 100})))
+    assert facts["Truth"] == "drives/crater/loc/groundtruth.csv"
+    assert facts["Judged"] == "out/e.csv"
+    assert re.fullmatch(r"[\d.]+ m in [\d.]+ s, 300 stereo pairs with a truth", facts["Drive"])
+    assert re.fullmatch(r"\d+ points of 2 stereo pairs", facts["Map"])
+    assert facts["Method"] == "orbslam 3 (python)"
+    assert facts["Configuration"] == "trajectory.spacing 5; localisation.max_features 100"
+    assert facts["Scored"] == "2024-02-29T12:00:00+00:00 by sfr_loc_map 9.9 on x86_64"
+    assert dict(run_facts(named()))["Configuration"] == "defaults"
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
+        ("d/crater/loc/groundtruth.csv", "crater"),
+        ("sample/sample.mcap", "sample.mcap"),
+        ("groundtruth.csv", "groundtruth.csv"),
+    ],
+)
+def test_the_name_of_the_data_set_is_that_of_its_folder_or_file(path: str, name: str) -> None:
+    assert data_set_name(named(path)) == name
+    assert data_set_name(replace(named(), provenance=None)) == ""
+
+
+def test_missed_limits_come_first_the_worst_before_the_others() -> None:
+    failed = [verdict(value, 0.1, VerdictState.FAIL) for value in (0.12, 0.3)]
+    met = [verdict(value, 0.1, VerdictState.PASS, "heading_mean_deg") for value in (0.01, -0.09)]
+    shown = look_first(only(*met, *failed, verdict(None, 0.1, VerdictState.NOT_ENOUGH_DATA)))
+    assert [item.why for item in shown] == [
+        "It misses its limit: 300 mm against 100 mm, 300 % of it.",
+        "It misses its limit: 120 mm against 100 mm, 120 % of it.",
+        "There is not enough data to judge it by its limit (7 values).",
+        "Of the limits that are met it is the nearest to being missed: -0.09 deg against 0.1 deg, 90 % of it.",
+    ]
+    assert shown[0].what == "position mean over 5 m"
+    assert shown[0].place == "figure-position"
+
+
+def test_a_lower_bound_is_used_up_from_above() -> None:
+    (item,) = look_first(only(verdict(0.4, 0.8, VerdictState.FAIL, "coverage_min")))
+    assert item == LookFirst("map coverage over 5 m", "It misses its limit: 0.4 share against 0.8 share.", "table-map")
+
+
+def test_lost_frames_are_named_and_the_list_is_short() -> None:
+    score = whole_score()
+    assert score.trajectory is not None
+    texts = [f"{item.what}: {item.why}" for item in look_first(replace(score, verdicts=()))]
+    assert texts[0] == "lost frames: 3 of 300 frames (1 %) are lost, and count in every figure like the others."
+    assert re.search(r"at frames \d+ to \d+\.$", texts[-1])
+    many = replace(score, verdicts=(verdict(1.0, 0.1, VerdictState.FAIL),) * 9)
+    assert len(look_first(many)) == MOST
+
+
+def test_the_page_begins_with_them_and_each_leads_to_a_place_of_the_page() -> None:
+    page = render_page(named(), figures=False)
+    assert "<h1>crater: localisation and mapping report</h1>" in page
+    assert page.index('id="run"') < page.index('id="look-first"') < page.index('id="table-verdicts"')
+    places = re.findall(r'<li><a href="#([\w-]+)"', page)
+    assert places
+    assert all(f'id="{place}"' in page for place in places)
+
+
+def test_terms_stand_below_the_tables_that_use_them() -> None:
+    tables = {table.name: dict(table.terms) for table in score_tables(whole_score())}
+    assert {"mean + 3 sigma", "re-based", "position error"} <= tables["headline"].keys()
+    assert "DS" in tables["components"]
+    assert "LM" in tables["map"]
+    assert "NEES" in tables["consistency"]
+    assert {word for terms in tables.values() for word in terms} <= TERMS.keys()
