@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli import bench_faults
+from sfr_loc_map.cli import bench_faults, completion
 from sfr_loc_map.cli.app import examples
 from sfr_loc_map.cli.bench_common import app, present
 from sfr_loc_map.cli.common import (
@@ -34,6 +34,7 @@ AddedOption = Annotated[
     typer.Option(
         "--method",
         metavar="NAME|package.module:Class|lib:FILE.so",
+        autocompletion=completion.methods,
         help="One more method to compare; repeatable.",
     ),
 ]

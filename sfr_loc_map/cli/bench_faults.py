@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfr_loc_map.cli import completion
 from sfr_loc_map.cli.app import examples
 from sfr_loc_map.cli.bench_common import app, present
 from sfr_loc_map.cli.common import (
@@ -57,7 +58,13 @@ def faults(
     ] = False,
     pairs: Annotated[int, typer.Option(min=10, metavar="N", help="Most pairs of a drive with random faults.")] = 100,
     condition: Annotated[
-        str, typer.Option("--condition", metavar="distance=M|time=S|frames=N", help="End of a sub-trajectory.")
+        str,
+        typer.Option(
+            "--condition",
+            metavar="distance=M|time=S|frames=N",
+            autocompletion=completion.conditions,
+            help="End of a sub-trajectory.",
+        ),
     ] = "distance=5",
     spacing: Annotated[int, typer.Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")] = 10,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,

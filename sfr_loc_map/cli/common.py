@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from sfr_loc_map.cli import completion
 from sfr_loc_map.cli.output import say
 from sfr_loc_map.config import read_config as read_config
 from sfr_loc_map.errors import ConfigError, MissingExtraError
@@ -31,12 +32,19 @@ ConditionOption = Annotated[
     typer.Option(
         "--condition",
         metavar="distance=M|time=S|frames=N",
+        autocompletion=completion.conditions,
         show_default="distance=5",
         help="End of a sub-trajectory; repeatable.",
     ),
 ]
 StartOption = Annotated[
-    str, typer.Option("--start", metavar="identity|truth", help="First pose: the identity, or the true one.")
+    str,
+    typer.Option(
+        "--start",
+        metavar="identity|truth",
+        help="First pose: the identity, or the true one.",
+        autocompletion=completion.words("identity", "truth"),
+    ),
 ]
 
 MethodOption = Annotated[
@@ -44,6 +52,7 @@ MethodOption = Annotated[
     typer.Option(
         "--method",
         metavar="NAME|package.module:Class|lib:FILE.so",
+        autocompletion=completion.methods,
         help="Method under test (sfr methods); --config is then the file with its configuration.",
     ),
 ]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfr_loc_map.cli import completion
 from sfr_loc_map.cli.convention import read_correction
 from sfr_loc_map.cli.output import say
 from sfr_loc_map.constants import Task
@@ -25,11 +26,21 @@ VALUES = ("command", "watch", "answers", "frames")
 
 ExternalOption = Annotated[
     str | None,
-    typer.Option("--external", metavar="localisation|mapping", help="A node of anyone in place of ours is under test."),
+    typer.Option(
+        "--external",
+        metavar="localisation|mapping",
+        help="A node of anyone in place of ours is under test.",
+        autocompletion=completion.words("localisation", "mapping"),
+    ),
 ]
 MethodOption = Annotated[
     str,
-    typer.Option("--method", metavar="sfr|external", help="external: --external of the only task that SRC has."),
+    typer.Option(
+        "--method",
+        metavar="sfr|external",
+        autocompletion=completion.words(*METHODS),
+        help="external: --external of the only task that SRC has.",
+    ),
 ]
 CommandOption = Annotated[
     str, typer.Option("--command", metavar="CMD", help="Starts the external node, and is ended with the replay.")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sfr_loc_map.cli import completion
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import SourceArgument, naming, progress_bar
 from sfr_loc_map.cli.next_step import propose
@@ -33,7 +34,7 @@ def perturb(
     ],
     fault: Annotated[
         list[str] | None,
-        typer.Option("--fault", metavar="KIND[:...]", help=FAULT_HELP),
+        typer.Option("--fault", metavar="KIND[:...]", help=FAULT_HELP, autocompletion=completion.faults),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     overwrite: OverwriteOption = False,

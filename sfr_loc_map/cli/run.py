@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sfr_loc_map.cli import completion
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import require_ros
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
@@ -29,6 +30,7 @@ def run(
         list[str] | None,
         typer.Argument(
             metavar="[all|localisation|mapping|monitor]... [--ros-args ...]",
+            autocompletion=completion.words("all", "localisation", "mapping", "monitor"),
             help="Nodes, all by default; what follows --ros-args goes to each of them (a parameter of one: "
             "-p localisation_node:NAME:=VALUE).",
         ),
@@ -44,7 +46,13 @@ def run(
         list[str] | None, typer.Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
     ] = None,
     log_level: Annotated[
-        str, typer.Option("--log-level", metavar="debug|info|warn|error", help="Least severe messages shown.")
+        str,
+        typer.Option(
+            "--log-level",
+            metavar="debug|info|warn|error",
+            autocompletion=completion.words("debug", "info", "warn", "error"),
+            help="Least severe messages shown.",
+        ),
     ] = "info",
     respawn: Annotated[
         bool, typer.Option("--respawn", help="Restart a node that crashes; by default the others are ended.")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfr_loc_map.cli import completion
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import ConditionOption
 from sfr_loc_map.cli.convention import ApplyDiagnosisOption, ConventionOption, read_correction
@@ -53,7 +54,12 @@ FusedOption = Annotated[
     typer.Option("--fused/--not-fused", help="Whether the cloud is fused, for a file that does not say so."),
 ]
 AssociateOption = Annotated[
-    str, typer.Option(metavar="auto|match|interpolate", help="How an estimate finds its truth.")
+    str,
+    typer.Option(
+        metavar="auto|match|interpolate",
+        help="How an estimate finds its truth.",
+        autocompletion=completion.words("auto", "match", "interpolate"),
+    ),
 ]
 MaxGapOption = Annotated[float, typer.Option(metavar="S", help="Longest gap of the truth that is interpolated.")]
 SpacingOption = Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")]
@@ -76,7 +82,14 @@ def score(
     ],
     condition: ConditionOption = None,
     spacing: SpacingOption = 10,
-    rebase: Annotated[str, typer.Option(metavar="pose|position", help="Taken from the estimate at a start.")] = "pose",
+    rebase: Annotated[
+        str,
+        typer.Option(
+            metavar="pose|position",
+            help="Taken from the estimate at a start.",
+            autocompletion=completion.words("pose", "position"),
+        ),
+    ] = "pose",
     limits: LimitsOption = None,
     stats: StatsOption = None,
     target: TargetOption = None,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+import shellingham
 import typer
 from cli_result import Sfr
 
@@ -60,15 +62,36 @@ def test_options_of_the_field_have_names_defaults_and_kinds(sfr: Sfr, monkeypatc
     assert not [kind for kind in KINDS if kind not in perturb]
 
 
-@pytest.mark.parametrize(("words", "found"), [("sfr sco", "score"), ("sfr score --cond", "--condition")])
-def test_the_shell_completes(sfr: Sfr, monkeypatch: pytest.MonkeyPatch, words: str, found: str) -> None:
-    monkeypatch.setenv("_SFR_COMPLETE", "complete_bash")
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("sfr sco", "score"),
+        ("sfr score --cond", "--condition"),
+        ("sfr score a b --condition dis", "distance="),
+        ("sfr perturb a b --fault tor", "torn"),
+        ("sfr localise a --method sf", "sfr"),
+        ("sfr map a --method sg", "sgbm"),
+        ("sfr replay a --start tr", "truth"),
+        ("sfr run map", "mapping"),
+    ],
+)
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_shell_completes_commands_options_and_values(
+    sfr: Sfr, monkeypatch: pytest.MonkeyPatch, words: str, found: str, shell: str
+) -> None:
+    monkeypatch.setenv("_SFR_COMPLETE", f"complete_{shell}")
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
-    assert found in sfr().out.split()
+    monkeypatch.setenv("_TYPER_COMPLETE_ARGS", words)
+    monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
+    assert found in re.findall(r"[\w=-]+", sfr().out)
 
 
-def test_the_completion_of_a_shell_is_shown(sfr: Sfr) -> None:
-    result = sfr("--show-completion", "bash")
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_completion_of_the_shell_that_runs_it_is_shown(
+    sfr: Sfr, monkeypatch: pytest.MonkeyPatch, shell: str
+) -> None:
+    monkeypatch.setattr(shellingham, "detect_shell", lambda *_: (shell, f"/bin/{shell}"))
+    result = sfr("--show-completion")
     assert result.code == 0
-    assert "_SFR_COMPLETE=complete_bash" in result.out
+    assert f"_SFR_COMPLETE=complete_{shell}" in result.out
