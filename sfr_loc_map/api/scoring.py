@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.io.hashing import hash_arrays
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.metrics.config import score_config
+from sfr_loc_map.metrics.config import aligned_error_config, score_config
 from sfr_loc_map.metrics.verdicts.limits import Limits, load_limits, parse_limits
 from sfr_loc_map.pipeline.call_stats import CallStats, stats_of
 from sfr_loc_map.pipeline.score_inputs import (
@@ -52,6 +52,8 @@ class ScoreSettings(TypedDict, total=False):
         fused: Whether the cloud is fused, for a file that does not say so.
         convention: How the poses were written: `["frame=left_optical", "world=first_pose"]`.
         apply_diagnosis: Whether to correct the convention mismatch that explains the errors.
+        max_difference: Longest difference of stamps paired for APE and RPE, s (0.01).
+        rpe_delta: Length of a relative error: `frames=1` or `distance=10`.
     """
 
     spacing: int
@@ -62,6 +64,8 @@ class ScoreSettings(TypedDict, total=False):
     fused: bool
     convention: Sequence[str]
     apply_diagnosis: bool
+    max_difference: float
+    rpe_delta: str
 
 
 NAMES = {
@@ -78,16 +82,18 @@ def score(
     conditions: Sequence[str] | None = None,
     limits: PathLike | Mapping[str, object] | Limits | None = None,
     *,
+    align: str | None = None,
     stats: Sequence[PathLike] = (),
     **settings: Unpack[ScoreSettings],
 ) -> Score:
     """Score an estimate against the truth; the same figures as `sfr score`.
 
     Args:
-        estimate: A trajectory or a cloud: in memory or a file (TUM, csv, bag; .ply, .pcd, .npz).
+        estimate: A trajectory or a cloud: in memory or a file (csv, TUM, KITTI, EuRoC, evo, bag; .ply, .pcd, .npz).
         truth: A trajectory in memory or its file; a source with truth, as `sfr.open` gives it, or its path.
         conditions: Ends of a sub-trajectory: `distance=5`, `time=60`, `frames=100`; distance=5 where none is given.
         limits: Limits to judge by: a YAML file, or its content.
+        align: Alignment of APE (ATE) and RPE, given beside the other figures: `none`, `origin`, `se3` or `sim3`.
         stats: Calls (time, memory, state, covariance), files of `sfr localise --stats`. What `sfr.localise` and
             `sfr.map` give brings its own.
         settings: See `ScoreSettings`.
@@ -104,7 +110,9 @@ def score(
     run = _run(estimate, truth, tuple(Path(item) for item in stats), settings.get("fused"))
     if correction.is_wanted and run.drive is None:
         raise ConfigError("convention and apply_diagnosis are for trajectories: leave them out for a cloud")
-    return Score.of(score_converted(run, config, _limits(limits), correction))
+    further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
+    aligned = aligned_error_config(align, further)
+    return Score.of(score_converted(run, config, _limits(limits), correction, aligned))
 
 
 def _correction(settings: ScoreSettings) -> Correction:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -14,12 +14,12 @@ from sfr_loc_map.api.notebook import facts_html
 from sfr_loc_map.api.paths import PathLike
 from sfr_loc_map.api.tables import data_frame
 from sfr_loc_map.constants import NS_PER_S
-from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry import trajectory as base
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.trajectory_file import load_trajectory, trajectory_text
+from sfr_loc_map.io.kitti_poses import read_times
+from sfr_loc_map.io.trajectory_formats import TrajectoryFormat, read_trajectory_file, write_trajectory_file
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.metrics.records.method_record import MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
@@ -62,7 +62,56 @@ class Trajectory(base.Trajectory):
         Raises:
             InputError: If it cannot be read; names the line.
         """
-        return cls.of(load_trajectory(Path(path)))
+        return cls._of_file(path, TrajectoryFormat.TUM)
+
+    @classmethod
+    def load(cls, path: PathLike) -> Self:
+        """Read a trajectory file; the format is detected: csv of the suite, TUM, KITTI, EuRoC, result of evo.
+
+        Raises:
+            InputError: If it cannot be read; names the line.
+        """
+        return cls.of(read_trajectory_file(Path(path)).trajectory)
+
+    @classmethod
+    def from_kitti(cls, path: PathLike, times: PathLike | None = None) -> Self:
+        """Read KITTI poses: twelve numbers a line, of the left camera; here with x forward, y left, z up.
+
+        Args:
+            path: The poses.
+            times: Seconds of each pose, one a line; None: `NAME.times.txt` or `times.txt` beside the poses, otherwise
+                the numbers of the lines, 1 s apart.
+
+        Raises:
+            InputError: If a file cannot be read; names the line.
+        """
+        found = cls._of_file(path, TrajectoryFormat.KITTI)
+        return found if times is None else replace(found, stamps_ns=read_times(Path(times), len(found)))
+
+    @classmethod
+    def from_euroc(cls, path: PathLike) -> Self:
+        """Read a EuRoC csv: nanoseconds, position, quaternion scalar first.
+
+        Raises:
+            InputError: If it cannot be read; names the line.
+        """
+        return cls._of_file(path, TrajectoryFormat.EUROC)
+
+    @classmethod
+    def from_evo(cls, path: PathLike, role: str = "estimate") -> Self:
+        """Read the estimate or the `truth` of a result of evo that holds its trajectories.
+
+        Raises:
+            InputError: If it cannot be read, or has no trajectories.
+        """
+        return cls._of_file(path, TrajectoryFormat.EVO, role)
+
+    @classmethod
+    def _of_file(cls, path: PathLike, kind: TrajectoryFormat, role: str = "estimate") -> Self:
+        loaded = read_trajectory_file(Path(path), role)
+        if loaded.format is not kind:
+            raise InputError(f"{loaded.text}: this is not {kind}; Trajectory.load() reads every format")
+        return cls.of(loaded.trajectory)
 
     @classmethod
     def from_csv(cls, path: PathLike) -> Self:
@@ -71,7 +120,7 @@ class Trajectory(base.Trajectory):
         Raises:
             InputError: If it cannot be read; names the line.
         """
-        return cls.of(load_trajectory(Path(path)))
+        return cls._of_file(path, TrajectoryFormat.CSV)
 
     def to_tum(self, path: PathLike) -> None:
         """Write a TUM file.
@@ -79,7 +128,23 @@ class Trajectory(base.Trajectory):
         Raises:
             OutputError: If it cannot be written.
         """
-        _write(path, trajectory_text(self, tum=True))
+        write_trajectory_file(Path(path), self, TrajectoryFormat.TUM)
+
+    def to_kitti(self, path: PathLike) -> None:
+        """Write KITTI poses, and their stamps beside them as `NAME.times.txt`.
+
+        Raises:
+            OutputError: If they cannot be written.
+        """
+        write_trajectory_file(Path(path), self, TrajectoryFormat.KITTI)
+
+    def to_euroc(self, path: PathLike) -> None:
+        """Write a EuRoC csv.
+
+        Raises:
+            OutputError: If it cannot be written.
+        """
+        write_trajectory_file(Path(path), self, TrajectoryFormat.EUROC)
 
     def to_csv(self, path: PathLike) -> None:
         """Write a csv of the suite.
@@ -87,7 +152,7 @@ class Trajectory(base.Trajectory):
         Raises:
             OutputError: If it cannot be written.
         """
-        _write(path, trajectory_text(self, tum=False))
+        write_trajectory_file(Path(path), self, TrajectoryFormat.CSV)
 
     def to_stats(self, path: PathLike) -> None:
         """Write one row a call (time, memory, state, covariance) as `sfr localise --stats` does.
@@ -153,8 +218,3 @@ class Trajectory(base.Trajectory):
         if self.records:
             facts["states"] = ", ".join(f"{count} {state}" for state, count in self.states.items())
         return facts
-
-
-def _write(path: PathLike, text: str) -> None:
-    with atomic_path(Path(path)) as temporary:
-        temporary.write_text(text, encoding="ascii")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli import completion
+from sfr_loc_map.cli.align import AlignOption, MaxDifferenceOption, RpeDeltaOption, aligned_config
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import ConditionOption
 from sfr_loc_map.cli.convention import ApplyDiagnosisOption, ConventionOption, read_correction
@@ -30,6 +31,8 @@ from sfr_loc_map.errors import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
+    from sfr_loc_map.pipeline.score_inputs import ScoreInputs
+    from sfr_loc_map.pipeline.scoring import Run
 
 LimitsOption = Annotated[
     Path | None, typer.Option("--limits", metavar="F.yaml", help="Limits; exit code 1 if one is missed.")
@@ -70,12 +73,13 @@ SpacingOption = Annotated[int, typer.Option(metavar="FRAMES", help="Frames from 
         "sfr score estimate.csv data/ --condition distance=5 --condition time=60",
         "sfr score cloud.ply data/ --limits limits.yaml --json score.json --html score.html",
         "sfr score estimate.csv truth.tum --json -",
+        "sfr score estimate.kitti truth.kitti --align se3",
         "sfr score orbslam.tum data/ --convention frame=left_optical --convention world=first_pose",
     )
 )
 def score(
     estimate: Annotated[
-        Path, typer.Argument(metavar="EST", help="Trajectory (TUM, csv, bag) or cloud (.ply, .pcd, .npz).")
+        Path, typer.Argument(metavar="EST", help="Trajectory (csv, TUM, KITTI, EuRoC, evo, bag) or cloud.")
     ],
     truth: Annotated[
         Path, typer.Argument(metavar="TRUTH", help="Trajectory, bag or data set; for a cloud a source with truth.")
@@ -98,6 +102,9 @@ def score(
     max_gap: MaxGapOption = 1.0,
     scored_range: RangeOption = (0.0, 10.0),
     fused: FusedOption = None,
+    align: AlignOption = None,
+    max_difference: MaxDifferenceOption = None,
+    rpe_delta: RpeDeltaOption = None,
     convention: ConventionOption = None,
     apply_diagnosis: ApplyDiagnosisOption = False,
     json_path: JsonOption = None,
@@ -107,11 +114,26 @@ def score(
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.metrics.config import score_config
-    from sfr_loc_map.pipeline.score_inputs import ScoreInputs
-    from sfr_loc_map.pipeline.scoring import score_files
+    from sfr_loc_map.pipeline.scoring import score_converted
 
     parsed_limits, asked = read_limits(limits, condition)
-    settings: dict[str, object] = {
+    config = score_config(condition, _settings(spacing, rebase, associate, max_gap, scored_range))
+    inputs = _inputs(estimate, truth, stats, target, target_timing)
+    aligned = aligned_config(align, max_difference, rpe_delta, has_poses=inputs.estimate is not None)
+    check_suffix(html, HTML_SUFFIXES)
+    check_outputs(json_path, html, overwrite=overwrite, inputs=(estimate, truth, *inputs.stats))
+    correction = read_correction(convention, apply_diagnosis, has_poses=inputs.estimate is not None)
+    result = score_converted(_run(inputs, fused), config, parsed_limits, correction, aligned)
+    present(result, json_path, html)
+    _propose(result, (estimate, truth), json_path, html)
+    conclude(result, asked, lenient=lenient)
+
+
+def _settings(
+    spacing: int, rebase: str, associate: str, max_gap: float, scored_range: tuple[float, float]
+) -> dict[str, object]:
+    """Return options by the names of the settings."""
+    return {
         "trajectory.spacing": spacing,
         "trajectory.rebase": rebase,
         "trajectory.association.truth": associate,
@@ -119,17 +141,31 @@ def score(
         "map.scored_from_m": scored_range[0],
         "map.scored_to_m": scored_range[1],
     }
-    config = score_config(condition, settings)
+
+
+def _inputs(
+    estimate: Path, truth: Path, stats: list[Path] | None, target: str | None, target_timing: Path | None
+) -> ScoreInputs:
+    """Return the files of a score.
+
+    Raises:
+        ConfigError: If one of the options of the target is missing.
+    """
+    from sfr_loc_map.pipeline.score_inputs import ScoreInputs
+
     if (target is None) != (target_timing is None):
         raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
-    inputs = replace(ScoreInputs.of(estimate, truth, stats or ()), target=target_timing, target_name=target or "")
-    check_suffix(html, HTML_SUFFIXES)
-    check_outputs(json_path, html, overwrite=overwrite, inputs=(estimate, truth, *(stats or ())))
-    correction = read_correction(convention, apply_diagnosis, has_poses=inputs.estimate is not None)
-    result = score_files(inputs, config, parsed_limits, fused=fused, correction=correction)
-    present(result, json_path, html)
-    _propose(result, (estimate, truth), json_path, html)
-    conclude(result, asked, lenient=lenient)
+    return replace(ScoreInputs.of(estimate, truth, stats or ()), target=target_timing, target_name=target or "")
+
+
+def _run(inputs: ScoreInputs, fused: bool | None) -> Run:
+    """Read the files of a score, and say which foreign formats were found."""
+    from sfr_loc_map.pipeline.scoring import load_run
+
+    run = load_run(inputs, fused)
+    for note in run.notes:
+        say(note, err=True)
+    return run
 
 
 def present(score: Score, json_path: str | None, html: Path | None) -> None:

@@ -120,6 +120,14 @@ def check_rotation(rotation: FloatArray) -> None:
         raise GeometryError("a rotation matrix is not orthonormal with determinant +1")
 
 
+def plausible_rotations(rotations: FloatArray) -> Mask:
+    """Tell of each matrix `(..., 3, 3)` from outside whether it is a rotation, within the rounding of files."""
+    bounded = np.asarray((np.abs(rotations) <= 2.0).all(axis=(-2, -1)))
+    safe = np.where(bounded[..., None, None], rotations, 0.0)
+    defects = np.abs(safe @ np.swapaxes(safe, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    return np.asarray((defects <= QUATERNION_TOLERANCE) & (np.linalg.det(safe) > 0))
+
+
 def plausible_positions(positions: FloatArray) -> Mask:
     """Tell of each position `(..., 3)`, metres, whether it is finite and not absurdly far: `(...,)`."""
     return np.asarray((np.abs(positions) <= MAX_POSITION_M).all(axis=-1))

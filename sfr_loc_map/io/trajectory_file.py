@@ -50,7 +50,19 @@ def load_trajectory(path: Path) -> Trajectory:
             names the line.
     """
     path = Path(path)
-    data = _read(path)
+    return parse_trajectory(path, _read(path))
+
+
+def parse_trajectory(path: Path, data: bytes) -> Trajectory:
+    """Return the trajectory of the content of a file: csv if the first line is its header, TUM otherwise.
+
+    Args:
+        path: The file, for messages.
+        data: Its content.
+
+    Raises:
+        InputError: As `load_trajectory`.
+    """
     first = data[:HEAD_BYTES].splitlines()
     is_csv = _has_csv_header(path, first[0] if first else b"")
     try:
@@ -62,17 +74,23 @@ def load_trajectory(path: Path) -> Trajectory:
     return trajectory
 
 
-def save_trajectory(path: Path, trajectory: Trajectory) -> None:
-    """Write a trajectory: TUM if the name ends in .txt or .tum, csv otherwise.
+def save_trajectory(path: Path, trajectory: Trajectory, *, tum: bool | None = None) -> None:
+    """Write a trajectory.
 
     Numbers are written in the shortest form that reads back to the same bits.
+
+    Args:
+        path: The file.
+        trajectory: The poses.
+        tum: Whether as TUM or as csv; None: TUM if the name ends in .txt or .tum.
 
     Raises:
         OutputError: If the file cannot be written.
     """
     path = Path(path)
     with atomic_path(path) as temporary:
-        temporary.write_text(trajectory_text(trajectory, tum=path.suffix in TUM_SUFFIXES), encoding="ascii")
+        as_tum = path.suffix in TUM_SUFFIXES if tum is None else tum
+        temporary.write_text(trajectory_text(trajectory, tum=as_tum), encoding="ascii")
 
 
 def trajectory_text(trajectory: Trajectory, *, tum: bool) -> str:

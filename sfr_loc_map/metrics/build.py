@@ -10,6 +10,7 @@ from sfr_loc_map.metrics.calls.resource_score import ScoredCalls
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap
 from sfr_loc_map.metrics.records.score_details import Details
 from sfr_loc_map.metrics.score import (
+    AlignedErrors,
     ConventionRecord,
     ExternalScore,
     FindingRecord,
@@ -30,6 +31,7 @@ class ScoreParts:
 
     Attributes:
         trajectory: Of an estimate.
+        aligned: Of an estimate, beside the figures of the specification.
         map: Of a cloud.
         calls: Of one or several sources of calls, on this host.
         target: Of calls measured elsewhere.
@@ -43,6 +45,7 @@ class ScoreParts:
     """
 
     trajectory: ScoredTrajectory | None = None
+    aligned: AlignedErrors | None = None
     map: ScoredMap | None = None
     calls: Sequence[ScoredCalls] = ()
     target: TargetScore | None = None
@@ -69,6 +72,7 @@ def build_score(parts: ScoreParts, limits: Limits | None = None) -> Score:
         external=parts.external,
         convention=parts.convention,
         trajectory=None if parts.trajectory is None else parts.trajectory.score,
+        aligned=parts.aligned,
         map=None if parts.map is None else parts.map.score,
         timing=calls.timing if calls is not None and any(calls.timing.kinds()) else None,
         memory=None if calls is None or calls.memory == MemoryScore() else calls.memory,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from sfr_loc_map.config import build, param
+from sfr_loc_map.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +42,21 @@ class TrajectoryScoreConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class AlignedErrorConfig:
+    """Settings of the errors that are given beside the specification's; see `metrics.trajectory.aligned_error`."""
+
+    align: str = param(
+        "se3",
+        doc="Alignment of the estimate with the truth: none, by the first pose, or by least squares of the positions.",
+        choices=("none", "origin", "se3", "sim3"),
+    )
+    max_difference_s: float = param(
+        0.01, unit="s", doc="Longest difference of stamps that belong together.", low=0.0, high=3600.0
+    )
+    rpe_delta: str = param("frames=1", doc="Length of a relative error: frames=NUMBER or distance=METRES.")
+
+
+@dataclass(frozen=True, slots=True)
 class MapScoreConfig:
     """Settings of the map score."""
 
@@ -71,3 +87,19 @@ def score_config(conditions: Sequence[str] | None, settings: Mapping[str, object
     """
     named = {"trajectory.conditions": tuple(conditions)} if conditions else {}
     return build(ScoreConfig, {**settings, **named}, origin="options")
+
+
+def aligned_error_config(align: str | None, settings: Mapping[str, object]) -> AlignedErrorConfig | None:
+    """Return the settings of APE and RPE, None where no alignment is named.
+
+    Args:
+        align: Alignment, None for no such errors.
+        settings: Other values by name; None for the default.
+
+    Raises:
+        ConfigError: If one is not valid, or is given without an alignment.
+    """
+    given = {name: value for name, value in settings.items() if value is not None}
+    if align is None and given:
+        raise ConfigError(f"{', '.join(given)}: of APE and RPE, which --align none|origin|se3|sim3 asks for")
+    return None if align is None else build(AlignedErrorConfig, {"align": align, **given}, origin="options")

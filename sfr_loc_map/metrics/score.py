@@ -14,6 +14,7 @@ from typing import Annotated
 
 from sfr_loc_map.metrics.condition import Condition
 from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.records.aligned_records import AlignedError, AlignedErrors, Alignment, ErrorStatistics
 from sfr_loc_map.metrics.records.call_records import (
     CallScore,
     MemoryScore,
@@ -23,7 +24,7 @@ from sfr_loc_map.metrics.records.call_records import (
     TimingScore,
 )
 from sfr_loc_map.metrics.records.external_record import AnswerCounts, ConventionRecord, ExternalScore, ProcessUsage
-from sfr_loc_map.metrics.records.json_records import Key
+from sfr_loc_map.metrics.records.json_records import Inline, Key
 from sfr_loc_map.metrics.records.map_records import (
     DisparityStatistic,
     MapScore,
@@ -47,6 +48,9 @@ from sfr_loc_map.metrics.records.trajectory_records import (
 )
 
 __all__ = [
+    "AlignedError",
+    "AlignedErrors",
+    "Alignment",
     "AnswerCounts",
     "AssociationCounts",
     "AssociationScore",
@@ -56,6 +60,7 @@ __all__ = [
     "DisparityStatistic",
     "DistanceScore",
     "ErrorComponents",
+    "ErrorStatistics",
     "ExternalScore",
     "FindingRecord",
     "InputFile",
@@ -154,6 +159,7 @@ class Score:
         external: How an external node behaved; None where there was none.
         convention: How the poses were converted before they were scored; None where they were not.
         trajectory: Errors of the trajectory.
+        aligned: Absolute and relative error (`ape`, `rpe`) of the trajectory; None where no alignment was asked for.
         map: Errors of the map.
         timing: Times of the calls on this host.
         memory: Memory of the calls on this host.
@@ -171,6 +177,7 @@ class Score:
     external: ExternalScore | None = None
     convention: ConventionRecord | None = None
     trajectory: TrajectoryScore | None = None
+    aligned: Annotated[AlignedErrors | None, Inline()] = None
     map: MapScore | None = None
     timing: TimingScore | None = None
     memory: MemoryScore | None = None

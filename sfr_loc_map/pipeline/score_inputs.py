@@ -21,7 +21,7 @@ from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.trajectory_file import load_trajectory
+from sfr_loc_map.io.trajectory_formats import FOREIGN, LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score import InputFile, Provenance
@@ -63,15 +63,53 @@ class ScoreInputs:
         return cls(estimate=estimate, truth=truth, stats=tuple(stats))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedDrive:
+    """Estimated and true poses as read.
+
+    Attributes:
+        estimates: Estimated poses.
+        truth: True poses.
+        notes: What the format of each file was found to be, one line each.
+    """
+
+    estimates: Estimates
+    truth: Trajectory
+    notes: tuple[str, ...] = ()
+
+
+def load_drive(estimate: Path, truth: Path, stats: Sequence[CallStats] = ()) -> LoadedDrive:
+    """Read estimated and true poses; poses without stamps get those of the other ones, pose by pose.
+
+    Raises:
+        InputError: If there are none, or poses without stamps are not as many as the other ones.
+    """
+    true_poses = LoadedTrajectory.of(truth, load_truth(truth)) if _holds_source(truth) else read_truth(truth)
+    if is_bag(estimate):
+        estimates = _bag_estimates(estimate)
+        true_poses = true_poses.with_stamps_of(LoadedTrajectory.of(estimate, estimates.trajectory))
+        return LoadedDrive(estimates, true_poses.trajectory, _notes(true_poses))
+    read = read_trajectory_file(estimate)
+    read, true_poses = read.with_stamps_of(true_poses), true_poses.with_stamps_of(read)
+    return LoadedDrive(estimates_of(read.trajectory, stats), true_poses.trajectory, _notes(read, true_poses))
+
+
+def _notes(*loaded: LoadedTrajectory) -> tuple[str, ...]:
+    return tuple(item.text for item in loaded if item.format in FOREIGN)
+
+
+def _holds_source(path: Path) -> bool:
+    """Tell whether a path is a bag or folder rather than a trajectory file."""
+    return not path.is_file() or is_bag(path)
+
+
 def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
     """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls.
 
     Raises:
         InputError: If there are none.
     """
-    if is_bag(path):
-        return _bag_estimates(path)
-    return estimates_of(load_trajectory(path), stats)
+    return _bag_estimates(path) if is_bag(path) else estimates_of(read_trajectory_file(path).trajectory, stats)
 
 
 def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Estimates:
@@ -104,14 +142,23 @@ def _bag_estimates(path: Path) -> Estimates:
     return Estimates.of(trajectory, lost, calls.degraded_at(stamps_ns), stated, calls.steps_at(stamps_ns))
 
 
+def read_truth(path: Path) -> LoadedTrajectory:
+    """Read true poses from a trajectory file.
+
+    Raises:
+        InputError: If there are none.
+    """
+    return read_trajectory_file(path, "truth")
+
+
 def load_truth(path: Path) -> Trajectory:
     """Read true poses of RB in DS from a trajectory file, a bag or a data set folder.
 
     Raises:
         InputError: If there are none.
     """
-    if path.is_file() and not is_bag(path):
-        return load_trajectory(path)
+    if not _holds_source(path):
+        return read_truth(path).trajectory
     if is_bag(path):
         truth = read_trajectory(Bag(path), GROUND_TRUTH)
     else:
@@ -192,7 +239,7 @@ def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[P
 
 def camera_rig(truth: Path) -> StereoRig | None:
     """Return the rig of the localisation cameras of a source, None where it has none."""
-    if truth.is_file() and not is_bag(truth):
+    if not _holds_source(truth):
         return None
     try:
         loc = open_source(truth).loc

@@ -14,7 +14,7 @@ from sfr_loc_map.metrics.calls.resource_score import ScoredCalls, score_calls, s
 from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map, score_nearest
 from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
 from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
 from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis
 from sfr_loc_map.metrics.records.method_record import MethodKind
 from sfr_loc_map.metrics.score import (
@@ -26,16 +26,16 @@ from sfr_loc_map.metrics.score import (
     Score,
     TimingScore,
 )
+from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors
 from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
 from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.score_inputs import (
     ScoreInputs,
     camera_rig,
-    load_estimates,
+    load_drive,
     load_map_truth,
     load_scored_cloud,
-    load_truth,
     provenance,
 )
 from sfr_loc_map.pipeline.scored_drive import (
@@ -76,6 +76,7 @@ class Run:
         findings: What was wrong with its answers.
         convention: How the poses of `drive` have been converted, None where they have not.
         in_memory: Hash of inputs that are no file, by role.
+        notes: What the format of its files was found to be, one line each.
     """
 
     inputs: ScoreInputs
@@ -88,15 +89,19 @@ class Run:
     findings: tuple[FindingRecord, ...] = ()
     convention: ConventionRecord | None = None
     in_memory: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
-def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Score:
+def score_run(
+    run: Run, config: ScoreConfig, limits: Limits | None = None, aligned: AlignedErrorConfig | None = None
+) -> Score:
     """Return the score of a run.
 
     Args:
         run: What there is of it.
         config: Settings; conditions that only the limits name are scored as well.
         limits: Limits to judge by.
+        aligned: Settings of APE and RPE; None: without them.
 
     Raises:
         MetricsError: If estimate and truth, or cloud and truth, do not fit.
@@ -109,6 +114,9 @@ def score_run(run: Run, config: ScoreConfig, limits: Limits | None = None) -> Sc
         calls=_calls(run),
         target=None if run.target is None else score_target(run.target.calls, run.inputs.target_name),
         trajectory=None if drive is None else score_trajectory(drive.estimates, drive.truth, config.trajectory),
+        aligned=None
+        if drive is None or aligned is None
+        else aligned_errors(drive.estimates.trajectory, drive.truth, aligned),
         warnings=(*applied_text(run.convention), *(() if mismatch is None else (mismatch,))),
         contradiction=mismatch,
         map=None if cloud is None else score_cloud(cloud, config),
@@ -170,7 +178,13 @@ def score_files(
     return score_converted(load_run(inputs, fused), config, limits, correction)
 
 
-def score_converted(run: Run, config: ScoreConfig, limits: Limits | None, correction: Correction | None) -> Score:
+def score_converted(
+    run: Run,
+    config: ScoreConfig,
+    limits: Limits | None,
+    correction: Correction | None,
+    aligned: AlignedErrorConfig | None = None,
+) -> Score:
     """Return the score of a run whose estimate may have to be converted first.
 
     Args:
@@ -178,6 +192,7 @@ def score_converted(run: Run, config: ScoreConfig, limits: Limits | None, correc
         config: Settings; conditions that only the limits name are scored as well.
         limits: Limits to judge by.
         correction: How the estimate is converted, None: not at all.
+        aligned: Settings of APE and RPE; None: without them.
 
     Raises:
         SfrError: If nothing can be scored.
@@ -185,7 +200,7 @@ def score_converted(run: Run, config: ScoreConfig, limits: Limits | None, correc
     if run.drive is not None and correction is not None:
         drive, convention = corrected(run.drive, correction, config)
         run = replace(run, drive=drive, convention=convention)
-    return score_run(run, config, limits)
+    return score_run(run, config, limits, aligned)
 
 
 def load_run(inputs: ScoreInputs, fused: bool | None = None) -> Run:
@@ -200,15 +215,15 @@ def load_run(inputs: ScoreInputs, fused: bool | None = None) -> Run:
     """
     stats = [load_call_stats(path) for path in inputs.stats]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
-    drive, cloud = None, None
+    drive, cloud, notes = None, None, tuple[str, ...]()
     if inputs.estimate is not None and inputs.truth is not None:
-        estimates, truth = load_estimates(inputs.estimate, stats), load_truth(inputs.truth)
-        drive = ScoredDrive(estimates, truth, camera_rig(inputs.truth))
+        read = load_drive(inputs.estimate, inputs.truth, stats)
+        drive, notes = ScoredDrive(read.estimates, read.truth, camera_rig(inputs.truth)), read.notes
     if inputs.cloud is not None and inputs.map_truth is not None:
         loaded = load_scored_cloud(inputs.cloud, fused)
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
         cloud = ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns))
-    return Run(inputs, stats, target, drive, cloud)
+    return Run(inputs, stats, target, drive, cloud, notes=notes)
 
 
 def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
@@ -217,7 +232,8 @@ def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosi
     Raises:
         InputError: If a file cannot be read.
     """
-    return diagnosis_of(ScoredDrive(load_estimates(estimate), load_truth(truth), camera_rig(truth)), config)
+    read = load_drive(estimate, truth)
+    return diagnosis_of(ScoredDrive(read.estimates, read.truth, camera_rig(truth)), config)
 
 
 def score_cloud(cloud: ScoredCloud, config: ScoreConfig) -> ScoredMap:

@@ -6,6 +6,7 @@ import re
 
 from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.report.aligned_table import aligned_table
 from sfr_loc_map.report.call_tables import (
     clock_text,
     memory_table,
@@ -23,7 +24,18 @@ from sfr_loc_map.tables.markdown import to_markdown
 from sfr_loc_map.tables.numbers import ABSENT, DEGREE, METRE, MIB, SECOND, SHARE, Unit, fitting, number
 from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
-SUMMARY = ("headline", "map", "time", "memory", "target-time", "target-memory", "external", "method", "verdicts")
+SUMMARY = (
+    "headline",
+    "aligned",
+    "map",
+    "time",
+    "memory",
+    "target-time",
+    "target-memory",
+    "external",
+    "method",
+    "verdicts",
+)
 """Tables of the terminal; the verdicts stand last, where they are seen."""
 _CERTAIN = {True: "yes", False: "no", None: ABSENT}
 
@@ -33,6 +45,7 @@ def score_tables(score: Score) -> list[Table]:
     tables = (
         verdict_table(score),
         headline_table(score),
+        aligned_table(score),
         growth_table(score),
         component_table(score),
         map_table(score),

@@ -21,7 +21,7 @@ SIGNATURES = {
     "open": ["source", "remap"],
     "localise": ["source", "start", "live", "config", "method"],
     "map": ["source", "fuse", "refine_poses", "config", "method"],
-    "score": ["estimate", "truth", "conditions", "limits", "stats", "settings"],
+    "score": ["estimate", "truth", "conditions", "limits", "align", "stats", "settings"],
 }
 
 

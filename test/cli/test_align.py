@@ -1,0 +1,68 @@
+"""`sfr score --align`: APE and RPE beside the figures of the specification, which stay as they are."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_result import Sfr
+
+import sfr_loc_map
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.trajectory_formats import write_trajectory_file
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """Return an estimate and its truth: a drive in a circle, the estimate 1 m aside and 2 % too large."""
+    angle = np.linspace(0.0, 3.0, 60)
+    positions = np.column_stack((4 * np.sin(angle), 4 - 4 * np.cos(angle), 0.1 * angle))
+    quats = np.column_stack((np.zeros((60, 2)), np.sin(angle / 2), np.cos(angle / 2)))
+    truth = Trajectory(10**18 + np.arange(60) * 10**8, positions, quats)
+    estimate = replace(truth, positions=1.02 * positions + [0.0, 1.0, 0.0])
+    write_trajectory_file(tmp_path / "estimate.kitti", estimate)
+    write_trajectory_file(tmp_path / "truth.euroc.csv", truth)
+    return tmp_path / "estimate.kitti", tmp_path / "truth.euroc.csv"
+
+
+def test_the_figures_stand_beside_those_of_the_specification(files: tuple[Path, Path], sfr: Sfr) -> None:
+    plain = json.loads(sfr("score", *files, "--json", "-").out)
+    done = sfr("score", *files, "--align", "sim3", "--lenient", "--json", "-")
+    assert done.code == 0, done.err
+    assert [line.split(": ")[1].split(",")[0] for line in done.err.splitlines()[:2]] == [
+        "KITTI poses of the left camera",
+        "EuRoC csv",
+    ]
+    content = json.loads(done.out)
+    assert content["trajectory"] == plain["trajectory"]
+    assert {"ape", "rpe"}.isdisjoint(plain)
+    ape, rpe = content["ape"], content["rpe"]
+    assert (ape["alignment"], ape["association"], ape["unit"], ape["count"]) == ("sim3", "nearest stamp", "m", 60)
+    assert ape["rmse"] == pytest.approx(0.0, abs=1e-9)
+    assert ape["transform"]["scale"] == pytest.approx(1 / 1.02)
+    assert rpe["delta"] == {"frames": 1}
+    unaligned = json.loads(sfr("score", *files, "--align", "none", "--json", "-").out)
+    assert unaligned["ape"]["min"] == pytest.approx(1.0)
+    assert {"rmse", "mean", "median", "std", "min", "max"} <= unaligned["rpe"]["rotation_deg"].keys()
+    scored = sfr_loc_map.score(*files, align="none")
+    assert json.loads(scored.to_json())["ape"] == unaligned["ape"]
+    assert sfr_loc_map.Score.of(scored).aligned == scored.aligned
+
+
+def test_the_table_names_metric_alignment_and_association(files: tuple[Path, Path], sfr: Sfr) -> None:
+    shown = sfr("score", *files, "--align", "se3", "--rpe-delta", "distance=2", "--max-difference", "0.02").out
+    text = " ".join(shown.split())
+    assert "APE, position, align se3" in text
+    assert "RPE over 2 m of the estimate" in text
+    assert "paired by the nearest stamp within 0.02 s" in text
+
+
+def test_wrong_options_say_what_to_do(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
+    assert "choices" in (wrong := sfr("score", *files, "--align", "sim2")).err or "sim3" in wrong.err
+    assert wrong.code == 2
+    alone = sfr("score", *files, "--rpe-delta", "frames=2")
+    assert (alone.code, "--align" in alone.err) == (2, True)
+    assert "leave it out for a cloud" in sfr("score", tmp_path / "c.ply", files[1], "--align", "se3").err
