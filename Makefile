@@ -61,8 +61,9 @@ live-soak: $(COMPILED)  ## Load the live page for half an hour: five pages, then
 	$(BIN)/python test/live/soak.py load 60
 	$(BIN)/python test/live/soak.py clients 30
 
-live-screen: $(COMPILED)  ## What Chromium shows of a replay at 10 Hz, and how late it is
+live-screen: $(COMPILED)  ## What Chromium shows of a replay and of failures, and how late
 	PYTHONPATH=. $(BIN)/python test/live/on_screen.py 5
+	PYTHONPATH=. $(BIN)/python test/live/on_failure.py
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .

@@ -96,7 +96,7 @@ async def show(rate: float, folder: Path | None) -> None:
             begin = time.monotonic()
             replay = start_replay(place, rate)
             try:
-                url = await _address(place / "log")
+                url = await address(place / "log")
                 await browser.open(url)
                 await browser.wait_for("document.readyState === 'complete' && window.sfrLive")
                 print(f"page up {time.monotonic() - begin:.2f} s after the command, load {os.getloadavg()[0]:.1f}")
@@ -205,7 +205,7 @@ async def _screenshot(browser: Browser, path: Path, width: int, scheme: str) -> 
     await browser.screenshot(path, scale=1.0 if mobile else 0.75)
 
 
-async def _address(log: Path) -> str:
+async def address(log: Path) -> str:
     for _ in range(3000):
         if found := re.search(r"live: (\S+)", log.read_text(errors="replace")):
             return found[1]

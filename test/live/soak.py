@@ -2,7 +2,7 @@
 
 python test/live/soak.py clients [MINUTES]
     five pages, one that never reads, one that connects again each second, beside a replay of the sample in a loop;
-    first a third of the time without pages
+    first two minutes without pages
 python test/live/soak.py load [SECONDS]
     stereo images of 1 MP at 10 Hz and a cloud of a million points each 5 s
 """
@@ -26,7 +26,8 @@ import psutil
 
 ROOT = Path(__file__).resolve().parents[2]
 SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
-VIEWS = {"type": "want", "views": ["images", "clouds"]}
+ALONE_S = 120.0
+VIEWS = {"type": "want", "views": ["images", "clouds", "tracks"]}
 
 
 class Page:
@@ -124,7 +125,7 @@ async def clients(minutes: float) -> None:
                 while not (await state_of(session, url))["poses"]:
                     await asyncio.sleep(0.5)
                 alone = Page(url)
-                await alone.look(session, seconds / 3, views=False)
+                await alone.look(session, min(seconds / 3, ALONE_S), views=False)
                 memory = [server.memory_info().rss]
                 pages = [Page(url) for _ in range(3)]
                 looking = [page.look(session, seconds) for page in pages]

@@ -66,13 +66,14 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
                 FoxgloveView(Hub(), int(view.url.rpartition(":")[2]), "another").__enter__()
             for update in (*updates(COUNT, BEGIN_S), cloud, grid, *images, tracks(STAMP_NS, BEGIN_S)):
                 tee.put(update)
-            await asyncio.sleep(0.2)
+            while for_page.waiting or for_foxglove.waiting or not server.state.media:
+                await asyncio.sleep(0.02)
             wanted: list[frozenset[View]] = []
             channels, messages = await first_messages(view.url, lambda: wanted.append(tee.wanted))
             async with aiohttp.ClientSession() as session, session.get(server.url + "state.json") as answer:
                 state = await answer.json()
-            await asyncio.sleep(0.3)
-            left = tee.wanted
+            while left := tee.wanted:
+                await asyncio.sleep(0.02)
         task.cancel()
         return channels, messages, state, (cloud, images, wanted, left, server.state.path.rows)
 

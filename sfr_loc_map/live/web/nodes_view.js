@@ -77,16 +77,19 @@ function makeCard(name) {
 function makeButton(node, action, answer) {
   const button = element("button", "", action);
   button.type = "button";
-  let asked = -Infinity;
+  let asks = 0; // the timer while it asks
+  const calm = () => {
+    clearTimeout(asks);
+    asks = 0;
+    button.textContent = action;
+  };
   button.addEventListener("click", async () => {
-    if (CONFIRMED.has(action) && performance.now() - asked > ASKS_MS) {
-      asked = performance.now();
+    if (CONFIRMED.has(action) && !asks) {
+      asks = setTimeout(calm, ASKS_MS);
       button.textContent = `${action}: sure?`;
-      setTimeout(() => (button.textContent = action), ASKS_MS);
       return;
     }
-    asked = -Infinity;
-    button.textContent = action;
+    calm();
     answer.textContent = `${action} …`;
     try {
       answer.textContent = await command({ action, node });

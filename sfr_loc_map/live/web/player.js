@@ -3,14 +3,20 @@
 import { command } from "./connection.js";
 import { byId, setText } from "./dom.js";
 
-let dragged = false;
+let dragged = false, asking = 0;
 
 /** Let the controls ask the player. */
 export function offerPlayer() {
   const slider = byId("place");
   slider.addEventListener("pointerdown", () => (dragged = true));
   slider.addEventListener("input", () => setText(byId("place-text"), minutes(Number(slider.value))));
-  slider.addEventListener("change", () => ask({ action: "seek", at_s: Number(slider.value) }).finally(() => (dragged = false)));
+  slider.addEventListener("change", async () => {
+    asking += 1;
+    await ask({ action: "seek", at_s: Number(slider.value) });
+    asking -= 1;
+    dragged = asking > 0;
+  });
+  for (const end of ["pointerup", "pointercancel"]) slider.addEventListener(end, () => setTimeout(() => (dragged = asking > 0)));
   byId("play").addEventListener("click", () => ask({ action: byId("play").dataset.playing === "yes" ? "pause" : "play" }));
 }
 

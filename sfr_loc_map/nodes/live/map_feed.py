@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
@@ -20,6 +21,8 @@ from sfr_loc_map.nodes.messages.terrain import ELEVATION_FIELDS, elevation_from_
 
 POINTS, TRUE_POINTS = "mapping/points", "ground_truth/points"
 ELEVATION, HAZARD = "mapping/elevation", "mapping/hazard"
+ENOUGH_POINTS = 100_000
+"""Points of a cloud that are read where the mapper publishes its grid."""
 NAMES = ("height", *ELEVATION_FIELDS[3:])
 """Layers of an elevation message, after x and y."""
 
@@ -54,11 +57,14 @@ class MapFeed:
         Raises:
             InputError: If it is none.
         """
-        cloud, stamp_ns = cloud_from_msg(message), stamp_of(message)
+        has_grid, count, stamp_ns = self._has_grid(), int(message.width) * int(message.height), stamp_of(message)
+        every = max(count // ENOUGH_POINTS, 1) if has_grid else 1
+        cloud = cloud_from_msg(message, every)
         error = self._truth.errors(cloud)
-        self._hub.put(cloud_sample(POINTS, stamp_ns, cloud.xyz, cloud.sigma, published_s, error))
+        sample = cloud_sample(POINTS, stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
+        self._hub.put(sample if every == 1 else replace(sample, total=count))
         self._points = None if error is None else (stamp_ns, np.asarray(cloud.xyz[:, :2], np.float32), error)
-        if not self._has_grid():
+        if not has_grid:
             grid = elevation.grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
             if grid is not None:
                 self._hub.put(grid)

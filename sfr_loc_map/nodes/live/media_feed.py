@@ -34,7 +34,7 @@ TRACKED = "loc/left"
 """The image that tracks are drawn on; of its stamps that are not shown they are left out."""
 MAX_SHOWN = 64
 """Images of which tracks are waited for: ten seconds."""
-MAX_MAPS = 6
+MAX_MAPS = 8
 """Clouds, elevation and hazard grids that wait; more are left out."""
 MASK_HOLD_NS = NS_PER_S // 2
 """A mask that much older than the tracks is shown with them."""

@@ -19,6 +19,7 @@ from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.serve import serve_until_signal
 from sfr_loc_map.live.server import LiveServer
+from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
 from sfr_loc_map.printable import one_line
 
@@ -71,6 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--port", type=int, default=DEFAULT_PORT)
     parser.add_argument("--token", default="")
     options = parser.parse_args(arguments)
+    configure_malloc()  # before there is another thread
     try:
         end_with_supervisor()
         values = {"host": options.host, "port": options.port, "token": options.token}

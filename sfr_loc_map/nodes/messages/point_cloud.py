@@ -43,8 +43,12 @@ def cloud_msg(cloud: PointCloud, stamp_ns: int, frame_id: str) -> PointCloud2:
     return message
 
 
-def cloud_from_msg(message: PointCloud2) -> PointCloud:
+def cloud_from_msg(message: PointCloud2, every: int = 1) -> PointCloud:
     """Return the cloud of a message with at least the fields of `mapping/points`.
+
+    Args:
+        message: The message.
+        every: Take one of so many points.
 
     Raises:
         InputError: If a field is missing or of another type, or the data is too short.
@@ -62,7 +66,7 @@ def cloud_from_msg(message: PointCloud2) -> PointCloud:
     records: NDArray[np.void] = np.zeros((0, 0), dtype)
     if height * width:
         records = np.ndarray((height, width), dtype, np.frombuffer(message.data, np.uint8).data, strides=(row, step))
-    return PointCloud.from_structured(records.reshape(-1))
+    return PointCloud.from_structured(records.reshape(-1)[::every])
 
 
 def points_from_msg(message: PointCloud2) -> FloatArray:
