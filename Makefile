@@ -18,7 +18,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen lint types config format check docs figures docs-test clean
+.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen lint types config format check docs figures traceability docs-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -84,6 +84,9 @@ docs: $(DOCS_STAMP)  ## Build the documentation site, warnings are errors; it is
 
 figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
 	PYTHONPATH=. $(BIN)/python docs/_figures/draw.py
+
+traceability: $(BIN)/python  ## Write docs/traceability.md from the clauses and the markers of the tests
+	$(BIN)/python docs/_ext/traceability.py
 
 docs-test: $(DEV_STAMP)  ## Run every command of the tutorials as it stands; some ten minutes
 	$(BIN)/python test/tutorial_runner.py

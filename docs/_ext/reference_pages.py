@@ -180,7 +180,8 @@ def _fill(app: Sphinx, name: str, source: list[str]) -> None:
 
 def _code_spans(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
     """Turn code spans of docstrings, which have single backticks, into those of reStructuredText."""
-    lines[:] = re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", "\n".join(lines)).split("\n")
+    text = re.sub(r"(?<!`)`([^`]+)`(?!`)", lambda span: f"``{span[1].strip()}``", "\n".join(lines))
+    lines[:] = text.split("\n")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

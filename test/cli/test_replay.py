@@ -31,6 +31,7 @@ def process(*arguments: str | Path, environment: dict[str, str] | None = None) -
     return subprocess.run(command, capture_output=True, text=True, timeout=280, env=variables, check=False)
 
 
+@pytest.mark.clause("1.3")
 @pytest.mark.slow
 def test_a_folder_with_both_tasks_gives_to_the_last_bit_what_offline_runs_give(sfr: Sfr, tmp_path: Path) -> None:
     source, out = write_folder(tmp_path / "source", 12, 3), tmp_path / "out"

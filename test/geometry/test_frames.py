@@ -13,6 +13,7 @@ AXIS = np.array([0.451, 0.317, 0.594])
 """Where the tilt axis meets the x-z plane of the mast [3.2.6]: on the pan axis, so it stays there."""
 
 
+@pytest.mark.clause("3.2.2", "3.2.6")
 @pytest.mark.parametrize(
     ("pan", "tilt", "forward", "left"),
     [
@@ -38,6 +39,7 @@ def test_mast_head(pan: float, tilt: float, forward: tuple[float, ...], left: tu
     np.testing.assert_array_equal(T_rb_head.translation, AXIS)
 
 
+@pytest.mark.clause("3.2.1", "3.2.6")
 def test_a_point_ahead_of_the_head_falls_on_the_ground_where_triangles_say() -> None:
     # The tilt axis is 0.594 + 0.540 = 1.134 m above the ground; 45 deg down it is reached 1.134 m ahead.
     distance = (0.594 + 0.540) * 2**0.5

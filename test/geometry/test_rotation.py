@@ -77,6 +77,7 @@ def test_log_of_an_exact_half_turn_is_pi_long(axis: np.ndarray) -> None:
     np.testing.assert_allclose(np.abs(found @ axis), pi, atol=1e-14)
 
 
+@pytest.mark.clause("3.1.1")
 @given(matrices, matrices)
 def test_product_of_quaternions_is_that_of_matrices(a: np.ndarray, b: np.ndarray) -> None:
     product = quat_multiply(quat_from_matrix(a), quat_from_matrix(b))
@@ -101,6 +102,7 @@ def test_skew_is_the_cross_product(a: np.ndarray, b: np.ndarray) -> None:
     np.testing.assert_allclose(skew(a) @ b, np.cross(a, b), atol=1e-11)
 
 
+@pytest.mark.clause("3.1.1")
 def test_golden_quarter_turn() -> None:
     # A quarter turn about z takes x to y; its quaternion is sin 45 deg about z, cos 45 deg, scalar last.
     half = sqrt(0.5)

@@ -18,6 +18,7 @@ from sfr_loc_map.geometry.transform import Transform
 RIG = StereoRig(640, 480, 500.0, 510.0, 319.5, 239.5, 0.12)
 
 
+@pytest.mark.clause("3.2.3")
 def test_left_camera_in_the_stereo_bench() -> None:
     # Optical z (forward) is x of SB, optical x (right) is -y, optical y (down) is -z; the left camera sits at
     # +baseline / 2 along y, as y runs from the right to the left centre [3.2.3].
@@ -31,6 +32,7 @@ def test_left_camera_in_the_stereo_bench() -> None:
     assert np.linalg.det(T_sb_left.rotation) == pytest.approx(1.0)
 
 
+@pytest.mark.clause("3.2.3", "3.2.4")
 @given(transforms, st.floats(0.05, 2.0))
 def test_left_camera_in_the_rover(T_rb_sb: Transform, baseline_m: float) -> None:
     rig = replace(RIG, baseline_m=baseline_m, T_rb_sb=T_rb_sb)
@@ -45,6 +47,7 @@ def test_pixels_by_the_camera_matrix() -> None:
     assert (u, v, w) == pytest.approx((369.5, 265.0, 1.0))
 
 
+@pytest.mark.clause("3.2.4")
 def test_place_on_the_rover_must_be_known() -> None:
     with pytest.raises(GeometryError, match="T_rb_locsb"):
         _ = RIG.T_rb_left

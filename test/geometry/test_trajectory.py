@@ -35,6 +35,7 @@ def test_poses_come_back(stamped: list[tuple[int, Transform]]) -> None:
         np.testing.assert_allclose(trajectory.pose(index).matrix, pose.matrix, atol=1e-13)
 
 
+@pytest.mark.clause("3.1.1", "3.1.2")
 def test_golden_attitude_is_the_conjugate() -> None:
     # Heading 90 deg to the left: ROS orientation (0, 0, sin 45, cos 45), att_q_DsToRb (0, 0, -sin 45, cos 45).
     s, c = sin(radians(45)), cos(radians(45))

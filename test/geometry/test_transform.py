@@ -49,6 +49,7 @@ def test_apply_to_any_stack_of_points(T_a_b: Transform) -> None:
     np.testing.assert_allclose(found[2, 3], T_a_b.apply(points[2, 3]), atol=CLOSE)
 
 
+@pytest.mark.clause("3.1.2")
 @given(matrices, vectors)
 def test_origin_and_attitude_of_the_source_document(matrix: np.ndarray, origin: np.ndarray) -> None:
     # att_q_AToB turns components in A into components in B: it rotates as the transpose of T_a_b does.
@@ -57,6 +58,7 @@ def test_origin_and_attitude_of_the_source_document(matrix: np.ndarray, origin: 
     np.testing.assert_array_equal(T_a_b.apply([0, 0, 0]), origin)
 
 
+@pytest.mark.clause("3.1.1", "3.1.2")
 def test_golden_conjugate_trap() -> None:
     # The rover at (1, 2, 0) m looks along the y axis of DS: turned left by 90 deg about z, seen from above.
     # A rock 3 m ahead of it, at (3, 0, 0) in RB, lies at (1, 5, 0) in DS.
@@ -73,6 +75,7 @@ def test_golden_conjugate_trap() -> None:
     np.testing.assert_allclose(ros.inverse().rotation @ [0, 1, 0], [1, 0, 0], atol=1e-15)
 
 
+@pytest.mark.clause("3.1.2")
 def test_golden_unequal_angles() -> None:
     # 30 deg about x: y goes to (0, cos 30, sin 30); then 10 m along x.
     T_a_b = Transform.from_quat([10, 0, 0], [sin(radians(15)), 0, 0, cos(radians(15))])

@@ -42,6 +42,7 @@ def test_without_noise_the_error_is_near_zero(estimates: list[PoseEstimate]) -> 
         assert degrees < 0.06, index
 
 
+@pytest.mark.clause("1.3")
 def test_first_pose_is_the_one_given_and_every_pair_has_a_pose(estimates: list[PoseEstimate]) -> None:
     np.testing.assert_allclose(estimates[0].T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
     assert [estimate.stamp_ns for estimate in estimates] == [pair.stamp_ns for pair in DRIVE]
@@ -131,6 +132,7 @@ def test_the_next_pose_is_predicted_from_the_last_motion() -> None:
     assert error < 0.2 * step
 
 
+@pytest.mark.clause("3.2.4")
 def test_covariance_is_that_of_the_rover_wherever_its_camera_is() -> None:
     """Two points fixed to the rover: the covariance of one follows from that of the other."""
     T_rb_other = Transform.from_quat([2.0, -1.0, 0.5], [0.0, 0.0, 0.0, 1.0])

@@ -147,6 +147,7 @@ def test_same_input_gives_same_bits_on_any_number_of_threads(world: Any, hills_f
     assert one.cloud.to_structured().tobytes() == several.cloud.to_structured().tobytes()
 
 
+@pytest.mark.clause("1.3", "3.2.5")
 def test_points_lie_on_their_pixels_rays_at_the_depth_of_their_disparity(world: Any, slope_field: Any) -> None:
     made = world(slope_field)
     result = mapped(made)

@@ -25,6 +25,7 @@ def test_the_class_on_the_page_is_the_example() -> None:
     assert [line for line in shown[1].splitlines() if line.strip() and line.strip() != "pass"] == code
 
 
+@pytest.mark.clause("4.2.1", "4.3.1")
 @pytest.mark.slow
 def test_the_commands_on_the_page_work(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr) -> None:
     if shutil.which("cc") is None:

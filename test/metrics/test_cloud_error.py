@@ -21,6 +21,7 @@ def errors_of(score: MapScore) -> PointErrorScore:
     return score.errors
 
 
+@pytest.mark.clause("4.3.4")
 def test_a_perfect_cloud() -> None:
     truth = wall()
     got = score_map(cloud_of([truth]), [truth], CONFIG).score
@@ -30,6 +31,7 @@ def test_a_perfect_cloud() -> None:
     assert got.nearest_only is False
 
 
+@pytest.mark.clause("4.3.4")
 def test_agrees_with_loops_on_random_clouds() -> None:
     rng = np.random.default_rng(5)
     truths = [wall(3.0), wall(12.0)]

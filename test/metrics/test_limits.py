@@ -112,6 +112,7 @@ def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
     assert [item.metric for item in judged.failed] == ["mapping_peak_bytes"]
 
 
+@pytest.mark.clause("4.2.1")
 def test_the_target_is_judged_by_its_own_figures() -> None:
     timing = TimingScore(localisation=call_score(np.array([0.5, 0.7]), "GR740"))
     score = Score(target=TargetScore(name="GR740", timing=timing, memory=MemoryScore()), verdicts=())

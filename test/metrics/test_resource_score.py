@@ -6,6 +6,7 @@ from sfr_loc_map.metrics.modes import CallKind
 from sfr_loc_map.metrics.score import MemoryScore, PeakMemory
 
 
+@pytest.mark.clause("4.2.1", "4.3.1", "4.2.2", "4.3.2")
 def test_localisation_mapping_and_fusion_are_told_apart() -> None:
     calls = Calls(
         np.arange(5),
@@ -77,6 +78,7 @@ def test_calls_of_several_files_are_merged_by_kind() -> None:
     assert again[CallKind.MAPPING].mean == 3.0, "the later file counts"
 
 
+@pytest.mark.clause("4.2.1", "4.2.2")
 def test_a_target_stands_under_its_own_name() -> None:
     nothing = np.full(1, np.nan)
     unmeasured = score_target(Calls(np.arange(1), np.ones(1), [""], nothing, nothing), "GR740")

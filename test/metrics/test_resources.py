@@ -9,6 +9,7 @@ from sfr_loc_map.metrics.calls.resources import METHOD_UNAVAILABLE, CallMeter
 SIZE = 200 * 1024 * 1024
 
 
+@pytest.mark.clause("4.2.2")
 def test_known_allocation_is_measured_within_five_percent() -> None:
     meter = CallMeter()
     if meter.method == METHOD_UNAVAILABLE:
@@ -20,6 +21,7 @@ def test_known_allocation_is_measured_within_five_percent() -> None:
     assert call.peak_rss_bytes > SIZE
 
 
+@pytest.mark.clause("4.2.2")
 def test_peak_of_an_earlier_call_does_not_count() -> None:
     meter = CallMeter()
     if meter.method == METHOD_UNAVAILABLE:
@@ -42,6 +44,7 @@ def test_overhead_is_under_two_milliseconds() -> None:
     assert np.median(times) < 0.002
 
 
+@pytest.mark.clause("4.2.1")
 def test_clock_can_be_plugged_in_and_an_error_passes() -> None:
     ticks = iter([1_000, 2_500_001_000])
     meter = CallMeter(lambda: next(ticks), "test clock")
@@ -51,6 +54,7 @@ def test_clock_can_be_plugged_in_and_an_error_passes() -> None:
     assert meter.clock == "test clock"
 
 
+@pytest.mark.clause("4.2.2")
 def test_without_the_kernels_mark_memory_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resources, "_CLEAR", "/proc/self/no_such_file")
     meter = CallMeter()

@@ -59,6 +59,7 @@ def test_a_queue_gives_back_what_was_put_in() -> None:
         assert len(queue) == len(kept)
 
 
+@pytest.mark.clause("4.1.3")
 def test_sample_statistics_by_numpy() -> None:
     values = np.random.default_rng(4).lognormal(size=101)
     got = sample_statistic(values)

@@ -24,6 +24,7 @@ def test_a_million_steps_lose_nothing() -> None:
     assert np.array_equal(np.concatenate(parts), got)
 
 
+@pytest.mark.clause("4.1.1")
 @pytest.mark.parametrize(("text", "kind"), [("distance=1.5", "path"), ("time=2", "time"), ("frames=7", "frames")])
 def test_ends_are_the_first_frames_that_meet_the_condition(text: str, kind: str) -> None:
     rng = np.random.default_rng(1)

@@ -4,6 +4,7 @@ import pytest
 from sfr_loc_map.metrics.calls.timing import HOST_CLOCK, call_histogram, call_score
 
 
+@pytest.mark.clause("4.2.1")
 def test_figures_by_hand() -> None:
     got = call_score(np.array([5.0, 1.0, 2.0, 3.0, np.nan]), HOST_CLOCK)
     assert got.count == 4

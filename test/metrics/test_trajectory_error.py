@@ -29,6 +29,7 @@ def poses(seed: int, spread: float) -> PoseRows:
     )
 
 
+@pytest.mark.clause("4.1.2", "4.2.3.1", "4.2.3.2", "4.2.3.3")
 @pytest.mark.parametrize("whole_pose", [True, False])
 @pytest.mark.parametrize("spread", [1e-9, 0.1, 3.0])
 def test_errors_are_those_of_the_definition(spread: float, whole_pose: bool) -> None:
@@ -57,6 +58,7 @@ def test_errors_are_those_of_the_definition(spread: float, whole_pose: bool) -> 
         assert got[k, ErrorColumn.TRAVELLED] == pytest.approx(path, abs=1e-12)
 
 
+@pytest.mark.clause("4.1.2")
 def test_errors_do_not_depend_on_the_world_frame_of_the_estimate() -> None:
     """Re-based by the whole pose, a rotated and shifted world changes nothing."""
     rows = poses(5, 0.2)
@@ -79,11 +81,13 @@ def test_without_a_horizontal_displacement_the_heading_is_the_direction() -> Non
     assert got[ErrorColumn.CROSS] == pytest.approx(2.0 * math.cos(0.8) - math.sin(0.8))
 
 
+@pytest.mark.clause("4.2.3.3")
 @pytest.mark.parametrize(("angle", "wrapped"), [(0, 0), (180, 180), (-180, 180), (181, -179), (540, 180), (-359, 1)])
 def test_angles_are_wrapped(angle: float, wrapped: float) -> None:
     assert wrapped_deg(float(angle)) == wrapped
 
 
+@pytest.mark.clause("4.2.3.3")
 def test_heading_is_that_of_the_forward_axis() -> None:
     for rotation in Rotation.random(50, random_state=4):
         x, y, _ = rotation.apply([1.0, 0.0, 0.0])

@@ -30,6 +30,7 @@ def compare(estimate: Poses, truth: Poses, kind: str, value: float, spacing: int
                 assert getattr(figure, key) == pytest.approx(value_wanted, abs=1e-9), (name, key)
 
 
+@pytest.mark.clause("4.1.1", "4.1.2", "4.1.3", "4.2.3.1", "4.2.3.2", "4.2.3.3")
 @pytest.mark.slow
 @pytest.mark.parametrize("rebase", ["pose", "position"])
 @pytest.mark.parametrize("seed", range(40))
@@ -45,6 +46,7 @@ def test_agrees_with_the_plain_reference(seed: int, rebase: str) -> None:
     compare(estimate, truth, kind, value, 1 + seed % 11, rebase)
 
 
+@pytest.mark.clause("4.1.1")
 def test_a_distance_reached_exactly_ends_the_sub_trajectory() -> None:
     count = 200
     positions = np.column_stack((np.cumsum(np.full(count, 0.1)), np.zeros((count, 2))))
@@ -57,6 +59,7 @@ def test_a_distance_reached_exactly_ends_the_sub_trajectory() -> None:
     assert len(found.start_frame) == count - 50
 
 
+@pytest.mark.clause("4.1.3", "4.2.3.1", "4.2.3.2")
 def test_golden_statistics_by_hand() -> None:
     """Straight drive of 1 m steps; estimates stray by known vectors: mean (0.1, 0, 0) +- 0.1 along x."""
     truth = (
@@ -75,6 +78,7 @@ def test_golden_statistics_by_hand() -> None:
     assert (attitude.mean, attitude.sigma, attitude.mean_plus_3sigma) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.clause("4.2.3.3")
 def test_heading_mean_is_signed_and_its_sum_is_not() -> None:
     truth, _ = drive(3, 30)
     turned = truth[2].copy()
@@ -91,6 +95,7 @@ def test_heading_mean_is_signed_and_its_sum_is_not() -> None:
     assert heading.mean_plus_3sigma == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.clause("4.1.3")
 def test_one_sub_trajectory_has_a_mean_but_no_sigma() -> None:
     truth, estimate = drive(1, 30)
     config = TrajectoryScoreConfig(conditions=("frames=20", "frames=1000"))

@@ -98,6 +98,7 @@ def specs_of(page: str) -> list[dict[str, Any]]:
     return plots
 
 
+@pytest.mark.clause("4.2.3.1", "4.2.3.2", "4.2.3.3", "4.3.4")
 def test_headline_numbers_are_those_of_the_json(page: str) -> None:
     score, cells = json_of(whole_score()), Elements(page).cells
     places = [

@@ -142,6 +142,7 @@ def test_markdown_tables_keep_their_shape() -> None:
     assert "nan" not in text.lower().replace("covariance", "").split()
 
 
+@pytest.mark.clause("4.2.1", "4.2.2")
 def test_calls_of_a_target_stand_apart_under_its_name() -> None:
     score = whole_score()
     assert score.timing is not None
@@ -178,6 +179,7 @@ def test_consistency_in_words(mean: float, words: str) -> None:
     assert table(changed, "consistency").rows[-1][-1].text == words
 
 
+@pytest.mark.clause("4.2.1")
 def test_host_times_name_the_target_that_was_read_in_or_none() -> None:
     score = whole_score()
     assert score.timing is not None

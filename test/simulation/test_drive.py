@@ -30,6 +30,7 @@ FLAT = {
 }
 
 
+@pytest.mark.clause("3.2.1")
 def test_origin_stands_0_540_m_above_flat_ground(config: Maker) -> None:
     plan = Plan.make(config(**FLAT, **STEADY))
     for time in (0.0, 1.0, 2.0):
@@ -38,6 +39,7 @@ def test_origin_stands_0_540_m_above_flat_ground(config: Maker) -> None:
         assert np.allclose(pose.rotation[2], [0, 0, 1], atol=1e-9)
 
 
+@pytest.mark.clause("3.2.1")
 def test_origin_stands_0_540_m_from_a_slope_along_its_normal(config: Maker) -> None:
     plan = Plan.make(config(**FLAT, **STEADY, terrain__slope_deg=12.0))
     pose = plan.drive.pose(1.0)
@@ -98,6 +100,7 @@ def test_poses_are_rotations_and_change_little_between_pairs(config: Maker) -> N
         assert np.linalg.norm(rotvec_from_matrix(a.T @ b)) < math.radians(8)
 
 
+@pytest.mark.clause("3.2.5", "3.2.6")
 def test_pan_to_the_left_turns_the_view_to_the_left(config: Maker) -> None:
     plan = Plan.make(
         config(**FLAT, **STEADY, panorama__enabled=True, panorama__pan_deg=[0.0, 30.0], panorama__tilt_deg=[20.0, 20.0])

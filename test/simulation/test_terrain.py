@@ -113,6 +113,7 @@ def heights(terrain: Terrain, x: np.ndarray, y: np.ndarray, spacing: float = 0.0
     return terrain.height(x.astype(float).copy(), y.astype(float).copy(), np.full(len(x), spacing))
 
 
+@pytest.mark.clause("3.2.7.1")
 def test_slope_is_a_plane_that_rises_to_the_east() -> None:
     x, y = np.random.default_rng(0).uniform(-50, 50, (2, 200))
     assert np.allclose(heights(flat(slope_deg=10.0), x, y), np.tan(np.radians(10.0)) * x, atol=1e-12)

@@ -31,6 +31,7 @@ def left_points(world: World, truth: FloatImage) -> FloatArray:
     return (world.plan.lm_pose(0) @ rig.T_sb_left).inverse().apply(truth.reshape(-1, 3)).reshape(truth.shape)
 
 
+@pytest.mark.clause("3.2.7.2")
 def test_truth_reprojects_on_its_own_pixel_centre(world: World) -> None:
     truth, _ = world.truth(0)
     rig = world.plan.rig(Task.MAPPING)
@@ -99,6 +100,7 @@ def test_samples_are_centred_on_pixel_and_exposure() -> None:
         assert np.abs(table).max() <= 0.75
 
 
+@pytest.mark.clause("3.2.5", "3.2.7.2")
 def test_pose_in_lm_agrees_with_ds(world: World) -> None:
     chain = world.plan.T_ds_lm @ world.plan.lm_pose(1)
     direct = world.plan.rig_pose(Task.MAPPING, 1)
