@@ -33,7 +33,7 @@ SOCKET_BUFFER_BYTES = 262_144
 """Of the kernel, for each page: what waits there is older than what waits here."""
 PERIOD_S = 0.1
 """Longest time between two looks at what is stale."""
-COALESCE_S = 0.02
+COALESCE_S = 0.01
 """Records within this time are sent together."""
 
 

@@ -16,9 +16,10 @@ import { Store } from "./store.js";
 import { dressAllHelp } from "./terms.js";
 import { currentTheme, offerTheme } from "./theme.js";
 
+const FRAME_MS = 40;
 const store = new Store(), lag = new Lag();
 let chosen = null; // the moment that is shown; null: the latest
-let dirty = true, connected = false, lostAt = 0;
+let dirty = true, drawnMs = -FRAME_MS, connected = false, lostAt = 0;
 
 const connection = new Connection({
   figures(message) {
@@ -67,14 +68,16 @@ function noteImage(image) {
   if (chosen === null) lag.imageDrawn(image, () => connection.now());
 }
 
+/** Draw soon; frames keep a distance, as each takes processor time that the nodes of this host may need. */
 function redraw() {
   if (dirty) return;
   dirty = true;
-  requestAnimationFrame(draw);
+  setTimeout(() => requestAnimationFrame(draw), Math.max(drawnMs + FRAME_MS - performance.now(), 0));
 }
 
 function draw() {
   dirty = false;
+  drawnMs = performance.now();
   const moment = chosen ?? store.moment(), theme = currentTheme();
   panels.draw(moment, [theme, innerWidth, turned]);
   showHeader(moment);

@@ -3,7 +3,7 @@
 import { byId, colour, element, setText } from "./dom.js";
 
 const slots = new Map();
-const HATCH = 8;
+const HATCH = 8, LEVELS = 8;
 
 /**
  * Show the images of a moment; with `wantsTracks` those that the newest tracks belong to, while tracks come.
@@ -76,30 +76,38 @@ function paint(slot, found, tracks, bitmap) {
   setText(slot.caption, `${slot.side}: ${parts.join(" ").replaceAll(" ,", ",")}`);
 }
 
-/** Draw tracks from the newest keyframe to here: blue to yellow by residual, outliers violet; a cross: not found. */
+/**
+ * Draw tracks from the newest keyframe to here: blue to yellow by residual, outliers violet; a cross: not found.
+ * One path for each colour: a stroke for each of a thousand tracks would cost more than the image.
+ */
 function drawTracks(context, { values, count }, scale) {
-  context.lineWidth = 1;
+  const kinds = Array.from({ length: LEVELS + 1 }, () => []), missed = [];
   for (let i = 0; i < count; i++) {
     const [u, v, u0, v0, residual] = values.subarray(5 * i, 5 * i + 5);
-    if (Number.isFinite(residual) && Number.isFinite(u)) dot(context, u * scale, v * scale, u0 * scale, v0 * scale, residual);
-    else if (Number.isFinite(u0)) cross(context, u0 * scale, v0 * scale);
+    if (Number.isFinite(residual) && Number.isFinite(u)) kinds[Math.min(Math.floor(residual * LEVELS), LEVELS)].push([u * scale, v * scale, u0 * scale, v0 * scale]);
+    else if (Number.isFinite(u0)) missed.push([u0 * scale, v0 * scale]);
   }
+  context.lineWidth = 1;
+  kinds.forEach((tracks, level) => drawLevel(context, tracks, level));
+  drawCrosses(context, missed);
   return count;
 }
 
-function dot(context, u, v, u0, v0, residual) {
-  const share = Math.min(residual, 1), mix = (a, b) => Math.round(a + (b - a) * share);
-  context.strokeStyle = context.fillStyle = residual >= 1 ? "#dc3cdc" : `rgb(${mix(60, 255)},${mix(170, 225)},${mix(255, 0)})`;
-  if (Number.isFinite(u0)) {
-    context.beginPath(), context.moveTo(u0, v0), context.lineTo(u, v), context.stroke();
-  }
-  context.fillRect(u - 1.5, v - 1.5, 3, 3);
+function drawLevel(context, tracks, level) {
+  const share = level / (LEVELS - 1), mix = (a, b) => Math.round(a + (b - a) * share);
+  context.strokeStyle = context.fillStyle = level === LEVELS ? "#dc3cdc" : `rgb(${mix(60, 255)},${mix(170, 225)},${mix(255, 0)})`;
+  context.beginPath();
+  for (const [u, v, u0, v0] of tracks) if (Number.isFinite(u0)) context.moveTo(u0, v0), context.lineTo(u, v);
+  context.stroke();
+  context.beginPath();
+  for (const [u, v] of tracks) context.rect(u - 1.5, v - 1.5, 3, 3);
+  context.fill();
 }
 
-function cross(context, u, v) {
+function drawCrosses(context, places) {
   context.strokeStyle = "#969696";
   context.beginPath();
-  context.moveTo(u - 2, v - 2), context.lineTo(u + 2, v + 2), context.moveTo(u - 2, v + 2), context.lineTo(u + 2, v - 2);
+  for (const [u, v] of places) context.moveTo(u - 2, v - 2), context.lineTo(u + 2, v + 2), context.moveTo(u - 2, v + 2), context.lineTo(u + 2, v - 2);
   context.stroke();
 }
 

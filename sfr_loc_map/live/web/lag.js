@@ -23,9 +23,10 @@ export class Lag {
     }
   }
 
-  /** Note that an image was drawn on its canvas. */
+  /** Note that an image was drawn on its canvas, outside of a frame: the next one shows it. */
   imageDrawn(image, now) {
-    if (image.published_s > this.since) this.note([[this.images, image.published_s, image.stamp_ns]], now);
+    if (image.published_s <= this.since) return;
+    requestAnimationFrame(() => this.note([[this.images, image.published_s, image.stamp_ns]], now));
   }
 
   /** Note that a frame was drawn. */
@@ -34,9 +35,9 @@ export class Lag {
     if (due.length && live) this.note(due, now);
   }
 
-  /** Note times once the browser has come back from painting. */
+  /** Note times once the browser has come back from painting the frame that is being made. */
   note(due, now) {
-    requestAnimationFrame(() => {
+    setTimeout(() => {
       const time = now();
       for (const [kept, published, stamp] of due) {
         kept.push([time - published, stamp]);

@@ -109,4 +109,5 @@ def publisher_events(topic: str, warn: Warn) -> PublisherEventCallbacks:
             f"subscriber, or the parameter output_reliability of this node"
         )
 
-    return PublisherEventCallbacks(incompatible_qos=incompatible)
+    # of another type the subscriber tells, and each event costs the executor time at every message
+    return PublisherEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)

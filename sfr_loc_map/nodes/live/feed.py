@@ -29,7 +29,7 @@ from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Status, StatusKind, Track, Update
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, level_of, values_of
 from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
-from sfr_loc_map.nodes.live.media_feed import MediaFeed
+from sfr_loc_map.nodes.live.media_feed import NO_EVENTS, MediaFeed
 from sfr_loc_map.nodes.live.operator import RosOperator
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
 from sfr_loc_map.nodes.process import environment
@@ -116,7 +116,7 @@ class RosFeed:
                 return
 
         listener: Any = received  # rclpy's types do not know of the information beside a message
-        self._node.create_subscription(kind, topic, listener, qos)
+        self._node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS)
 
     def _on_odometry(self, track: Track, message: Odometry, now_s: float) -> None:
         stamp_ns, position, quat = odometry_row(message)

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 from nav_msgs.msg import OccupancyGrid
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -38,6 +39,9 @@ MAX_MAPS = 8
 """Clouds, elevation and hazard grids that wait; more are left out."""
 MASK_HOLD_NS = NS_PER_S // 2
 """A mask that much older than the tracks is shown with them."""
+IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
+NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+"""The nodes themselves tell of peers that do not fit; each event would cost the executor time at every message."""
 STAMP_AT = 4
 """Where the stamp of a serialised message with a header begins: behind the head of its encoding."""
 Received = Callable[[bytes, dict[str, Any]], None]
@@ -70,13 +74,24 @@ class MediaFeed:
         self._raw(PointCloud2, TRUE_POINTS, partial(self._on_map, PointCloud2, self._map.add_true_points), truth)
 
     def follow(self, wanted: frozenset[View]) -> None:
-        """Subscribe to what is wanted and to nothing else."""
+        """Subscribe to what is wanted and to nothing else; of images to those topics that somebody publishes."""
         for view in View:
             if view in wanted and view not in self._subscriptions:
                 self._subscriptions[view] = self._subscribe(view)
             elif view not in wanted:
                 for subscription in self._subscriptions.pop(view, ()):
                     self._node.destroy_subscription(subscription)
+        if View.IMAGES in wanted:
+            self._follow_images(self._subscriptions[View.IMAGES])
+
+    def _follow_images(self, subscriptions: list[Any]) -> None:
+        known = {subscription.topic_name for subscription in subscriptions}
+        for name in (f"{rig}/{side}" for rig in ("loc", "nav") for side in SIDES):
+            for kind, end in IMAGE_KINDS:
+                topic = f"{name}/{end}"
+                if self._node.resolve_topic_name(topic) not in known and self._node.count_publishers(topic):
+                    received = partial(self._on_image, name, kind)
+                    subscriptions.append(self._raw(kind, topic, received, self._best_effort))
 
     def _subscribe(self, view: View) -> list[Any]:
         if view is View.TRACKS:
@@ -95,12 +110,7 @@ class MediaFeed:
                     (HAZARD, OccupancyGrid, self._map.add_hazard),
                 )
             ]
-        found = []
-        for name in (f"{rig}/{side}" for rig in ("loc", "nav") for side in SIDES):
-            for kind, end in ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw")):
-                received = partial(self._on_image, name, kind)
-                found.append(self._raw(kind, f"{name}/{end}", received, self._best_effort))
-        return found
+        return []
 
     def _raw(self, kind: type[Any], topic: str, callback: Received, qos: QoSProfile) -> Any:  # noqa: ANN401 - rclpy's
         gaps = self.gaps.setdefault(topic, TransportGaps())
@@ -113,7 +123,7 @@ class MediaFeed:
                 return
 
         listener: Any = received  # rclpy's types do not know of raw messages with their information
-        return self._node.create_subscription(kind, topic, listener, qos, raw=True)
+        return self._node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS, raw=True)
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, info: dict[str, Any]) -> None:
         published_s, stamp_ns = _published_s(info), _stamp_ns(raw)

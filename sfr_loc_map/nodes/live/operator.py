@@ -7,6 +7,7 @@ from typing import Any
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
@@ -41,7 +42,8 @@ class RosOperator:
             node: Calls the services; another thread spins it.
         """
         self._node = node
-        self._bookmarks = node.create_publisher(String, BOOKMARK_TOPIC, QoSProfile(depth=100))
+        events = PublisherEventCallbacks(use_default_callbacks=False)
+        self._bookmarks = node.create_publisher(String, BOOKMARK_TOPIC, QoSProfile(depth=100), event_callbacks=events)
 
     def run(self, command: Command) -> str:
         """Carry a command out.
