@@ -78,7 +78,7 @@ def _observe(source: Path, remaps: dict[str, str], *, extrinsics_given: bool) ->
     Raises:
         InputError: If there is nothing.
     """
-    from sfr_loc_map.io.bag import is_bag
+    from sfr_loc_map.io.bag_files import is_bag
     from sfr_loc_map.pipeline.doctor.bag_observation import observe_bag
     from sfr_loc_map.pipeline.doctor.source_observation import observe_source
 

@@ -1,4 +1,4 @@
-"""ROS 2 bags (sqlite3 and mcap): topics and messages.
+"""Bags of ROS 2 (sqlite3 and mcap) and of ROS 1: topics and messages.
 
 The bag is opened for each pass and closed after it, so nothing is held open, and messages are read as a stream.
 """
@@ -17,14 +17,12 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
 
-from sfr_loc_map.bounded_input import check_regular
 from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
-from sfr_loc_map.io.mcap_recovery import RecoveringReader, is_unfinished
-from sfr_loc_map.io.sqlite_check import check_whole
+from sfr_loc_map.io.bag_files import BagReader, reader_of, reader_paths
+from sfr_loc_map.io.mcap_recovery import is_unfinished
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
-STORAGE_SUFFIXES = (".mcap", ".db3")
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -67,15 +65,8 @@ class Topic:
     msgtype: str
 
 
-def is_bag(path: Path) -> bool:
-    """Tell whether a path looks like a ROS 2 bag: its folder, or a storage file."""
-    if path.is_dir():
-        return (path / "metadata.yaml").exists() or bool(_storage_files(path))
-    return path.suffix in STORAGE_SUFFIXES
-
-
 class Bag:
-    """A ROS 2 bag and the names of its topics.
+    """A bag and the names of its topics.
 
     Attributes:
         path: Where it is.
@@ -86,7 +77,7 @@ class Bag:
         """Read the list of topics.
 
         Args:
-            path: Folder of the bag, or one storage file (.mcap, .db3).
+            path: Folder of the bag, or one file (.mcap, .db3, .bag of ROS 1).
             remap: New names by the names in the bag; leading slashes do not matter.
 
         Raises:
@@ -94,11 +85,7 @@ class Bag:
             ConfigError: If `remap` gives a topic a name that nothing reads.
         """
         self.path = path
-        self._files = _reader_paths(path)
-        for file in _storage_files(path) if path.is_dir() else [path]:
-            _require_regular(file)
-            if file.suffix == ".db3":
-                check_whole(file)
+        self._files = reader_paths(path)
         self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
         if self.unfinished:
             _log.warning("bag '%s' was not finished: it is read up to its last whole part", path)
@@ -230,14 +217,14 @@ class Bag:
         return {topic: wanted.get(name, name) for topic, name in names.items()}
 
     @contextmanager
-    def _reading(self) -> Iterator[list[RecoveringReader]]:
+    def _reading(self) -> Iterator[list[BagReader]]:
         """Open the files of the bag; whatever goes wrong within becomes one `InputError` with the path.
 
         The reader raises many kinds of exceptions for broken data (its own, those of sqlite and zstd, KeyError, ...).
         """
         try:
             with ExitStack() as stack:
-                yield [stack.enter_context(RecoveringReader(file)) for file in self._files]
+                yield [stack.enter_context(reader_of(file)) for file in self._files]
         except SfrError:
             raise
         except Exception as error:
@@ -246,14 +233,7 @@ class Bag:
             ) from error
 
 
-def _require_regular(file: Path) -> None:
-    try:
-        check_regular(file)
-    except OSError as error:
-        raise InputError(f"bag '{file}' cannot be read: {error.strerror}; give a .mcap or .db3 file") from error
-
-
-def _types_of(readers: list[RecoveringReader]) -> dict[str, str]:
+def _types_of(readers: list[BagReader]) -> dict[str, str]:
     """Return the types of all topics; a database can hold values of any kind in any column.
 
     Raises:
@@ -263,22 +243,6 @@ def _types_of(readers: list[RecoveringReader]) -> dict[str, str]:
     if not all(isinstance(text, str) for pair in types.items() for text in pair):
         raise TypeError("the name or the type of a topic is no text")
     return types
-
-
-def _storage_files(folder: Path) -> list[Path]:
-    return sorted(file for suffix in STORAGE_SUFFIXES for file in folder.glob(f"*{suffix}"))
-
-
-def _reader_paths(path: Path) -> list[Path]:
-    """Return what the reader shall open: the folder, or the storage files where metadata.yaml is missing."""
-    if not path.exists():
-        raise InputError(f"there is no bag '{path}': give its folder or its .mcap or .db3 file")
-    if not path.is_dir() or (path / "metadata.yaml").exists():
-        return [path]
-    files = _storage_files(path)
-    if not files:
-        raise InputError(f"folder '{path}' is no bag: neither metadata.yaml nor a .mcap or .db3 file is in it")
-    return files
 
 
 def _header_stamp(raw: bytes) -> int:

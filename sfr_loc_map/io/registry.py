@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.bag import is_bag
+from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import is_folder, open_folder
@@ -31,7 +31,7 @@ def open_source(path: Path, remap: Remap = None) -> Source:
     Nothing is held open: each pass over the pairs opens and closes its files itself.
 
     Args:
-        path: A data set folder, ROS 2 bag, KITTI or EuRoC sequence.
+        path: A data set folder, a bag, or a sequence of another data set (`READERS`).
         remap: New names of topics by the names in the bag.
 
     Raises:
@@ -39,7 +39,7 @@ def open_source(path: Path, remap: Remap = None) -> Source:
     """
     path = Path(path)
     if not path.exists():
-        raise InputError(f"there is no '{path}': give a data set folder, a ROS 2 bag, or a KITTI or EuRoC sequence")
+        raise InputError(f"there is no '{path}': give a data set folder, a ROS bag, or a sequence of another data set")
     for matches, opener in READERS.values():
         if matches(path):
             return opener(path, remap)

@@ -15,7 +15,8 @@ from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, is_bag
+from sfr_loc_map.io.bag import ODOMETRY, TF, Bag
+from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajectory
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
