@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import LocSequence, NavSequence
 
 SourceArgument = Annotated[
-    Path, typer.Argument(metavar="SRC", help="Data set folder, ROS 2 bag (mcap, sqlite3), KITTI or EuRoC sequence.")
+    Path,
+    typer.Argument(
+        metavar="SRC", help="Data set folder, bag of ROS 2 or 1, or sequence of KITTI, EuRoC, MADMAX, Katwijk, LuSNAR."
+    ),
 ]
 ConfigOption = Annotated[Path | None, typer.Option("--config", metavar="P.yaml", help="File with parameters.")]
 RemapOption = Annotated[

@@ -224,7 +224,10 @@ class Bag:
         """
         try:
             with ExitStack() as stack:
-                yield [stack.enter_context(reader_of(file)) for file in self._files]
+                readers = [reader_of(file) for file in self._files]
+                for reader in readers:
+                    stack.enter_context(reader)
+                yield readers
         except SfrError:
             raise
         except Exception as error:

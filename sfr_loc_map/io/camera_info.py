@@ -57,6 +57,37 @@ def message_baseline(rig: StereoRig) -> StereoRig:
     return replace(rig, baseline_m=baseline_from_projection(rig.fx, -(rig.fx * rig.baseline_m)))
 
 
+def rig_from_projections(
+    p_left: FloatArray,
+    p_right: FloatArray,
+    size: tuple[int, int],
+    where: str,
+    names: tuple[str, str] = ("left", "right"),
+) -> StereoRig:
+    """Return the rig of two rectified cameras.
+
+    Args:
+        p_left: `(12,)` projection matrix of the left camera, row-major.
+        p_right: `(12,)` of the right one, in the same frame.
+        size: Width and height of the images, pixels.
+        where: What they come from, for messages.
+        names: What the two are called there.
+
+    Raises:
+        InputError: If they are not those of a rectified pair.
+    """
+    if np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() > TOLERANCE:
+        raise InputError(
+            f"{where}: {names[0]} and {names[1]} differ in their camera matrices: rectified cameras are needed"
+        )
+    fx, cx, fy, cy = (float(p_left[i]) for i in (0, 2, 5, 6))
+    try:
+        baseline = baseline_from_projection(fx, float(p_right[3] - p_left[3])) if fx else 0.0
+        return StereoRig(*size, fx, fy, cx, cy, baseline)
+    except GeometryError as error:
+        raise InputError(f"{where}: {error}; are left and right swapped?") from error
+
+
 def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | None = None) -> StereoRig:  # noqa: ANN401
     """Return the rig that two camera_info messages describe.
 

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.text_numbers import parse_number
+from sfr_loc_map.io.text_numbers import parse_number, parse_stamp_ns
 
 _log = logging.getLogger(__name__)
 NAMED_FILES = 3
@@ -114,6 +114,33 @@ class ImageFileSequence:
             found, wanted = f"{image.shape[1]} x {image.shape[0]}", f"{self.size[0]} x {self.size[1]}"
             raise InputError(f"image '{path}' is {found}: all images of the drive must be {wanted}")
         return image
+
+
+def stamped_files(folder: Path, prefix: str, suffix: str) -> dict[int, Path]:
+    """Return the files of a folder that are named by their stamps, in the order of these.
+
+    Args:
+        folder: The folder.
+        prefix: What stands before the nanoseconds.
+        suffix: What stands behind them; files that begin or end otherwise are passed over.
+
+    Raises:
+        InputError: If a name has no whole nanoseconds, two have the same, or there is none.
+    """
+    files: dict[int, Path] = {}
+    for file in folder.iterdir():
+        if file.name.startswith(prefix) and file.name.endswith(suffix):
+            text = file.name[len(prefix) : len(file.name) - len(suffix)]
+            try:
+                stamp = parse_stamp_ns(text)
+            except ValueError as error:
+                raise InputError(f"image '{file}' is not named by whole nanoseconds: rename or remove it") from error
+            if stamp in files:
+                raise InputError(f"images '{files[stamp]}' and '{file}' have one stamp: remove one")
+            files[stamp] = file
+    if not files:
+        raise InputError(f"'{folder}' has no image {prefix}STAMP{suffix}")
+    return dict(sorted(files.items()))
 
 
 def read_lines(path: Path) -> list[str]:

@@ -10,6 +10,7 @@ RB is the stereo bench frame SB itself, and DS is RB at the first pose: x forwar
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.camera_info import TOLERANCE, baseline_from_projection
+from sfr_loc_map.io.camera_info import rig_from_projections
 from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines, whole_pairs
 from sfr_loc_map.io.sequence import Source
@@ -27,6 +28,8 @@ from sfr_loc_map.io.trajectory_file import check_order, parse_seconds
 
 CAMERAS = ((0, 1), (2, 3))
 """Numbers of the left and right cameras that are looked for: grey, colour."""
+BENCH = Transform.identity()
+"""Pose of the bench in RB, which it is."""
 
 
 def is_kitti(path: Path) -> bool:
@@ -80,17 +83,8 @@ def _load_calibration(path: Path) -> dict[int, FloatArray]:
 def _rig(cameras: dict[int, FloatArray], left: int, right: int, size: tuple[int, int], path: Path) -> StereoRig:
     if left not in cameras or right not in cameras:
         raise InputError(f"'{path}' has {sorted(f'P{i}' for i in cameras)}: P{left} and P{right} are needed")
-    p_left, p_right = cameras[left], cameras[right]
-    if np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() > TOLERANCE:
-        raise InputError(
-            f"'{path}': P{left} and P{right} differ in their camera matrices: rectified cameras are needed"
-        )
-    fx, cx, fy, cy = (float(p_left[i]) for i in (0, 2, 5, 6))
-    baseline = baseline_from_projection(fx, float(p_right[3] - p_left[3]))
-    try:
-        return StereoRig(*size, fx, fy, cx, cy, baseline, Transform.identity())
-    except GeometryError as error:
-        raise InputError(f"'{path}': {error}; are left and right swapped?") from error
+    names = (f"P{left}", f"P{right}")
+    return replace(rig_from_projections(cameras[left], cameras[right], size, f"'{path}'", names), T_rb_sb=BENCH)
 
 
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:

@@ -10,7 +10,10 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import is_folder, open_folder
+from sfr_loc_map.io.katwijk import is_katwijk, open_katwijk
 from sfr_loc_map.io.kitti import is_kitti, open_kitti
+from sfr_loc_map.io.lusnar import is_lusnar, open_lusnar
+from sfr_loc_map.io.madmax import is_madmax, open_madmax
 from sfr_loc_map.io.sequence import Source
 
 Remap = Mapping[str, str] | None
@@ -21,6 +24,9 @@ READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
     "sfr": (is_folder, lambda path, _: open_folder(path)),
     "kitti": (is_kitti, lambda path, _: open_kitti(path)),
     "euroc": (is_euroc, lambda path, _: open_euroc(path)),
+    "madmax": (is_madmax, lambda path, _: open_madmax(path)),
+    "katwijk": (is_katwijk, lambda path, _: open_katwijk(path)),
+    "lusnar": (is_lusnar, lambda path, _: open_lusnar(path)),
 }
 """Name of a format, and its test and opener, in the order of trying."""
 
@@ -46,6 +52,6 @@ def open_source(path: Path, remap: Remap = None) -> Source:
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
         f"'{path}' is of no format that is read: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
-        f"*.mcap, *.db3 (ROS 2 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC); found {found}; give the "
-        f"folder that holds them"
+        f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC), *rect_left/ "
+        f"(MADMAX), LocCam/ (Katwijk), image0/color/ (LuSNAR); found {found}; give the folder that holds them"
     )

@@ -3,4 +3,4 @@
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "scenes"))
+sys.path += [str(Path(__file__).resolve().parents[1] / name) for name in ("scenes", "io")]

@@ -41,7 +41,7 @@ def _bag_uses(name: str) -> tuple[Command, ...]:
 
 
 SCORE = ("score", "{w}/estimate.csv", "{w}/truth.csv", "--condition", "frames=5", "--spacing", "5")
-SCORE_CLOUDS = {kind: ("score", f"{{w}}/cloud.{kind}", "{w}/panorama") for kind in ("ply", "pcd", "npz")}
+SCORE_CLOUDS = {kind: ("score", f"{{w}}/cloud.{kind}", "{w}/panorama") for kind in ("ply", "pcd", "npz", "las", "laz")}
 
 
 def _trajectory_uses(name: str) -> tuple[Command, ...]:
@@ -120,6 +120,19 @@ def run_arguments(path: Path) -> None:
             raise RuntimeError(f"exit code {code} of {command[0]}")
 
 
+def _rover_targets() -> tuple[Target, ...]:
+    """Return the files of the layouts of rover data sets."""
+    run = (_localise("A-0"), _convert("A-0", "t.tum"), _convert("A-0", "f"))
+    truth, between = "A-0/ground_truth/gt_6DoF_gnss_and_imu.csv", "tf__camera_left_to_camera_right.csv"
+    return (
+        Target("MADMAX truth", truth, m.TEXT + m.BYTES, run),
+        Target("MADMAX camera", "calibration/camera_rect_left_info.txt", m.YAML[4:] + m.TEXT, run),
+        Target("MADMAX transform", f"calibration/{between}", m.TEXT + m.BYTES, run),
+        Target("Katwijk calibration", "LocCam_calibstruct.mat", m.BYTES, (_convert("Part1", "f"),)),
+        Target("LuSNAR truth", "Moon_1/gt.txt", m.TEXT + m.BYTES, (_convert("Moon_1", "t.tum"),)),
+    )
+
+
 TARGETS: tuple[Target, ...] = (
     Target(
         "rig.json", "drive/rig.json", m.JSON, (_localise("drive"), _convert("drive", "f"), _convert("drive", "b.mcap"))
@@ -150,6 +163,7 @@ TARGETS: tuple[Target, ...] = (
         m.TEXT + m.BYTES,
         (_localise("euroc"), _convert("euroc", "t.tum")),
     ),
+    *_rover_targets(),
     Target("PNG", "drive/left/000000.png", m.PNG, (_localise("drive"), _convert("drive", "b.mcap"))),
     *(
         Target(
@@ -170,9 +184,17 @@ TARGETS: tuple[Target, ...] = (
     Target("NPZ", "cloud.npz", m.NPZ, (SCORE_CLOUDS["npz"],)),
     Target("PLY", "cloud.ply", m.CLOUD, (SCORE_CLOUDS["ply"],)),
     Target("PCD", "cloud.pcd", m.CLOUD, (SCORE_CLOUDS["pcd"],)),
+    Target("LAS", "cloud.las", m.BYTES, (SCORE_CLOUDS["las"], _convert("cloud.las", "x.dem.npz"))),
+    Target("LAZ", "cloud.laz", m.BYTES, (SCORE_CLOUDS["laz"], _convert("cloud.laz", "x.tif"))),
     Target("PCD of text", "text.pcd", m.CLOUD + m.TEXT, (("score", "{w}/text.pcd", "{w}/panorama"),)),
     Target("mcap", "bag.mcap/bag.mcap", MCAP, _bag_uses("bag.mcap")),
     Target("mcap of JPEG", "jpeg.mcap/bag.mcap", MCAP, (_localise("jpeg.mcap"), _convert("jpeg.mcap/bag.mcap", "f"))),
+    Target(
+        "ROS 1 bag",
+        "ros1.bag",
+        m.BYTES,
+        (_localise("ros1.bag"), _convert("ros1.bag", "f"), ("doctor", "{w}/ros1.bag"), _map("ros1.bag")),
+    ),
     Target("sqlite3", "bag.db3/bag.db3", SQLITE, _bag_uses("bag.db3")),
     Target("metadata.yaml", "bag.mcap/metadata.yaml", m.YAML, _bag_uses("bag.mcap")),
     Target(

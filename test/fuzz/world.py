@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import scene_path  # noqa: F401 - before the next
+from made_ros1 import write_ros1
+from made_rovers import write_katwijk, write_lusnar, write_madmax
 from made_scene import (
     LOC_RIG,
     NAV_RIG,
@@ -54,6 +56,10 @@ def make_world(folder: Path) -> None:
     _euroc(part / "euroc")
     for kind in KINDS:
         _image_drive(part, kind)
+    write_madmax(part / "A-0")
+    write_katwijk(part / "Part1")
+    write_lusnar(part / "Moon_1")
+    write_ros1(part / "ros1.bag", part / "bag.mcap")
     _texts(part)
     part.rename(folder)
 
@@ -93,7 +99,7 @@ def _cloud(world: Path) -> None:
     for axis, name in enumerate("xyz"):
         records[name] = truth[v, u, axis]
     records["sigma"], records["intensity"], records["u"], records["v"] = 0.01, 100, u, v
-    for suffix in ("ply", "pcd", "npz"):
+    for suffix in ("ply", "pcd", "npz", "las", "laz"):
         save_cloud(world / f"cloud.{suffix}", PointCloud.from_structured(records, False))
     text = (f"{x} {y} {z} {s} {i} {a} {b} {p}" for x, y, z, s, i, a, b, p in records[:50].tolist())
     head = (world / "cloud.pcd").read_bytes().split(b"DATA")[0].decode().replace(str(len(u)), "50")

@@ -7,42 +7,25 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from made_ros1 import NOETIC, write_ros1
 from made_worlds import World, assert_is_world, assert_same_pairs, write_bag
-from rosbags.rosbag1 import Writer
 from rosbags.rosbag1.reader import decompressors
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.bag import TF, TYPESTORE, Bag
+from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.registry import open_source
 
-NOETIC = get_typestore(Stores.ROS1_NOETIC)
 
-
-def write_ros1(path: Path, world: World, names: Mapping[str, str] | None = None, compression: str = "") -> Path:
-    """Write the messages of a world as ROS 1 has them; `names` are other names of topics."""
+def write_world(path: Path, world: World, names: Mapping[str, str] | None = None, compression: str = "") -> Path:
+    """Write a world as a ROS 1 bag."""
     write_bag(path.with_suffix(".mcap"), world)
-    writer = Writer(path)
-    if compression:
-        writer.set_compression(Writer.CompressionFormat[compression])
-    with writer, Reader(path.with_suffix(".mcap")) as reader:
-        made = {}
-        for old in reader.connections:
-            store = TYPESTORE if old.msgtype == TF else NOETIC
-            definition, digest = store.generate_msgdef(old.msgtype, ros_version=1)
-            topic, kind = (names or {}).get(old.topic, old.topic), old.msgtype
-            kind = "tf/msg/tfMessage" if kind == TF else kind
-            made[old.id] = writer.add_connection(topic, kind, msgdef=definition, md5sum=digest)
-        for old, time_ns, data in reader.messages():
-            writer.write(made[old.id], time_ns, TYPESTORE.cdr_to_ros1(data, old.msgtype))
-    return path
+    return write_ros1(path, path.with_suffix(".mcap"), names, compression)
 
 
 @pytest.mark.parametrize("compression", ["", "BZ2", "LZ4"])
 def test_it_holds_the_same_world(tmp_path: Path, world: World, compression: str) -> None:
-    path = write_ros1(tmp_path / "a.bag", world, compression=compression)
+    path = write_world(tmp_path / "a.bag", world, compression=compression)
     assert is_bag(path)
     source = open_source(path)
     assert source.format == "bag"
@@ -51,7 +34,7 @@ def test_it_holds_the_same_world(tmp_path: Path, world: World, compression: str)
 
 def test_topics_are_renamed_as_in_other_bags(tmp_path: Path, world: World) -> None:
     names = {f"/loc/{side}/image_rect": f"/cam{i}/image" for i, side in enumerate(("left", "right"))}
-    path = write_ros1(tmp_path / "a.bag", world, names)
+    path = write_world(tmp_path / "a.bag", world, names)
     source = open_source(path, {new: old for old, new in names.items()})
     assert source.loc is not None
     assert_same_pairs(source.loc.pairs(), world.pairs)
@@ -61,7 +44,7 @@ def test_topics_are_renamed_as_in_other_bags(tmp_path: Path, world: World) -> No
 
 @pytest.mark.parametrize("keep", [0, 5, 2000, 0.3, 0.9, 0.999])
 def test_truncated_bag_is_one_line(tmp_path: Path, world: World, keep: float) -> None:
-    path = write_ros1(tmp_path / "a.bag", world)
+    path = write_world(tmp_path / "a.bag", world)
     data = path.read_bytes()
     path.write_bytes(data[: int(keep * len(data)) if keep < 1 else int(keep)])
     with pytest.raises(InputError) as caught:
@@ -72,7 +55,7 @@ def test_truncated_bag_is_one_line(tmp_path: Path, world: World, keep: float) ->
 
 
 def test_a_recording_that_was_killed_says_what_to_do(tmp_path: Path, world: World) -> None:
-    path = write_ros1(tmp_path / "a.bag", world).rename(tmp_path / "a.bag.active")
+    path = write_world(tmp_path / "a.bag", world).rename(tmp_path / "a.bag.active")
     data = bytearray(path.read_bytes())
     place = data.index(b"index_pos=") + len(b"index_pos=")
     data[place : place + 8] = bytes(8)
@@ -89,7 +72,7 @@ def test_what_would_fill_the_memory_is_refused() -> None:
 
 
 def test_another_definition_of_a_type_is_noticed(tmp_path: Path, world: World) -> None:
-    path = write_ros1(tmp_path / "a.bag", world)
+    path = write_world(tmp_path / "a.bag", world)
     digest = NOETIC.generate_msgdef("sensor_msgs/msg/Image", ros_version=1)[1].encode()
     path.write_bytes(path.read_bytes().replace(digest, digest[::-1]))
     with pytest.raises(InputError, match="has other fields than that of ROS Noetic"):
