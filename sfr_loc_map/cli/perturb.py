@@ -15,7 +15,8 @@ from sfr_loc_map.cli.output import OverwriteOption, output_folder, say
 from sfr_loc_map.errors import ConfigError
 
 FAULT_HELP = (
-    "KIND[:amount=A,share=S,burst=B,start=N,camera=both|left|right]; repeatable. Kinds: "
+    "KIND, or KIND: and some of amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
+    "at a time, start=N (first pair), camera=both|left|right, with commas between; repeatable. Kinds: "
     "dropped, repeated, swapped, identical, frozen, torn; black, start, fade, blinded, saturation, blurred, noisy, "
     "exposure; body, object, dirt, shadow; late, clock; focal, baseline, roll, pitch, yaw, drift."
 )

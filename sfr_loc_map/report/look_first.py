@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.modes import VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.score_tables import limit_name, limit_unit
 from sfr_loc_map.report.sub_trajectories import Part, error_sizes, parts_of
-from sfr_loc_map.tables.numbers import METRE, fitting, number
+from sfr_loc_map.tables.numbers import METRE, PERCENT, SHARE, fitting, number
 
 MOST = 5
 """More than this is not first."""
@@ -134,7 +134,8 @@ def _name(item: Verdict) -> str:
 
 
 def _beside_limit(item: Verdict) -> str:
-    unit = fitting(limit_unit(item.metric), item.limit, item.value)
+    unit = limit_unit(item.metric)
+    unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value)
     use = _use_of_limit(item)
     share = f", {number(100.0 * use)} % of it" if use < float("inf") and not item.metric.endswith("_min") else ""
     value, limit = (number(figure, unit=unit) for figure in (item.value, item.limit))

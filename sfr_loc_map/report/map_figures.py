@@ -161,7 +161,8 @@ def _in_space(cloud: PointRows) -> Plot:
     scene: dict[str, Any] = {"aspectmode": "data", "camera": {"eye": {"x": -1.6, "y": -1.3, "z": 1.1}}}
     for name, column in (("x", cloud.x_m), ("y", cloud.y_m), ("z", cloud.z_m)):
         scene[f"{name}axis"] = {"title": {"text": f"{name} of LM, m"}, "range": _middle(column)}
-    caption = f"{len(logs)} points of the cloud, those within the middle 95 % of each axis. Equal axes."
+    caption = f"{len(logs)} points of the cloud, those within the middle 95 % of each axis. Equal axes. LM: "
+    caption += "the local map frame, fixed to the ground, z up."
     return Plot("cloud", "Cloud coloured by error", caption, [points], {"scene": scene}, height=560, width="full")
 
 

@@ -91,5 +91,5 @@ def _text(value: object) -> str:
 
 
 def _scored(made: Provenance) -> str:
-    host = ", ".join(made.host.values())
+    host = ", ".join(f"Python {value}" if name == "python" else value for name, value in made.host.items())
     return f"{made.time or 'time unknown'} by sfr_loc_map {made.version or UNKNOWN}{f' on {host}' if host else ''}"

@@ -16,7 +16,7 @@ TERMS: Mapping[str, str] = {
     "mean + 3 sigma": "size of the mean plus three standard deviations, over all sub-trajectories, map points or "
     "calls: what the specification limits.",
     "95 % interval": "range that holds the true mean + 3 sigma in 95 of 100 such drives.",
-    "not enough data": "the figure is not defined for so few values.",
+    "not enough data": "the figure is not defined, or made of fewer values than the limits ask for.",
     "DS": "the fixed world frame of the drive: x east, y north, z up.",
     "LM": "the local map frame: fixed to the ground, z up; coordinates of the map are in it.",
     "along, across": "in the direction of the true path, and to its left.",

@@ -20,6 +20,10 @@ ROOT: Any = typer.main.get_command(app)
 PYTHON_TYPES = ("<bool>", "<path>", "<str>", "<int>", "<float>", " range>", "list[", "TEXT", "INTEGER", "FLOAT", "PATH")
 
 
+UNITS = {"S", "MINUTES", "HZ", "MB", "PX", "FRAMES", "FROM_M TO_M", "M", "N", "R", "P"}
+"""Of numbers: seconds, ..., a count, a ratio, a port."""
+
+
 def commands(group: Any = ROOT, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
     for name, command in group.commands.items():
         if hasattr(command, "commands"):
@@ -38,6 +42,14 @@ def test_help_shows_no_python_types(sfr: Sfr, monkeypatch: pytest.MonkeyPatch, n
     assert result.code == 0
     assert not [word for word in PYTHON_TYPES if word in result.out]
     assert "Examples:" in result.out
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_options_with_numbers_name_their_unit(name: str) -> None:
+    for option in COMMANDS[name].params:
+        default = getattr(option, "default", None)
+        if isinstance(default, (int, float, tuple)) and not isinstance(default, bool):
+            assert option.metavar in UNITS, option.opts
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -25,7 +25,7 @@ def named(truth: str = "drives/crater/loc/groundtruth.csv", **settings: object) 
         version="9.9",
         inputs={"estimate": InputFile(path="out/e.csv", sha256="0"), "truth": InputFile(path=truth, sha256="0")},
         configuration={"trajectory.spacing": 10, "trajectory.conditions": ["distance=5"], **settings},
-        host={"machine": "x86_64"},
+        host={"machine": "x86_64", "python": "3.11"},
         time="2024-02-29T12:00:00+00:00",
     )
     method = MethodRecord(name="orbslam", version="3", kind=MethodKind.PYTHON)
@@ -50,7 +50,7 @@ def test_the_header_names_data_set_and_run() -> None:
     assert re.fullmatch(r"\d+ points of 2 stereo pairs", facts["Map"])
     assert facts["Method"] == "orbslam 3 (python)"
     assert facts["Configuration"] == "trajectory.spacing 5; localisation.max_features 100"
-    assert facts["Scored"] == "2024-02-29T12:00:00+00:00 by sfr_loc_map 9.9 on x86_64"
+    assert facts["Scored"] == "2024-02-29T12:00:00+00:00 by sfr_loc_map 9.9 on x86_64, Python 3.11"
     assert dict(run_facts(named()))["Configuration"] == "defaults"
 
 
@@ -83,7 +83,7 @@ def test_missed_limits_come_first_the_worst_before_the_others() -> None:
 
 def test_a_lower_bound_is_used_up_from_above() -> None:
     (item,) = look_first(only(verdict(0.4, 0.8, VerdictState.FAIL, "coverage_min")))
-    assert item == LookFirst("map coverage over 5 m", "It misses its limit: 0.4 share against 0.8 share.", "table-map")
+    assert item == LookFirst("map coverage over 5 m", "It misses its limit: 40 % against 80 %.", "table-map")
 
 
 def test_lost_frames_are_named_and_the_list_is_short() -> None:
