@@ -60,7 +60,7 @@ def read_bytes(path: Path, limit: int) -> bytes:
         limit: Most bytes that it may have.
 
     Raises:
-        OSError: If it cannot be read, is no regular file (a named pipe would wait for ever) or is larger.
+        OSError: If it cannot be read, is not a regular file (a named pipe would wait for ever) or is larger.
     """
     check_regular(path)
     with path.open("rb") as stream:

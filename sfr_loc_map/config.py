@@ -222,7 +222,7 @@ def _converted(info: ParamInfo, kind: type, value: Any) -> Any:  # noqa: ANN401 
 
 
 def _is_a(kind: type, value: Any) -> bool:  # noqa: ANN401 - any parameter type
-    """Tell whether a value is of a type: a whole number is a float, a bool is no number."""
+    """Tell whether a value is of a type: a whole number is a float, a bool is not a number."""
     if isinstance(value, bool) or kind is bool:
         return isinstance(value, bool) and kind is bool
     return isinstance(value, (int, float) if kind is float else kind)

@@ -37,4 +37,4 @@ class Task(StrEnum):
         for task in cls:
             if task.rig == rig:
                 return task
-        raise ValueError(f"'{rig}' is no rig: loc or nav is needed")
+        raise ValueError(f"'{rig}' is not a rig: loc or nav is needed")

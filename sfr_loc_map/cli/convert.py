@@ -88,7 +88,7 @@ def convert(
     layout = None if to is None else Layout(to.value)
     options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid, layout)
     if cell is not None and not is_cloud(source):
-        raise ConfigError(f"'--cell' is of the elevation model of a cloud: '{source}' is no file of points")
+        raise ConfigError(f"'--cell' is of the elevation model of a cloud: '{source}' is not a file of points")
     if is_cloud(source):
         if options != ConvertOptions() or remap:
             raise ConfigError(f"'{source}' is a cloud: of the options '--cell' and '--overwrite' alone are for clouds")

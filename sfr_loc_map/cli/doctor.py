@@ -56,7 +56,7 @@ def doctor(
     travelled and of attitude in radians, re-based at many starts.
     """
     if graph != (subject is None) or (graph and truth is not None):
-        raise ConfigError("what shall be looked at? give SRC, or EST and TRUTH, or --graph")
+        raise ConfigError("nothing to examine: give SRC, or EST and TRUTH, or --graph")
     check_outputs(json_path, overwrite=overwrite, inputs=[path for path in (subject, truth) if path is not None])
     if subject is not None and truth is not None:
         _diagnose(subject, truth, json_path, lenient=lenient)
@@ -101,8 +101,8 @@ def _examine(seen: Observation, json_path: str | None, asked: Path | str) -> Non
     show(_json(content), json_path, ())
     if json_path != STANDARD_OUTPUT:
         for finding in findings:
-            say(f"{'STOPS' if finding.is_blocking else 'warns'}  {finding.where}: {finding.text}")
-            say(f"       fix: {finding.fix}")
+            say(f"{'BLOCKING' if finding.is_blocking else 'warning '}  {finding.where}: {finding.text}")
+            say(f"          fix: {finding.fix}")
         if not findings:
             say(f"{seen.subject}: no blocking issue")
     if json_path != STANDARD_OUTPUT:

@@ -25,7 +25,7 @@ from sfr_loc_map.cli.common import (
 from sfr_loc_map.cli.dem import write_dem_pages
 from sfr_loc_map.cli.method import OURS, conclude_findings, method_limits, method_of
 from sfr_loc_map.cli.next_step import propose
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, say
+from sfr_loc_map.cli.output import OverwriteOption, check_outputs, check_suffix, say, warn
 from sfr_loc_map.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def map_cloud(
     if stats is not None:
         save_stats(stats, run.records, about)
     for line in map_warnings(run):
-        say(f"Warning: {line}", err=True)
+        warn(line)
     say(f"{len(saved.cloud)} points of {len(run.maps)} pairs: {output}", err=True)
     for path in outputs.more:
         say(str(path), err=True)

@@ -94,7 +94,7 @@ def _check_free(path: Path, *, overwrite: bool) -> None:
     if path.is_dir():
         raise OutputError(f"cannot write '{path}': it is a folder; choose another name")
     if not path.is_file() and path.exists():
-        raise OutputError(f"cannot write '{path}': it is no regular file; choose another name")
+        raise OutputError(f"cannot write '{path}': it is not a regular file; choose another name")
     if not overwrite:
         raise OutputError(f"cannot write '{path}': a file is there; choose another name or give --overwrite")
 

@@ -146,7 +146,7 @@ def open_store(folder: Path) -> Store:
     from sfr_loc_map.suite.store import Store
 
     if not (folder / "index.sqlite").is_file():
-        raise InputError(f"'{folder}' is no folder of a suite: sought index.sqlite; give one made by sfr suite run")
+        raise InputError(f"'{folder}' is not a folder of a suite: sought index.sqlite; give one made by sfr suite run")
     return Store(folder)
 
 

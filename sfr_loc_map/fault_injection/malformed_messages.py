@@ -200,7 +200,7 @@ def messages_for_monitor(stamp_ns: int) -> Iterator[MalformedMessage]:
 def _calls(stamp_ns: int) -> Iterator[MalformedMessage]:
     valid = {"task": "localisation", "stamp_ns": str(stamp_ns), "state": "tracking", "processing_time_s": "0.1"}
     for what, changes in (
-        ("a time that is no number", {"processing_time_s": "abc"}),
+        ("a time that is not a number", {"processing_time_s": "abc"}),
         ("a time of NaN", {"processing_time_s": "nan"}),
         ("a time of 1e400", {"processing_time_s": "1e400"}),
         ("a stamp of 5000 digits", {"stamp_ns": "9" * 5000}),
@@ -208,7 +208,7 @@ def _calls(stamp_ns: int) -> Iterator[MalformedMessage]:
         ("memory of 30 digits", {"peak_rss_bytes": "9" * 30, "above_idle_bytes": "1"}),
         ("another task", {"task": "cooking"}),
         ("another state", {"state": "mapped"}),
-        ("a figure that is no number", {"statistic.x": "y"}),
+        ("a figure that is not a number", {"statistic.x": "y"}),
     ):
         values = [KeyValue(key=key, value=value) for key, value in (valid | changes).items()]
         status = DiagnosticStatus(name="localisation_node: call", values=values, level=b"\x00")

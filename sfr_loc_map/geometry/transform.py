@@ -73,7 +73,7 @@ class Transform:
         """
         quat = np.array(quat_xyzw, dtype=np.float64)
         if quat.shape != (4,) or not plausible_quats(quat):
-            raise GeometryError(f"the quaternion {quat.tolist()} is no rotation: a unit quaternion is needed")
+            raise GeometryError(f"the quaternion {quat.tolist()} is not a rotation: a unit quaternion is needed")
         return cls(matrix_from_quat(quat), np.array(translation, dtype=np.float64), quat)
 
     @classmethod
@@ -81,7 +81,7 @@ class Transform:
         """Return `T_a_b` of a matrix `(3, 4)` or `(4, 4)` that comes from outside.
 
         Raises:
-            GeometryError: If its left part is no rotation, or the position is absurd.
+            GeometryError: If its left part is not a rotation, or the position is absurd.
         """
         check_rotation(matrix[:3, :3])
         return cls(matrix[:3, :3].copy(), matrix[:3, 3].copy())

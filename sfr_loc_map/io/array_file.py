@@ -68,7 +68,7 @@ def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
                 raise ValueError(f"its {len(data)} bytes claim to unpack to {unpacked}")
             members = {name: archive.read(info) for name, info in wanted.items()}
     except _BROKEN_ARCHIVE as error:
-        raise ValueError(f"it is no whole NPZ archive ({error})") from error
+        raise ValueError(f"it is not a complete NPZ archive ({error})") from error
     return {name: parse_npy(member) for name, member in members.items()}
 
 

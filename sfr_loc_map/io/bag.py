@@ -240,11 +240,11 @@ def _types_of(readers: list[BagReader]) -> dict[str, str]:
     """Return the types of all topics; a database can hold values of any kind in any column.
 
     Raises:
-        TypeError: If a name or a type is no text.
+        TypeError: If a name or a type is not text.
     """
     types = {c.topic: c.msgtype for reader in readers for c in reader.connections}
     if not all(isinstance(text, str) for pair in types.items() for text in pair):
-        raise TypeError("the name or the type of a topic is no text")
+        raise TypeError("the name or the type of a topic is not text")
     return types
 
 

@@ -42,7 +42,7 @@ def reader_paths(path: Path) -> list[Path]:
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return [path]
     if not files:
-        raise InputError(f"folder '{path}' is no bag: neither metadata.yaml nor a .mcap or .db3 file is in it")
+        raise InputError(f"folder '{path}' is not a bag: neither metadata.yaml nor a .mcap or .db3 file is in it")
     return files
 
 

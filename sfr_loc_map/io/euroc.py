@@ -60,7 +60,7 @@ def _load_camera(path: Path) -> CalibratedCamera:
         }
         models = (content["camera_model"], content["distortion_model"])
     except (yaml.YAMLError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"'{path}' is no sensor.yaml of an EuRoC camera: {' '.join(str(error).split())}") from error
+        raise InputError(f"'{path}' is not a sensor.yaml of an EuRoC camera: {' '.join(str(error).split())}") from error
     if models not in (("pinhole", "radial-tangential"), ("pinhole", "radtan")):
         raise InputError(f"'{path}' has the camera model {models}: pinhole with radial-tangential distortion is read")
     numbers = {name: numbers_of([str(v) for v in item], n, f"'{path}' {name}") for name, (n, item) in values.items()}

@@ -81,7 +81,7 @@ class RawCamera:
             raise InputError(f"{name}/camera_info has no k or p, or numbers that are not finite: calibrate the camera")
         rotation = np.reshape(self.r, (3, 3))
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
-            raise InputError(f"{name}/camera_info: r is no rotation: calibrate the pair")
+            raise InputError(f"{name}/camera_info: r is not a rotation: calibrate the pair")
 
     def maps(self) -> tuple[FloatArray, FloatArray]:
         """Return OpenCV's fixed-point maps from the pixels of the rectified image to the raw one."""

@@ -20,10 +20,10 @@ def parse_stamp_ns(text: str) -> int:
     """Return whole nanoseconds; spaces around them are allowed.
 
     Raises:
-        ValueError: If it is no whole number of 64 bits.
+        ValueError: If it is not a whole number of 64 bits.
     """
     if not _WHOLE.fullmatch(text.strip(" \t")):
-        raise ValueError("it is no whole number of 64 bits")
+        raise ValueError("it is not a whole number of 64 bits")
     return fitting(int(text))
 
 
@@ -31,10 +31,10 @@ def parse_count(text: str) -> int:
     """Return a number of things, as a header gives it.
 
     Raises:
-        ValueError: If it is no whole number from 0 of at most 12 digits.
+        ValueError: If it is not a whole number from 0 of at most 12 digits.
     """
     if not _COUNT.fullmatch(text):
-        raise ValueError(f"'{text[:40]}' is no number of points, bytes or values")
+        raise ValueError(f"'{text[:40]}' is not a number of points, bytes or values")
     return int(text)
 
 

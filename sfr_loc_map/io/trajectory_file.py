@@ -273,5 +273,5 @@ def _problem(row: str, is_csv: bool) -> str:
     if not plausible_positions(values[:3]):
         return f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
     if not plausible_quats(values[3:]):
-        return f"the quaternion {values[3:].tolist()} is no rotation: a unit quaternion is needed"
+        return f"the quaternion {values[3:].tolist()} is not a rotation: a unit quaternion is needed"
     return ""

@@ -46,7 +46,7 @@ class ReportView:
         """Return a report of its JSON.
 
         Raises:
-            InputError: If it is no score.
+            InputError: If it is not a score.
         """
         if len(text) > MAX_REPORT_CHARACTERS:
             raise InputError(f"metrics/report has {len(text)} characters: up to {MAX_REPORT_CHARACTERS} are read")

@@ -37,7 +37,7 @@ class StateReason(StrEnum):
     TORN_IMAGES = "torn_images"
     """Parts of the images are of different moments."""
     NO_STEREO = "no_stereo"
-    """The two images are no stereo pair of the rig: equal, swapped, or of different moments."""
+    """The two images are not a stereo pair of the rig: equal, swapped, or of different moments."""
     FEW_LANDMARKS = "few_landmarks"
     """Too few landmarks were found again, or they do not agree on a pose."""
     MOVING_REGIONS = "moving_regions"

@@ -57,7 +57,7 @@ class Condition:
             return cls._checked(ConditionKind(kind), float(number))
         except ValueError as error:
             raise MetricsError(
-                f"'{text}' is no condition: give distance=METRES, time=SECONDS or frames=NUMBER, > 0"
+                f"'{text}' is not a condition: give distance=METRES, time=SECONDS or frames=NUMBER, > 0"
             ) from error
 
     @classmethod

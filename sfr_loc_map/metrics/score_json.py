@@ -35,7 +35,8 @@ def from_dict(content: object, origin: str = "score") -> Score:
     found = content.get("schema") if isinstance(content, dict) else type(content).__name__
     if not isinstance(content, dict) or found != SCHEMA:
         raise InputError(
-            f"{origin} is no score: sought schema {SCHEMA}, found {_one_line(found)}; give the JSON of sfr score --json"
+            f"{origin} is not a score: sought schema {SCHEMA}, found {_one_line(found)}; "
+            "give the JSON of sfr score --json"
         )
     try:
         return from_plain(Score, {key: value for key, value in content.items() if key != "schema"})

@@ -201,7 +201,7 @@ def _stamps(path: Path, rows: list[dict[str, str]]) -> IntArray:
     try:
         return np.array([parse_stamp_ns(row["stamp_ns"] or "") for row in rows], np.int64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"statistics '{path}': a stamp is no whole number of nanoseconds ({error})") from error
+        raise InputError(f"statistics '{path}': a stamp is not a whole number of nanoseconds ({error})") from error
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:

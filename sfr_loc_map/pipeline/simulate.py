@@ -160,7 +160,7 @@ def _claim(config: SimulationConfig, out: Path) -> None:
             raise OutputError(f"'{out}' holds a simulation with other settings: remove it or choose another name")
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise OutputError(f"cannot write '{out}': it exists and is no simulation; remove it or choose another name")
+        raise OutputError(f"cannot write '{out}': it exists and is not a simulation; remove it or choose another name")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -20,7 +20,7 @@ CAUSES: Mapping[str, tuple[str, str]] = {
     StateReason.UNTEXTURED_IMAGES: ("images show nothing: black, white or blinded", SEE_TRACKS),
     StateReason.TORN_IMAGES: ("parts of images are of different moments", SEE_TRACKS),
     StateReason.NO_STEREO: (
-        "left and right are no stereo pair of the rig: equal, swapped, or of different moments",
+        "left and right are not a stereo pair of the rig: equal, swapped, or of different moments",
         SEE_SOURCE,
     ),
     StateReason.FEW_LANDMARKS: ("too few landmarks were found again", SEE_TRACKS),

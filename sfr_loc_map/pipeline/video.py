@@ -35,7 +35,7 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
         OutputError: If the ending is another one, or the file cannot be written.
     """
     if path.suffix not in CODECS:
-        raise OutputError(f"'{path}' is no name of a film: give one that ends in {' or '.join(CODECS)}")
+        raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
     with atomic_path(path) as temporary:
         code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
         writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))

@@ -47,7 +47,7 @@ def _methods(named: Sequence[tuple[str, Score]]) -> Table:
     note = (
         "Errors: mean + 3 sigma, of position with its 95 % interval. Time per call: localisation / mapping; a latency "
     )
-    note += "is marked, it has transport and waiting in it, and is no time per call. Memory: largest peak."
+    note += "is marked, it has transport and waiting in it, and is not a time per call. Memory: largest peak."
     return Table("counts", "Methods", tuple(columns), rows, note)
 
 

@@ -51,7 +51,7 @@ def load_score(path: Path) -> Score:
     except OSError as error:
         raise InputError(f"cannot read score '{path}': {error.strerror}; give the JSON of sfr score --json") from error
     except ValueError as error:
-        raise InputError(f"score '{path}' is no text ({error}): give the JSON of sfr score --json") from error
+        raise InputError(f"score '{path}' is not text ({error}): give the JSON of sfr score --json") from error
     return from_json(text, f"'{path}'")
 
 

@@ -72,7 +72,7 @@ class SourceEntry:
 
     Attributes:
         path: Path or glob, URL, scenario, or estimate.
-        seeds: Seeds of a scenario; None where the entry is no simulation.
+        seeds: Seeds of a scenario; None where the entry is not a simulation.
         settings: Settings of the simulation besides those of the scenario.
         truth: Truth of an estimate, or None.
         sha256: Hash of the content at a URL, empty where it is not known.
@@ -221,7 +221,7 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
     changed: dict[str, object] = {}
     for section, values in content.items():
         if section not in SECTIONS or not isinstance(values, Mapping):
-            raise ConfigError(f"{origin}: '{section}' is no mapping of parameters; known: {', '.join(SECTIONS)}")
+            raise ConfigError(f"{origin}: '{section}' is not a mapping of parameters; known: {', '.join(SECTIONS)}")
         default = flatten(SECTIONS[section]())
         own = {name: value for name, value in values.items() if name not in METHOD_KEYS}
         given = flatten(build(SECTIONS[section], own, origin=origin))

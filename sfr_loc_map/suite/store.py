@@ -92,7 +92,7 @@ class Store:
         self._saved_s = time.monotonic()
         others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
         if others and not (self.folder / "index.sqlite").exists() and not self.results.is_dir():
-            raise OutputError(f"'{folder}' holds {others[0]} and is no folder of a suite: choose another name")
+            raise OutputError(f"'{folder}' holds {others[0]} and is not a folder of a suite: choose another name")
         try:
             for path in (self.results, self.failures, self.cache, self.folder / RUNNING):
                 path.mkdir(parents=True, exist_ok=True)

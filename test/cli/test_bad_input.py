@@ -142,7 +142,7 @@ CSV = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ","
         ("e.txt", "time x y z\n", "line 1: 4 columns found where 8 .* needed; correct"),
         ("e.txt", TUM + "now 2 0 0 0 0 0 1\n", "line 3: stamp 'now' is not a number of seconds"),
         ("e.tum", TUM + "3.0 nan 0 0 0 0 0 1\n", "line 3: 'nan' is not a finite number; correct"),
-        ("e.tum", TUM + "3.0 0 0 0 0 0 0 0\n", "line 3: the quaternion .* is no rotation.*; correct"),
+        ("e.tum", TUM + "3.0 0 0 0 0 0 0 0\n", "line 3: the quaternion .* is not a rotation.*; correct"),
         ("e.txt", "", "has no pose: at least one line"),
         ("e.csv", TUM, "line 1 is .*: the header .* is needed"),
         ("e.csv", CSV + "\n1.5,0,0,0,0,0,0,1\n", "line 2: stamp '1.5' is not whole nanoseconds"),

@@ -55,4 +55,4 @@ def test_poses_that_disagree_are_told(sfr: Sfr, tmp_path: Path) -> None:
     table.write_text("\n".join((head, first, ",".join(fields))) + "\n")
     result = sfr("map", source, "-o", tmp_path / "c.ply")
     assert result.code == 0
-    assert "Warning: pairs 0 and 1 disagree where they overlap" in result.err
+    assert "sfr: warning: pairs 0 and 1 disagree where they overlap" in result.err

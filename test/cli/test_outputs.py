@@ -95,7 +95,7 @@ def test_what_is_no_regular_file_is_never_replaced(sfr: Sfr, out: Path, tum: Pat
     path = link if place == "link" else Path(place)
     result = sfr("score", tum, tum, "--json", path, "--overwrite")
     assert result.code == 2
-    assert "it is no regular file" in result.err
+    assert "it is not a regular file" in result.err
     assert link.is_symlink()
 
 

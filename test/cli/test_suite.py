@@ -135,7 +135,7 @@ def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "photo.jpg").touch()
     for arguments, words in (
-        (("run", suite, "--out", tmp_path / "other"), "is no folder of a suite"),
+        (("run", suite, "--out", tmp_path / "other"), "is not a folder of a suite"),
         (("run", suite, "--out", tmp_path / "out", "--only", "zz"), "--only zz"),
         (("run", suite, "--out", tmp_path / "out", "--workers", "1", "--scheduler", "tcp://x:1"), "give one of them"),
         (("report", tmp_path / "none"), "sought index.sqlite"),

@@ -118,7 +118,7 @@ def test_what_is_no_transform_is_refused(rotation: np.ndarray, translation: np.n
 
 def test_from_quat_refuses_what_is_no_rotation() -> None:
     for quat in ([0, 0, 0, 0], [0, 0, 0, 2], [0, 0, 0, 1e300], [np.nan, 0, 0, 1], [0, 0, 1]):
-        with pytest.raises(GeometryError, match="is no rotation"):
+        with pytest.raises(GeometryError, match="is not a rotation"):
             Transform.from_quat([0, 0, 0], quat)
     with pytest.raises(GeometryError, match="not finite"):
         Transform.from_quat([0, np.nan, 0], [0, 0, 0, 1])

@@ -213,18 +213,18 @@ PLY_HEAD = (
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("WIDTH 1\nHEIGHT 1", "WIDTH -1\nHEIGHT -1", "'-1' is no number"),
-        ("WIDTH 1", "WIDTH 1_0", "'1_0' is no number"),
-        ("WIDTH 1", f"WIDTH {'9' * 5000}", "is no number"),
+        ("WIDTH 1\nHEIGHT 1", "WIDTH -1\nHEIGHT -1", "'-1' is not a number"),
+        ("WIDTH 1", "WIDTH 1_0", "'1_0' is not a number"),
+        ("WIDTH 1", f"WIDTH {'9' * 5000}", "is not a number"),
         ("WIDTH 1\nHEIGHT 1\nPOINTS 1", "WIDTH 900000000000\nHEIGHT 1\nPOINTS 900000000000", "bytes of text found"),
         ("POINTS 1", "POINTS 7", "WIDTH and HEIGHT say 1"),
         ("COUNT 1 1 1", "COUNT 1 1 999999999", "which is not read"),
         ("COUNT 1 1 1", "COUNT 1 1 0", "which is not read"),
         ("TYPE F F F", "TYPE F F O", "TYPE O, SIZE 4"),
         ("SIZE 4 4 4", "SIZE 4 4 3", "TYPE F, SIZE 3"),
-        ("vertex 1", "vertex -1", "'-1' is no number"),
+        ("vertex 1", "vertex -1", "'-1' is not a number"),
         ("vertex 1", "vertex 900000000000", "bytes of text found"),
-        ("vertex 1", f"vertex {'9' * 5000}", "is no number"),
+        ("vertex 1", f"vertex {'9' * 5000}", "is not a number"),
     ],
 )
 def test_headers_whose_numbers_are_none_are_refused(tmp_path: Path, old: str, new: str, words: str) -> None:

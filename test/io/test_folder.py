@@ -119,7 +119,7 @@ BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
     "skew": (edit_rig(lambda c: c["k"].__setitem__(1, 0.5)), "k is"),
     "baseline 0": (edit_rig(lambda c: c.update(baseline_m=0)), "baseline"),
     "pose without rotation": (edit_rig(lambda c: c["T_rb_locsb"].pop("quat_xyzw")), "quat_xyzw"),
-    "quaternion 0": (edit_rig(lambda c: c["T_rb_locsb"].update(quat_xyzw=[0, 0, 0, 0])), "is no rotation"),
+    "quaternion 0": (edit_rig(lambda c: c["T_rb_locsb"].update(quat_xyzw=[0, 0, 0, 0])), "is not a rotation"),
     "empty list": (edit_text("loc/pairs.csv", lambda t: ""), "empty"),
     "list of no pair": (edit_text("loc/pairs.csv", lambda t: t.splitlines()[0]), "no pair"),
     "strange header": (edit_text("loc/pairs.csv", lambda t: t.replace("left,", "Left,", 1)), "line 1"),

@@ -98,7 +98,7 @@ def test_maps_are_made_once() -> None:
         ({"d": (0.1, 0.2)}, "2 coefficients d: model plumb_bob needs 4 or 5"),
         ({"k": (0.0,) * 9}, "no k or p"),
         ({"p": (np.nan,) * 12}, "numbers that are not finite"),
-        ({"r": (2.0, 0, 0, 0, 1, 0, 0, 0, 1)}, "r is no rotation"),
+        ({"r": (2.0, 0, 0, 0, 1, 0, 0, 0, 1)}, "r is not a rotation"),
         ({"binning_x": 2}, "binning or a region of interest"),
         ({"roi": SimpleNamespace(x_offset=8, y_offset=0, width=64, height=64)}, "region of interest"),
     ],

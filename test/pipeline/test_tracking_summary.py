@@ -28,7 +28,7 @@ def test_many_lost_pairs_name_the_cause_and_the_next_command() -> None:
     assert states_text(records) == "52 lost, 4 degraded"
     text = tracking_warning(records, "data/")
     assert text == (
-        "52 lost, 4 degraded of 100 pairs; 40 of them because left and right are no stereo pair of the rig: equal, "
+        "52 lost, 4 degraded of 100 pairs; 40 of them because left and right are not a stereo pair of the rig: equal, "
         "swapped, or of different moments (no_stereo): look with sfr doctor data/"
     )
 

@@ -14,7 +14,7 @@ NODE_CLOCK = "as the node reports (/diagnostics)"
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     """Return scored calls with the clock of an external node's own times, and the memory of its processes.
 
-    Its latency is not among them: it is no time per call.
+    Its latency is not among them: it is not a time per call.
     """
     kind = CallKind(node.task)
     calls = scored.timing.of(kind)

@@ -60,7 +60,7 @@ class ExternalScore:
         frames: Frames that its answers name: `parent` or `parent -> child`.
         answers: What became of pairs and answers.
         latency_s: From publishing the last image of a pair to the receipt of its answer: transport, waiting and
-            processing together. It is no time per call. None without an answer.
+            processing together. It is not a time per call. None without an answer.
         process: CPU and memory of its processes, None where they were not watched.
         ended: How its process ended during the run; empty where it ran on, or was not started here.
     """

@@ -158,7 +158,9 @@ def node_names(tasks: Sequence[str]) -> list[str]:
     """
     for task in tasks:
         if task not in (*TASKS, EVERYTHING):
-            raise ConfigError(f"'{task}' is no node: give {EVERYTHING}, {', '.join(TASKS)}; for ROS after --ros-args")
+            raise ConfigError(
+                f"'{task}' is not a node: give {EVERYTHING}, {', '.join(TASKS)}; for ROS after --ros-args"
+            )
     everything = not tasks or EVERYTHING in tasks
     return [f"{task}_node" for task in TASKS if everything or task in tasks]
 

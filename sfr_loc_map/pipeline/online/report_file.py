@@ -77,7 +77,7 @@ def _before(path: Path) -> Path:
 
 
 def _is_no_report(file: Path) -> str:
-    """Return why a file is no report, in words; empty if it is one or is not there."""
+    """Return why a file is not a report, in words; empty if it is one or is not there."""
     try:
         content = parse_json(read_text(file, MAX_JSON_BYTES))
     except FileNotFoundError:
@@ -85,5 +85,5 @@ def _is_no_report(file: Path) -> str:
     except OSError as error:
         return f"cannot be read: {error.strerror}"
     except ValueError:
-        return "is no report"
-    return "" if isinstance(content, dict) and content.get("schema") == SCHEMA else "is no report"
+        return "is not a report"
+    return "" if isinstance(content, dict) and content.get("schema") == SCHEMA else "is not a report"

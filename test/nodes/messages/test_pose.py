@@ -92,9 +92,9 @@ def test_every_field_is_of_its_own_type_whatever_numpy_gives() -> None:
     [
         (Pose(position=Point(x=math.nan)), "not finite"),
         (Pose(position=Point(y=-1e25)), "up to 1e"),
-        (Pose(orientation=Quaternion(x=math.inf, w=1.0)), "is no rotation"),
-        (Pose(orientation=Quaternion(w=0.0)), "is no rotation"),
-        (Pose(orientation=Quaternion(w=2.0)), "is no rotation"),
+        (Pose(orientation=Quaternion(x=math.inf, w=1.0)), "is not a rotation"),
+        (Pose(orientation=Quaternion(w=0.0)), "is not a rotation"),
+        (Pose(orientation=Quaternion(w=2.0)), "is not a rotation"),
     ],
 )
 def test_poses_that_are_none_are_refused(pose: Pose, words: str) -> None:

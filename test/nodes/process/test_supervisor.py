@@ -25,7 +25,7 @@ def test_tasks_choose_nodes_each_once() -> None:
     everything = ["localisation_node", "mapping_node", "monitor_node"]
     assert node_names([]) == node_names(["all"]) == node_names(["monitor", "all"]) == everything
     assert node_names(["monitor", "localisation", "monitor"]) == ["localisation_node", "monitor_node"]
-    with pytest.raises(ConfigError, match="'mapper' is no node"):
+    with pytest.raises(ConfigError, match="'mapper' is not a node"):
         node_names(["mapper"])
 
 

@@ -48,10 +48,10 @@ STRANGERS = {
     "folder": (make_folder, "a folder that is not empty"),
     "pipe": (os.mkfifo, "a named pipe"),
     "link to a device": (lambda path: path.symlink_to("/dev/null"), "a device"),
-    "text": (lambda path: path.write_text("years of work"), "is no report"),
-    "other json": (lambda path: path.write_text('{"schema": "mine"}'), "is no report"),
-    "deep json": (lambda path: path.write_text("[" * 100_000), "is no report"),
-    "image": (lambda path: path.write_bytes(b"\x89PNG\xff"), "is no report"),
+    "text": (lambda path: path.write_text("years of work"), "is not a report"),
+    "other json": (lambda path: path.write_text('{"schema": "mine"}'), "is not a report"),
+    "deep json": (lambda path: path.write_text("[" * 100_000), "is not a report"),
+    "image": (lambda path: path.write_bytes(b"\x89PNG\xff"), "is not a report"),
 }
 
 
