@@ -17,6 +17,17 @@ from sfr_loc_map.errors import InputError
 ROS_ARGS = "--ros-args"
 
 
+LogLevelOption = Annotated[
+    str,
+    typer.Option(
+        "--log-level",
+        metavar="debug|info|warn|error",
+        autocompletion=completion.words("debug", "info", "warn", "error"),
+        help="Least severe messages shown.",
+    ),
+]
+
+
 @app.command(
     context_settings={"ignore_unknown_options": True},  # what it does not know is passed on to ROS
     epilog=examples(
@@ -45,15 +56,7 @@ def run(
     remap: Annotated[
         list[str] | None, typer.Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
     ] = None,
-    log_level: Annotated[
-        str,
-        typer.Option(
-            "--log-level",
-            metavar="debug|info|warn|error",
-            autocompletion=completion.words("debug", "info", "warn", "error"),
-            help="Least severe messages shown.",
-        ),
-    ] = "info",
+    log_level: LogLevelOption = "info",
     respawn: Annotated[
         bool, typer.Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
     ] = False,

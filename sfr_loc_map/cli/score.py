@@ -64,6 +64,14 @@ AssociateOption = Annotated[
         autocompletion=completion.words("auto", "match", "interpolate"),
     ),
 ]
+RebaseOption = Annotated[
+    str,
+    typer.Option(
+        metavar="pose|position",
+        help="Taken from the estimate at a start.",
+        autocompletion=completion.words("pose", "position"),
+    ),
+]
 MaxGapOption = Annotated[float, typer.Option(metavar="S", help="Longest gap of the truth that is interpolated.")]
 SpacingOption = Annotated[int, typer.Option(metavar="FRAMES", help="Frames from one start to the next.")]
 
@@ -86,14 +94,7 @@ def score(
     ],
     condition: ConditionOption = None,
     spacing: SpacingOption = 10,
-    rebase: Annotated[
-        str,
-        typer.Option(
-            metavar="pose|position",
-            help="Taken from the estimate at a start.",
-            autocompletion=completion.words("pose", "position"),
-        ),
-    ] = "pose",
+    rebase: RebaseOption = "pose",
     limits: LimitsOption = None,
     stats: StatsOption = None,
     target: TargetOption = None,
