@@ -26,6 +26,7 @@ extensions = [
 exclude_patterns = ["_build", "_ext", "_figures"]
 source_suffix = {".md": "markdown"}
 highlight_language = "none"
+smartquotes = False  # two dashes are an option
 
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3
@@ -40,6 +41,7 @@ html_math_renderer = "mathml"
 html_show_sourcelink = False
 copybutton_exclude = ".linenos, .gp, .go"
 
+autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_class_signature = "separated"

@@ -1,4 +1,4 @@
-"""sfr_loc_map: stereo localisation, terrain mapping and the metrics that prove how good they are.
+"""sfr_loc_map: stereo localisation, terrain mapping and the metrics that evaluate them.
 
 From Python: `import sfr_loc_map as sfr`, then `sfr.open`, `sfr.localise`, `sfr.map`, `sfr.score` (docs/python.md).
 These names are loaded when they are used: the import itself is quick.

@@ -68,7 +68,7 @@ def draw_rebasing() -> None:
     """Draw the drive, one piece of it before re-basing, and the same piece after it."""
     truth, estimate = example_drive()
     start, end = 60, 110
-    figure, panels = plt.subplots(1, 3, figsize=(10.5, 3.4), layout="constrained")
+    figure, panels = plt.subplots(1, 3, figsize=(10.5, 2.9), layout="constrained")
     _path(panels[0], truth.positions, TRUE, "truth")
     _path(panels[0], estimate.positions, ESTIMATE, "estimate")
     for number in range(0, len(truth.stamps_ns) - 50, 10):
