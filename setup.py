@@ -26,6 +26,7 @@ DOCS = [
 TEST = ["hypothesis>=6.100,<7", "pytest>=8,<10", "pytest-timeout>=2.3,<3", "pytest-xdist>=3.7,<4"]
 LIVE = ["aiohttp>=3.10,<4"]
 FOXGLOVE = ["foxglove-sdk>=0.30,<0.40"]
+PLOT = ["matplotlib>=3.8,<4"]
 DEM = ["rasterio>=1.3,<2"]
 LAZ = ["laspy[lazrs]>=2.5,<3"]
 SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27", "fsspec[http]>=2025.2,<2027"]
@@ -60,7 +61,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + PACKAGE]),
         ("share/" + PACKAGE, ["package.xml"]),
         ("share/" + PACKAGE + "/include", glob("include/*.h")),
-        ("share/" + PACKAGE + "/examples", glob("examples/*.py")),
+        ("share/" + PACKAGE + "/examples", glob("examples/*.py") + glob("examples/*.ipynb")),
         ("share/" + PACKAGE + "/examples/c_candidate", glob("examples/c_candidate/*")),
         ("share/" + PACKAGE + "/launch_scripts", glob("launch_scripts/*.launch.py")),
         ("share/" + PACKAGE + "/config", [*glob("config/*.yaml"), *glob("config/*.xml"), *PROFILES]),
@@ -97,6 +98,7 @@ setup(
         "docs": DOCS,  # the documentation site
         "dem": DEM,  # BSD-3; bundles GDAL, MIT; elevation models as GeoTIFF
         "laz": LAZ,  # BSD-2, its compressor lazrs MIT; clouds as LAS and LAZ
+        "plot": PLOT,  # PSF-like; PNG of sfr plot
         "test": TEST,
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
         "dev": [
@@ -106,9 +108,13 @@ setup(
             *FOXGLOVE,
             *DEM,
             *LAZ,
+            *PLOT,
             "colcon-common-extensions>=0.3,<1",  # Apache-2.0; builds the package as a ROS workspace does, for tests
             "cyclonedds>=11,<12",
+            "ipykernel>=6.29,<8",  # BSD-3; with nbclient it runs the notebook, for a test
             "mypy>=1.13,<3",
+            "nbclient>=0.10,<0.12",  # BSD-3
+            "pandas>=2.2,<4",  # BSD-3; for the test of to_pandas
             "pre-commit>=4,<6",  # MIT
             "radon>=6,<7",  # MIT; complexity of functions, for a test
             "ruff>=0.8,<0.18",

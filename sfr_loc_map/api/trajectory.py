@@ -13,6 +13,7 @@ import numpy as np
 from sfr_loc_map.api.notebook import facts_html
 from sfr_loc_map.api.paths import PathLike
 from sfr_loc_map.api.tables import data_frame
+from sfr_loc_map.config import build
 from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry import trajectory as base
@@ -21,12 +22,16 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.kitti_poses import read_times
 from sfr_loc_map.io.trajectory_formats import TrajectoryFormat, read_trajectory_file, write_trajectory_file
 from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.records.method_record import MethodRecord
+from sfr_loc_map.metrics.trajectory.path_curves import curves_of
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.offline import save_stats
+from sfr_loc_map.report.path_figure import path_figure
 
 if TYPE_CHECKING:
     import pandas
+    from plotly.graph_objects import Figure
 
 COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -178,6 +183,19 @@ class Trajectory(base.Trajectory):
             frame["state"] = [record.state for record in self.records]
             frame["reason"] = [record.reason for record in self.records]
         return frame
+
+    def plot(self, truth: base.Trajectory | None = None, align: str = "none") -> Figure:
+        """Return the path as a plotly figure, as `sfr plot` draws it.
+
+        Args:
+            truth: True poses; then also the distance to them.
+            align: Alignment with the truth: `none`, `origin`, `se3`, `sim3`.
+
+        Raises:
+            MetricsError: If no stamps are near those of the truth.
+        """
+        config = build(AlignedErrorConfig, {"align": align}, origin="align")
+        return path_figure(curves_of({"estimate": self}, truth, config))
 
     def _columns(self) -> FloatArray:
         return np.hstack((self.positions, self.quats_xyzw)).T

@@ -16,6 +16,7 @@ from sfr_loc_map.cli.output import OverwriteOption, check_outputs, output_folder
 from sfr_loc_map.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
+    from sfr_loc_map.geometry.trajectory import Trajectory
     from sfr_loc_map.pipeline.convert import ConvertOptions
 
 
@@ -58,8 +59,9 @@ def convert(
         Path,
         typer.Argument(
             metavar="DST",
-            help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.csv, *.txt, *.tum: the true trajectory; else a folder. Of a "
-            "cloud: *.ply, *.pcd, *.npz, *.las, *.laz, or its elevation model: *.tif, *.dem.npz, *.png, *.html.",
+            help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.csv, *.txt, *.tum, *.kitti, *.euroc.csv: the true trajectory; "
+            "else a folder. Of a cloud: *.ply, *.pcd, *.npz, *.las, *.laz, or its elevation model: *.tif, *.dem.npz, "
+            "*.png, *.html.",
         ),
     ],
     to: Annotated[
@@ -82,7 +84,7 @@ def convert(
 
     Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI, EuRoC, MADMAX, Katwijk and LuSNAR.
     """
-    from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, is_trajectory
+    from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, holds_trajectory, is_trajectory
 
     job = _Job(source, destination, remap, overwrite)
     layout = None if to is None else Layout(to.value)
@@ -95,7 +97,7 @@ def convert(
         convert_cloud(source, destination, cell, overwrite=overwrite)
     elif layout is None and is_trajectory(destination):
         _to_trajectory(job)
-    elif is_trajectory(source) and not source.is_dir():
+    elif holds_trajectory(source):
         if layout is not None:
             raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
         _from_trajectory(job)
@@ -105,12 +107,12 @@ def convert(
 
 def _to_trajectory(job: _Job) -> None:
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.trajectory_file import load_trajectory
-    from sfr_loc_map.pipeline.convert import convert_trajectory, is_trajectory
+    from sfr_loc_map.io.trajectory_formats import files_written
+    from sfr_loc_map.pipeline.convert import convert_trajectory, holds_trajectory
 
-    check_outputs(job.destination, overwrite=job.overwrite, inputs=(job.source,))
-    if is_trajectory(job.source) and not job.source.is_dir():
-        poses = load_trajectory(job.source)
+    check_outputs(*files_written(job.destination), overwrite=job.overwrite, inputs=(job.source,))
+    if holds_trajectory(job.source):
+        poses = _read_trajectory(job.source)
     else:
         opened = open_source(job.source, parse_remaps(job.remap))
         truth = opened.loc.ground_truth if opened.loc is not None else None
@@ -121,12 +123,21 @@ def _to_trajectory(job: _Job) -> None:
 
 
 def _from_trajectory(job: _Job) -> None:
-    from sfr_loc_map.io.trajectory_file import load_trajectory
     from sfr_loc_map.pipeline.convert import convert_trajectory
 
     with output_folder(job.destination, overwrite=job.overwrite, inputs=(job.source,)):
-        poses = load_trajectory(job.source)
+        poses = _read_trajectory(job.source)
         say(f"{convert_trajectory(poses, job.destination)} poses: {job.destination}", err=True)
+
+
+def _read_trajectory(path: Path) -> Trajectory:
+    """Read a trajectory and say which foreign format was found."""
+    from sfr_loc_map.io.trajectory_formats import FOREIGN, read_trajectory_file
+
+    read = read_trajectory_file(path)
+    if read.format in FOREIGN:
+        say(read.text, err=True)
+    return read.trajectory
 
 
 def _to_data_set(job: _Job, options: ConvertOptions) -> None:

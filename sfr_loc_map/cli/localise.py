@@ -40,6 +40,10 @@ if TYPE_CHECKING:
     from sfr_loc_map.pipeline.call_record import CallRecord
 
 R = TypeVar("R")
+OutputOption = Annotated[
+    Path,
+    typer.Option("-o", "--output", metavar="T.csv", help="Trajectory: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv."),
+]
 
 
 @app.command(
@@ -52,7 +56,7 @@ R = TypeVar("R")
 )
 def localise(
     source: SourceArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="T.csv", help="Trajectory; TUM for .txt and .tum.")],
+    output: OutputOption,
     stats: Annotated[
         Path | None, typer.Option(metavar="S.csv", help="A row for each call: time, memory, state, ...")
     ] = None,
@@ -66,7 +70,7 @@ def localise(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
-    from sfr_loc_map.io.trajectory_file import TUM_SUFFIXES, save_trajectory
+    from sfr_loc_map.io.trajectory_formats import OUTPUT_SUFFIXES, files_written, write_trajectory_file
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.methods.registry import record_of_ours
@@ -74,8 +78,8 @@ def localise(
     from sfr_loc_map.pipeline.tracking_summary import states_text, tracking_warning
 
     check_start(start)
-    check_suffix(output, (".csv", *TUM_SUFFIXES))
-    check_outputs(output, stats, video, overwrite=overwrite, inputs=(source,))
+    check_suffix(output, OUTPUT_SUFFIXES)
+    check_outputs(*files_written(output), stats, video, overwrite=overwrite, inputs=(source,))
     foreign = None if method == OURS else method_of(method, MethodTask.LOCALISE, config)
     if foreign is not None and video is not None:
         raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {method}")
@@ -89,7 +93,7 @@ def localise(
             limits = method_limits(call_timeout, memory_limit)
             done, about = _run_foreign(sequence, foreign, first_pose.T_ds_rb, limits)
     records = [record for _, record in done]
-    save_trajectory(output, trajectory_of(estimate for estimate, _ in done))
+    write_trajectory_file(output, trajectory_of(estimate for estimate, _ in done))
     if stats is not None:
         save_stats(stats, records, about)
     say(f"{len(done)} poses, {states_text(records)}: {output}", err=True)

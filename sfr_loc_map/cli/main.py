@@ -24,6 +24,7 @@ COMMANDS = (
     "map",
     "convert",
     "score",
+    "plot",
     "replay",
     "run",
     "record",

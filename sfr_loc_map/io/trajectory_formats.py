@@ -36,8 +36,10 @@ from sfr_loc_map.io.trajectory_file import HEAD_BYTES, TUM_SUFFIXES, parse_traje
 KITTI_SUFFIX = ".kitti"
 EUROC_SUFFIX = ".euroc.csv"
 EVO_SUFFIX = ".zip"
-FILE_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX, EVO_SUFFIX)
-"""Endings of names of trajectory files."""
+OUTPUT_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)
+"""Endings of names of trajectory files that are written."""
+FILE_SUFFIXES = (*OUTPUT_SUFFIXES, EVO_SUFFIX)
+"""Endings of names of those that are read."""
 
 
 class TrajectoryFormat(StrEnum):
@@ -174,6 +176,11 @@ def write_trajectory_file(path: Path, trajectory: Trajectory, kind: TrajectoryFo
         _write(path, euroc_text(trajectory))
     else:
         save_trajectory(path, trajectory, tum=kind is TrajectoryFormat.TUM)
+
+
+def files_written(path: Path) -> tuple[Path, ...]:
+    """Return the files that a trajectory of this name is written to."""
+    return (path, times_beside(path)) if format_of_name(path) is TrajectoryFormat.KITTI else (path,)
 
 
 def _write(path: Path, text: str) -> None:

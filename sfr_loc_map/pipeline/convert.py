@@ -20,7 +20,8 @@ from sfr_loc_map.io.euroc_writer import EurocWriter
 from sfr_loc_map.io.folder_writer import FolderWriter
 from sfr_loc_map.io.kitti_writer import KittiWriter
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.trajectory_file import TUM_SUFFIXES, save_trajectory
+from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.trajectory_formats import FILE_SUFFIXES, format_of_name, write_trajectory_file
 
 
 class Layout(StrEnum):
@@ -110,12 +111,19 @@ def convert(
 
 
 def is_trajectory(path: Path) -> bool:
-    """Tell whether a name is that of a trajectory file (csv, TUM)."""
-    return path.suffix in (".csv", *TUM_SUFFIXES)
+    """Tell whether a name is that of a trajectory file that is written (csv, TUM, KITTI, EuRoC)."""
+    return format_of_name(path) is not None
+
+
+def holds_trajectory(path: Path) -> bool:
+    """Tell whether a path is a trajectory file that is read: these, and results of evo."""
+    return not path.is_dir() and path.suffix in FILE_SUFFIXES
 
 
 def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
-    """Write a trajectory: as csv or TUM by the ending, to a bag (`ground_truth/odometry`) or a folder otherwise.
+    """Write a trajectory: as csv, TUM, KITTI or EuRoC by the ending, otherwise to a bag or a folder.
+
+    The topic of a bag is `ground_truth/odometry`.
 
     Returns:
         The number of poses.
@@ -125,7 +133,7 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     """
     destination = Path(destination)
     if is_trajectory(destination):
-        save_trajectory(destination, trajectory)
+        write_trajectory_file(destination, trajectory)
     elif destination.suffix in STORAGE_BY_SUFFIX:
         storage = STORAGE_BY_SUFFIX[destination.suffix]
         with atomic_path(destination) as temporary, BagWriter(temporary, storage) as writer:

@@ -56,7 +56,7 @@ def test_the_table_names_metric_alignment_and_association(files: tuple[Path, Pat
     shown = sfr("score", *files, "--align", "se3", "--rpe-delta", "distance=2", "--max-difference", "0.02").out
     text = " ".join(shown.split())
     assert "APE, position, align se3" in text
-    assert "RPE over 2 m of the estimate" in text
+    assert "RPE over 2 m of the estimate's path" in text
     assert "paired by the nearest stamp within 0.02 s" in text
 
 

@@ -96,7 +96,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
         ape=_record(absolute_errors(poses), f"APE (ATE), {{0}}, {pairs}", config, poses.similarity, None),
         rpe=_record(
             relative_errors(poses, delta),
-            f"RPE over {delta} of the estimate, consecutive, {{0}}, {pairs}",
+            f"RPE over {_length(delta)}, consecutive, {{0}}, {pairs}",
             config,
             poses.similarity,
             delta,
@@ -180,6 +180,13 @@ def relative_errors(poses: AlignedPoses, delta: Condition) -> SingleErrors:
     (true_move, true_turn), (est_move, est_turn) = (_motion(each, i, j) for each in (poses.truth, poses.estimate))
     distances = np.linalg.norm(est_move - true_move, axis=1)
     return SingleErrors(distances, _angles_deg(quat_multiply(quat_conjugate(true_turn), est_turn)))
+
+
+def _length(delta: Condition) -> str:
+    """Return the length of a relative error in words."""
+    if delta.kind is ConditionKind.FRAMES:
+        return "each frame" if delta.value == 1 else delta.label
+    return f"{delta.label} of the estimate's path"
 
 
 def _motion(poses: Poses, i: Pairs, j: Pairs) -> Poses:

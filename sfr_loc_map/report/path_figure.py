@@ -1,0 +1,124 @@
+"""Paths in one figure: from above, in height, and how far they are from the truth; plotly, or a PNG by matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.metrics.trajectory.path_curves import Curve
+from sfr_loc_map.printable import printable
+from sfr_loc_map.report.plotly_figure import PALETTE, to_figure
+from sfr_loc_map.report.plots import Plot, Trace, axis, error_scale, line, scaled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from plotly.graph_objects import Figure
+
+COLOURS = ("one", "two", "three", "four", "five")
+X, Y, Z, TIME = "x of DS (east), m", "y of DS (north), m", "z of DS (up), m", "time, s"
+
+
+def path_plot(curves: Sequence[Curve]) -> Plot:
+    """Return the figure of some paths."""
+    errors = [curve for curve in curves if curve.error_m is not None]
+    factor, unit = _error_unit(errors)
+    data: list[Trace] = []
+    for curve, colour in zip(curves, colours_of(curves), strict=True):
+        style: dict[str, Any] = {"color": f"@{colour}", "width": 3 if curve.is_truth else 2, "legendgroup": colour}
+        name = escape(printable(curve.name))  # plotly reads some tags
+        x, y, z = (scaled(column.tolist(), 1.0) for column in curve.positions.T)
+        seconds = scaled(curve.seconds.tolist(), 1.0)
+        data.append(line(name, (x, y), **style))
+        data.append(line(name, (seconds, z), **style, xaxis="x2", yaxis="y2", showlegend=False))
+        if curve.error_m is not None:
+            error = scaled(curve.error_m.tolist(), factor)
+            data.append(line(name, (seconds, error), **style, xaxis="x3", yaxis="y3", showlegend=False))
+    split = (0.38, 0.2) if errors else (0.28, 0.0)
+    layout: dict[str, Any] = {
+        "xaxis": axis(X, anchor="y"),
+        "yaxis": axis(Y, scaleanchor="x", scaleratio=1, domain=[split[0] + 0.14, 1.0]),
+        "xaxis2": axis("" if errors else TIME, anchor="y2"),
+        "yaxis2": axis(Z, domain=[split[1] + (0.06 if errors else 0.0), split[0]]),
+    }
+    if errors:
+        layout["xaxis3"] = axis(TIME, anchor="y3", matches="x2")
+        layout["yaxis3"] = axis(f"position error, {unit}", domain=[0.0, split[1] - 0.02], rangemode="tozero")
+    return Plot("paths", "Trajectories", "", data, layout, height=900 if errors else 750, width="full")
+
+
+def _error_unit(errors: Sequence[Curve]) -> tuple[float, str]:
+    return error_scale(max((float(curve.error_m.max()) for curve in errors if curve.error_m is not None), default=0.0))
+
+
+def colours_of(curves: Sequence[Curve]) -> list[str]:
+    """Return the name of the colour of each curve."""
+    rest = [curve for curve in curves if not curve.is_truth]
+    return [
+        "truth" if curve.is_truth else COLOURS[next(k for k, item in enumerate(rest) if item is curve) % len(COLOURS)]
+        for curve in curves
+    ]
+
+
+def path_figure(curves: Sequence[Curve]) -> Figure:
+    """Return the plotly figure of some paths."""
+    return to_figure(path_plot(curves))
+
+
+def save_path_html(curves: Sequence[Curve], path: Path) -> None:
+    """Write the figure as a page that needs no network.
+
+    Raises:
+        OutputError: If it cannot be written.
+    """
+    figure = path_figure(curves).to_html(full_html=False, include_plotlyjs=True)
+    head = '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Trajectories</title></head>'
+    with atomic_path(path) as temporary:
+        temporary.write_text(f"{head}<body>{figure}</body></html>\n", encoding="utf-8")
+
+
+def save_path_png(curves: Sequence[Curve], path: Path) -> None:
+    """Write the figure as a PNG.
+
+    Raises:
+        MissingExtraError: If matplotlib is not installed.
+        OutputError: If it cannot be written.
+    """
+    try:
+        from matplotlib.figure import Figure as Canvas
+    except ImportError as error:
+        raise MissingExtraError(
+            "a PNG needs matplotlib: pip install 'sfr_loc_map[plot]', or name the output *.html"
+        ) from error
+    errors = any(curve.error_m is not None for curve in curves)
+    rows = 3 if errors else 2
+    canvas = Canvas(figsize=(8, 9 if errors else 8), dpi=150, layout="constrained")
+    axes = canvas.subplots(rows, 1, height_ratios=[3, 1, 1][:rows])
+    _draw(curves, list(axes))
+    with atomic_path(path) as temporary:
+        canvas.savefig(temporary, format="png")
+
+
+def _draw(curves: Sequence[Curve], axes: Sequence[Axes]) -> None:
+    above, height, *below = axes
+    factor, unit = _error_unit([curve for curve in curves if curve.error_m is not None])
+    for curve, colour in zip(curves, colours_of(curves), strict=True):
+        style: dict[str, Any] = {"color": PALETTE[colour], "linewidth": 2.0 if curve.is_truth else 1.4}
+        name = printable(curve.name).replace("$", r"\$")  # matplotlib reads formulas
+        above.plot(curve.positions[:, 0], curve.positions[:, 1], label=name.lstrip("_"), **style)
+        height.plot(curve.seconds, curve.positions[:, 2], **style)
+        if below and curve.error_m is not None:
+            below[0].plot(curve.seconds, curve.error_m * factor, **style)
+    above.set(xlabel=X, ylabel=Y, aspect="equal", title="Trajectories")
+    above.set_adjustable("datalim")
+    above.legend(fontsize="small")
+    height.set(ylabel=Z, xlabel="" if below else TIME)
+    if below:
+        below[0].set(xlabel=TIME, ylabel=f"position error, {unit}")
+        below[0].set_ylim(bottom=0.0)
+    for each in axes:
+        each.grid(color=PALETTE["grid"])
+        each.ticklabel_format(useOffset=False)

@@ -1,0 +1,93 @@
+"""`sfr plot` and the exchange of trajectories with other tools."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_result import Sfr
+
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.trajectory_formats import read_trajectory_file, write_trajectory_file
+from sfr_loc_map.metrics.config import AlignedErrorConfig
+from sfr_loc_map.metrics.trajectory.path_curves import curves_of
+from sfr_loc_map.report.path_figure import path_plot
+
+
+def straight(count: int = 20) -> Trajectory:
+    positions = np.column_stack((np.arange(count) * 0.5, np.zeros(count), np.sin(np.arange(count))))
+    return Trajectory(10**18 + np.arange(count) * 10**8, positions, np.tile([0.0, 0, 0, 1], (count, 1)))
+
+
+def aside() -> Trajectory:
+    """Return the same path 0.25 m to the left."""
+    return replace(straight(), positions=straight().positions + np.array([0.0, 0.25, 0.0]))
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """Return an estimate that is 0.25 m aside, as KITTI poses without stamps, and its truth."""
+    write_trajectory_file(tmp_path / "e.kitti", aside())
+    (tmp_path / "e.times.txt").unlink()
+    write_trajectory_file(tmp_path / "truth.tum", straight())
+    return tmp_path / "e.kitti", tmp_path / "truth.tum"
+
+
+def test_a_page_shows_paths_and_errors(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
+    done = sfr("plot", files[0], "--truth", files[1], "-o", tmp_path / "p.html")
+    assert done.code == 0, done.err
+    text = (tmp_path / "p.html").read_text()
+    assert "position error, mm" in text
+    assert "<title>Trajectories</title>" in text
+    assert "Plotly" in text
+    assert sfr("plot", files[0], "-o", tmp_path / "p.html").code == 2, "is there already"
+
+
+def test_an_image_by_matplotlib(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed: pip install '.[plot]'")
+    done = sfr("plot", *files, "-o", tmp_path / "p.png")
+    assert done.code == 0, done.err
+    data = (tmp_path / "p.png").read_bytes()
+    assert data[:4] == b"\x89PNG"
+    assert struct.unpack(">II", data[16:24]) == (1200, 1200)
+
+
+def test_the_figure_holds_the_distance_to_the_truth() -> None:
+    estimate = aside()
+    curves = curves_of({"<b>mine</b>": estimate}, straight(), AlignedErrorConfig(align="none"))
+    plot = path_plot(curves)
+    error = plot.data[-1]
+    assert error["y"] == [250.0] * 20
+    assert error["x"][:2] == [0.0, 0.1]
+    assert error["name"] == "&lt;b&gt;mine&lt;/b&gt;"
+    aligned = curves_of({"mine": estimate}, straight(), AlignedErrorConfig(align="origin"))
+    assert aligned[1].error_m is not None
+    assert aligned[1].error_m.max() < 1e-12
+
+
+def test_a_long_path_is_thinned() -> None:
+    curve = curves_of({"long": straight(20_001)}, None, AlignedErrorConfig())[0]
+    assert 4000 < len(curve.positions) <= 5001
+    assert curve.error_m is None
+
+
+def test_other_outputs_are_refused(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
+    wrong = sfr("plot", files[1], "-o", tmp_path / "p.svg")
+    assert (wrong.code, ".png" in wrong.err) == (2, True)
+
+
+@pytest.mark.parametrize("name", ["t.kitti", "t.euroc.csv", "t.tum"])
+def test_trajectories_are_converted_to_other_formats(
+    files: tuple[Path, Path], tmp_path: Path, sfr: Sfr, name: str
+) -> None:
+    assert sfr("convert", files[1], tmp_path / name).code == 0
+    found = read_trajectory_file(tmp_path / name)
+    assert np.array_equal(found.trajectory.stamps_ns, straight().stamps_ns)
+    back = sfr("convert", tmp_path / name, tmp_path / "back.csv")
+    assert back.code == 0, back.err
+    assert np.abs(read_trajectory_file(tmp_path / "back.csv").trajectory.positions - straight().positions).max() < 1e-12
+    again = sfr("convert", files[1], tmp_path / name)
+    assert (again.code, "is there" in again.err) == (2, True)
