@@ -38,6 +38,7 @@ from sfr_loc_map.nodes.messages.pose import odometry_msg, start_pose_of, tf_mess
 from sfr_loc_map.nodes.output.path_publisher import PathPublisher
 from sfr_loc_map.nodes.output.track_publisher import TrackPublisher
 from sfr_loc_map.nodes.process.runner import run
+from sfr_loc_map.pipeline.load_kernels import load_kernels
 from sfr_loc_map.pipeline.online.latency import latencies
 from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession
 from sfr_loc_map.pipeline.online.resume import PoseFile
@@ -119,7 +120,7 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
     def setup(self) -> None:
         """Load compiled code, create publishers."""
         config = self.config
-        Localiser.warm_up()  # before the first pair: no call pays for it
+        load_kernels("localisation", self.get_logger().info)  # before the first pair: no call pays for it
         pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
         if pose_file is not None:
             pose_file.check()

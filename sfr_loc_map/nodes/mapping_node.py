@@ -22,7 +22,6 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
-from sfr_loc_map.mapping.terrain import grid as terrain
 from sfr_loc_map.metrics.calls.resources import CallUsage
 from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter
@@ -39,6 +38,7 @@ from sfr_loc_map.nodes.messages.image import disparity_msg
 from sfr_loc_map.nodes.messages.pose import transform_from_pose
 from sfr_loc_map.nodes.output.map_publisher import MapPublisher
 from sfr_loc_map.nodes.process.runner import run
+from sfr_loc_map.pipeline.load_kernels import load_kernels
 from sfr_loc_map.pipeline.online.latency import latencies
 from sfr_loc_map.pipeline.online.mapping_session import MappingSession
 from sfr_loc_map.pipeline.online.pose_matching import PoseMatching
@@ -93,8 +93,7 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
     def setup(self) -> None:
         """Load compiled code, create publishers."""
         config = self.config
-        Mapper(ANY_RIG, config.mapping).warm_up()
-        terrain.warm_up()
+        load_kernels("mapping", self.get_logger().info)
         self._session = MappingSession(config.mapping)
         self._calls = CallReporter(self, self.task, self.status.publisher)
         self._maps = MapPublisher(self.endpoints, config.frame(config.lm_frame), self.status.warn)

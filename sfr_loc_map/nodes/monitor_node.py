@@ -45,7 +45,8 @@ from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, transform_from_pose
 from sfr_loc_map.nodes.output.score_publisher import ScorePublisher
 from sfr_loc_map.nodes.process.runner import run
-from sfr_loc_map.pipeline.online.monitor_score import MonitorScore, warm_up
+from sfr_loc_map.pipeline.load_kernels import load_kernels
+from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
 from sfr_loc_map.pipeline.online.report_file import ReportFile
 from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
 
@@ -111,7 +112,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
-        warm_up(config.score)
+        load_kernels("metrics", self.get_logger().info)
         self._score = MonitorScore(config.score, limits)
         self._report_file = ReportFile(config.save_file)
         self._report_file.check()

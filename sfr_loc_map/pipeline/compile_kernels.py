@@ -3,15 +3,28 @@
     python -m sfr_loc_map.pipeline.compile_kernels localisation mapping metrics
 
 Each part takes up to a minute of one core the first time, a few seconds to load later. Parts may be compiled in
-processes side by side. Nothing has to be compiled in advance: a node does it when it starts.
+processes side by side. Nothing has to be compiled in advance: what needs kernels has this run when it starts
+(`load_kernels`).
 """
 
 from __future__ import annotations
 
+import ctypes
+import signal
 import sys
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+from numba.core import event
 
 from sfr_loc_map.errors import ConfigError
+
+COMPILE = "numba:compile"
+"""Event of numba: a kernel is compiled; none for one that is loaded from the cache."""
+PERIOD_S = 5.0
+PR_SET_PDEATHSIG = 1
+Say = Callable[[str], None]
 
 
 def _localisation() -> None:
@@ -40,6 +53,21 @@ def _metrics() -> None:
 PARTS: Mapping[str, Callable[[], None]] = {"localisation": _localisation, "mapping": _mapping, "metrics": _metrics}
 
 
+@contextmanager
+def announce_compilation(say: Say, clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
+    """Say that kernels are compiled within the `with` block, every 5 s how many, and how long it took; else nothing.
+
+    Args:
+        say: Called with each line, in the thread that compiles.
+        clock: Seconds, going forward.
+    """
+    progress = _Progress(say, clock)
+    with event.install_listener(COMPILE, progress):
+        yield
+    if progress.count:
+        say(f"{progress.count} kernels compiled in {progress.elapsed_s:.0f} s; later starts load them")
+
+
 def compile_kernels(parts: list[str]) -> None:
     """Compile the kernels of parts, or load those that are compiled.
 
@@ -56,5 +84,31 @@ def compile_kernels(parts: list[str]) -> None:
         PARTS[part]()
 
 
+class _Progress(event.Listener):
+    """Counts the kernels that are compiled."""
+
+    def __init__(self, say: Say, clock: Callable[[], float]) -> None:
+        self.count = 0
+        self._say, self._clock = say, clock
+        self._begin = self._last = 0.0
+
+    @property
+    def elapsed_s(self) -> float:
+        return self._clock() - self._begin
+
+    def on_start(self, event: event.Event) -> None:
+        if not self._begin:
+            self._begin = self._last = self._clock()
+            self._say("compiles its kernels, once after an installation: this takes about a minute")
+
+    def on_end(self, event: event.Event) -> None:
+        self.count += 1
+        if self._clock() - self._last > PERIOD_S:
+            self._last = self._clock()
+            self._say(f"{self.count} kernels compiled, {self.elapsed_s:.0f} s")
+
+
 if __name__ == "__main__":
-    compile_kernels(sys.argv[1:])
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)  # who waits for the kernels is not outlived
+    with announce_compilation(lambda line: print(line, flush=True)):
+        compile_kernels(sys.argv[1:])

@@ -29,6 +29,7 @@ from sfr_loc_map.metrics.modes import MappingState
 from sfr_loc_map.metrics.records.method_record import MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import COVARIANCE_NAMES, METHOD_NAMES, STEP_NAMES, UPPER
+from sfr_loc_map.pipeline.load_kernels import load_kernels
 
 MAX_START_GAP_NS = NS_PER_S
 """Longest gap of the truth in which a drive can start."""
@@ -53,7 +54,7 @@ def localise(
         watch: Called after each pair.
     """
     localiser = Localiser(sequence.rig, config, start)
-    localiser.warm_up()
+    load_kernels("localisation")
     meter = CallMeter()
     for pair in sequence.pairs():
         with meter.measure() as call:
@@ -140,7 +141,7 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
     if not 1 <= len(sequence) <= MAX_PAIRS:
         raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")
     mapper = Mapper(sequence.rig, config)
-    mapper.warm_up()
+    load_kernels("mapping")
     meter = CallMeter()
     maps: list[PairMap] = []
     records: list[CallRecord] = []

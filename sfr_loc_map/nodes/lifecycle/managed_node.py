@@ -21,7 +21,6 @@ from std_msgs.msg import String
 from sfr_loc_map.constants import JUMP_BACK_NS
 from sfr_loc_map.nodes.diagnostics.key_values import Level
 from sfr_loc_map.nodes.lifecycle.base_node import BaseNode, C
-from sfr_loc_map.nodes.lifecycle.compile_progress import announce_compilation
 from sfr_loc_map.nodes.lifecycle.heap import release_memory
 from sfr_loc_map.nodes.lifecycle.transitions import SUCCESS, Transitions, answer_invalid_transitions
 from sfr_loc_map.nodes.lifecycle.worker import Worker
@@ -100,8 +99,7 @@ class ManagedNode(BaseNode[C]):
         self.teardown()  # begin with the parameters that were set meanwhile
         self._worker = Worker(self.task, *self.config.queue(), self._on_fault)
         self._config_publisher = self.endpoints.add_publisher(String, f"{self.task}/configuration", 1, latched=True)
-        with announce_compilation(self.get_logger().info):
-            self.setup()
+        self.setup()
 
     def _activate(self) -> None:
         self.status.health.reset()
