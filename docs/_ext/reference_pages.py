@@ -11,11 +11,13 @@ import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import Enum
+from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from sphinx.application import Sphinx
 
+POLICY = Path(__file__).resolve().parents[2] / "config" / "sros2_policy.xml"
 MARK = re.compile(r"<!-- generated: ([a-z_]+) -->")
 
 
@@ -147,6 +149,25 @@ def _type_name(hint: Any) -> str:  # noqa: ANN401 - any annotation
     return names.get(hint, getattr(hint, "__name__", str(hint)))
 
 
+def topics() -> str:
+    """Return topics and services of each node, from the policy that a test compares with the running nodes."""
+    import xml.etree.ElementTree as ET
+
+    parts = []
+    for profile in ET.parse(POLICY).getroot().iter("profile"):
+        parts.append(f"## `{profile.get('node')}`\n")
+        for title, path in (
+            ("Publishes", "topics[@publish='ALLOW']/topic"),
+            ("Subscribes to", "topics[@subscribe='ALLOW']/topic"),
+            ("Answers", "services[@reply='ALLOW']/service"),
+            ("Calls", "services[@request='ALLOW']/service"),
+        ):
+            names = sorted(item.text or "" for item in profile.findall(path))
+            if names:
+                parts.append(f"{title}\n: " + ", ".join(f"`{name}`" for name in names) + "\n")
+    return "\n".join(parts)
+
+
 PACKAGES = ("", "geometry", "io", "localisation", "mapping", "metrics", "pipeline", "report", "methods", "simulation")
 """Packages whose public names are described; those of the nodes need ROS and are explained in nodes.md."""
 
@@ -171,7 +192,13 @@ def api() -> str:
     return "\n".join(parts)
 
 
-PAGES: dict[str, Callable[[], str]] = {"commands": commands, "parameters": parameters, "score": score, "api": api}
+PAGES: dict[str, Callable[[], str]] = {
+    "commands": commands,
+    "parameters": parameters,
+    "topics": topics,
+    "score": score,
+    "api": api,
+}
 
 
 def _fill(app: Sphinx, name: str, source: list[str]) -> None:
