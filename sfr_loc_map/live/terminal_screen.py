@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.table import Table as Grid
 from rich.text import Text
 
@@ -102,7 +102,7 @@ def _figures(table: Table) -> RenderableType:
     grid.add_column(table.columns[6].title, justify="right", no_wrap=True)
     for row in table.rows:
         grid.add_row(Text(_with_unit(row)), *(Text(cell.text) for cell in row[2:7]))
-    return grid
+    return _Fitting(grid)
 
 
 def _verdicts(table: Table) -> RenderableType:
@@ -116,7 +116,7 @@ def _verdicts(table: Table) -> RenderableType:
         bound = f"{limit.text} {unit.text}"
         words = (head.text, bound, value.text, count.text)
         grid.add_row(Text(f"{verdict.icon} {verdict.text}", style), *map(Text, words))
-    return grid
+    return _Fitting(grid)
 
 
 def _now(state: LiveState) -> Iterator[str]:
@@ -155,7 +155,7 @@ def _nodes(state: LiveState, now_s: float) -> RenderableType:
         heard = _age(now_s - node.heard_s) if node.heard_s else "never"
         words = (node.state, took, memory, str(sum(_drops(node).values())), heard)
         grid.add_row(Text(one_line(name)), health, *(Text(one_line(word)) for word in words))
-    return grid
+    return _Fitting(grid)
 
 
 def _level(node: NodeView, now_s: float) -> str:
@@ -229,6 +229,25 @@ def _with_unit(row: Row) -> str:
 
 def _age(seconds: float) -> str:
     return f"{max(seconds, 0.0):.1f} s"
+
+
+class _Fitting:
+    """A table without the columns at its right that find no room: half a number would be another one."""
+
+    def __init__(self, grid: Grid) -> None:
+        self._grid = grid
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        while len(self._grid.columns) > 2 and not self._is_whole(console, options):
+            self._grid.columns.pop()
+        yield self._grid
+
+    def _is_whole(self, console: Console, options: ConsoleOptions) -> bool:
+        """Tell whether every word is drawn, none of them cut."""
+        lines = console.render_lines(self._grid, options.update(height=None), pad=False)
+        drawn = {word for line in lines for word in "".join(segment.text for segment in line).split()}
+        texts = (str(text) for column in self._grid.columns for text in (column.header, *column.cells))
+        return {word for text in texts for word in text.split()} <= drawn
 
 
 def _grid(first: str, min_width: int | None = None) -> Grid:
