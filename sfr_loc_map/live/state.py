@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -103,7 +104,11 @@ class LiveState:
 
     def apply(self, update: Update) -> None:
         """Take a record in; one that makes no sense is noted as a problem."""
-        self._heard_s = max(self._heard_s, getattr(update, "received_s", 0.0))
+        received_s, published_s = (getattr(update, name, 0.0) for name in ("received_s", "published_s"))
+        if not (math.isfinite(received_s) and math.isfinite(published_s)):
+            self.problems.append(f"a {type(update).__name__} of no time is left out")
+            return
+        self._heard_s = max(self._heard_s, received_s)
         try:
             self._appliers[type(update)](update)
         except (SfrError, ValueError, OverflowError) as error:
