@@ -104,12 +104,8 @@ class LiveState:
 
     def apply(self, update: Update) -> None:
         """Take a record in; one that makes no sense is noted as a problem."""
-        received_s, published_s = (getattr(update, name, 0.0) for name in ("received_s", "published_s"))
-        if not (math.isfinite(received_s) and math.isfinite(published_s)):
-            self.problems.append(f"a {type(update).__name__} of no time is left out")
-            return
-        self._heard_s = max(self._heard_s, received_s)
         try:
+            self._heard_s = max(self._heard_s, _time_of(update))
             self._appliers[type(update)](update)
         except (SfrError, ValueError, OverflowError) as error:
             self.problems.append(one_line(str(error)))
@@ -281,6 +277,18 @@ ROW_FIELDS = (
     "distance_m",
 )
 """What stands in a row of the path, in this order."""
+
+
+def _time_of(update: Update) -> float:
+    """Return when a record was received, 0 where it does not say.
+
+    Raises:
+        ValueError: If a time of it is no number.
+    """
+    received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))
+    if not (math.isfinite(received_s) and math.isfinite(published_s)):
+        raise ValueError(f"a {type(update).__name__} whose time is no number is left out")
+    return received_s
 
 
 def _rounded(values: tuple[float, float, float] | None, digits: int = 5) -> list[float] | None:
