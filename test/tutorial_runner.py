@@ -85,7 +85,8 @@ def run_page(page: Path, folder: Path) -> None:
             print(f"{page.name}: {time.monotonic() - began:.1f} s: {block.code.splitlines()[0]}", flush=True)
     finally:
         for block, process in reversed(running):
-            os.killpg(process.pid, signal.SIGINT)
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGINT)
             code = process.wait(60)
             print(f"{page.name}: exit code {code} after Ctrl-C: {block.code.strip()}", flush=True)
     if any(process.returncode not in (0, 130) for _, process in running):
