@@ -10,7 +10,7 @@ DEV_STAMP := $(VENV)/.installed-dev
 DOCS_STAMP := $(VENV)/.installed-docs
 COMPILED := $(VENV)/.compiled
 KERNELS := $(VENV)/.kernels-localisation $(VENV)/.kernels-mapping
-# uv installs in a few seconds where it is there; pip compiles no bytecode of modules that nobody may import.
+# uv is used where it is there; it must be told that the sources changed. pip compiles no bytecode of modules that nobody may import.
 UV := $(shell command -v uv 2>/dev/null)
 INSTALL := $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python,$(BIN)/pip install --quiet --disable-pip-version-check --no-compile)
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
@@ -99,7 +99,7 @@ $(BIN)/python:
 # setuptools copies what it finds in build/, also what is gone from the sources
 $(CORE): $(BIN)/python $(SOURCES)
 	rm -rf build
-	$(INSTALL) .
+	$(INSTALL) $(if $(UV),--reinstall-package sfr_loc_map) .
 	@touch $@
 
 $(STAMP): $(CORE)
