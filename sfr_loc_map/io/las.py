@@ -90,9 +90,13 @@ def read_las(data: bytes) -> CloudRecords:
 def _points(laspy: Any, data: bytes) -> Any:  # noqa: ANN401 - of a module without types
     """Return what laspy reads; whatever it raises for broken data becomes a `ValueError`."""
     try:
-        with laspy.open(io.BytesIO(data), read_evlrs=False) as reader:
-            count = reader.header.point_count
-            check_expansion(len(data), count * reader.header.point_format.size, "a file of points")
+        # the backend of one thread: the other takes memory for as many bytes as a broken table of chunks claims
+        with laspy.open(io.BytesIO(data), read_evlrs=False, laz_backend=laspy.LazBackend.Lazrs) as reader:
+            header = reader.header
+            count = header.point_count
+            check_expansion(len(data), count * header.point_format.size, "a file of points")
+            if header.are_points_compressed:
+                _check_chunks(data, header.offset_to_point_data, count)
             content = reader.read()
     except (MemoryError, KeyboardInterrupt, SystemExit):
         raise
@@ -111,6 +115,22 @@ def _check_header(data: bytes) -> None:
     extended = struct.unpack_from("<I", data, 243)[0] if data[25] >= 4 and len(data) >= HEADER_BYTES[4] else 0
     if records * VLR_BYTES + extended * EVLR_BYTES > len(data):
         raise ValueError(f"its header names {records} and {extended} records, more than {len(data)} bytes hold")
+
+
+def _check_chunks(data: bytes, begin: int, points: int) -> None:
+    """Check the table of chunks: the compressor takes memory for as many as it says and ends the process without it.
+
+    Its place stands where the points begin, or at the end of the file where that is -1; it begins with a version and
+    the number of chunks (LASzip specification, "chunk table").
+    """
+    place = struct.unpack_from("<q", data, begin)[0]
+    if place == -1:
+        place = struct.unpack_from("<q", data, len(data) - 8)[0]
+    if not begin < place <= len(data) - 8:
+        raise ValueError("its table of chunks lies outside of it")
+    chunks = struct.unpack_from("<I", data, place + 4)[0]
+    if chunks > max(points, 1):
+        raise ValueError(f"its table names {chunks} chunks for {points} points")
 
 
 def _laspy() -> Any:  # noqa: ANN401 - only the parts used here have types

@@ -79,9 +79,17 @@ def test_points_of_other_programs_and_broken_las(tmp_path: Path, monkeypatch: py
     assert load_cloud(path).cloud is None
     assert load_cloud(path).xyz.tolist() == [[1.0, 3.0, 5.0], [2.0, 4.0, 6.25]]
     whole = path.read_bytes()
+    table = int.from_bytes(whole[laspy.open(path).header.offset_to_point_data :][:8], "little")
+    chunks = whole[: table + 4] + (2**31).to_bytes(4, "little") + whole[table + 8 :]
     points = whole[:107] + (2**31).to_bytes(4, "little") + whole[111:]
     records = whole[:100] + (2**32 - 1).to_bytes(4, "little") + whole[104:]
-    for data, words in ((whole[:-40], "c.laz"), (points, "claims to hold"), (records, "records"), (b"LASF", "header")):
+    for data, words in (
+        (whole[:-40], "c.laz"),
+        (points, "claims to hold"),
+        (records, "records"),
+        (chunks, "chunks"),
+        (b"LASF", "header"),
+    ):
         path.write_bytes(data)
         with pytest.raises(InputError, match=words):
             load_cloud(path)
