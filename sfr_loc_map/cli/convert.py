@@ -12,6 +12,7 @@ import typer
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import RemapOption, SourceArgument, naming, parse_remaps, progress_bar
 from sfr_loc_map.cli.convert_cloud import convert_cloud, is_cloud
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs, output_folder, say, warn
 from sfr_loc_map.errors import ConfigError, InputError
 
@@ -120,6 +121,7 @@ def _to_trajectory(job: _Job) -> None:
             raise InputError(f"'{job.source}' has no true trajectory to write as '{job.destination}'")
         poses = truth
     say(f"{convert_trajectory(poses, job.destination)} poses: {job.destination}", err=True)
+    propose("sfr", "score", "EST", job.destination, why="an estimate against these poses")
 
 
 def _from_trajectory(job: _Job) -> None:
@@ -154,3 +156,4 @@ def _to_data_set(job: _Job, options: ConvertOptions) -> None:
         task = bar.add_task("converting", total=total)
         count = run(opened, job.destination, options, lambda done: bar.update(task, completed=done))
     say(f"{count} pairs: {job.destination}", err=True)
+    propose("sfr", "doctor", job.destination, why="is it complete")

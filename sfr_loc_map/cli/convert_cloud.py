@@ -6,6 +6,7 @@ from pathlib import Path
 
 from sfr_loc_map.cli.common import naming
 from sfr_loc_map.cli.dem import write_dem_pages
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import check_outputs, check_suffix, say
 from sfr_loc_map.errors import ConfigError, InputError
 
@@ -58,6 +59,7 @@ def _to_cloud(source: Path, destination: Path) -> None:
         )
     save_cloud(destination, cloud)
     say(f"{len(cloud)} points: {destination}", err=True)
+    propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
 
 
 def _to_model(source: Path, destination: Path, cell_m: float | None) -> None:
@@ -76,3 +78,7 @@ def _to_model(source: Path, destination: Path, cell_m: float | None) -> None:
     write_dem_pages([destination], grid)
     rows, columns = grid.hazard.shape
     say(f"{columns} x {rows} cells of {grid.elevation.cell_m:g} m: {destination}", err=True)
+    if destination.suffix in geotiff.SUFFIXES:
+        propose("gdalinfo", destination, why="its bands; QGIS opens it")
+    else:
+        propose("sfr", "convert", source, destination.with_suffix(".html"), why="all layers as a page")
