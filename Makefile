@@ -4,6 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
 SEED ?= 1
+HOURS ?= 8
 CORE := $(VENV)/.installed-core
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
@@ -18,7 +19,7 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen lint types config format check docs figures traceability docs-test clean
+.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen monitor-soak lint types config format check docs figures traceability docs-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -64,6 +65,9 @@ live-soak: $(COMPILED)  ## Load the live page for half an hour: five pages, then
 live-screen: $(COMPILED)  ## What Chromium shows of a replay and of failures, and how late
 	PYTHONPATH=. $(BIN)/python test/live/on_screen.py 5
 	PYTHONPATH=. $(BIN)/python test/live/on_failure.py
+
+monitor-soak: $(COMPILED)  ## Eight simulated hours of the monitor at 50 Hz, faster than real time; HOURS=N for others
+	$(BIN)/python test/nodes/monitor_soak.py $(HOURS)
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .
