@@ -33,7 +33,7 @@ from sfr_loc_map.pipeline.score_inputs import (
     said_fused,
 )
 from sfr_loc_map.pipeline.scored_drive import Correction, ScoredDrive
-from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, load_run, score_converted
+from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, converted_run, load_run, score_run
 
 Estimate = PathLike | base.Trajectory | cloud_base.PointCloud
 Truth = PathLike | base.Trajectory | Source
@@ -112,7 +112,8 @@ def score(
         raise ConfigError("convention and apply_diagnosis are for trajectories: leave them out for a cloud")
     further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
     aligned = aligned_error_config(align, further)
-    return Score.of(score_converted(run, config, _limits(limits), correction, aligned))
+    run = converted_run(run, config, correction)
+    return Score.of(score_run(run, config, _limits(limits), aligned))
 
 
 def _correction(settings: ScoreSettings) -> Correction:

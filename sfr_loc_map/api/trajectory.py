@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -12,20 +12,20 @@ import numpy as np
 
 from sfr_loc_map.api.notebook import facts_html
 from sfr_loc_map.api.paths import PathLike
+from sfr_loc_map.api.pose_files import PoseFiles
 from sfr_loc_map.api.tables import data_frame
 from sfr_loc_map.config import build
 from sfr_loc_map.constants import NS_PER_S
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry import trajectory as base
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.kitti_poses import read_times
-from sfr_loc_map.io.trajectory_formats import TrajectoryFormat, read_trajectory_file, write_trajectory_file
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.records.method_record import MethodRecord
 from sfr_loc_map.metrics.trajectory.path_curves import curves_of
 from sfr_loc_map.pipeline.call_record import CallRecord
+from sfr_loc_map.pipeline.evo_export import save_evo_result
 from sfr_loc_map.pipeline.offline import save_stats
 from sfr_loc_map.report.path_figure import path_figure
 
@@ -37,7 +37,7 @@ COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Trajectory(base.Trajectory):
+class Trajectory(PoseFiles):
     """Poses of RB in DS at stamps: `stamps_ns` `(N,)`, `positions` `(N, 3)` m, `quats_xyzw` `(N, 4)` as in ROS.
 
     Iterating gives `(stamp_ns, pose)`.
@@ -60,104 +60,20 @@ class Trajectory(base.Trajectory):
         """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` give them."""
         return cls.from_poses((item.stamp_ns, item.T_ds_rb) for item in estimates)
 
-    @classmethod
-    def from_tum(cls, path: PathLike) -> Self:
-        """Read a TUM file: `t x y z qx qy qz qw`, t in seconds.
-
-        Raises:
-            InputError: If it cannot be read; names the line.
-        """
-        return cls._of_file(path, TrajectoryFormat.TUM)
-
-    @classmethod
-    def load(cls, path: PathLike) -> Self:
-        """Read a trajectory file; the format is detected: csv of the suite, TUM, KITTI, EuRoC, result of evo.
-
-        Raises:
-            InputError: If it cannot be read; names the line.
-        """
-        return cls.of(read_trajectory_file(Path(path)).trajectory)
-
-    @classmethod
-    def from_kitti(cls, path: PathLike, times: PathLike | None = None) -> Self:
-        """Read KITTI poses: twelve numbers a line, of the left camera; here with x forward, y left, z up.
+    def to_evo(self, path: PathLike, truth: base.Trajectory, align: str = "se3") -> None:
+        """Write the APE of the positions as a result of evo (zip), for `evo_res`.
 
         Args:
-            path: The poses.
-            times: Seconds of each pose, one a line; None: `NAME.times.txt` or `times.txt` beside the poses, otherwise
-                the numbers of the lines, 1 s apart.
+            path: The zip file.
+            truth: True poses.
+            align: Alignment with the truth: `none`, `origin`, `se3`, `sim3`.
 
         Raises:
-            InputError: If a file cannot be read; names the line.
-        """
-        found = cls._of_file(path, TrajectoryFormat.KITTI)
-        return found if times is None else replace(found, stamps_ns=read_times(Path(times), len(found)))
-
-    @classmethod
-    def from_euroc(cls, path: PathLike) -> Self:
-        """Read a EuRoC csv: nanoseconds, position, quaternion scalar first.
-
-        Raises:
-            InputError: If it cannot be read; names the line.
-        """
-        return cls._of_file(path, TrajectoryFormat.EUROC)
-
-    @classmethod
-    def from_evo(cls, path: PathLike, role: str = "estimate") -> Self:
-        """Read the estimate or the `truth` of a result of evo that holds its trajectories.
-
-        Raises:
-            InputError: If it cannot be read, or has no trajectories.
-        """
-        return cls._of_file(path, TrajectoryFormat.EVO, role)
-
-    @classmethod
-    def _of_file(cls, path: PathLike, kind: TrajectoryFormat, role: str = "estimate") -> Self:
-        loaded = read_trajectory_file(Path(path), role)
-        if loaded.format is not kind:
-            raise InputError(f"{loaded.text}: this is not {kind}; Trajectory.load() reads every format")
-        return cls.of(loaded.trajectory)
-
-    @classmethod
-    def from_csv(cls, path: PathLike) -> Self:
-        """Read a csv of the suite, as `sfr localise` writes it.
-
-        Raises:
-            InputError: If it cannot be read; names the line.
-        """
-        return cls._of_file(path, TrajectoryFormat.CSV)
-
-    def to_tum(self, path: PathLike) -> None:
-        """Write a TUM file.
-
-        Raises:
+            MetricsError: If no stamps are near those of the truth.
             OutputError: If it cannot be written.
         """
-        write_trajectory_file(Path(path), self, TrajectoryFormat.TUM)
-
-    def to_kitti(self, path: PathLike) -> None:
-        """Write KITTI poses, and their stamps beside them as `NAME.times.txt`.
-
-        Raises:
-            OutputError: If they cannot be written.
-        """
-        write_trajectory_file(Path(path), self, TrajectoryFormat.KITTI)
-
-    def to_euroc(self, path: PathLike) -> None:
-        """Write a EuRoC csv.
-
-        Raises:
-            OutputError: If it cannot be written.
-        """
-        write_trajectory_file(Path(path), self, TrajectoryFormat.EUROC)
-
-    def to_csv(self, path: PathLike) -> None:
-        """Write a csv of the suite.
-
-        Raises:
-            OutputError: If it cannot be written.
-        """
-        write_trajectory_file(Path(path), self, TrajectoryFormat.CSV)
+        config = build(AlignedErrorConfig, {"align": align}, origin="align")
+        save_evo_result(Path(path), self, truth, config, {"est_name": "estimate", "ref_name": "truth"})
 
     def to_stats(self, path: PathLike) -> None:
         """Write one row a call (time, memory, state, covariance) as `sfr localise --stats` does.

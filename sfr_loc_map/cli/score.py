@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli import completion
-from sfr_loc_map.cli.align import AlignOption, MaxDifferenceOption, RpeDeltaOption, aligned_config
+from sfr_loc_map.cli.align import (
+    EVO_SUFFIXES,
+    AlignOption,
+    EvoOption,
+    MaxDifferenceOption,
+    RpeDeltaOption,
+    aligned_config,
+    save_evo,
+)
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.common import ConditionOption
 from sfr_loc_map.cli.convention import ApplyDiagnosisOption, ConventionOption, read_correction
@@ -106,6 +114,7 @@ def score(
     align: AlignOption = None,
     max_difference: MaxDifferenceOption = None,
     rpe_delta: RpeDeltaOption = None,
+    evo: EvoOption = None,
     convention: ConventionOption = None,
     apply_diagnosis: ApplyDiagnosisOption = False,
     json_path: JsonOption = None,
@@ -115,17 +124,20 @@ def score(
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.metrics.config import score_config
-    from sfr_loc_map.pipeline.scoring import score_converted
+    from sfr_loc_map.pipeline.scoring import converted_run, score_run
 
     parsed_limits, asked = read_limits(limits, condition)
     config = score_config(condition, _settings(spacing, rebase, associate, max_gap, scored_range))
     inputs = _inputs(estimate, truth, stats, target, target_timing)
-    aligned = aligned_config(align, max_difference, rpe_delta, has_poses=inputs.estimate is not None)
+    aligned = aligned_config(align, max_difference, rpe_delta, evo, has_poses=inputs.estimate is not None)
     check_suffix(html, HTML_SUFFIXES)
-    check_outputs(json_path, html, overwrite=overwrite, inputs=(estimate, truth, *inputs.stats))
+    check_suffix(evo, EVO_SUFFIXES)
+    check_outputs(json_path, html, evo, overwrite=overwrite, inputs=(estimate, truth, *inputs.stats))
     correction = read_correction(convention, apply_diagnosis, has_poses=inputs.estimate is not None)
-    result = score_converted(_run(inputs, fused), config, parsed_limits, correction, aligned)
+    run = converted_run(_run(inputs, fused), config, correction)
+    result = score_run(run, config, parsed_limits, aligned)
     present(result, json_path, html)
+    save_evo(evo, run, aligned)
     _propose(result, (estimate, truth), json_path, html)
     conclude(result, asked, lenient=lenient)
 

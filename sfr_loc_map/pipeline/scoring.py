@@ -175,32 +175,25 @@ def score_files(
     Raises:
         SfrError: If a file cannot be read, or nothing can be scored.
     """
-    return score_converted(load_run(inputs, fused), config, limits, correction)
+    return score_run(converted_run(load_run(inputs, fused), config, correction), config, limits)
 
 
-def score_converted(
-    run: Run,
-    config: ScoreConfig,
-    limits: Limits | None,
-    correction: Correction | None,
-    aligned: AlignedErrorConfig | None = None,
-) -> Score:
-    """Return the score of a run whose estimate may have to be converted first.
+def converted_run(run: Run, config: ScoreConfig, correction: Correction | None) -> Run:
+    """Return a run whose estimate is converted as its convention says.
 
     Args:
         run: What there is of it.
-        config: Settings; conditions that only the limits name are scored as well.
-        limits: Limits to judge by.
+        config: Settings.
         correction: How the estimate is converted, None: not at all.
-        aligned: Settings of APE and RPE; None: without them.
 
     Raises:
-        SfrError: If nothing can be scored.
+        ConfigError: If a frame is declared that the rig does not tell.
+        MetricsError: If the world frame cannot be aligned.
     """
-    if run.drive is not None and correction is not None:
-        drive, convention = corrected(run.drive, correction, config)
-        run = replace(run, drive=drive, convention=convention)
-    return score_run(run, config, limits, aligned)
+    if run.drive is None or correction is None:
+        return run
+    drive, convention = corrected(run.drive, correction, config)
+    return replace(run, drive=drive, convention=convention)
 
 
 def load_run(inputs: ScoreInputs, fused: bool | None = None) -> Run:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,6 +60,25 @@ def test_the_table_names_metric_alignment_and_association(files: tuple[Path, Pat
     assert "APE, position, align se3" in text
     assert "RPE over 2 m of the estimate's path" in text
     assert "paired by the nearest stamp within 0.02 s" in text
+
+
+def test_a_result_of_evo_is_written(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
+    path = tmp_path / "ape.zip"
+    done = sfr("score", *files, "--align", "origin", "--lenient", "--evo", path, "--json", "-")
+    assert done.code == 0, done.err
+    with zipfile.ZipFile(path) as archive:
+        stats = json.loads(archive.read("stats.json"))
+        errors = np.load(io.BytesIO(archive.read("error_array.npy")))
+    assert stats["rmse"] == json.loads(done.out)["ape"]["rmse"]
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(stats["rmse"], abs=1e-15)
+    again = sfr_loc_map.Trajectory.from_evo(path)
+    truth = sfr_loc_map.Trajectory.from_evo(path, "truth")
+    assert np.linalg.norm(again.positions - truth.positions, axis=1) == pytest.approx(errors, abs=1e-12)
+    assert "--align" in sfr("score", *files, "--evo", tmp_path / "b.zip").err
+    file_interface = pytest.importorskip("evo.tools.file_interface", reason="evo is not installed")
+    read = file_interface.load_res_file(str(path), load_trajectories=True)
+    assert read.stats["rmse"] == stats["rmse"]
+    assert len(read.trajectories) == 2
 
 
 def test_wrong_options_say_what_to_do(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:

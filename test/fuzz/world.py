@@ -32,6 +32,9 @@ from sfr_loc_map.io.bag_writer import BagWriter
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.trajectory_formats import write_trajectory_file
+from sfr_loc_map.metrics.config import AlignedErrorConfig
+from sfr_loc_map.pipeline.evo_export import save_evo_result
 
 __all__ = ["KINDS", "LOC_RIG", "T_RB_LOCSB", "encoded_image", "loc_pair", "make_world"]
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -81,8 +84,11 @@ def _trajectories(world: Path) -> None:
     save_trajectory(world / "truth.csv", Trajectory.from_poses(iter(poses)))
     rng = np.random.default_rng(1)
     shifted = [(stamp, Transform(pose.rotation, pose.translation + rng.normal(0, 0.01, 3))) for stamp, pose in poses]
-    for name in ("estimate.csv", "estimate.tum"):
-        save_trajectory(world / name, Trajectory.from_poses(iter(shifted)))
+    estimate = Trajectory.from_poses(iter(shifted))
+    for name in ("estimate.csv", "estimate.tum", "estimate.kitti", "estimate.euroc.csv"):
+        write_trajectory_file(world / name, estimate)
+    truth, named = Trajectory.from_poses(iter(poses)), {"est_name": "est", "ref_name": "ref"}
+    save_evo_result(world / "evo.zip", estimate, truth, AlignedErrorConfig(align="none"), named)
     names = ",".join(f"cov_{i}{j}" for i in range(6) for j in range(i, 6))
     covariance = ",".join(f"{0.0001 if i == j else 0.0:g}" for i in range(6) for j in range(i, 6))
     rows = [f"stamp_ns,processing_time_s,state,peak_rss_bytes,above_idle_bytes,align_s,{names}"]
