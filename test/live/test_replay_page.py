@@ -56,7 +56,7 @@ def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    source, out = write_folder(tmp_path / "source", 12, 3), tmp_path / "out"
+    source, out = write_folder(tmp_path / "source", 12, 1), tmp_path / "out"
     for side in SIDES:
         for image in sorted((source / "loc" / side).glob("*.png"))[5:8]:
             image.write_bytes(encode_png(np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8)))
