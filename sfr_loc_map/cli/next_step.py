@@ -20,6 +20,7 @@ AFTER: Mapping[str, str] = {
     "map": "sfr score C.ply SRC    # against the truth",
     "convert": "sfr doctor DST    # is it complete",
     "score": "sfr score ... --limits limits.yaml --html report.html    # limits: sfr init",
+    "plot": "sfr score EST TRUTH    # the figures, with limits a verdict",
     "replay": "sfr replay SRC --out DIR    # keeps report, estimate and cloud",
     "run": "sfr doctor --graph    # while the nodes run: are their inputs there",
     "record": "sfr doctor OUT    # is it complete",

@@ -40,7 +40,7 @@ def dem_page(bands: Sequence[Band], origin_m: tuple[float, float], cell_m: float
     if step > 1:
         text += f"; the figures show every {step}th cell along x and y"
     plots = [_figure(band, origin_m, cell_m, step) for band in bands]
-    return render_overview("Elevation model", None, text, [_table(bands)], [("Layers", plots)])
+    return render_overview("Elevation model", None, text, [_table(bands)], [("Layers", plots)], heading="grid in LM")
 
 
 def _figure(band: Band, origin_m: tuple[float, float], cell_m: float, step: int) -> Plot:

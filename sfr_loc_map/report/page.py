@@ -110,6 +110,7 @@ def render_overview(
     text: str,
     tables: Sequence[Table],
     sections: Sequence[tuple[str, list[Plot]]],
+    heading: str = "",
 ) -> str:
     """Return a page about many scores as HTML, laid out as that of one.
 
@@ -119,10 +120,11 @@ def render_overview(
         text: What the banner says beside it.
         tables: Its tables; those named `verdicts`, `counts` and `groups` come before the figures.
         sections: Figures by heading.
+        heading: Heading of the banner instead of the verdict, for what is not judged.
     """
     plots = [plot for _, group in sections for plot in group]
     first = [table for table in tables if table.name in ("verdicts", "counts", "groups")]
-    word = NO_VERDICT if state is None else state.value
+    word = heading or (NO_VERDICT if state is None else state.value)
     return _template("page.html.j2").render(
         title=title,
         version=__version__,

@@ -101,6 +101,7 @@ def test_page_shows_every_layer(grid: TerrainGrid) -> None:
     for name in NAMES:
         assert f'id="dem-{name}"' in page
     assert "in cells of 0.1 m" in page
+    assert "NO VERDICT" not in page
 
 
 def test_a_cloud_without_sigma_has_heights_without_sigma(cloud: PointCloud) -> None:
