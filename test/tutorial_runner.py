@@ -98,6 +98,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("page", nargs="*", type=Path, help="pages; by default all tutorials")
     failed = []
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it, and so would what it starts
     for page in [path.resolve() for path in parser.parse_args().page] or PAGES:
         with tempfile.TemporaryDirectory(prefix="tutorial-") as folder:
             try:
