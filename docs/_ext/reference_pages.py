@@ -187,7 +187,8 @@ def api() -> str:
             kind = "autoclass" if inspect.isclass(value) else "autofunction" if inspect.isroutine(value) else None
             if kind is not None and not get_args(value) and id(value) not in seen:  # an alias has nothing to say
                 seen.append(id(value))
-                parts += [f".. {kind}:: {path}.{public}", ""]
+                inherited = ["   :inherited-members:"] if not name and kind == "autoclass" else []  # files, plots
+                parts += [f".. {kind}:: {path}.{public}", *inherited, ""]
         parts += ["```", ""]
     return "\n".join(parts)
 
