@@ -16,10 +16,11 @@ UV := $(shell command -v uv 2>/dev/null)
 INSTALL := $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python,$(BIN)/pip install --quiet --disable-pip-version-check --no-compile)
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
+KILTED := $(VENV)-kilted
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen monitor-soak lint types config format check docs figures traceability docs-test clean
+.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen monitor-soak test-kilted lint types config format check docs figures traceability docs-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -68,6 +69,9 @@ live-screen: $(COMPILED)  ## What Chromium shows of a replay and of failures, an
 
 monitor-soak: $(COMPILED)  ## Eight simulated hours of the monitor at 50 Hz, faster than real time; HOURS=N for others
 	$(BIN)/python test/nodes/monitor_soak.py $(HOURS)
+
+test-kilted: $(KILTED)/.installed  ## The tests of the nodes with ROS 2 Kilted, in an environment of its own
+	env -u LD_LIBRARY_PATH -u _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH=. $(KILTED)/bin/python -m pytest test/nodes $(PARALLEL)
 
 lint: $(DEV_STAMP)  ## Check style
 	$(BIN)/ruff check .
@@ -123,6 +127,12 @@ $(VENV)/.kernels-mapping: $(CORE)
 	$(BIN)/python -P -m sfr_loc_map.pipeline.compile_kernels mapping metrics
 	@touch $@
 
+$(KILTED)/.installed: setup.py
+	$(PYTHON) -m venv $(KILTED)
+	rm -rf build
+	$(KILTED)/bin/pip install --quiet --disable-pip-version-check ".[test]" "ros-kilted-rclpy[fastrtps]>=9.1,<9.2" "ros-kilted-common-interfaces>=5.5,<5.6"
+	@touch $@
+
 $(DOCS_STAMP): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check ".[ros,docs]"
 	@touch $@
@@ -135,4 +145,4 @@ $(COMPILED): $(DEV_STAMP)
 	@touch $@
 
 clean:  ## Remove what was made here
-	rm -rf $(VENV) out build install log *.egg-info
+	rm -rf $(VENV) $(KILTED) out build install log *.egg-info

@@ -29,6 +29,8 @@ from sfr_loc_map.nodes.lifecycle.worker import Worker
 class ManagedNode(BaseNode[C]):
     """A node that is configured, activated, deactivated and cleaned up."""
 
+    _worker: Worker | None = None  # from Kilted on the context destroys its nodes, also those whose making failed
+
     def __init__(
         self,
         name: str,
