@@ -17,7 +17,7 @@ def positive_definite(seed: int, size: int) -> np.ndarray:
     return root @ root.T + 0.1 * size * np.eye(size)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(SEEDS, st.integers(1, 8))
 def test_factor_solution_and_inverse_are_those_of_numpy(seed: int, size: int) -> None:
     matrix = positive_definite(seed, size)
@@ -33,7 +33,7 @@ def test_the_right_hand_side_is_not_changed() -> None:
     assert rhs.tolist() == [1.0, 1.0, 1.0]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(SEEDS, st.sampled_from([0.0, 1e-9, 1e-5, 1e-4, 1e-3, 0.1, 3.0]))
 def test_retraction_is_the_matrix_exponential_from_the_left(seed: int, angle: float) -> None:
     random = np.random.default_rng(seed)

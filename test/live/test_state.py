@@ -142,7 +142,7 @@ updates = st.one_of(
 )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(updates, max_size=6))
 def test_whatever_comes_the_state_can_be_told(found: list[Update]) -> None:
     state = LiveState()

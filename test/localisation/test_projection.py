@@ -39,7 +39,7 @@ def scene(seed: int) -> tuple[list[Pose], np.ndarray]:
     return poses, np.array([*random.uniform(100, 400, 2), random.uniform(0.05, 0.5)])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 def test_jacobians_are_central_differences(seed: int) -> None:
     poses, landmark = scene(seed)
@@ -50,7 +50,7 @@ def test_jacobians_are_central_differences(seed: int) -> None:
         np.testing.assert_allclose(jacobian[:, column], difference / (2 * STEP), rtol=1e-6, atol=2e-5)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 def test_pixels_are_those_of_the_point_in_both_cameras(seed: int) -> None:
     (target, host), landmark = scene(seed)

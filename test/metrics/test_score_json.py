@@ -83,7 +83,7 @@ def columns(hint: type, length: int) -> st.SearchStrategy[Any]:
     return st.builds(hint, **parts)
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(values(Score))
 def test_every_score_reads_back_as_it_was_written(score: Score) -> None:
     text = to_json(score)
@@ -92,7 +92,7 @@ def test_every_score_reads_back_as_it_was_written(score: Score) -> None:
     assert to_json(read) == text
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(st.recursive(SCALARS[object] | st.none() | NUMBERS, lambda s: st.lists(s) | st.dictionaries(WORDS, s)))
 def test_what_is_no_score_is_refused_in_one_line(content: Any) -> None:
     for value in (content, {"schema": SCHEMA, "verdicts": [], "trajectory": content, "map": content}):

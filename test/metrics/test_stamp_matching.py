@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.trajectory.stamp_matching import (
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(STAMPS, STAMPS, st.integers(0, 5))
 def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: np.ndarray, tolerance: int) -> None:
     partner = match_stamps(est, gt, tolerance)
@@ -41,7 +41,7 @@ def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: n
             assert index == nearest, "the nearest of all gets it"
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.integers(0, 20), max_size=30))
 def test_of_one_stamp_the_last_counts(stamps: list[int]) -> None:
     rows = unique_rows(np.array(stamps, np.int64))

@@ -25,7 +25,7 @@ def test_moments_are_those_of_numpy_however_large_the_mean(offset: float) -> Non
     assert moments.sigma == pytest.approx((values - offset).std(axis=0, ddof=1), rel=1e-6 if offset else 1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 40), max_size=10))
 def test_portions_do_not_change_a_bit(portions: list[int]) -> None:
     values = np.random.default_rng(2).normal(5, 1, (sum(portions), 2))

@@ -18,7 +18,7 @@ def statistics(values: np.ndarray) -> tuple[Statistic, ...]:
     )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     sizes=st.lists(st.integers(2, 9), min_size=1, max_size=6),
     axes=st.sampled_from([1, 3]),

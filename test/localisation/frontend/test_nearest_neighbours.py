@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from sfr_loc_map.localisation.frontend.nearest_neighbours import nearest
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(1, 80),

@@ -33,7 +33,7 @@ class Held:
 
 
 # True: droppable; the reference is a plain list worked on by the rule in words.
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(kinds=st.lists(st.booleans(), max_size=20), room=st.integers(1, 5), newest=st.booleans())
 def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[bool], room: int, newest: bool) -> None:
     held = Held(Overload.NEWEST_FIRST if newest else Overload.EVERY_PAIR, room)
