@@ -139,7 +139,7 @@ CLAUSES = (
         "Start at frame N, end when the condition is met; repeat from the next start; a spacing of 10 frames is "
         "recommended; mean, sigma and mean + 3 sigma over all.",
         ("metrics/trajectory/sub_trajectories.py", "metrics/condition.py", "metrics/config.py"),
-        "table of figures: condition and n; `spacing_frames` in the JSON",
+        "table of figures: condition and n; What was scored: spacing of the starts",
     ),
     Clause(
         "4.1.2",

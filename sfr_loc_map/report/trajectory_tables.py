@@ -129,6 +129,7 @@ def association_table(score: Score) -> Table | None:
         ("estimates out of order (sorted)", counts.estimate_unordered, f"{key}.estimate_unordered"),
         ("true poses out of order (sorted)", counts.truth_unordered, f"{key}.truth_unordered"),
         ("estimates too late to be scored", counts.late, f"{key}.late"),
+        ("frames from one start to the next (spacing)", part.first.spacing_frames, "trajectory.spacing_frames"),
         ("true path length, m", part.path_length_m, "trajectory.path_length_m"),
         ("duration, s", part.duration_s, "trajectory.duration_s"),
     )
