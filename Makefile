@@ -11,9 +11,9 @@ DEV_STAMP := $(VENV)/.installed-dev
 DOCS_STAMP := $(VENV)/.installed-docs
 COMPILED := $(VENV)/.compiled
 KERNELS := $(VENV)/.kernels-localisation $(VENV)/.kernels-mapping
-# uv is used where it is there; it must be told that the sources changed. pip compiles no bytecode of modules that nobody may import.
+# uv is used where it is there. Bytecode is compiled once: where PYTHONDONTWRITEBYTECODE is set, each process would do it again.
 UV := $(shell command -v uv 2>/dev/null)
-INSTALL := $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python,$(BIN)/pip install --quiet --disable-pip-version-check --no-compile)
+INSTALL := $(if $(UV),$(UV) pip install --quiet --compile-bytecode --python $(BIN)/python,$(BIN)/pip install --quiet --disable-pip-version-check)
 TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_m=0.2 --set drive.pairs=2 --set 'drive.segments=[straight 1]' \
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
 KILTED := $(VENV)-kilted
@@ -139,8 +139,10 @@ $(DOCS_STAMP): $(STAMP)
 
 # All kernels compiled side by side; otherwise each test process compiles all of them. What these runs gave is kept for a test.
 $(COMPILED): $(DEV_STAMP)
+	$(BIN)/python -m compileall -q sfr_loc_map
 	PYTHONPATH=. $(BIN)/python test/scenes/first_run.py localisation --keep > /dev/null & \
-	PYTHONPATH=. $(BIN)/python test/scenes/first_run.py mapping --keep > /dev/null & \
+	(PYTHONPATH=. $(BIN)/python test/scenes/first_run.py mapping --keep && \
+	 PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.compile_kernels mapping metrics) > /dev/null & \
 	scratch=$$(mktemp -d) && $(BIN)/python -c "from sfr_loc_map.cli.main import main; raise SystemExit(main())" simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
 	@touch $@
 

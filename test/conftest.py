@@ -11,7 +11,9 @@ from cli_result import Result, Sfr
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # before any message class is imported
 
 # What an example costs by the clock, on a busy host, says nothing of the code.
-hypothesis.settings.register_profile("busy_host", suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.register_profile(
+    "busy_host", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
 hypothesis.settings.load_profile("busy_host")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -64,7 +64,9 @@ def test_the_end_on_request_leaves_a_source_for_all_else(rover: Process, tmp_pat
         process.wait_for("records /ground_truth/odometry")
         wait_until(lambda: readable(out) > 20, "images")
         assert process.end(SIGINT, SIGTERM, pause_s=0.0) == 0, process.text
-        assert "messages of 5 topics, 0 lost" in process.text.splitlines()[-1]
+        *_, counted, advice = process.text.splitlines()
+        assert "messages of 5 topics, 0 lost" in counted
+        assert advice.startswith("next: sfr doctor")
     assert (out / "metadata.yaml").exists()
     source = open_source(out, {})
     assert source.loc is not None

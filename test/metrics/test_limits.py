@@ -151,7 +151,7 @@ def test_every_name_stands_for_a_figure(part: LimitPart) -> None:
             "position_mean_plus_3sigma_m",
         ),
         ({"trajectory": [{"position_mean_m": 5}]}, "needs 'condition'"),
-        ({"trajectory": [{"condition": "metres=5", "position_mean_m": 5}]}, "no condition"),
+        ({"trajectory": [{"condition": "metres=5", "position_mean_m": 5}]}, "is not a condition"),
         ({"trajectory": {"condition": "distance=5"}}, "must be a list"),
         ({"map": {"coverage_min": "high"}}, "a number >= 0"),
         ({"map": {"coverage_min": True}}, "a number >= 0"),

@@ -53,5 +53,5 @@ def test_every_spelling_of_a_condition_reads_back(kind: ConditionKind, value: in
 def test_what_is_no_condition_is_refused(value: object) -> None:
     with pytest.raises(ValueError, match=r"condition|ends no"):
         Condition.from_plain(value)
-    with pytest.raises(MetricsError, match="no condition"):
+    with pytest.raises(MetricsError, match="is not a condition"):
         Condition.parse(str(value))

@@ -129,7 +129,7 @@ def test_nothing_in_common_is_an_error() -> None:
 
 @pytest.mark.parametrize("text", ["distance=0", "distance=-1", "distance", "time=nan", "frames=1.5", "speed=3"])
 def test_conditions_that_are_none(text: str) -> None:
-    with pytest.raises(MetricsError, match="no condition"):
+    with pytest.raises(MetricsError, match="is not a condition"):
         score_trajectory(
             Estimates.of(trajectory(drive(1)[0])), trajectory(drive(1)[0]), TrajectoryScoreConfig(conditions=(text,))
         )

@@ -146,7 +146,7 @@ def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="other settings"):
         simulate(build(SimulationConfig, {**TINY, "seed": 9}), made)
     (tmp_path / "a.txt").write_text("a")
-    with pytest.raises(OutputError, match="no simulation"):
+    with pytest.raises(OutputError, match="is not a simulation"):
         simulate(CONFIG, tmp_path)
     assert build(SimulationConfig, load_yaml(made / SETTINGS)) == CONFIG
 
