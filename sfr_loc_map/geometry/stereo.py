@@ -78,7 +78,7 @@ class StereoRig:
         """
         if self.T_rb_sb is None:
             raise GeometryError(
-                "the rig has no T_rb_locsb (pose of the stereo rig in RB): add it to rig.json; bags have it on /tf_static"
+                "the rig has no T_rb_locsb (pose of the stereo rig in RB): add it to rig.json or /tf_static of a bag"
             )
         return self.T_rb_sb @ self.T_sb_left
 
