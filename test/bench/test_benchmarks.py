@@ -52,6 +52,12 @@ open_method = MadeMethod
 """
 
 
+@pytest.fixture(autouse=True)
+def this_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let methods, which run as scripts, import the package under test: of an installed one no kernel is compiled."""
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+
+
 def sfr(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
     return main()
