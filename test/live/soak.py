@@ -1,8 +1,8 @@
 """Load tests of the live page that no test suite has time for: `make live-soak`.
 
 python test/live/soak.py clients [MINUTES]
-    five pages, one that never reads, one that connects again each second, beside a replay of the sample in a loop;
-    first two minutes without pages
+    five pages, one that never reads, one that connects again each second, beside a replay of the sample at 10 Hz in a
+    loop; in six rounds, each begins with up to a minute without pages
 python test/live/soak.py load [SECONDS]
     stereo images of 1 MP at 10 Hz and a cloud of a million points each 5 s
 """
@@ -24,9 +24,12 @@ import aiohttp
 import numpy as np
 import psutil
 
+from sfr_loc_map.nodes.process.priority import give_way
+
 ROOT = Path(__file__).resolve().parents[2]
 SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
-ALONE_S = 120.0
+ALONE_S = 60.0
+ROUNDS = 6
 VIEWS = {"type": "want", "views": ["images", "clouds", "tracks"]}
 
 
@@ -111,39 +114,40 @@ def server_process(parent: int) -> psutil.Process:
 
 
 async def clients(minutes: float) -> None:
-    seconds = minutes * 60.0
+    seconds = minutes * 60.0 / ROUNDS
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "log"
         with log.open("wb") as stream:
-            options = ("--start", "truth", "--rate", "1", "--loop", "--live", "--live-port", "0")
+            options = ("--start", "truth", "--rate", "5", "--loop", "--live", "--live-port", "0")
             command = (*SFR, "replay", "sample/sample.mcap", *options)
-            replay = subprocess.Popen(command, cwd=ROOT, stdout=stream, stderr=subprocess.STDOUT, env=_environment())
+            to = {"stdout": stream, "stderr": subprocess.STDOUT, "env": _environment(), "start_new_session": True}
+            replay = subprocess.Popen(command, cwd=ROOT, **to)
+        give_way()  # the pages would be on other machines
         try:
             url = await _address(log)
             server = server_process(replay.pid)
             async with aiohttp.ClientSession() as session:
                 while not (await state_of(session, url))["poses"]:
                     await asyncio.sleep(0.5)
-                alone = Page(url)
-                await alone.look(session, min(seconds / 3, ALONE_S), views=False)
-                memory = [server.memory_info().rss]
-                pages = [Page(url) for _ in range(3)]
-                looking = [page.look(session, seconds) for page in pages]
-                others = [never_reads(session, url, seconds), reconnects(session, url, seconds)]
-                watching = _watch_memory(server, memory, seconds)
-                *_, count, _ = await asyncio.gather(*looking, *others, watching)
+                alone, pages, memory, count = Page(url), [Page(url) for _ in range(3)], [server.memory_info().rss], 0
+                for _ in range(ROUNDS):
+                    await alone.look(session, min(seconds, ALONE_S), views=False)
+                    looking = [page.look(session, seconds) for page in pages]
+                    others = [never_reads(session, url, seconds), reconnects(session, url, seconds)]
+                    *_, again, _ = await asyncio.gather(*looking, *others, _watch_memory(server, memory, seconds))
+                    count += again
                 state = await state_of(session, url)
         finally:
             replay.terminate()
             replay.wait(30)
     busy = pages[0].calls
     lost = {node["name"]: node["values"].get("dropped_in_transport") for node in state["nodes"]}
-    parts = [f"{np.mean(part) / 1e6:.1f}" for part in np.array_split(np.array(memory[1:]), 6)]
+    parts = [f"{np.mean(part) / 1e6:.1f}" for part in np.array_split(np.array(memory[1:]), ROUNDS)]
     print(f"{minutes:g} minutes, {len(alone.calls)} calls before, {len(busy)} with five pages, {count} reconnections")
     print(f"localisation p95: {p95_ms(alone.calls):.1f} ms without pages, {p95_ms(busy):.1f} ms with")
     most = max(memory) / 1e6
     print(f"server memory: {memory[0] / 1e6:.1f} MB before, then means of {', '.join(parts)} MB, at most {most:.1f}")
-    media, figures = pages[0].media / seconds / 1e6, pages[0].figures / seconds / 1e3
+    media, figures = (size / seconds / ROUNDS for size in (pages[0].media / 1e6, pages[0].figures / 1e3))
     print(f"each page: {media:.2f} MB/s of images and clouds, {figures:.1f} kB/s of figures")
     print(f"lost in transport to the nodes: {lost}; the server: {state['server']}")
 

@@ -21,11 +21,12 @@ from sfr_loc_map.live.serve import serve_until_signal
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
+from sfr_loc_map.nodes.process.priority import give_way
 from sfr_loc_map.printable import one_line
 
 
 def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = False) -> None:
-    """Serve the page of a running graph until SIGINT or SIGTERM.
+    """Serve the page of a running graph until SIGINT or SIGTERM, at a lower priority than its nodes.
 
     Args:
         config: How it is served.
@@ -35,6 +36,7 @@ def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = Fals
     Raises:
         SfrError: If the port cannot be listened on, or other hosts are let in without a token.
     """
+    give_way()
     asyncio.run(_serve(config, namespace, open_browser=open_browser))
 
 
