@@ -246,14 +246,14 @@ def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None
                 f"loc/{side}/image_rect": ObservedTopic("x", (IMAGE,), offers, stamps * period_ns, (image,), lost=lost),
                 f"loc/{side}/camera_info": ObservedTopic("y", (CAMERA_INFO,), offers, stamps, (info,)),
             }
-        memory = HostMemory(profile="/there/fastdds_shm.xml")
+        memory = HostMemory(export_line="export A=/there/fastdds_shm.xml")
         seen = Observation("graph", live=True, topics=topics, extrinsics_given=True, memory=memory)
         return [(f.cause.value, f.is_blocking, f"{f.text} {f.fix}") for f in examine(seen) if f.cause != "truth"]
 
     ((cause, blocks, text),) = found(lost=20)
     assert (cause, blocks) == ("transport", True)
     assert "20% of the images are lost" in text
-    assert "export FASTRTPS_DEFAULT_PROFILES_FILE=/there/fastdds_shm.xml" in text
+    assert "`export A=/there/fastdds_shm.xml`" in text
     assert [found(lost=n)[0][:2] for n in (2, 0)] == [("transport", False), ("unpaired", False)]
 
 

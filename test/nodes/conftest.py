@@ -16,7 +16,7 @@ def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(environment.PROFILE))
+    monkeypatch.setenv(environment.PROFILE_VARIABLE, str(environment.PROFILE))
     monkeypatch.delenv("ROS_LOCALHOST_ONLY", raising=False)
 
 

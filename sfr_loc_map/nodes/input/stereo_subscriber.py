@@ -16,7 +16,7 @@ from sfr_loc_map.nodes.input.received_pair import ReceivedImage
 from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers, StereoSynchronizer
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.lifecycle.qos import profile
-from sfr_loc_map.nodes.process.environment import PROFILE
+from sfr_loc_map.nodes.process.environment import EXPORT_LINE
 from sfr_loc_map.pipeline.online.latency import MessageTimes
 from sfr_loc_map.pipeline.online.transport_gaps import LossWatch, TransportGaps
 
@@ -44,7 +44,7 @@ class StereoSubscriber:
         self._status = status
         self._gaps: list[TransportGaps] = []
         self._unprocessed = 0
-        self._losses = LossWatch(f"images of '{name}'", str(PROFILE), status.warn)
+        self._losses = LossWatch(f"images of '{name}'", EXPORT_LINE, status.warn)
         self._synchronizer = StereoSynchronizer(name, config, handlers, status.error)
         qos = profile(config.reliability, config.queue_depth)
         topics: list[tuple[str, type[Any]]] = []

@@ -11,11 +11,27 @@ from pathlib import Path
 
 from sfr_loc_map.errors import NodeError
 
-PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 PROFILE = Path(__file__).with_name("profiles") / "fastdds_shm.xml"
 """Fast DDS profile with a shared-memory segment that holds large images and clouds."""
+OLD_PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 DOMAINS = 101
 """Domains 1 to 101 have ports below the ephemeral range."""
+
+
+def profile_variable(environment: MutableMapping[str, str] = os.environ) -> str:
+    """Return the name of the variable that tells the Fast DDS of this ROS which profile to load.
+
+    Fast DDS 2 (Jazzy) reads the old name only; Fast DDS 3 (Kilted), whose package is named fastdds, reads a new one and
+    warns wherever the old one is set.
+    """
+    prefixes = [*environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
+    is_new = any(prefix and Path(prefix, "share", "fastdds").is_dir() for prefix in prefixes)
+    return "FASTDDS_DEFAULT_PROFILES_FILE" if is_new else OLD_PROFILE_VARIABLE
+
+
+PROFILE_VARIABLE = profile_variable()
+EXPORT_LINE = f"export {PROFILE_VARIABLE}={PROFILE}"
+"""What a camera driver's shell needs."""
 
 
 def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -25,7 +41,7 @@ def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
     set the path of their package index.
     """
     if not environment.get(PROFILE_VARIABLE):
-        environment[PROFILE_VARIABLE] = str(PROFILE)
+        environment[PROFILE_VARIABLE] = environment.get(OLD_PROFILE_VARIABLE) or str(PROFILE)
     environment.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 

@@ -110,7 +110,7 @@ class _GraphObserver:
             nodes=nodes,
             has_clock=bool(self._node.get_publishers_info_by_topic("/clock")),
             now_ns=time.time_ns(),
-            memory=HostMemory(shared_memory_bytes(), segment_bytes(), str(environment.PROFILE)),
+            memory=HostMemory(shared_memory_bytes(), segment_bytes(), environment.EXPORT_LINE),
         )
 
     def _full_name(self, name: str) -> str:

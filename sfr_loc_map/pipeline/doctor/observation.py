@@ -91,12 +91,12 @@ class HostMemory:
     Attributes:
         size_bytes: Size of /dev/shm; None where there is none.
         segment_bytes: What each process reserves of it.
-        profile: File that gives a process so much.
+        export_line: Line of a shell that gives a process so much.
     """
 
     size_bytes: int | None = None
     segment_bytes: int = 0
-    profile: str = ""
+    export_line: str = ""
 
 
 @dataclass(frozen=True, slots=True)

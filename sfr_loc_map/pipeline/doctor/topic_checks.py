@@ -72,7 +72,7 @@ def check_transport(seen: Observation, task: str) -> Iterator[Finding]:
             Severity.BLOCKING if share > MUCH_LOST else Severity.WARNING,
             f"{task}/left/image_rect, {task}/right/image_rect",
             f"{share:.0%} of the images are lost between their publisher and this process",
-            loss_fix(seen.memory.profile),
+            loss_fix(seen.memory.export_line),
         )
 
 

@@ -40,15 +40,15 @@ class TransportGaps:
 class LossWatch:
     """Says when a large share of the messages of a transport is lost."""
 
-    def __init__(self, what: str, profile: str, warn: Callable[[str], None]) -> None:
+    def __init__(self, what: str, export_line: str, warn: Callable[[str], None]) -> None:
         """Begin.
 
         Args:
             what: What the messages are, in the plural.
-            profile: File with the profile that the publisher should have.
+            export_line: Line of a shell that gives the publisher the memory it should have.
             warn: Called with the share and what to do.
         """
-        self._what, self._profile, self._warn = what, profile, warn
+        self._what, self._export_line, self._warn = what, export_line, warn
         self._lost = self._sent = 0
 
     def add(self, gap: int) -> None:
@@ -59,16 +59,16 @@ class LossWatch:
             return
         share, self._lost, self._sent = self._lost / self._sent, 0, 0
         if share > MUCH_LOST:
-            self._warn(f"{share:.0%} of the {self._what} are lost in transport: {loss_fix(self._profile)}")
+            self._warn(f"{share:.0%} of the {self._what} are lost in transport: {loss_fix(self._export_line)}")
 
 
-def loss_fix(profile: str) -> str:
+def loss_fix(export_line: str) -> str:
     """Return what to do about messages that are lost between two processes of a host.
 
     Args:
-        profile: File with the profile of Fast DDS.
+        export_line: Names the profile of Fast DDS.
     """
     return (
         f"start the process that publishes them (the camera driver) with "
-        f"`export FASTRTPS_DEFAULT_PROFILES_FILE={profile}`: its shared memory counts, and holds 0.5 MB unless set"
+        f"`{export_line}`: its shared memory counts, and holds 0.5 MB unless set"
     )
