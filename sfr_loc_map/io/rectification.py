@@ -9,17 +9,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Lock
 from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.camera_info import rig_from_camera_info
+from sfr_loc_map.io.resampling import Resampler, warm_up
 
 COEFFICIENTS: dict[str, tuple[int, ...]] = {
     "plumb_bob": (4, 5),
@@ -83,7 +86,7 @@ class RawCamera:
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
             raise InputError(f"{name}/camera_info: r is not a rotation: calibrate the pair")
 
-    def maps(self) -> tuple[FloatArray, FloatArray]:
+    def maps(self) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
         """Return OpenCV's fixed-point maps from the pixels of the rectified image to the raw one."""
         k, r, p = np.reshape(self.k, (3, 3)), np.reshape(self.r, (3, 3)), np.reshape(self.p, (3, 4))[:, :3]
         d = np.array(self.d)
@@ -91,7 +94,7 @@ class RawCamera:
             first, second = cv2.fisheye.initUndistortRectifyMap(k, d, r, p, self.size, cv2.CV_16SC2)
         else:
             first, second = cv2.initUndistortRectifyMap(k, d, r, p, self.size, cv2.CV_16SC2)
-        return np.asarray(first), np.asarray(second)
+        return np.asarray(first, np.int16), np.asarray(second, np.uint16)
 
 
 class StereoRectifier:
@@ -102,18 +105,18 @@ class StereoRectifier:
     """
 
     def __init__(self, cameras: tuple[RawCamera, RawCamera]) -> None:
-        """Make the maps."""
+        """Make the maps, load the kernel: no pair waits for it."""
         self.cameras = cameras
-        self._maps = [camera.maps() for camera in cameras]
+        self._left, self._right = (Resampler(*camera.maps(), camera.size) for camera in cameras)
         self._thread = ThreadPoolExecutor(1, "rectify")
+        self._lock = Lock()
+        warm_up()
 
     def rectify(self, left: GreyImage, right: GreyImage) -> tuple[GreyImage, GreyImage]:
         """Return the rectified images; what no raw pixel shows is 0."""
-        other = self._thread.submit(self._rectified, right, 1)
-        return self._rectified(left, 0), other.result()
-
-    def _rectified(self, image: GreyImage, which: int) -> GreyImage:
-        return np.asarray(cv2.remap(image, *self._maps[which], cv2.INTER_LINEAR), np.uint8)
+        with self._lock:
+            other = self._thread.submit(self._right, right)
+            return self._left(left), other.result()
 
 
 def rectified_rig(
