@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.constants import NS_PER_S
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import GeometryError, InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.fast_rows import parse_rows
 from sfr_loc_map.io.text_numbers import fitting, is_decimal, parse_number, parse_stamp_ns
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
@@ -36,6 +37,8 @@ STAMP_BYTES = 24
 """Longer stamps are read one by one."""
 HEAD_BYTES = 10_000
 """The header is looked for in these."""
+FAST_BYTES = 1_000_000
+"""Shorter files are read without the kernel for long ones."""
 BLOCK_BYTES = 8_000_000
 """Text is taken apart in blocks of whole lines of about so many bytes: a million lines at once take much memory."""
 
@@ -67,7 +70,7 @@ def parse_trajectory(path: Path, data: bytes) -> Trajectory:
     is_csv = _has_csv_header(path, first[0] if first else b"")
     try:
         trajectory = _parse(data, is_csv)
-    except (ValueError, ArithmeticError) as error:
+    except (ValueError, ArithmeticError, GeometryError) as error:
         raise _explain(path, data, is_csv) from error
     if not len(trajectory):
         raise InputError(f"trajectory '{path}' has no pose: at least one line of eight numbers is needed")
@@ -175,26 +178,33 @@ def _has_csv_header(path: Path, first: bytes) -> bool:
 
 
 def _parse(data: bytes, is_csv: bool) -> Trajectory:
-    stamps, values = [np.zeros(0, np.int64)], [np.zeros((0, COLUMNS - 1))]
-    for lines in _blocks(data):
-        first = int(is_csv and len(stamps) == 1)
-        rows = [line for line in lines[first:] if line[:1] > b"#" or _is_row(line)]
-        if rows:
-            stamps.append(_stamps(rows, is_csv))
-            values.append(_floats(rows, "," if is_csv else None))
-    numbers = np.concatenate(values)
-    positions, quats = np.ascontiguousarray(numbers[:, :3]), np.ascontiguousarray(numbers[:, 3:])
-    _check_values(positions, quats)
-    return Trajectory(np.concatenate(stamps), positions, quat_conjugate(quats) if is_csv else quats)
+    room = 1 + data.count(b"\n") + data.count(b"\r")
+    stamps_ns, positions, quats = np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4))
+    count = 0
+    for text in _blocks(data, len(data.partition(b"\n")[0]) + 1 if is_csv else 0):
+        rows = parse_rows(text, COLUMNS - 1, comma=is_csv) if len(data) >= FAST_BYTES else None
+        stamps, numbers = rows or _strict_rows(text, is_csv)
+        new = slice(count, count + len(stamps))
+        stamps_ns[new], positions[new], quats[new] = stamps, numbers[:, :3], numbers[:, 3:]
+        count = new.stop
+    stamps_ns, positions, quats = stamps_ns[:count], positions[:count], quats[:count]
+    return Trajectory(stamps_ns, positions, quat_conjugate(quats) if is_csv else quats)
 
 
-def _blocks(data: bytes) -> Iterator[list[bytes]]:
-    """Yield the lines of a text in portions."""
-    start = 0
+def _blocks(data: bytes, start: int) -> Iterator[bytes]:
+    """Yield a text from a place on in portions of whole lines."""
     while start < len(data):
         end = data.find(b"\n", start + BLOCK_BYTES) + 1 or len(data)
-        yield data[start:end].splitlines()
+        yield data[start:end]
         start = end
+
+
+def _strict_rows(text: bytes, is_csv: bool) -> tuple[IntArray, FloatArray]:
+    """Return the stamps and numbers of lines of any form that is allowed."""
+    rows = [line for line in text.splitlines() if line[:1] > b"#" or _is_row(line)]
+    if not rows:
+        return np.zeros(0, np.int64), np.zeros((0, COLUMNS - 1))
+    return _stamps(rows, is_csv), _floats(rows, "," if is_csv else None)
 
 
 def _is_row(line: bytes) -> bool:
@@ -241,11 +251,6 @@ def _floats(rows: list[bytes], separator: str | None) -> FloatArray:
     if values.shape[1] != COLUMNS:
         raise ValueError("wrong number of columns")
     return np.asarray(values[:, 1:])
-
-
-def _check_values(positions: FloatArray, quats: FloatArray) -> None:
-    if not (plausible_positions(positions).all() and plausible_quats(quats).all()):
-        raise ValueError("a number is not finite, a position absurd or a quaternion not of unit length")
 
 
 def _explain(path: Path, data: bytes, is_csv: bool) -> InputError:

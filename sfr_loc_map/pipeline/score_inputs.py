@@ -115,10 +115,9 @@ def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
 
 def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Estimates:
     """Return estimated poses with the lost flags and covariances of the calls that gave them."""
-    stamps = set(trajectory.stamps_ns.tolist())
+    stamps_ns = trajectory.stamps_ns
     for item in stats:
-        if stamps & item.localised_rows().keys():
-            stamps_ns = trajectory.stamps_ns
+        if not item.localised_rows().keys().isdisjoint(stamps_ns.tolist()):
             states = item.lost_at(stamps_ns), item.degraded_at(stamps_ns)
             return Estimates.of(trajectory, *states, item.covariance_at(stamps_ns), item.steps_at(stamps_ns))
     return Estimates.of(trajectory)

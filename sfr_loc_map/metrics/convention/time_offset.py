@@ -60,15 +60,14 @@ def _to_nearest_stamps(estimate: Trajectory, truth: Trajectory, shift: int) -> i
 
 def _shifted(estimate: Trajectory, truth: Trajectory, shift: int) -> float:
     """Return the disagreement if the estimate's stamps are moved; infinite where less than half have a truth."""
-    stamps = estimate.stamps_ns + shift
-    inside = (stamps >= truth.stamps_ns[0]) & (stamps < truth.stamps_ns[-1])
-    chosen = np.flatnonzero(inside)
-    if len(chosen) < max(MIN_POSES, len(estimate) // 2):
+    first, last = np.searchsorted(estimate.stamps_ns, truth.stamps_ns[[0, -1]] - shift).tolist()
+    if last - first < max(MIN_POSES, len(estimate) // 2):
         return float("inf")
-    chosen = chosen[:: max(1, len(chosen) // 800)]
-    after = np.searchsorted(truth.stamps_ns, stamps[chosen], side="right")
+    chosen = slice(first, last, max(1, (last - first) // 800))
+    stamps = estimate.stamps_ns[chosen] + shift
+    after = np.searchsorted(truth.stamps_ns, stamps, side="right")
     begin = truth.stamps_ns[after - 1]
-    share = (stamps[chosen] - begin) / (truth.stamps_ns[after] - begin)
+    share = (stamps - begin) / (truth.stamps_ns[after] - begin)
     step = truth.positions[after] - truth.positions[after - 1]
     positions = truth.positions[after - 1] + share[:, None] * step
     quats = slerp(unit_quats(truth.quats_xyzw[after - 1]), unit_quats(truth.quats_xyzw[after]), share)

@@ -209,18 +209,23 @@ def join(
 def _side_by_side(
     estimates: Estimates, est_rows: NDArray[np.intp], truth: Trajectory, gt_rows: NDArray[np.intp]
 ) -> Frames:
-    est = estimates.trajectory
+    est, of_est, of_gt = estimates.trajectory, _all_or(est_rows, estimates.trajectory), _all_or(gt_rows, truth)
     return Frames(
-        truth.stamps_ns[gt_rows],
-        truth.positions[gt_rows],
-        unit_quats(truth.quats_xyzw[gt_rows]),
-        est.positions[est_rows],
-        unit_quats(est.quats_xyzw[est_rows]),
-        estimates.lost[est_rows],
-        estimates.degraded[est_rows],
-        None if estimates.covariance is None else estimates.covariance[est_rows],
-        None if estimates.sums is None else estimates.sums[est_rows],
+        truth.stamps_ns[of_gt],
+        truth.positions[of_gt],
+        unit_quats(truth.quats_xyzw[of_gt]),
+        est.positions[of_est],
+        unit_quats(est.quats_xyzw[of_est]),
+        estimates.lost[of_est],
+        estimates.degraded[of_est],
+        None if estimates.covariance is None else estimates.covariance[of_est],
+        None if estimates.sums is None else estimates.sums[of_est],
     )
+
+
+def _all_or(rows: NDArray[np.intp], poses: Trajectory) -> slice | NDArray[np.intp]:
+    """Return rows; those of all poses in their order as a slice, for which nothing is copied."""
+    return slice(None) if np.array_equal(rows, np.arange(len(poses))) else rows
 
 
 def _interpolated(
