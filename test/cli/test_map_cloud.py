@@ -4,12 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rasterio
 from broken_sources import good_folder
 from cli_result import Sfr
 
 from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.registry import open_source
+
+rasterio = pytest.importorskip("rasterio", reason="extra dem")
 
 
 def test_products_lie_beside_the_cloud(sfr: Sfr, tmp_path: Path) -> None:

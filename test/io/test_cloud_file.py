@@ -6,7 +6,6 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import laspy
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,6 +14,8 @@ from hypothesis import strategies as st
 from sfr_loc_map.errors import InputError, MissingExtraError, OutputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
+
+laspy = pytest.importorskip("laspy", reason="extra laz")
 
 
 def random_cloud(count: int, seed: int = 0) -> PointCloud:

@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import rasterio
 
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -19,6 +18,8 @@ from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline import dem_products
 from sfr_loc_map.pipeline.dem_figure import VOID, elevation_figure, shaded_heights, ticks
 from sfr_loc_map.report.dem_page import dem_page
+
+rasterio = pytest.importorskip("rasterio", reason="extra dem")
 
 NAMES = ("height", "sigma", "count", "slope", "roughness", "step", "hazard")
 

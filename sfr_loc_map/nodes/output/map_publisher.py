@@ -12,6 +12,7 @@ from sfr_loc_map.mapping.mapper import FusedMap
 from sfr_loc_map.mapping.terrain.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
+from sfr_loc_map.nodes.messages.grid_map import grid_map_msg, grid_map_type
 from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
 from sfr_loc_map.nodes.messages.terrain import elevation_msg, hazard_msg
 
@@ -31,6 +32,9 @@ class MapPublisher:
         self._cloud = endpoints.add_publisher(PointCloud2, "mapping/points", 1, latched=True)
         self._elevation = endpoints.add_publisher(PointCloud2, "mapping/elevation", 1, latched=True)
         self._hazard = endpoints.add_publisher(OccupancyGrid, "mapping/hazard", 1, latched=True)
+        self._grid_map_type = grid_map_type()
+        if self._grid_map_type is not None:
+            self._grid_map = endpoints.add_publisher(self._grid_map_type, "mapping/grid_map", 1, latched=True)
 
     def publish_cloud(self, fused: FusedMap, stamp_ns: int) -> None:
         """Publish the points."""
@@ -45,3 +49,5 @@ class MapPublisher:
             return
         self._elevation.publish(elevation_msg(grid, stamp_ns, self._lm_frame))
         self._hazard.publish(hazard_msg(grid, stamp_ns, self._lm_frame))
+        if self._grid_map_type is not None:
+            self._grid_map.publish(grid_map_msg(self._grid_map_type, grid, stamp_ns, self._lm_frame))
