@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sfr_loc_map.cli.app import App, examples, help_without_command
+from sfr_loc_map.cli.common import require_ros
 from sfr_loc_map.cli.output import OverwriteOption, check_outputs, say, write_text
 from sfr_loc_map.errors import FailedVerdictError, InterruptedRunError
 
@@ -51,6 +52,7 @@ def faults(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Inject one fault after the other into the nodes; exit 1 if one of them has another outcome than expected."""
+    require_ros("campaign")
     from sfr_loc_map.fault_injection.report import Verdict, outcome_table, report
     from sfr_loc_map.fault_injection.run import select
     from sfr_loc_map.fault_injection.settings import CampaignSettings
@@ -85,6 +87,7 @@ def rate(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Send stereo pairs through the localisation node: what is lost, what transport and conversion add."""
+    require_ros("campaign")
     from sfr_loc_map.fault_injection.rate import RateSettings, carry_images
 
     check_outputs(json_path, overwrite=overwrite)
@@ -107,6 +110,7 @@ def monitor(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Send estimates, truth and calls to the monitor: is each of them scored, is its memory flat."""
+    require_ros("campaign")
     from sfr_loc_map.fault_injection.rate import RateSettings, carry_poses
 
     check_outputs(json_path, overwrite=overwrite)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import broken_sources as broken
 import pytest
@@ -39,6 +40,10 @@ EXISTS = {
 }
 
 
+def with_ros_marked(cases: dict[str, tuple[str, ...]]) -> list[Any]:
+    return [pytest.param(case, marks=pytest.mark.ros) if case == "campaign" else case for case in cases]
+
+
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
     folder = tmp_path / "out"
@@ -53,7 +58,7 @@ def tum(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("case", TWICE)
+@pytest.mark.parametrize("case", with_ros_marked(TWICE))
 def test_two_outputs_on_one_path_are_refused(sfr: Sfr, made_once: MadeOnce, out: Path, tum: Path, case: str) -> None:
     source = made_once(broken.good_folder)
     result = sfr(*(word.format(source=source, out=out, tum=tum) for word in TWICE[case]))
@@ -63,7 +68,7 @@ def test_two_outputs_on_one_path_are_refused(sfr: Sfr, made_once: MadeOnce, out:
     assert tum.read_text() == TUM
 
 
-@pytest.mark.parametrize("case", EXISTS)
+@pytest.mark.parametrize("case", with_ros_marked(EXISTS))
 def test_a_file_that_exists_is_refused(sfr: Sfr, made_once: MadeOnce, out: Path, tum: Path, case: str) -> None:
     file = out / "precious"
     for suffix in (".csv", ".ply", ".json", ".html"):
