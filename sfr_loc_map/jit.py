@@ -35,26 +35,28 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 """Sums in any order; the result depends on the machine, not on the run."""
+_KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
+"""No entry for callers in C: there are none, and an entry of what is inlined is compiled with a copy of it."""
 
 
 def jit(function: F) -> F:
     """Compile with arithmetic in the order written; division by zero gives infinity or NaN, as in numpy."""
-    return cast(F, njit(cache=True, nogil=True, error_model="numpy")(function))
+    return cast(F, njit(**_KERNEL, error_model="numpy")(function))
 
 
 def jit_inline(function: F) -> F:
     """Compile as `jit`, into each caller, so that a loop around it becomes vector code."""
-    return cast(F, njit(cache=True, nogil=True, error_model="numpy", forceinline=True)(function))
+    return cast(F, njit(**_KERNEL, forceinline=True, error_model="numpy")(function))
 
 
 def jit_fast(function: F) -> F:
     """Compile with sums in any order."""
-    return cast(F, njit(cache=True, nogil=True, fastmath=FAST)(function))
+    return cast(F, njit(**_KERNEL, fastmath=FAST)(function))
 
 
 def jit_fast_inline(function: F) -> F:
     """Compile as `jit_fast`, into each caller."""
-    return cast(F, njit(cache=True, nogil=True, forceinline=True, fastmath=FAST)(function))
+    return cast(F, njit(**_KERNEL, forceinline=True, fastmath=FAST)(function))
 
 
 def jit_fast_ir_inline(function: F) -> F:
@@ -68,9 +70,9 @@ def jit_fast_ir_inline(function: F) -> F:
 
 def jit_rows(function: F) -> F:
     """Compile a function whose rows (`prange`) run on all threads; each row is written by one of them."""
-    return cast(F, njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))
+    return cast(F, njit(**_KERNEL, parallel=True, error_model="numpy", fastmath={"contract"})(function))
 
 
 def jit_rows_inline(function: F) -> F:
     """Compile a function that those of `jit_rows` call within their loops."""
-    return cast(F, njit(cache=True, nogil=True, forceinline=True, error_model="numpy", fastmath={"contract"})(function))
+    return cast(F, njit(**_KERNEL, forceinline=True, error_model="numpy", fastmath={"contract"})(function))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit
 
 
@@ -92,3 +92,10 @@ def inverse(matrix: FloatArray) -> FloatArray:
                 total += below[k, i] * below[k, j]
             out[i, j] = total
     return out
+
+
+@jit
+def copy_row(row: FloatArray | FloatImage, out: FloatArray | FloatImage) -> None:
+    """Copy numbers `(N,)`. For `out[:] = row` the text of an error message would be compiled too, for 2.5 s."""
+    for column in range(len(row)):
+        out[column] = row[column]

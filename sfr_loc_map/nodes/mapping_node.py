@@ -93,7 +93,8 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
     def setup(self) -> None:
         """Load compiled code, create publishers."""
         config = self.config
-        load_kernels("mapping", self.get_logger().info)
+        for part in ("mapping", "terrain"):
+            load_kernels(part, self.get_logger().info)
         self._session = MappingSession(config.mapping)
         self._calls = CallReporter(self, self.task, self.status.publisher)
         self._maps = MapPublisher(self.endpoints, config.frame(config.lm_frame), self.status.warn)

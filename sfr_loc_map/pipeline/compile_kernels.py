@@ -1,6 +1,6 @@
 """Compiles the kernels of a part before they are needed, as `make demo` does beside the installation.
 
-    python -m sfr_loc_map.pipeline.compile_kernels localisation mapping metrics
+    python -m sfr_loc_map.pipeline.compile_kernels localisation mapping terrain metrics
 
 Each part takes up to a minute of one core the first time, a few seconds to load later. Parts may be compiled in
 processes side by side. Nothing has to be compiled in advance: what needs kernels has this run when it starts
@@ -37,9 +37,13 @@ def _mapping() -> None:
     from sfr_loc_map.geometry.stereo import StereoRig
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.mapping.mapper import Mapper
-    from sfr_loc_map.mapping.terrain import grid
 
     Mapper(StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1), MappingConfig()).warm_up()
+
+
+def _terrain() -> None:
+    from sfr_loc_map.mapping.terrain import grid
+
     grid.warm_up()
 
 
@@ -50,7 +54,12 @@ def _metrics() -> None:
     warm_up(ScoreConfig())
 
 
-PARTS: Mapping[str, Callable[[], None]] = {"localisation": _localisation, "mapping": _mapping, "metrics": _metrics}
+PARTS: Mapping[str, Callable[[], None]] = {
+    "localisation": _localisation,
+    "mapping": _mapping,
+    "terrain": _terrain,
+    "metrics": _metrics,
+}
 
 
 @contextmanager
@@ -72,7 +81,7 @@ def compile_kernels(parts: list[str]) -> None:
     """Compile the kernels of parts, or load those that are compiled.
 
     Args:
-        parts: Of `localisation`, `mapping`, `metrics`.
+        parts: Some of `PARTS`.
 
     Raises:
         ConfigError: If another part is named.

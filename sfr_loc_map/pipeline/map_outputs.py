@@ -11,6 +11,7 @@ from sfr_loc_map.mapping.terrain.elevation import point_covariances
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline import map_products
 from sfr_loc_map.pipeline.dem_products import PAGE, DemOutputs, save_dem
+from sfr_loc_map.pipeline.load_kernels import load_kernels
 from sfr_loc_map.pipeline.offline import MapRun
 
 
@@ -77,6 +78,7 @@ def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> SavedMap:
     T_lm_left = run.fused.T_lm_left if outputs.fuse else tuple(item.view.T_lm_left for item in run.maps)
     random_sigma = run.fused.random_sigma if outputs.fuse else run.unfused_random_sigma
     if outputs.dem is not None:
+        load_kernels("terrain")
         terrain = elevation_grid(cloud, outputs.dem.terrain, T_lm_left, random_sigma)
         for path in outputs.dem.files:
             if path.suffix != PAGE:

@@ -13,6 +13,7 @@ from sfr_loc_map.bounded_input import read_bytes
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.plausibility import check_image_size
+from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
@@ -134,7 +135,7 @@ def _fill_strength(image: FloatImage, strength: FloatImage, first: int, end: int
         if centre < max(first, 1 + reach):
             continue
         for c in range(3):
-            sums[c] = products[c, 0]
+            copy_row(products[c, 0], sums[c])
             for k in range(1, BLOCK):
                 for x in range(width):
                     sums[c, x] += products[c, k, x]

@@ -54,5 +54,6 @@ def _nearest(
                     best[place], who[place] = best[place - 1], who[place - 1]
                     place -= 1
                 best[place], who[place] = square, at
-        index[n], distance[n] = who, np.sqrt(best)
+        for place in range(count):
+            index[n, place], distance[n, place] = who[place], np.sqrt(best[place])
     return distance, index

@@ -18,6 +18,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.quaternion_kernels import Quat, rotated, row_quat
+from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.jit import jit
 
@@ -92,7 +93,7 @@ def _accumulate(
 ) -> FloatArray:
     result = np.empty((len(steps), 43))
     total, before = sums.copy(), np.empty((1, 4))
-    before[0] = quat
+    copy_row(quat, before[0])
     step, carried = np.empty((6, 6)), np.zeros((6, 6))
     for k in range(len(steps)):
         if not lost[k]:
@@ -102,8 +103,8 @@ def _accumulate(
                 _add(total, carried, step, steps[k])
             else:
                 total[42] += 1.0
-        before[0] = quats[k]
-        result[k] = total
+        copy_row(quats[k], before[0])
+        copy_row(total, result[k])
     return result
 
 

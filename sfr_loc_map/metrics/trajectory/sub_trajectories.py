@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.condition import ConditionKind
 
@@ -56,8 +57,8 @@ def path_lengths(positions: FloatArray, last: FloatArray, length: FloatArray) ->
             else:
                 length[1] += (step - total) + length[0]
             length[0] = total
-        last[:] = positions[i]
-        out[i] = length
+        copy_row(positions[i], last)
+        copy_row(length, out[i])
     return out
 
 
