@@ -8,6 +8,7 @@ messages, not unusual rigs. Comparisons are written so that NaN fails them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import mul
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,8 +116,11 @@ def check_rotation(rotation: FloatArray) -> None:
     Raises:
         GeometryError: If it is not orthonormal with determinant +1, within the rounding of files.
     """
-    defect = np.abs(rotation @ rotation.T - np.eye(3)).max() if (np.abs(rotation) <= 2.0).all() else np.inf
-    if not (defect <= QUATERNION_TOLERANCE and np.linalg.det(rotation) > 0):
+    rows: list[list[float]] = rotation.tolist()  # loops over a few numbers are faster than arrays of them
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    products = ((j == k, sum(map(mul, rows[j], rows[k]))) for j in range(3) for k in range(j, 3))
+    orthonormal = all(abs(product - same) <= QUATERNION_TOLERANCE for same, product in products)
+    if not (orthonormal and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0):
         raise GeometryError("a rotation matrix is not orthonormal with determinant +1")
 
 

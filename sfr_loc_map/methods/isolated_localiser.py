@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from math import isfinite, isnan
+from operator import sub
 from typing import Any
 
 import numpy as np
@@ -112,8 +114,8 @@ class IsolatedLocaliser(IsolatedMethod):
             lost = self._lost(pair, str(answer.result.get("reason", "")), finding, answer.usage)
             return replace(lost, statistics=statistics)
         self._last = T_ds_rb
-        unknown = np.full((6, 6), np.nan)
-        estimate = PoseEstimate(pair.stamp_ns, T_ds_rb, unknown if covariance is None else covariance, state)
+        known = np.full((6, 6), np.nan) if covariance is None else covariance
+        estimate = PoseEstimate(pair.stamp_ns, T_ds_rb, known, state)
         step = answer.result.get("step")
         known_step = None if step is None else np.asarray(step, np.float64)
         reason = str(answer.result.get("reason", ""))
@@ -130,7 +132,7 @@ class IsolatedLocaliser(IsolatedMethod):
         if numbers is None:
             return None
         matrix = np.reshape(np.asarray(numbers, np.float64), (4, 4))
-        if not np.isfinite(matrix).all():
+        if not all(map(isfinite, matrix.ravel().tolist())):
             raise MethodFailureError(FindingKind.NOT_FINITE, "the pose has a number that is not finite", ended=False)
         try:
             pose = Transform.from_matrix(matrix)
@@ -158,14 +160,14 @@ def _covariance(numbers: Any) -> FloatArray | None:  # noqa: ANN401 - 36 numbers
     if numbers is None:
         return None
     covariance = np.reshape(np.asarray(numbers, np.float64), (6, 6))
-    if not np.isfinite(covariance).all():
-        if np.isnan(covariance).all():
+    values: list[float] = covariance.ravel().tolist()  # loops over a few numbers are faster than arrays of them
+    if not all(map(isfinite, values)):
+        if all(map(isnan, values)):
             return None
         raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance has a number that is not finite", ended=False)
-    if (
-        covariance.diagonal().min() < 0.0
-        or np.abs(covariance - covariance.T).max() > SYMMETRY * np.abs(covariance).max()
-    ):
+    transposed: list[float] = covariance.T.ravel().tolist()
+    asymmetry = max(map(abs, map(sub, values, transposed)))
+    if min(values[::7]) < 0.0 or asymmetry > SYMMETRY * max(map(abs, values)):
         raise MethodFailureError(
             FindingKind.INVALID_RESULT, "the covariance is not symmetric, or a variance is negative", ended=False
         )

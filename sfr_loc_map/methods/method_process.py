@@ -33,6 +33,8 @@ POLL_S = 0.05
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
+PLACES = 8
+"""Pairs that a method may hold without a copy; a place that was never used takes no memory."""
 LEAKING_CALLS, LEAKED_BYTES = 10, 20 * MB
 """A method that keeps more after each of so many calls in a row, so much in all, leaks."""
 
@@ -103,7 +105,7 @@ class MethodProcess:
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
         self._log, images = self._folder / "log", self._folder / "images"
         self.output = str(self._folder / "result")
-        self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(2, rig.height, rig.width)))
+        self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(PLACES, 2, rig.height, rig.width)))
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 method.command,
@@ -113,8 +115,8 @@ class MethodProcess:
                 bufsize=0,
                 start_new_session=True,
             )
-        self._rest, self._kept, self._growing = b"", 0, 0
-        self._grown = 0
+        self._rest, self._place = b"", 0
+        self._kept = self._growing = self._grown = 0
         poses = {"start": _numbers(T_ds_rb), "T_rb_sb": None, "T_rb_left": None}
         if rig.T_rb_sb is not None:
             poses |= {"T_rb_sb": _numbers(rig.T_rb_sb), "T_rb_left": _numbers(rig.T_rb_left)}
@@ -136,8 +138,10 @@ class MethodProcess:
         Raises:
             MethodFailureError: If there is no result: what the method did.
         """
-        self._images[0], self._images[1] = left, right
-        answer = self._exchange({"output": self.output, **order}, self._limits.call_timeout_s)
+        self._images[self._place, 0], self._images[self._place, 1] = left, right
+        place = {"output": self.output, "place": self._place}
+        answer = self._exchange(place | dict(order), self._limits.call_timeout_s)
+        self._place = answer["place"]
         resident, peak = answer["resident_bytes"], answer["peak_bytes"]
         if resident is not None and resident > self._limits.memory_mb * MB:
             self._out_of_memory(resident)

@@ -49,6 +49,16 @@ class Odd:
             raise RuntimeError("no idea")
         return self.results[kind]
 
+class Holder:
+    def __init__(self, rig, config):
+        self.held = []
+    def process(self, pair):
+        self.held.append((pair.right[3:], pair.right.astype(int).sum(1)))
+        if len(self.held) > 11:
+            del self.held[2]
+        assert all((image.sum(1) == sums[3:]).all() for image, sums in self.held)
+        return np.eye(4)
+
 class Flat:
     def __init__(self, rig, config):
         pass
@@ -112,6 +122,11 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
         calls(f"{tmp_path}/classes.py:Nothing", "", 0)
 
 
+def test_images_stay_as_long_as_they_are_held(tmp_path: Path) -> None:
+    (tmp_path / "classes.py").write_text(CLASSES)
+    assert [call.finding for call in calls(f"{tmp_path}/classes.py:Holder", "", 24)] == [""] * 24
+
+
 def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) -> None:
     (tmp_path / "matchers.py").write_text(CLASSES)
     with IsolatedMapper(find_method(f"{tmp_path}/matchers.py:Flat", MethodTask.MAP), NAV_RIG) as mapper:
@@ -152,7 +167,7 @@ def test_isolation_costs_little_outside_the_timed_call(faulty: Path) -> None:
             call = localiser.process(StereoPair(number, images[0], images[1]))
             inside.append(call.usage.processing_time_s)
             outside.append(time.perf_counter() - begin - inside[-1])
-    assert min(outside) < 0.003  # less than 1 ms where nothing else runs
+    assert min(outside) < 0.001
     assert min(inside) < 0.0002
 
 
