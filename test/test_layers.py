@@ -14,7 +14,7 @@ PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 ROOT = "package root"
 
-BASE = {ROOT, "errors", "bounded_input", "config", "constants", "jit", "geometry", "printable"}
+BASE = {ROOT, "errors", "bounded_input", "config", "constants", "jit", "geometry", "printable", "child_process"}
 MIDDLE = {"localisation", "mapping", "metrics", "simulation", "io"}
 UPPER = {"api", "tables", "methods", "pipeline", "report", "nodes", "bench", "suite", "fault_injection", "live"}
 ALLOWED: dict[str, set[str]] = {
@@ -23,6 +23,7 @@ ALLOWED: dict[str, set[str]] = {
     "jit": {ROOT},
     "errors": {ROOT},
     "printable": {ROOT},
+    "child_process": {ROOT},
     "tables": {ROOT, "printable"},
     "bounded_input": {ROOT},
     "config": {ROOT, "errors", "bounded_input"},

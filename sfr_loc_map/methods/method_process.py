@@ -19,13 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.method import Method, MethodLimits
 from sfr_loc_map.metrics.calls.resources import CallUsage
-from sfr_loc_map.metrics.records.method_record import FindingKind
+from sfr_loc_map.metrics.records.method_record import FindingKind, MethodKind
 
 EXIT_TIMEOUT_S = 10.0
 POLL_S = 0.05
@@ -109,6 +110,7 @@ class MethodProcess:
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 method.command,
+                env=None if method.kind is MethodKind.PEER else child_environment(),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=log,

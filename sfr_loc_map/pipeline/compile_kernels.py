@@ -9,7 +9,6 @@ processes side by side. Nothing has to be compiled in advance: what needs kernel
 
 from __future__ import annotations
 
-import ctypes
 import signal
 import sys
 import time
@@ -18,12 +17,12 @@ from contextlib import contextmanager
 
 from numba.core import event
 
+from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.errors import ConfigError
 
 COMPILE = "numba:compile"
 """Event of numba: a kernel is compiled; none for one that is loaded from the cache."""
 PERIOD_S = 5.0
-PR_SET_PDEATHSIG = 1
 Say = Callable[[str], None]
 
 
@@ -121,6 +120,6 @@ class _Progress(event.Listener):
 
 
 if __name__ == "__main__":
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)  # who waits for the kernels is not outlived
+    end_with_parent(signal.SIGTERM)  # who waits for the kernels is not outlived
     with announce_compilation(lambda line: print(line, flush=True)):
         compile_kernels(sys.argv[1:])

@@ -7,14 +7,13 @@ is run beside, and what it left in the cache is loaded.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 from numba.core import event
 
+from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.pipeline.compile_kernels import COMPILE, PARTS, Say, announce_compilation
 
 _ONE_AT_A_TIME = threading.Lock()
@@ -58,10 +57,8 @@ class _Refusal(event.Listener):
 
 def _compile_beside(part: str, say: Say) -> None:
     """Compile in a process that ends with this one; pass on what it says."""
-    root = Path(__file__).parents[2]  # the child is to import this package, not another one
-    path = os.pathsep.join(filter(None, (str(root), os.environ.get("PYTHONPATH"))))
     command = [sys.executable, "-P", "-m", "sfr_loc_map.pipeline.compile_kernels", part]
-    environment = os.environ | {"PYTHONPATH": path}
+    environment = child_environment()
     with subprocess.Popen(
         command, env=environment, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE
     ) as child:

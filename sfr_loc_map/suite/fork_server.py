@@ -12,6 +12,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from sfr_loc_map.child_process import child_environment
+
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 END_S = 5.0
 
@@ -29,10 +31,9 @@ class ForkServer:
         Args:
             threads: Threads that the libraries of a task may use.
         """
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "sfr_loc_map.suite.fork_server_process"],
-            env=environment | dict.fromkeys(ONE_THREAD, str(threads)),
+            [sys.executable, "-P", "-m", "sfr_loc_map.suite.fork_server_process"],
+            env=child_environment() | dict.fromkeys(ONE_THREAD, str(threads)),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

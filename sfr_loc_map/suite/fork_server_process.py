@@ -18,6 +18,7 @@ import time
 import traceback
 from typing import Any
 
+from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -35,7 +36,7 @@ GONE_S = 10.0
 
 def main() -> int:
     """Fork a process for each line until the input ends."""
-    task_process.die_with_parent()
+    end_with_parent(signal.SIGKILL)
     task_process.adopt_orphans()
     _load_kernels()
     for line in sys.stdin:

@@ -12,12 +12,12 @@ import signal
 import sys
 from pathlib import Path
 
+from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.metrics.records.json_records import from_plain
 from sfr_loc_map.suite.task import Task
 
 BAD_INPUT = 2
-_PR_SET_PDEATHSIG = 1
 _PR_SET_CHILD_SUBREAPER = 36
 
 
@@ -31,7 +31,7 @@ def main(arguments: list[str]) -> int:
     Returns:
         The exit code.
     """
-    die_with_parent()
+    end_with_parent(signal.SIGKILL)
     task_file, result, cache = map(Path, arguments[:3])
     task = from_plain(Task, json.loads(task_file.read_text(encoding="utf-8")))
     _confine(task.threads, int(arguments[3]))
@@ -47,12 +47,6 @@ def main(arguments: list[str]) -> int:
     with atomic_path(result) as temporary:
         temporary.write_text(to_json(score), encoding="utf-8")
     return 0
-
-
-def die_with_parent() -> None:
-    """Ask the kernel to end this process when its parent ends, however that comes about (Linux)."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def adopt_orphans() -> None:

@@ -23,7 +23,7 @@ from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.method import MethodTask
 from sfr_loc_map.methods.registry import find_method
 
-METHODS = '''
+METHODS = """
 import time
 import numpy as np
 
@@ -42,7 +42,7 @@ class Work(Nothing):
         while time.perf_counter() < end_s:
             self.numbers += float(pair.left.max())
         return np.eye(4)
-'''
+"""
 RIG = StereoRig(1024, 1024, 800.0, 800.0, 511.5, 511.5, 0.3, Transform.identity())
 
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import shlex
 import signal
 import subprocess
-import sys
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
+from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.process.supervisor import ESCALATION
-
-PR_SET_PDEATHSIG = 1
 
 
 class CommandProcess:
@@ -45,12 +43,6 @@ class CommandProcess:
         Raises:
             ConfigError: If there is no such program.
         """
-        library = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
-
-        def end_with_parent() -> None:
-            if library is not None:
-                library.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-
         try:
             with self._log.open("ab") as stream:
                 self._popen = subprocess.Popen(
@@ -59,7 +51,7 @@ class CommandProcess:
                     stdout=stream,
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
-                    preexec_fn=end_with_parent,
+                    preexec_fn=partial(end_with_parent, signal.SIGTERM),
                 )
         except OSError as error:
             raise ConfigError(f"'--command': cannot start '{self.words[0]}': {error.strerror}") from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -12,11 +11,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import IO
 
+from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import NodeError
 
 SUPERVISOR_VARIABLE = "SFR_SUPERVISOR_PID"
 """Tells a process which process started it and must not be outlived; see `end_with_supervisor`."""
-_PR_SET_PDEATHSIG = 1
 
 
 class NodeProcess:
@@ -60,21 +59,16 @@ class NodeProcess:
             raise NodeError(f"cannot start {self.name}: {error.strerror}; check memory and process limits") from error
 
     def _start(self, log: IO[bytes] | None) -> subprocess.Popen[bytes]:
+        own = {SUPERVISOR_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
         # A session of its own: Ctrl-C at the terminal reaches this process alone, which then ends the nodes.
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "sfr_loc_map.nodes.process.start", self._module, *self._arguments],
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT if log is not None else None,
-            env=os.environ | self._own_variables() | self._environment,
+            env=child_environment() | own | self._environment,
             start_new_session=True,
         )
-
-    @staticmethod
-    def _own_variables() -> dict[str, str]:
-        """Return the variables of a node: it imports what this process does, whatever folder it is started in."""
-        path = os.pathsep.join(os.path.abspath(place) for place in sys.path)
-        return {SUPERVISOR_VARIABLE: str(os.getpid()), "PYTHONUNBUFFERED": "1", "PYTHONPATH": path}
 
     @property
     def popen(self) -> subprocess.Popen[bytes]:
@@ -146,6 +140,6 @@ def end_with_supervisor() -> None:
     supervisor = os.environ.pop(SUPERVISOR_VARIABLE, "")
     if not supervisor or not sys.platform.startswith("linux"):
         return
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    end_with_parent(signal.SIGTERM)
     if os.getppid() != int(supervisor):
         raise KeyboardInterrupt

@@ -1,0 +1,23 @@
+"""What processes that this package starts have in common: they end with who started them, and import what it does."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+
+_PR_SET_PDEATHSIG = 1
+_LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
+"""Loaded here: a child between fork and exec loads nothing."""
+
+
+def end_with_parent(number: signal.Signals) -> None:
+    """Ask the kernel to send this process a signal when its parent ends, however that comes about (Linux)."""
+    if _LIBRARY is not None:
+        _LIBRARY.prctl(_PR_SET_PDEATHSIG, number)
+
+
+def child_environment() -> dict[str, str]:
+    """Return this process's variables for one that imports what it does, whatever folder that is started in."""
+    return os.environ | {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
