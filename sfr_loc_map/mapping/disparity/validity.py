@@ -37,10 +37,13 @@ JUMP_RANGE_PX = F(1.5)
 GREY_SCALE, DISTANCE_SCALE_PX = 8.0, 3.0
 SUPPORT_RADIUS = 4
 """Neighbours of similar grey level support a pixel: where their weight is 1/e, and the radius of the window."""
-MARGIN_PER_SIGMA = F(4.0)
+MARGIN_PER_SIGMA = F(3.0)
 MARGIN_OFFSET = F(3.0)
-"""Margin in matching cost by which a pixel beside a jump must prefer its own surface, in standard deviations of noise:
-so much per pixel of its own sigma, less the offset. The weaker a match, the larger the margin it needs."""
+"""Margin in matching cost by which a pixel beside a jump may prefer the surface beyond, in standard deviations of
+noise: the offset, less so much per pixel of its own sigma, and none where its sigma is large."""
+MAX_SLOPE = F(0.7)
+"""Pixels of disparity for each pixel along the row. A ramp of 1 lies on one ray of the right camera: what is steep
+joins two surfaces across a part that one of the cameras does not see."""
 
 
 def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatImage, sigma_px: FloatImage) -> Mask:
@@ -57,10 +60,11 @@ def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatIma
         return matched
     valid = matched & (change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * finite_median(change)))
     valid &= ~occlusion_mask(disparity, valid, JUMP_PX)
-    valid &= _textured(refined) & _similar(left, refined)
+    valid &= _textured(refined) & _similar(left, refined) & ~_ramp(disparity)
     queried = _beside_jump(disparity) & valid
     margin = matching_cost_margin(left, refined.right, disparity, matched, queried, _support_weights())
-    valid &= margin > F(refined.noise) * (MARGIN_PER_SIGMA * sigma_px - MARGIN_OFFSET)
+    needed = np.minimum(MARGIN_PER_SIGMA * sigma_px - MARGIN_OFFSET, F(0.0))
+    valid &= margin > F(refined.noise) * needed
     return valid_segments(left, refined.right, disparity, valid)
 
 
@@ -79,6 +83,13 @@ def _similar(left: FloatImage, refined: RefinedDisparity) -> Mask:
     doubtful = chi2_per_dof > MAX_CHI2_PER_DOF
     wrong = chi2_per_dof * F(refined.noise * refined.noise) > MAX_CONTRAST_SHARE * contrast
     return np.asarray(~(doubtful & wrong))
+
+
+def _ramp(disparity: FloatImage) -> Mask:
+    """Tell which pixels, and which beside them along the row, lie on a ramp."""
+    taps = np.array([[-0.5, 0.0, 0.5]], F)
+    steep = np.abs(cv2.filter2D(disparity, -1, taps, borderType=cv2.BORDER_REPLICATE)) > MAX_SLOPE
+    return np.asarray(cv2.dilate(steep.astype(np.uint8), np.ones((1, 3), np.uint8))).astype(np.bool_)
 
 
 def _beside_jump(disparity: FloatImage) -> Mask:

@@ -10,8 +10,8 @@ from sfr_loc_map.mapping.disparity.conjugate_gradient import conjugate_gradient_
 from sfr_loc_map.mapping.disparity.regularisation import SmoothnessWeights
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import (
+    CREASE_SHARE,
     MAX_SIGMA_PX,
-    NOISE_EXCESS,
     NOISE_INFORMATION,
     SHAPE_SHARE,
     disparity_sigma,
@@ -47,7 +47,7 @@ def refined(world: Any, slope_field: Any) -> Any:
     return refine(made.pair.left.astype(F), made.pair.right.astype(F), initial)
 
 
-def test_sigma_is_noise_and_shape(refined: Any) -> None:
+def test_sigma_is_noise_shape_and_crease(refined: Any) -> None:
     cells = refined.cells_px.shape
     v, u = np.mgrid[: cells[0], : cells[1]]
     information, weight = 3.0, 50.0
@@ -57,11 +57,15 @@ def test_sigma_is_noise_and_shape(refined: Any) -> None:
         information=np.full(cells, information + NOISE_INFORMATION, F),
         weights=uniform(cells, weight)._replace(along_x=np.full(cells, 25.0, F), along_y=np.full(cells, 100.0, F)),
     )
-    noise = NOISE_EXCESS**2 / (8.0 * np.sqrt(information * weight))
+    noise = 1.0 / (8.0 * np.sqrt(information * weight))
     np.testing.assert_allclose(disparity_sigma(plane)[INNER], np.sqrt(noise), rtol=1e-3)
     bowl = replace(plane, cells_px=(5.0 + 0.05 * u * u + 0.025 * v * v).astype(F))
     shape = (SHAPE_SHARE * (0.1 + 0.05)) ** 2 * weight / information
     np.testing.assert_allclose(disparity_sigma(bowl)[INNER], np.sqrt(noise + shape), rtol=1e-2)
+    middle = cells[1] // 2
+    folded = disparity_sigma(replace(plane, cells_px=(5.0 + 0.3 * np.abs(u - middle)).astype(F)))[INNER[0]]
+    assert folded[:, 2 * middle].min() > np.sqrt(noise + (CREASE_SHARE * 0.15) ** 2)
+    np.testing.assert_allclose(folded[:, 2 * middle + 8], np.sqrt(noise), rtol=1e-2)
 
 
 def test_sigma_is_bounded_without_information(refined: Any) -> None:

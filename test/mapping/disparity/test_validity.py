@@ -8,7 +8,7 @@ import pytest
 
 from sfr_loc_map.mapping.disparity.segments import MIN_PIXELS
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION, disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, valid_mask
+from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, MAX_SLOPE, _ramp, valid_mask
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 
 F = np.float32
@@ -109,3 +109,15 @@ def test_pixels_of_a_surface_that_is_not_theirs_are_invalid(scene: Scene) -> Non
     mask = scene.mask(replace(scene.refined, disparity_px=disparity), initial)
     assert mask[60:120, 200:203].mean() < 0.1
     assert mask[60:120, 206:216].mean() > 0.9
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_ramps_between_surfaces_are_invalid(scene: Scene, sign: float) -> None:
+    """Six columns that rise or fall by a pixel each lie on one ray of a camera; half as steep ground stays."""
+    for slope, kept in ((0.95, False), (0.5 * MAX_SLOPE, True)):
+        ramp = np.clip(np.arange(scene.left.shape[1]) - 200.0, 0.0, 6.0) * sign * slope
+        initial = (scene.initial + ramp).astype(F)
+        refined = replace(scene.refined, disparity_px=(scene.refined.disparity_px + ramp).astype(F))
+        assert _ramp(refined.disparity_px)[50:150, 202:205].all() != kept
+        if not kept:
+            assert not scene.mask(refined, initial)[50:150, 202:205].any()
