@@ -94,7 +94,7 @@ def test_a_node_that_dies_is_named_and_nothing_is_left(tmp_path: Path) -> None:
         pids = wait_until(lambda: len(nodes_of(replay.popen.pid)) == 3 and nodes_of(replay.popen.pid), "three nodes")
         name = f"nodes.{victim}".encode()
         (pid,) = wait_until(lambda: [p for p in pids if name in Path(f"/proc/{p}/cmdline").read_bytes()], "its program")
-        wait_until(lambda: has_started_ros(pid), "the start of the node")
+        wait_until(lambda: all(map(has_started_ros, pids)), "the start of the nodes")
         shared = segments_of([*pids, replay.popen.pid])
         os.kill(pid, signal.SIGTERM)
         assert replay.popen.wait(60) == 2

@@ -22,8 +22,14 @@ def wait_until(condition: Callable[[], Any], what: str, patience_s: float = PATI
     return found
 
 
+ROOT = Path(__file__).resolve().parents[2]
+
+
 class Process:
-    """A Python process whose output goes to a file; killed at the end of its block if it still runs."""
+    """A Python process whose output goes to a file; killed at the end of its block if it still runs.
+
+    It imports the package of this folder: the kernels of an installed one are not compiled.
+    """
 
     def __init__(self, log: Path, *command: str, environment: dict[str, str] | None = None) -> None:
         self.log = log
@@ -32,7 +38,7 @@ class Process:
                 [sys.executable, *command],
                 stdout=stream,
                 stderr=subprocess.STDOUT,
-                env=os.environ | (environment or {}),
+                env=os.environ | {"PYTHONPATH": str(ROOT)} | (environment or {}),
                 start_new_session=True,
             )
 

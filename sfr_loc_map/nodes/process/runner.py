@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -55,6 +56,8 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         _ignore_signals()  # a second one must not interrupt the shutdown
         if node is not None:
             node.destroy_node()
+        else:
+            gc.collect()  # a node that a signal left half made takes its shared memory with it
         try_shutdown()
         _ignore_signals()  # the shutdown puts the former handlers back
     return 0
