@@ -181,7 +181,8 @@ def _parse(data: bytes, is_csv: bool) -> Trajectory:
     room = 1 + data.count(b"\n") + data.count(b"\r")
     stamps_ns, positions, quats = np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4))
     count = 0
-    for text in _blocks(data, len(data.partition(b"\n")[0]) + 1 if is_csv else 0):
+    header = data[:HEAD_BYTES].splitlines(keepends=True)[:is_csv]
+    for text in _blocks(data, len(b"".join(header))):
         rows = parse_rows(text, COLUMNS - 1, comma=is_csv) if len(data) >= FAST_BYTES else None
         stamps, numbers = rows or _strict_rows(text, is_csv)
         new = slice(count, count + len(stamps))

@@ -217,3 +217,10 @@ def test_lines_of_all_forms_are_read_alike_in_blocks_of_any_size(
     path.write_text(text + "5 1 2\n")
     with pytest.raises(InputError, match=rf"line {len(text.splitlines()) + 1}: 3 columns"):
         load_trajectory(path)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_lines_of_a_csv_may_end_in_any_way(tmp_path: Path, end: str) -> None:
+    text = end.join((CSV_HEADER, "5,1,2,3,0,0,0,1", "6,1,2,4,0,0,0,1", ""))
+    (tmp_path / "t.csv").write_bytes(text.encode())
+    assert load_trajectory(tmp_path / "t.csv").stamps_ns.tolist() == [5, 6]
