@@ -18,7 +18,7 @@ Text = NDArray[np.uint8]
 """Ends with a newline, so that nothing is read behind the end."""
 Bits = NDArray[np.uint64]
 
-NEWLINE, HASH, SPACE, TAB, COMMA, MINUS, DOT, ZERO, NINE = (ord(sign) for sign in "\n# \t,-.09")
+NEWLINE, RETURN, HASH, SPACE, TAB, COMMA, MINUS, DOT, ZERO = (ord(sign) for sign in "\n\r# \t,-.0")
 SMALL_E, LARGE_E, PLUS = ord("e"), ord("E"), ord("+")
 BIT_PATTERN = np.uint8(ZERO)
 MOST_DIGITS = 19
@@ -207,6 +207,8 @@ def _parse_rows(text: Text, comma: bool, table: Bits, stamps: IntArray, values: 
     while i < len(text):
         if text[i] == HASH:
             while text[i] != NEWLINE:
+                if text[i] == RETURN:  # it ends a line, too
+                    return -1
                 i += 1
         if text[i] == NEWLINE:
             i += 1

@@ -59,6 +59,6 @@ REFUSED = """1 1, 1,2,3 1;2 x,1 1,x 1,nan 1,inf 1,1_0 1,+1 1,--1 1,1e 1,1e5000 1
 9223372036854775808,1 1,. 1,1.2.3 1,12345678901234567890 1,1e-70 1,\u0661"""
 
 
-@pytest.mark.parametrize("text", [*REFUSED.split(), "1, 2", " 1,2", "1,2\r\n"])
+@pytest.mark.parametrize("text", [*REFUSED.split(), "1, 2", " 1,2", "1,2\r\n", "# a\r1,2\n"])
 def test_what_is_not_plain_is_refused(text: str) -> None:
     assert of(text) is None
