@@ -30,33 +30,63 @@ from typing import Any, TypeVar, cast
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from numba import njit
+from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 """Sums in any order; the result depends on the machine, not on the run."""
-_KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
+_KERNEL: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True}
 """No entry for callers in C: there are none, and an entry of what is inlined is compiled with a copy of it."""
+
+
+class _KernelCache(FunctionCache):
+    """Numba's cache, which loads compiled code without the parts of numba that only its compiler needs.
+
+    Those are half of what a start of ours would import: implementations of all that a kernel may call, and
+    `scipy.linalg`, with a second BLAS library, where numba looks for BLAS. Where a kernel is not in the cache, the
+    compiler loads them.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401 - numba has no types
+        """Return the kernel for a signature, None where it is not in the cache."""
+        rtsys.initialize(target_context)  # compiled code calls its functions, which allocate arrays
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+
+
+def _cached(function: F, **options: Any) -> F:  # noqa: ANN401 - numba's
+    """Compile with options of numba, and keep the compiled code."""
+    kernel: Any = njit(**options)(function)
+    if kernel is not function:  # NUMBA_DISABLE_JIT leaves the function
+        kernel._cache = _KernelCache(function)  # type: ignore[no-untyped-call]
+        kernel._compilation_chain_init_hook = _nothing
+    return cast(F, kernel)
+
+
+def _nothing() -> None:
+    """Look for no extensions of numba before a kernel is loaded: a search through all that is installed."""
 
 
 def jit(function: F) -> F:
     """Compile with arithmetic in the order written; division by zero gives infinity or NaN, as in numpy."""
-    return cast(F, njit(**_KERNEL, error_model="numpy")(function))
+    return _cached(function, **_KERNEL, error_model="numpy")
 
 
 def jit_inline(function: F) -> F:
     """Compile as `jit`, into each caller, so that a loop around it becomes vector code."""
-    return cast(F, njit(**_KERNEL, forceinline=True, error_model="numpy")(function))
+    return _cached(function, **_KERNEL, forceinline=True, error_model="numpy")
 
 
 def jit_fast(function: F) -> F:
     """Compile with sums in any order."""
-    return cast(F, njit(**_KERNEL, fastmath=FAST)(function))
+    return _cached(function, **_KERNEL, fastmath=FAST)
 
 
 def jit_fast_inline(function: F) -> F:
     """Compile as `jit_fast`, into each caller."""
-    return cast(F, njit(**_KERNEL, forceinline=True, fastmath=FAST)(function))
+    return _cached(function, **_KERNEL, forceinline=True, fastmath=FAST)
 
 
 def jit_fast_ir_inline(function: F) -> F:
@@ -65,14 +95,14 @@ def jit_fast_ir_inline(function: F) -> F:
     The result is that of one function with all the text, to the last digit: the parts of a kernel that sums in any
     order take it, so that a division into parts changes no figure. It also serves functions of many array layouts.
     """
-    return cast(F, njit(cache=True, inline="always", fastmath=FAST)(function))
+    return _cached(function, inline="always", fastmath=FAST)
 
 
 def jit_rows(function: F) -> F:
     """Compile a function whose rows (`prange`) run on all threads; each row is written by one of them."""
-    return cast(F, njit(**_KERNEL, parallel=True, error_model="numpy", fastmath={"contract"})(function))
+    return _cached(function, **_KERNEL, parallel=True, error_model="numpy", fastmath={"contract"})
 
 
 def jit_rows_inline(function: F) -> F:
     """Compile a function that those of `jit_rows` call within their loops."""
-    return cast(F, njit(**_KERNEL, forceinline=True, error_model="numpy", fastmath={"contract"})(function))
+    return _cached(function, **_KERNEL, forceinline=True, error_model="numpy", fastmath={"contract"})

@@ -1,4 +1,6 @@
 import itertools
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import cast
 
@@ -6,6 +8,7 @@ import numpy as np
 import pytest
 from numba import njit
 
+from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.pipeline.compile_kernels import PARTS, announce_compilation
 from sfr_loc_map.pipeline.load_kernels import load_kernels
 
@@ -46,3 +49,15 @@ def test_what_is_not_compiled_is_compiled_beside_and_here_where_that_fails(monke
     lines.clear()
     load_kernels("tiny", lines.append)
     assert (compiled, lines) == ([0, 0, 1], [])
+
+
+def test_kernels_are_loaded_without_what_only_the_compiler_needs() -> None:
+    """A kernel that calls `.all()`, or numpy's linear algebra, refers to that; a start would import it, and SciPy."""
+    unneeded = {"scipy.linalg", "numba.np.linalg", "numba.np.arraymath"}
+    program = (
+        "import sys\nfrom sfr_loc_map.pipeline import load_kernels as kernels\n"
+        "for part in kernels.PARTS: kernels.load_kernels(part)\n"
+        f"print(*{unneeded} & set(sys.modules))"
+    )
+    run = subprocess.run([sys.executable, "-c", program], env=child_environment(), capture_output=True, text=True)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "\n", "")

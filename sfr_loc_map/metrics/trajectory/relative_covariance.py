@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.quaternion_kernels import Quat, rotated, row_quat
 from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.transform import propagation
-from sfr_loc_map.jit import jit
+from sfr_loc_map.jit import jit, jit_inline
 
 STEP_SIZE: Final = 27
 """Numbers of a step: upper triangle of its covariance, then the systematic vector."""
@@ -97,7 +97,7 @@ def _accumulate(
     step, carried = np.empty((6, 6)), np.zeros((6, 6))
     for k in range(len(steps)):
         if not lost[k]:
-            if np.isfinite(steps[k]).all():
+            if _is_finite(steps, k):
                 _unpack(steps, k, step)
                 _to_origin(row_quat(before, 0), positions[k], carried)
                 _add(total, carried, step, steps[k])
@@ -106,6 +106,15 @@ def _accumulate(
         copy_row(quats[k], before[0])
         copy_row(total, result[k])
     return result
+
+
+@jit_inline
+def _is_finite(steps: FloatArray, k: int) -> bool:
+    """Tell whether a row has finite values only; `.all()` would load the compiler's parts with the kernel."""
+    for value in steps[k]:  # noqa: SIM110 - numba has no generators here
+        if not np.isfinite(value):
+            return False
+    return True
 
 
 @jit
