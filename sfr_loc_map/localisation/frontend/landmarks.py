@@ -19,6 +19,8 @@ BORDER = HALF + 4
 """Pixels along the image edges where no landmark is made: its patch with the gradients must fit."""
 MIN_INVERSE_DEPTH = 1e-6
 """Inverse depth, 1/m, up to which a landmark is at infinity."""
+ENOUGH_TO_ALIGN = 300
+"""About as many landmarks give a pose to some hundredths of a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,12 @@ class Landmarks:
             [level[kept] for level in self.patches],
             self.last_seen[kept],
         )
+
+    @cached_property
+    def few(self) -> Landmarks:
+        """Some of them, at least `ENOUGH_TO_ALIGN` where there are as many, from all hosts and parts of the image."""
+        every = len(self) // ENOUGH_TO_ALIGN
+        return self if every < 2 else self.subset(np.arange(len(self)) % every == 0)
 
     @property
     def are_old(self) -> Mask:

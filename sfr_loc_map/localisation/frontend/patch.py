@@ -18,12 +18,13 @@ Patch = NDArray[np.float32]
 @jit_fast_ir_inline
 def sample(image: FloatImage, x: float | np.float32, y: float | np.float32) -> np.float32:
     """Return the bilinear value of an image at a position that is known to lie inside it."""
-    xi = int(x)
-    yi = int(y)
-    fx = np.float32(x - xi)
-    fy = np.float32(y - yi)
-    top: np.float32 = image[yi, xi] + fx * (image[yi, xi + 1] - image[yi, xi])
-    bottom: np.float32 = image[yi + 1, xi] + fx * (image[yi + 1, xi + 1] - image[yi + 1, xi])
+    # unsigned: for a signed index each read would test whether it counts from the end
+    left, above, one = np.uintp(np.int32(x)), np.uintp(np.int32(y)), np.uintp(1)
+    fx = np.float32(x - np.int32(x))
+    fy = np.float32(y - np.int32(y))
+    top: np.float32 = image[above, left] + fx * (image[above, left + one] - image[above, left])
+    below = above + one
+    bottom: np.float32 = image[below, left] + fx * (image[below, left + one] - image[below, left])
     return top + fy * (bottom - top)
 
 

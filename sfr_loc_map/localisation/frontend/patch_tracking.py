@@ -107,17 +107,22 @@ def target_gradients(patch: Patch, warped: WarpDerivative, dx: Patch, dy: Patch)
 
 @jit_fast_inline
 def _warp_pixels(h: FloatArray, u0: float, v0: float, x_out: Patch, y_out: Patch) -> _Box:
-    """Fill the warped pixels of a patch around a host pixel; return their bounding box."""
+    """Fill the warped pixels of a patch around a host pixel; return their bounding box, `BEHIND` if any is there."""
     half = half_width(x_out.size)
     low_x, high_x, low_y, high_y = 1e9, -1e9, 1e9, -1e9
-    k = 0
-    for j in range(-half, half + 1):
-        for i in range(-half, half + 1):
+    for j in (-half, half):
+        for i in (-half, half):  # what is in front of the camera at its corners lies between them
             x, y = warp(h, u0 + i, v0 + j)
-            x_out[k], y_out[k] = x, y
             low_x, high_x = min(low_x, x), max(high_x, x)
             low_y, high_y = min(low_y, y), max(high_y, y)
-            k += 1
+    side = 2 * half + 1
+    for j in range(side):
+        v = v0 + (j - half)
+        for i in range(side):
+            u = u0 + (i - half)
+            w = max(h[2, 0] * u + h[2, 1] * v + h[2, 2], 1e-9)  # a division by what may be 0 is no vector code
+            x_out[j * side + i] = (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w
+            y_out[j * side + i] = (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w
     return _Box(low_x, low_y, high_x, high_y)
 
 

@@ -152,7 +152,7 @@ class Tracker:
 
     def align(self, left: Pyramid, landmarks: Landmarks, guesses: Sequence[Transform]) -> Pose:
         """Return the pose to some tenths of a pixel, from the best of some initial guesses."""
-        top = LEVELS - 1
+        top, landmarks = LEVELS - 1, landmarks.few
         results = [self._align_level(left, top, landmarks, Pose.of(guess), 6) for guess in guesses]
         pose = max(results, key=lambda result: result.correlation).pose
         # the finest level adds nothing: `refine` starts from some tenths of a pixel

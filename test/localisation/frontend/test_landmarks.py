@@ -3,7 +3,7 @@ import numpy as np
 from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
-from sfr_loc_map.localisation.frontend.landmarks import Landmarks
+from sfr_loc_map.localisation.frontend.landmarks import ENOUGH_TO_ALIGN, Landmarks
 
 
 def landmarks(inverse_depth: np.ndarray) -> Landmarks:
@@ -50,6 +50,12 @@ def test_a_subset_is_a_mask_on_each_array() -> None:
     np.testing.assert_array_equal(part.index, [0, 2])
     np.testing.assert_array_equal(part.inverse_depth, [0.5, 0.1])
     assert [len(level) for level in part.patches] == [2] * LEVELS
+
+
+def test_few_are_enough_to_align_from_all_of_them() -> None:
+    marks = landmarks(np.ones(3 * ENOUGH_TO_ALIGN + 1))
+    np.testing.assert_array_equal(marks.few.index, np.arange(0, len(marks), 3))
+    assert len(landmarks(np.ones(2 * ENOUGH_TO_ALIGN - 1)).few) == 2 * ENOUGH_TO_ALIGN - 1
 
 
 def test_old_are_the_landmarks_of_other_keyframes_than_the_last() -> None:
