@@ -120,7 +120,8 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
     def setup(self) -> None:
         """Load compiled code, create publishers."""
         config = self.config
-        load_kernels("localisation", self.get_logger().info)  # before the first pair: no call pays for it
+        # Before the first pair: no call pays for it.
+        load_kernels("localisation", self.get_logger().info, self.context.ok)
         pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
         if pose_file is not None:
             pose_file.check()

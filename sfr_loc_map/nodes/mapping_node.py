@@ -94,7 +94,7 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         """Load compiled code, create publishers."""
         config = self.config
         for part in ("mapping", "terrain"):
-            load_kernels(part, self.get_logger().info)
+            load_kernels(part, self.get_logger().info, self.context.ok)
         self._session = MappingSession(config.mapping)
         self._calls = CallReporter(self, self.task, self.status.publisher)
         self._maps = MapPublisher(self.endpoints, config.frame(config.lm_frame), self.status.warn)

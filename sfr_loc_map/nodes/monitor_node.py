@@ -112,7 +112,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
-        load_kernels("metrics", self.get_logger().info)
+        load_kernels("metrics", self.get_logger().info, self.context.ok)
         self._score = MonitorScore(config.score, limits)
         self._report_file = ReportFile(config.save_file)
         self._report_file.check()

@@ -121,5 +121,6 @@ class _Progress(event.Listener):
 
 if __name__ == "__main__":
     end_with_parent(signal.SIGTERM)  # who waits for the kernels is not outlived
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it goes to the whole terminal: no traceback beside the one who waits
     with announce_compilation(lambda line: print(line, flush=True)):
         compile_kernels(sys.argv[1:])

@@ -20,10 +20,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from processes import Process, wait_until
 
+from sfr_loc_map.constants import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE
+from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE, POINTS, POSE
 from sfr_loc_map.pipeline.doctor.checks import examine
-from sfr_loc_map.pipeline.doctor.observation import HostMemory, Observation, ObservedNode, ObservedTopic, Reliability
+from sfr_loc_map.pipeline.doctor.observation import (
+    TASKS,
+    HostMemory,
+    Observation,
+    ObservedNode,
+    ObservedTopic,
+    Reliability,
+)
 
 Edit = broken.Edit
 
@@ -72,6 +80,12 @@ def late_truth(topic: str, number: int, message: Any) -> Any:
     return message
 
 
+def started_again(topic: str, number: int, message: Any) -> Any:
+    if "/loc/" in topic and topic.endswith("image_rect") and number == 2:
+        message.header.stamp.sec -= 100
+    return message
+
+
 def late_pose(topic: str, number: int, message: Any) -> Any:
     if topic == "/nav/pose":
         message.header.stamp.nanosec += 1000
@@ -89,6 +103,8 @@ BAGS: dict[str, tuple[Edit, list[tuple[str, bool]]]] = {
     "another encoding": (edit_of("loc/left/image_rect", encoding="yuv422"), [("encoding", True)]),
     "other camera's info": (edit_of("loc/", width=80), [("camera_info", True), ("picture_size", True)]),
     "exchanged": (mirrored_order, [("exchanged", True)]),
+    "two runs": (started_again, [("stamp_order", True), ("stamp_order", True)]),
+    "no map was made": (without("/nav/"), [("silent", False)]),
     "no truth": (without("/ground_truth/odometry"), [("truth", False)]),
     "truth by another clock": (late_truth, [("truth_clock", False)]),
     "frames not joined": (edit_of("/tf_static", transforms=[]), [("frames", True)]),
@@ -229,6 +245,44 @@ def test_what_only_a_host_or_a_graph_can_have_wrong() -> None:
         ambiguous={"loc/left/image_rect": ("/a/loc/left/image_rect", "/b/loc/left/image_rect")},
     )
     assert [f.cause for f in examine(two)] == ["ambiguous"]
+
+
+def test_a_task_without_pairs_meanwhile_is_no_fault() -> None:
+    """The mapping task has pairs only where a map is made; the cameras of the drive never rest."""
+    silent = {f"{task}/{side}/image_rect": ObservedTopic("x", (IMAGE,)) for task in TASKS for side in SIDES}
+    silent |= {f"{task}/{side}/camera_info": ObservedTopic("y", (CAMERA_INFO,)) for task in TASKS for side in SIDES}
+    silent |= {"nav/pose": ObservedTopic("z", (POSE,)), "ground_truth/points": ObservedTopic("t", (POINTS,))}
+    nodes = (ObservedNode("/mapping_node", "nav"), ObservedNode("/localisation_node", "loc", extrinsics_given=True))
+
+    def found(seen: Observation) -> list[tuple[str, bool]]:
+        return [(f.cause.value, f.is_blocking) for f in examine(seen) if f.where.startswith(("nav", "x", "z", "g"))]
+
+    mapper = Observation("graph", live=True, topics=silent, nodes=nodes[:1])
+    assert found(mapper) == [("silent", False)]
+    assert found(replace(mapper, nodes=(replace(nodes[0], has_worked=True),))) == []
+    half = silent | {"nav/left/image_rect": replace(silent["nav/left/image_rect"], offers=())}
+    assert found(replace(mapper, topics=half))[:1] == [("no_publisher", True)]
+    assert [f for f in found(Observation("graph", live=True, topics=silent, nodes=nodes[1:])) if f[1]]
+
+
+def test_raw_images_are_judged_where_they_are_what_is_taken(tmp_path: Path, sfr: Sfr) -> None:
+    raw = broken.renamed_bag(tmp_path / "raw.mcap", "image_rect", "image_raw")
+    assert sfr("doctor", raw).code == 0
+    topics = {f"loc/{side}/image_{kind}": ObservedTopic("x", (IMAGE,)) for side in SIDES for kind in ("rect", "raw")}
+    seen = Observation("graph", live=True, topics=topics)
+    assert seen.image_name("loc") == "image_rect"
+    node = ObservedNode("/localisation_node", "loc", rectifies=True, extrinsics_given=True)
+    assert replace(seen, nodes=(node,)).image_name("loc") == "image_raw"
+    (finding, *_) = examine(Observation("graph", live=True, nodes=(node,), others={"/x": (IMAGE,)}))
+    assert "image_raw" in finding.where + finding.text
+    wrong = Observation(
+        "graph",
+        live=True,
+        prefix="/",
+        nodes=(replace(node, rectifies=False),),
+        others={"/loc/left/image_raw": (IMAGE,)},
+    )
+    assert any("input.rectify" in finding.fix for finding in examine(wrong))
 
 
 def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None:

@@ -61,3 +61,13 @@ def test_kernels_are_loaded_without_what_only_the_compiler_needs() -> None:
     )
     run = subprocess.run([sys.executable, "-c", program], env=child_environment(), capture_output=True, text=True)
     assert (run.returncode, run.stdout, run.stderr) == (0, "\n", "")
+
+
+def test_nobody_waits_for_kernels_that_are_wanted_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node that a signal has shut down: the compiling process may have had the signal too, and ends first."""
+    kernel = njit(lambda x: x + 8)
+    monkeypatch.setitem(cast(dict[str, Callable[[], None]], PARTS), "tiny", lambda: kernel(np.float64(1.0)))
+    lines: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        load_kernels("tiny", lines.append, lambda: False)
+    assert (lines, kernel.signatures) == ([], [])

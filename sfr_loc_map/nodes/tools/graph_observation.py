@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -22,12 +23,14 @@ from rclpy.utilities import try_shutdown
 
 from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.io.bag_sequence import LOCSB_FRAME, RB_FRAME
+from sfr_loc_map.io.bag_sequence import LOCSB_FRAME, RAW, RB_FRAME, RECTIFIED
 from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.nodes.diagnostics import key_values
 from sfr_loc_map.nodes.input.static_transforms import StaticTransforms
 from sfr_loc_map.nodes.messages.message_types import message_type
 from sfr_loc_map.nodes.messages.pose import tf_message_type
 from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes.replay import replay_node
 from sfr_loc_map.pipeline.doctor.observation import (
     EXPECTED,
     MESSAGES_KEPT,
@@ -50,7 +53,7 @@ ANSWER_S = 2.0
 DEPTH = 100
 SUITE_NODES = (*TASK_OF_NODE, "monitor_node")
 SHARED_MEMORY = Path("/dev/shm")
-PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "T_rb_locsb.quat_xyzw")
+PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_locsb.quat_xyzw")
 
 
 def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
@@ -88,14 +91,16 @@ class _GraphObserver:
         self._messages: dict[str, list[Any]] = {}
         self._gaps: dict[str, TransportGaps] = {}
         self._frames = StaticTransforms()
+        self._worked: set[str] = set()
 
     def observe(self, seconds: float, *, extrinsics_given: bool) -> Observation:
         """Collect messages, ask the suite's nodes."""
         others = dict(self._node.get_topic_names_and_types())
-        found = {name: self._full_name(name) for name in EXPECTED if self._full_name(name) in others}
+        found = self._expected(others)
         for name, full_name in found.items():
             self._subscribe(name, full_name, others[full_name])
         reads_tf = self._subscribe_tf()
+        self._node.create_subscription(DiagnosticArray, key_values.TOPIC, self._note_health, DEPTH)
         self._spin_for(seconds)
         nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
@@ -109,12 +114,26 @@ class _GraphObserver:
             extrinsics_in_tf=in_tf if reads_tf or "/tf_static" not in others else None,
             nodes=nodes,
             has_clock=bool(self._node.get_publishers_info_by_topic("/clock")),
-            now_ns=time.time_ns(),
+            now_ns=None if replay_node.NAME in self._node.get_node_names() else time.time_ns(),
             memory=HostMemory(shared_memory_bytes(), segment_bytes(), environment.EXPORT_LINE),
         )
 
+    def _expected(self, others: Mapping[str, list[str]]) -> dict[str, str]:
+        """Return the names in the graph of the expected topics that are there."""
+        found = {name: self._full_name(name) for name in EXPECTED if self._full_name(name) in others}
+        return {name: full_name for name, full_name in found.items() if not self._is_superseded(name, full_name)}
+
     def _full_name(self, name: str) -> str:
         return self._remap.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
+
+    def _is_superseded(self, name: str, full_name: str) -> bool:
+        """Tell whether it has raw images that are also there rectified, and that no node of the suite takes."""
+        if f"/{RAW}" not in name:
+            return False
+        takers = {info.node_name for info in self._node.get_subscriptions_info_by_topic(full_name)}
+        stem = name.partition(f"/{RAW}")[0]
+        rectified = [self._full_name(f"{stem}/{RECTIFIED}{end}") for end in ("", "/compressed")]
+        return not takers & set(SUITE_NODES) and any(self._node.count_publishers(one) for one in rectified)
 
     def _suite_nodes(self) -> list[tuple[str, str]]:
         return [(name, space) for name, space in self._node.get_node_names_and_namespaces() if name in SUITE_NODES]
@@ -150,6 +169,13 @@ class _GraphObserver:
             self._node.create_subscription(kind, "/tf_static", self._frames.add, latched)
         return kind is not None
 
+    def _note_health(self, message: DiagnosticArray) -> None:
+        """Note nodes that have made a call since they became active."""
+        for status in message.status:
+            name, _, kind = status.name.partition(": ")
+            if kind == "health" and any(item.key == "last_processing_time_s" for item in status.values):
+                self._worked.add(name)
+
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
         infos = self._node.get_publishers_info_by_topic(full_name)
         stamps = np.array(self._stamps.get(name, []), np.int64)
@@ -176,7 +202,7 @@ class _GraphObserver:
         request = GetParameters.Request(names=list(PARAMETERS))
         answer = self._call(GetParameters, f"{full_name}/get_parameters", request)
         values = [parameter_value_to_python(value) for value in answer.values] if answer is not None else []
-        sim_time, tolerance_s, quat = (*values, None, None, None)[:3]
+        sim_time, tolerance_s, rectify, quat = (*values, None, None, None, None)[:4]
         return ObservedNode(
             full_name,
             TASK_OF_NODE.get(name, ""),
@@ -184,6 +210,8 @@ class _GraphObserver:
             use_sim_time=bool(sim_time),
             extrinsics_given=any(quat) if quat is not None else False,
             stamp_tolerance_ns=round((tolerance_s or 0.0) * NS_PER_S),
+            has_worked=full_name.lstrip("/") in self._worked,
+            rectifies=bool(rectify),
         )
 
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
@@ -216,7 +244,12 @@ class _GraphObserver:
 
     def _is_image(self, name: str) -> bool:
         name = self._renamed.get(name, name)
-        return any(name.endswith(f"/{task}/left/image_rect{end}") for task in TASKS for end in ("", "/compressed"))
+        return any(
+            name.endswith(f"/{task}/left/{image}{end}")
+            for task in TASKS
+            for image in (RECTIFIED, RAW)
+            for end in ("", "/compressed")
+        )
 
     def _spin_for(self, seconds: float) -> None:
         end = time.monotonic() + seconds

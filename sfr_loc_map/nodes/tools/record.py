@@ -30,6 +30,7 @@ from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
 INPUTS = (
     *(f"{task}/{side}/{name}" for task in ("loc", "nav") for side in SIDES for name in ("image_rect", "camera_info")),
     *(f"{task}/{side}/image_rect/compressed" for task in ("loc", "nav") for side in SIDES),
+    *(f"{task}/{side}/image_raw{end}" for task in ("loc", "nav") for side in SIDES for end in ("", "/compressed")),
     *("nav/pose", "initialpose", "motion_prior", "ground_truth/odometry", "ground_truth/points"),
 )
 OUTPUTS = (
@@ -158,9 +159,16 @@ class _Recorder:
             if name in self._known or not (name in wanted or (self._options.everything and not hidden)):
                 continue
             infos = self._node.get_publishers_info_by_topic(name)
-            if infos:
+            if infos and not self._is_superseded(name):
                 self._known.add(name)
                 self._subscribe(name, types[0], infos)
+
+    def _is_superseded(self, name: str) -> bool:
+        """Tell whether it has raw images that are also published rectified, and was not asked for."""
+        stem, raw, _ = name.rpartition("/image_raw")
+        if not raw or self._options.topics or self._options.everything:
+            return False
+        return any(self._node.count_publishers(f"{stem}/image_rect{end}") for end in ("", "/compressed"))
 
     def _subscribe(self, name: str, msgtype: str, infos: list[Any]) -> None:
         try:

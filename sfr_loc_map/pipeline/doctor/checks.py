@@ -6,7 +6,13 @@ from collections.abc import Callable, Iterator
 
 from sfr_loc_map.pipeline.doctor.finding import Finding
 from sfr_loc_map.pipeline.doctor.observation import Observation
-from sfr_loc_map.pipeline.doctor.stamp_checks import check_host_clock, check_pairs, check_poses, check_truth
+from sfr_loc_map.pipeline.doctor.stamp_checks import (
+    check_host_clock,
+    check_order,
+    check_pairs,
+    check_poses,
+    check_truth,
+)
 from sfr_loc_map.pipeline.doctor.stereo_checks import check_stereo
 from sfr_loc_map.pipeline.doctor.system_checks import check_extrinsics, check_nodes, check_shared_memory
 from sfr_loc_map.pipeline.doctor.topic_checks import check_camera_topics, check_names, check_readable, check_transport
@@ -15,6 +21,7 @@ IMAGE_CHECKS: tuple[Callable[[Observation, str], Iterator[Finding]], ...] = (che
 """Checks of a task with images of both sides."""
 CHECKS: tuple[Callable[[Observation], Iterator[Finding]], ...] = (
     check_extrinsics,
+    check_order,
     check_poses,
     check_truth,
     check_nodes,

@@ -31,6 +31,7 @@ class Cause(StrEnum):
     ENCODING = "encoding"
     IMAGE_SIZE = "picture_size"
     SWAPPED = "exchanged"
+    STAMP_ORDER = "stamp_order"
     UNSYNCHRONISED = "unsynchronised"
     UNPAIRED = "unpaired"
     POSE_STAMPS = "pose_stamps"

@@ -12,12 +12,18 @@ import numpy as np
 from sfr_loc_map.constants import SIDES
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
+from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 
 TASKS = ("loc", "nav")
 TASK_OF_NODE = {"localisation_node": "loc", "mapping_node": "nav"}
 EXPECTED: Mapping[str, tuple[str, ...]] = {
-    **{f"{task}/{side}/image_rect": (IMAGE,) for task in TASKS for side in SIDES},
-    **{f"{task}/{side}/image_rect/compressed": (COMPRESSED,) for task in TASKS for side in SIDES},
+    **{f"{task}/{side}/{image}": (IMAGE,) for task in TASKS for side in SIDES for image in (RECTIFIED, RAW)},
+    **{
+        f"{task}/{side}/{image}/compressed": (COMPRESSED,)
+        for task in TASKS
+        for side in SIDES
+        for image in (RECTIFIED, RAW)
+    },
     **{f"{task}/{side}/camera_info": (CAMERA_INFO,) for task in TASKS for side in SIDES},
     "nav/pose": (POSE,),
     "ground_truth/odometry": (ODOMETRY,),
@@ -30,7 +36,7 @@ MESSAGES_KEPT = 4
 
 def allowed_types(name: str) -> tuple[str, ...]:
     """Return the types that a topic may have; compressed images may also come under the plain name."""
-    return (*EXPECTED[name], COMPRESSED) if name.endswith("image_rect") else EXPECTED[name]
+    return (*EXPECTED[name], COMPRESSED) if name.endswith((RECTIFIED, RAW)) else EXPECTED[name]
 
 
 class Reliability(StrEnum):
@@ -74,6 +80,8 @@ class ObservedNode:
         use_sim_time: Whether it follows /clock.
         extrinsics_given: Whether its parameters have the extrinsics of the stereo rig.
         stamp_tolerance_ns: Largest difference of stamps of a pair.
+        has_worked: Whether it has processed something since it became active.
+        rectifies: Whether it takes raw images and rectifies them itself.
     """
 
     name: str
@@ -82,6 +90,8 @@ class ObservedNode:
     use_sim_time: bool = False
     extrinsics_given: bool = False
     stamp_tolerance_ns: int = 0
+    has_worked: bool = False
+    rectifies: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +124,7 @@ class Observation:
         extrinsics_in_tf: Whether /tf_static has them; None where it cannot be read.
         nodes: Nodes of the suite that run.
         has_clock: Whether /clock is published.
-        now_ns: Time of the host at the end; None of a bag.
+        now_ns: Time of the host at the end; None where stamps are of a recording: of a bag, beside `sfr replay`.
         memory: Shared memory of the host.
         broken: Why reading ended early, empty if it did not.
         unfinished: Whether the bag was not closed, so that its last second may be missing.
@@ -153,9 +163,21 @@ class Observation:
         """Return the node of a task, None where it does not run."""
         return next((node for node in self.nodes if node.task == task), None)
 
+    def image_name(self, task: str) -> str:
+        """Return the last part of the names of a task's images: what its node takes, else rectified before raw ones."""
+        node = self.node(task)
+        if node is not None:
+            return RAW if node.rectifies else RECTIFIED
+        names = [name for name in self.topics if name.startswith(f"{task}/")]
+        return next((kind for kind in (RECTIFIED, RAW) if any(f"/{kind}" in name for name in names)), RECTIFIED)
+
+    def both_images(self, task: str) -> str:
+        """Return the names of a task's images, for messages."""
+        return ", ".join(f"{task}/{side}/{self.image_name(task)}" for side in SIDES)
+
     def images(self, task: str, side: str) -> ObservedTopic | None:
         """Return the topic of the images of a side, raw or compressed: the one that has a publisher."""
-        plain = f"{task}/{side}/image_rect"
+        plain = f"{task}/{side}/{self.image_name(task)}"
         found = [self.topics[name] for name in (plain, f"{plain}/compressed") if name in self.topics]
         return max(found, key=lambda topic: bool(topic.offers), default=None)
 
@@ -169,6 +191,16 @@ class Observation:
         topics = [topic for side in SIDES if (topic := self.images(task, side)) is not None]
         lost = sum(topic.lost for topic in topics)
         return lost / max(lost + sum(len(topic.stamps_ns) for topic in topics), 1)
+
+    def is_idle(self, task: str) -> bool:
+        """Tell whether a task has no pair for now, which is no fault.
+
+        The mapping task has pairs only where a map is made, so that silence is usual on a graph; a bag may have been
+        recorded while one of the tasks had none.
+        """
+        usual = task == "nav" if self.live else any(self.has_images(other) for other in TASKS if other != task)
+        topics = [self.images(task, side) for side in SIDES]
+        return usual and all(topic is not None and topic.offers and not topic.messages for topic in topics)
 
     def has_images(self, task: str) -> bool:
         """Tell whether there are images of both sides."""

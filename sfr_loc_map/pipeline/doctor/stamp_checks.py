@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.constants import NS_PER_S, SIDES
 from sfr_loc_map.geometry.arrays import IntArray, Mask
 from sfr_loc_map.pipeline.doctor.finding import Cause, Finding, Severity, blocking, warning
-from sfr_loc_map.pipeline.doctor.observation import EXPECTED, Observation
+from sfr_loc_map.pipeline.doctor.observation import EXPECTED, Observation, ObservedTopic
 from sfr_loc_map.pipeline.doctor.topic_checks import check_topic
 
 CLOCKS_APART_NS = 60 * NS_PER_S
@@ -30,7 +30,7 @@ def check_pairs(seen: Observation, task: str) -> Iterator[Finding]:
     share = min(share / (1.0 - seen.lost_share(task)), 1.0)  # of those whose partner was not lost in transport
     if share >= COMPLETE:
         return
-    where = f"{task}/left/image_rect, {task}/right/image_rect"
+    where = seen.both_images(task)
     text = f"{share:.0%} of the left images have a right one of their stamp"
     if share >= PAIRED:
         fix = "check for lost images: transport, quality of service, load"
@@ -41,6 +41,21 @@ def check_pairs(seen: Observation, task: str) -> Iterator[Finding]:
     if typical_ns <= NS_PER_S // 2:
         fix += f"; or set input.stamp_tolerance_s above {off_s}, if so much motion may be neglected"
     yield blocking(Cause.UNSYNCHRONISED, where, f"{text}, typically {off_s} s off", fix)
+
+
+def check_order(seen: Observation) -> Iterator[Finding]:
+    """Yield topics of a bag whose stamps go back; on a graph that is a new run."""
+    ordered = [topic for task in seen.tasks for side in SIDES if (topic := seen.images(task, side)) is not None]
+    truth = seen.topics.get("ground_truth/odometry")
+    for topic in [] if seen.live else [*ordered, *([truth] if truth is not None else [])]:
+        back = int(np.sum(np.diff(topic.stamps_ns) < (0 if topic is truth else 1)))
+        if back:
+            yield blocking(
+                Cause.STAMP_ORDER,
+                topic.found,
+                f"its stamps go back or stand still at {back} messages, as where a player began again meanwhile",
+                "record one run alone: start the player after sfr record, without a loop",
+            )
 
 
 def check_poses(seen: Observation) -> Iterator[Finding]:
@@ -69,15 +84,17 @@ def check_truth(seen: Observation) -> Iterator[Finding]:
         if task not in seen.tasks:
             continue
         topic, images = seen.topics.get(name), seen.image_stamps(task)
-        if topic is None or not topic.offers or not len(topic.stamps_ns):
+        if topic is not None and set(topic.types) - set(EXPECTED[name]):
+            yield from check_topic(seen, name, topic)
+        elif topic is None or not topic.offers or not len(topic.stamps_ns):
+            if _comes_later(seen, task, topic):
+                continue
             yield warning(
                 Cause.TRUTH,
                 name,
                 "there is no truth: nothing can be scored",
                 "add it" if seen.files else "record or publish it",
             )
-        elif set(topic.types) - set(EXPECTED[name]):
-            yield from check_topic(seen, name, topic)
         elif len(images) and not _overlap(topic.stamps_ns, images):
             off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images))) / NS_PER_S
             yield warning(
@@ -86,6 +103,11 @@ def check_truth(seen: Observation) -> Iterator[Finding]:
                 f"its stamps lie {off_s:.6g} s from those of the images: nothing can be scored",
                 "stamp truth and images by one clock",
             )
+
+
+def _comes_later(seen: Observation, task: str, topic: ObservedTopic | None) -> bool:
+    """Tell whether a truth without messages comes with pairs that come now and then."""
+    return task == "nav" and topic is not None and bool(topic.offers) and (seen.live or seen.is_idle(task))
 
 
 def check_host_clock(seen: Observation) -> Iterator[Finding]:
@@ -98,7 +120,7 @@ def check_host_clock(seen: Observation) -> Iterator[Finding]:
         if abs(off_ns) > CLOCKS_APART_NS:
             yield warning(
                 Cause.CLOCKS_APART,
-                f"{task}/left/image_rect",
+                f"{task}/left/{seen.image_name(task)}",
                 f"stamps lie {off_ns / NS_PER_S:.6g} s from the time of this host: "
                 "latencies are unknown, tf may refuse them",
                 "set the clocks by one source (chrony, PTP); of a bag, play it with --clock and set use_sim_time",

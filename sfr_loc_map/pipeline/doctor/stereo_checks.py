@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import cv2
@@ -12,8 +12,10 @@ from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.io.bag_sequence import RAW
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, stamp_of
+from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.pipeline.doctor.finding import Cause, Finding, blocking
 from sfr_loc_map.pipeline.doctor.observation import Observation, ObservedTopic
 
@@ -32,8 +34,9 @@ StampedImages = list[tuple[int, GreyImage]]
 def check_stereo(seen: Observation, task: str) -> Iterator[Finding]:
     """Yield issues of camera_info and images of a rig whose images are there."""
     rig: StereoRig | None = None
+    rectifier: StereoRectifier | None = None
     try:
-        rig = _rig(seen, task)
+        rig, rectifier = _rig(seen, task)
     except InputError as error:
         text, _, fix = str(error).partition(": ")
         yield blocking(Cause.CAMERA_INFO, f"{task}/left/camera_info, {task}/right/camera_info", text, fix)
@@ -52,9 +55,11 @@ def check_stereo(seen: Observation, task: str) -> Iterator[Finding]:
             text = f"its images are {width} x {height}, camera_info says {rig.width} x {rig.height}"
             yield blocking(Cause.IMAGE_SIZE, topic.found, text, "publish the camera_info of these images")
             return
+    if rectifier is not None:
+        images = _rectified(images, rectifier)
     if left_right_swapped(images["left"], images["right"]):
         text = "objects lie further right in the right images: left and right are swapped"
-        yield blocking(Cause.SWAPPED, f"{task}/left/image_rect", text, "swap the topics (cables, remaps)")
+        yield blocking(Cause.SWAPPED, f"{task}/left/{seen.image_name(task)}", text, "swap the topics (cables, remaps)")
 
 
 def left_right_swapped(lefts: StampedImages, rights: StampedImages) -> bool:
@@ -72,20 +77,35 @@ def left_right_swapped(lefts: StampedImages, rights: StampedImages) -> bool:
     return wrong >= MIN_MATCHES and wrong > SWAPPED_RATIO * correct
 
 
-def _rig(seen: Observation, task: str) -> StereoRig | None:
-    """Return the rig of the first camera_info of both sides, None where one is absent.
+def _rig(seen: Observation, task: str) -> tuple[StereoRig | None, StereoRectifier | None]:
+    """Return the rig of the first camera_info of both sides, None where one is absent, and what rectifies raw images.
 
     Raises:
-        InputError: If they are not those of a rectified rig.
+        InputError: If they are not those of a rectified rig, or of raw cameras that can be rectified.
     """
     infos = [topic for side in SIDES if (topic := seen.topics.get(f"{task}/{side}/camera_info")) and topic.messages]
     if len(infos) < len(SIDES):
-        return None
-    return rig_from_camera_info(infos[0].messages[0], infos[1].messages[0], task)
+        return None, None
+    messages = [topic.messages[0] for topic in infos]
+    if seen.image_name(task) == RAW:
+        return rectified_rig(messages, task)
+    return rig_from_camera_info(messages[0], messages[1], task), None
+
+
+def _rectified(images: Mapping[str, StampedImages], rectifier: StereoRectifier) -> dict[str, StampedImages]:
+    """Return rectified images; sides with more images than the other are cut."""
+    pairs = list(zip(*(images[side] for side in SIDES), strict=False))
+    rectified = [rectifier.rectify(left, right) for (_, left), (_, right) in pairs]
+    return {
+        side: [(pair[at][0], both[at]) for pair, both in zip(pairs, rectified, strict=True)]
+        for at, side in enumerate(SIDES)
+    }
 
 
 def _encoding(topic: ObservedTopic, error: InputError) -> Finding:
-    return blocking(Cause.ENCODING, topic.found, str(error), "publish mono8, mono16, rgb8 or bgr8")
+    return blocking(
+        Cause.ENCODING, topic.found, str(error), "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422"
+    )
 
 
 def _grey(message: Any) -> GreyImage:  # noqa: ANN401 - Image or CompressedImage of any library

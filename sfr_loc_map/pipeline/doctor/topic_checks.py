@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from sfr_loc_map.constants import SIDES
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
+from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.pipeline.doctor.finding import Cause, Finding, Severity, blocking, warning
 from sfr_loc_map.pipeline.doctor.observation import Observation, ObservedTopic, Reliability, allowed_types
 from sfr_loc_map.pipeline.online.transport_gaps import MUCH_LOST, loss_fix
@@ -50,7 +51,7 @@ def check_names(seen: Observation) -> Iterator[Finding]:
         yield blocking(
             Cause.NO_TOPIC,
             seen.subject,
-            f"neither loc/left/image_rect nor nav/left/image_rect is there; {there}",
+            f"neither loc/left/image_rect nor nav/left/image_rect is there (nor image_raw); {there}",
             "name them by --remap FOUND:=EXPECTED, or start the cameras" if seen.live else "--remap FOUND:=EXPECTED",
         )
 
@@ -58,9 +59,13 @@ def check_names(seen: Observation) -> Iterator[Finding]:
 def check_camera_topics(seen: Observation, task: str) -> Iterator[Finding]:
     """Yield issues of the topics of images and camera_info of a task."""
     for side in SIDES:
-        yield from check_topic(seen, f"{task}/{side}/image_rect", seen.images(task, side))
+        yield from check_topic(seen, f"{task}/{side}/{seen.image_name(task)}", seen.images(task, side))
         name = f"{task}/{side}/camera_info"
         yield from check_topic(seen, name, seen.topics.get(name))
+    node = seen.node(task)
+    if seen.is_idle(task) and not (node is not None and node.has_worked):
+        end = "watch until a pair comes (--seconds)" if seen.live else "record it again, if there should be pairs"
+        yield warning(Cause.SILENT, seen.both_images(task), "no pair came meanwhile", end)
 
 
 def check_transport(seen: Observation, task: str) -> Iterator[Finding]:
@@ -70,7 +75,7 @@ def check_transport(seen: Observation, task: str) -> Iterator[Finding]:
         yield Finding(
             Cause.TRANSPORT,
             Severity.BLOCKING if share > MUCH_LOST else Severity.WARNING,
-            f"{task}/left/image_rect, {task}/right/image_rect",
+            seen.both_images(task),
             f"{share:.0%} of the images are lost between their publisher and this process",
             loss_fix(seen.memory.export_line),
         )
@@ -100,12 +105,14 @@ def check_topic(seen: Observation, name: str, topic: ObservedTopic | None) -> It
                 f"set qos_overrides.{topic.found}.subscription.reliability of the node to best_effort (or "
                 f"input.reliability), or the publisher's to reliable",
             )
-        if not topic.messages:
+        if not topic.messages and not seen.is_idle(name.partition("/")[0]):
             yield _silent(seen, topic)
 
 
 def _absent(seen: Observation, name: str) -> Finding:
     hint = "or name it by --remap FOUND:=EXPECTED"
+    if name.endswith(RECTIFIED) and name.removesuffix(RECTIFIED) + RAW in seen.others:
+        hint = f"or set input.rectify of the node: {RAW} is there"
     if seen.live:
         return blocking(Cause.NO_PUBLISHER, name, "it has no publisher", f"start its publisher, {hint}")
     return blocking(Cause.NO_TOPIC, name, "it is not in the bag", f"record it, {hint}")
