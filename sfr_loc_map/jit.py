@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar, cast
 
 # Threads sleep, not spin, while they wait for each other: on a machine shared with other programs spinning takes the
@@ -31,7 +32,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from numba import njit
 from numba.core.caching import FunctionCache
-from numba.core.runtime.nrt import rtsys
+from numba.core.runtime import nrt
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -51,7 +52,7 @@ class _KernelCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401 - numba has no types
         """Return the kernel for a signature, None where it is not in the cache."""
-        rtsys.initialize(target_context)  # compiled code calls its functions, which allocate arrays
+        _name_runtime()
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
@@ -63,6 +64,17 @@ def _cached(function: F, **options: Any) -> F:  # noqa: ANN401 - numba's
         kernel._cache = _KernelCache(function)  # type: ignore[no-untyped-call]
         kernel._compilation_chain_init_hook = _nothing
     return cast(F, kernel)
+
+
+@cache
+def _name_runtime() -> None:
+    """Tell LLVM where the functions of numba's runtime are, which kernels call to allocate arrays.
+
+    The first lines of numba's `rtsys.initialize`. What it compiles then is for the compiler, which copies it into each
+    kernel; the compiler takes 27 MiB to do so.
+    """
+    for name, address in nrt._nrt.c_helpers.items():  # type: ignore[attr-defined]
+        nrt.ll.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)  # type: ignore[attr-defined]
 
 
 def _nothing() -> None:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 from sfr_loc_map.bounded_input import check_regular
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.mcap_recovery import RecoveringReader
-from sfr_loc_map.io.ros1_bag import Ros1Reader, is_ros1_bag
 from sfr_loc_map.io.sqlite_check import check_whole
 
+if TYPE_CHECKING:
+    from sfr_loc_map.io.mcap_recovery import RecoveringReader
+    from sfr_loc_map.io.ros1_bag import Ros1Reader
+
 STORAGE_SUFFIXES = (".mcap", ".db3")
-BagReader = RecoveringReader | Ros1Reader
+ROS1_MAGIC = b"#ROSBAG"
+ROS1_SUFFIXES = (".bag", ".active")
+"""Endings of files: finished ones, and those of a recorder that was killed."""
+BagReader: TypeAlias = "RecoveringReader | Ros1Reader"
 
 
 def is_bag(path: Path) -> bool:
@@ -21,9 +27,26 @@ def is_bag(path: Path) -> bool:
     return path.suffix in STORAGE_SUFFIXES or is_ros1_bag(path)
 
 
+def is_ros1_bag(path: Path) -> bool:
+    """Tell whether a path is a file of a ROS 1 bag, by its first bytes; an empty file by its ending."""
+    if path.suffix not in ROS1_SUFFIXES or not path.is_file():
+        return False
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(ROS1_MAGIC)) in (ROS1_MAGIC, b"")
+    except OSError:
+        return False
+
+
 def reader_of(file: Path) -> BagReader:
-    """Return what reads a file or folder of `reader_paths`."""
-    return Ros1Reader(file) if is_ros1_bag(file) else RecoveringReader(file)
+    """Return what reads a file or folder of `reader_paths`; only then the library of the bags is loaded."""
+    if is_ros1_bag(file):
+        from sfr_loc_map.io.ros1_bag import Ros1Reader
+
+        return Ros1Reader(file)
+    from sfr_loc_map.io.mcap_recovery import RecoveringReader
+
+    return RecoveringReader(file)
 
 
 def reader_paths(path: Path) -> list[Path]:

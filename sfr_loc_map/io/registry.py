@@ -7,7 +7,6 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import is_folder, open_folder
 from sfr_loc_map.io.katwijk import is_katwijk, open_katwijk
@@ -19,8 +18,15 @@ from sfr_loc_map.io.sequence import Source
 Remap = Mapping[str, str] | None
 Opener = Callable[[Path, Remap], Source]
 
+
+def _open_bag(path: Path, remap: Remap) -> Source:
+    from sfr_loc_map.io.bag_sequence import open_bag  # the library of the bags is loaded for a bag only
+
+    return open_bag(path, remap)
+
+
 READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
-    "bag": (is_bag, open_bag),
+    "bag": (is_bag, _open_bag),
     "sfr": (is_folder, lambda path, _: open_folder(path)),
     "kitti": (is_kitti, lambda path, _: open_kitti(path)),
     "euroc": (is_euroc, lambda path, _: open_euroc(path)),

@@ -17,24 +17,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.io.decompression import decompress_lz4, expansion_limit
 
-MAGIC = b"#ROSBAG"
-SUFFIXES = (".bag", ".active")
-"""Endings of files: finished ones, and those of a recorder that was killed."""
 TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """Older names of types that are read."""
 _ROS1 = get_typestore(Stores.ROS1_NOETIC)
 _ROS2 = get_typestore(Stores.ROS2_JAZZY)
-
-
-def is_ros1_bag(path: Path) -> bool:
-    """Tell whether a path is a file of a ROS 1 bag, by its first bytes; an empty file by its ending."""
-    if path.suffix not in SUFFIXES or not path.is_file():
-        return False
-    try:
-        with path.open("rb") as stream:
-            return stream.read(len(MAGIC)) in (MAGIC, b"")
-    except OSError:
-        return False
 
 
 def _decompress_bz2(data: bytes) -> bytes:

@@ -7,28 +7,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag import ODOMETRY, TF, Bag
 from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajectory
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.hashing import hash_path
-from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_formats import FOREIGN, LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score import InputFile, Provenance
-from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates, lost_by_covariance
-from sfr_loc_map.pipeline.bag_calls import read_calls
+from sfr_loc_map.metrics.trajectory.association import Estimates
 from sfr_loc_map.pipeline.call_stats import CallStats
+
+if TYPE_CHECKING:
+    from sfr_loc_map.io.sequence import Source
 
 IN_MEMORY = "(in memory)"
 """Path of an input that is no file."""
@@ -124,22 +122,15 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
 
 
 def _bag_estimates(path: Path) -> Estimates:
-    bag = Bag(path)
-    topic = bag.find("localisation/odometry", ODOMETRY)
-    if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a trajectory that was converted, no drive
-        topic = bag.find("ground_truth/odometry", ODOMETRY)
-    if topic is None:
-        raise InputError(
-            f"bag '{path}' has no topic localisation/odometry: it has {', '.join(list(bag.topics)[:8])}; give a bag "
-            "with estimates, or a TUM or csv file"
-        )
-    odometry = read_odometry(bag, topic)
-    trajectory, covariance = odometry.trajectory, odometry.covariance[:, *UPPER]
-    known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan)
-    lost = lost_by_covariance(covariance)
-    calls, stamps_ns = read_calls(bag, topic), trajectory.stamps_ns
-    stated = known if covariance.any() else None
-    return Estimates.of(trajectory, lost, calls.degraded_at(stamps_ns), stated, calls.steps_at(stamps_ns))
+    from sfr_loc_map.pipeline.bag_estimates import bag_estimates  # the library of the bags is loaded for a bag only
+
+    return bag_estimates(path)
+
+
+def _open_source(path: Path) -> Source:
+    from sfr_loc_map.io.registry import open_source  # files of trajectories need no images
+
+    return open_source(path)
 
 
 def read_truth(path: Path) -> LoadedTrajectory:
@@ -160,9 +151,11 @@ def load_truth(path: Path) -> Trajectory:
     if not _holds_source(path):
         return read_truth(path).trajectory
     if is_bag(path):
-        truth = read_trajectory(Bag(path), GROUND_TRUTH)
+        from sfr_loc_map.pipeline.bag_estimates import bag_truth
+
+        truth = bag_truth(path)
     else:
-        source = open_source(path)
+        source = _open_source(path)
         truth = None if source.loc is None else source.loc.ground_truth
     if truth is None or not len(truth):
         raise InputError(
@@ -222,7 +215,7 @@ def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[P
         InputError: If the source has no mapping pairs, or one that is wanted is not there.
         MetricsError: If a pair has no truth.
     """
-    nav = open_source(path).nav
+    nav = _open_source(path).nav
     if nav is None:
         raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
     if stamps_ns is None:
@@ -242,7 +235,7 @@ def camera_rig(truth: Path) -> StereoRig | None:
     if not _holds_source(truth):
         return None
     try:
-        loc = open_source(truth).loc
+        loc = _open_source(truth).loc
     except SfrError:  # true poses alone, without cameras: whoever needs the images reports what is wrong with them
         return None
     return None if loc is None else loc.rig

@@ -52,10 +52,14 @@ def test_what_is_not_compiled_is_compiled_beside_and_here_where_that_fails(monke
 
 
 def test_kernels_are_loaded_without_what_only_the_compiler_needs() -> None:
-    """A kernel that calls `.all()`, or numpy's linear algebra, refers to that; a start would import it, and SciPy."""
-    unneeded = {"scipy.linalg", "numba.np.linalg", "numba.np.arraymath"}
+    """A kernel that calls `.all()`, or numpy's linear algebra, refers to that; a start would import it, and SciPy.
+
+    Nor is the library of the bags loaded where there is no bag.
+    """
+    unneeded = {"scipy.linalg", "numba.np.linalg", "numba.np.arraymath", "rosbags"}
     program = (
-        "import sys\nfrom sfr_loc_map.pipeline import load_kernels as kernels\n"
+        "import sys\nfrom sfr_loc_map.io import registry\nfrom sfr_loc_map.pipeline import scoring\n"
+        "from sfr_loc_map.pipeline import load_kernels as kernels\n"
         "for part in kernels.PARTS: kernels.load_kernels(part)\n"
         f"print(*{unneeded} & set(sys.modules))"
     )
