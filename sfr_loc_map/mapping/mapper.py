@@ -18,10 +18,12 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.checks import check_images, check_matches, matched_share
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.camera_rotation import CameraRotation, camera_rotation, without_roll
+from sfr_loc_map.mapping.disparity.hole_filling import FILLED_SIGMA_PX, fill_holes
 from sfr_loc_map.mapping.disparity.saturation import Saturation, saturation
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
+from sfr_loc_map.mapping.disparity.surface_hypotheses import Images
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import valid_mask
+from sfr_loc_map.mapping.disparity.validity import support_weights, valid_mask
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
@@ -115,6 +117,8 @@ class Mapper:
         sigma = disparity_sigma(refined)
         valid = valid_mask(left.astype(F), refined, initial, sigma)
         camera_rotation(left.astype(F), refined, valid, self._rig)
+        images = Images(left.astype(F), refined.right, *support_weights())
+        fill_holes(images, initial, left < 200, initial, refined.noise, left >= 200)
         cloud = cloud_from_disparity(initial, sigma, left, self._rig, self._rig.T_sb_left, 0)
         saturation(left, np.full_like(right, 255), initial).widen(cloud.sigma.copy(), cloud, 0)
         total_sigma(cloud, [self._rig.T_sb_left], self._rig, CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0))
@@ -144,9 +148,13 @@ class Mapper:
         clipped = saturation(pair.left, pair.right, refined.disparity_px)
         valid = valid_mask(left, refined, initial, sigma) & ~clipped.flat
         rotation = camera_rotation(left, refined, valid, self._rig)
-        found = without_roll(refined.disparity_px, rotation, self._rig)
+        share = matched_share(left, valid & (refined.disparity_px >= self._search.min_disparity_px))
+        images = Images(left, refined.right, *support_weights())
+        filled = fill_holes(images, refined.disparity_px, valid, initial, refined.noise, ~clipped.flat)
+        sigma[filled.filled] = np.maximum(sigma[filled.filled], FILLED_SIGMA_PX)
+        found = without_roll(filled.disparity, rotation, self._rig)
+        valid |= filled.filled
         valid &= found >= self._search.min_disparity_px
-        share = matched_share(left, valid)
         warnings = check_matches(pair, share, refined.correction, clipped.share, self._search.count)
         disparity = np.where(valid, found, F(np.nan))
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left

@@ -252,7 +252,7 @@ def test_development_ground(shared_data: Path) -> None:
 
 @pytest.mark.shared
 @pytest.mark.parametrize(
-    ("name", "density", "bad", "mean"), [("pair-teddy", 0.88, 2.0, 0.30), ("pair-motorcycle", 0.89, 2.0, 0.36)]
+    ("name", "density", "bad", "mean"), [("pair-teddy", 0.93, 2.0, 0.30), ("pair-motorcycle", 0.94, 2.0, 0.36)]
 )
 def test_real_pairs(shared_data: Path, name: str, density: float, bad: float, mean: float) -> None:
     rig, items = load_nav(shared_data / name)

@@ -62,7 +62,7 @@ def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatIma
     valid &= ~occlusion_mask(disparity, valid, JUMP_PX)
     valid &= _textured(refined) & _similar(left, refined) & ~_ramp(disparity)
     queried = _beside_jump(disparity) & valid
-    margin = matching_cost_margin(left, refined.right, disparity, matched, queried, _support_weights())
+    margin = matching_cost_margin(left, refined.right, disparity, matched, queried, support_weights())
     needed = np.minimum(MARGIN_PER_SIGMA * sigma_px - MARGIN_OFFSET, F(0.0))
     valid &= margin > F(refined.noise) * needed
     return valid_segments(left, refined.right, disparity, valid)
@@ -99,7 +99,8 @@ def _beside_jump(disparity: FloatImage) -> Mask:
     return np.asarray(cv2.dilate(jump.astype(np.uint8), wide)).astype(np.bool_)
 
 
-def _support_weights() -> SupportWeights:
+def support_weights() -> SupportWeights:
+    """Return the weights of a window by which matching costs are judged."""
     axis = np.arange(-SUPPORT_RADIUS, SUPPORT_RADIUS + 1, dtype=np.float64)
     distance = np.hypot(axis[:, None], axis[None])
     by_grey = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
