@@ -72,6 +72,10 @@ def wrapped_deg(angle: float) -> float:
     return float(angle - 360.0 * np.ceil((angle - 180.0) / 360.0))
 
 
+X, Y, Z, ATTITUDE, HEADING, ALONG, CROSS, VERTICAL, TRAVELLED = map(int, ErrorColumn)
+"""The columns for kernels: before 0.68 numba takes no enumeration for an index."""
+
+
 @jit
 def sub_trajectory_errors(
     start: PoseRows, starts: IntArray, end: PoseRows, ends: IntArray, whole_pose: bool
@@ -107,11 +111,11 @@ def sub_trajectory_errors(
         else:
             east, north = np.cos(true_heading), np.sin(true_heading)
         path = (end.lengths[j, 0] - start.lengths[i, 0]) + (end.lengths[j, 1] - start.lengths[i, 1])
-        out[m, ErrorColumn.X], out[m, ErrorColumn.Y], out[m, ErrorColumn.Z] = error[0], error[1], error[2]
-        out[m, ErrorColumn.ATTITUDE] = np.degrees(2.0 * np.arctan2(sine, abs(turn[3])))
-        out[m, ErrorColumn.HEADING] = wrapped_deg(np.degrees(heading_rad(attitude) - true_heading))
-        out[m, ErrorColumn.ALONG] = error[0] * east + error[1] * north
-        out[m, ErrorColumn.CROSS] = error[1] * east - error[0] * north
-        out[m, ErrorColumn.VERTICAL] = error[2]
-        out[m, ErrorColumn.TRAVELLED] = path
+        out[m, X], out[m, Y], out[m, Z] = error[0], error[1], error[2]
+        out[m, ATTITUDE] = np.degrees(2.0 * np.arctan2(sine, abs(turn[3])))
+        out[m, HEADING] = wrapped_deg(np.degrees(heading_rad(attitude) - true_heading))
+        out[m, ALONG] = error[0] * east + error[1] * north
+        out[m, CROSS] = error[1] * east - error[0] * north
+        out[m, VERTICAL] = error[2]
+        out[m, TRAVELLED] = path
     return out
