@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sfr_loc_map.bounded_input import count_line_ends
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit, jit_inline
 
@@ -65,7 +66,7 @@ def parse_rows(text: bytes, columns: int, *, comma: bool) -> tuple[IntArray, Flo
         None if a line has anything that is not plain: then nothing is known.
     """
     text = text if text.endswith(b"\n") else text + b"\n"
-    room = text.count(b"\n")
+    room = count_line_ends(text)
     stamps, values = np.empty(room, np.int64), np.empty((room, columns))
     count = _parse_rows(
         np.frombuffer(text, np.uint8), comma, POWERS_OF_FIVE, stamps, values.ravel(), values.ravel().view(np.uint64)

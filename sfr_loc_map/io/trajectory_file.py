@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.bounded_input import read_table
+from sfr_loc_map.bounded_input import count_line_ends, read_table
 from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import GeometryError, InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
@@ -178,7 +178,7 @@ def _has_csv_header(path: Path, first: bytes) -> bool:
 
 
 def _parse(data: bytes, is_csv: bool) -> Trajectory:
-    room = 1 + data.count(b"\n") + data.count(b"\r")
+    room = 1 + count_line_ends(data)
     stamps_ns, positions, quats = np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4))
     count = 0
     header = data[:HEAD_BYTES].splitlines(keepends=True)[:is_csv]

@@ -8,8 +8,9 @@ import reference
 from random_drives import Poses, drive, rows, spoilt, trajectory
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory.association import Estimates, associate
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.config import AssociationConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.trajectory.association import Estimates, associate, associate_in_portions
 from sfr_loc_map.metrics.trajectory.trajectory_score import TrajectoryScorer, score_trajectory
 
 CONDITIONS = (("distance", 5.0), ("distance", 0.3), ("time", 3.0), ("frames", 17))
@@ -176,6 +177,22 @@ def test_portions_do_not_matter() -> None:
     for first in range(0, 5000, 137):
         parts.push(frames.rows(slice(first, first + 137)))
     assert whole.result(counts, mode) == parts.result(counts, mode)
+
+
+def test_rows_are_put_side_by_side_in_portions_as_at_once() -> None:
+    """Rows out of order, twice and without a partner: each portion is that part of all frames."""
+    truth, estimate = (trajectory(poses) for poses in drive(23, 300))
+    order = np.random.default_rng(0).integers(0, 300, 400)
+    estimate = Trajectory(estimate.stamps_ns[order], estimate.positions[order], estimate.quats_xyzw[order])
+    given = Estimates.of(estimate, lost=order % 3 == 0), truth, AssociationConfig(truth="match")
+    whole, counts, _ = associate(*given)
+    assert 100 < len(whole) == counts.matched < 300
+    portions, counts_again, _ = associate_in_portions(*given, 70)
+    assert counts_again == counts
+    parts = list(portions)
+    assert [len(part) for part in parts[:-1]] == [70] * (len(parts) - 1)
+    for name in ("stamps_ns", "gt_pos", "gt_quat", "est_pos", "est_quat", "lost"):
+        assert np.array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)), name
 
 
 def test_starts_that_wait_too_long_are_discarded_whatever_the_portions(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.convention.disagreement import LOOKS_WRONG, MIN_POSES, Hypothesis, case_of, disagreement
-from sfr_loc_map.metrics.trajectory.stamp_matching import unique_rows
+from sfr_loc_map.metrics.trajectory.stamp_matching import are_all, unique_rows
 
 OFFSET_STEPS = 200
 AS_GOOD = 1.1
@@ -21,7 +21,8 @@ STAMP_NOISE_NS = 1_000
 def time_offset_hypotheses(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
     """Yield the mismatch of a clock offset: truth is interpolated at shifted stamps and the best shift searched."""
     rows = unique_rows(truth.stamps_ns)
-    truth = Trajectory(truth.stamps_ns[rows], truth.positions[rows], truth.quats_xyzw[rows])
+    if not are_all(rows, len(truth)):
+        truth = Trajectory(truth.stamps_ns[rows], truth.positions[rows], truth.quats_xyzw[rows])
     if min(len(estimate), len(truth)) < MIN_POSES:
         return
     step = int(np.median(np.diff(estimate.stamps_ns)))

@@ -13,6 +13,7 @@ Definitions (docs/metrics.md says why):
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -160,12 +161,18 @@ def associate(
     estimates: Estimates, truth: Trajectory, config: AssociationConfig
 ) -> tuple[Frames, AssociationCounts, AssociationMode]:
     """Return the frames, what became of every pose, and how it was done: match or interpolate."""
-    est_rows = unique_rows(estimates.trajectory.stamps_ns)
-    gt_rows = unique_rows(truth.stamps_ns)
-    est_stamps, gt_stamps = estimates.trajectory.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
-    mode = decide_mode(est_stamps, gt_stamps, config)
+    portions, counts, mode = associate_in_portions(estimates, truth, config, max(len(estimates.trajectory), 1))
+    return next(portions), counts, mode
+
+
+def associate_in_portions(
+    estimates: Estimates, truth: Trajectory, config: AssociationConfig, size: int
+) -> tuple[Iterator[Frames], AssociationCounts, AssociationMode]:
+    """Return the same with the frames in portions of a size, at least one; each is made when it is asked for."""
+    est_rows, gt_rows = unique_rows(estimates.trajectory.stamps_ns), unique_rows(truth.stamps_ns)
+    stamps = estimates.trajectory.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
+    mode = decide_mode(*stamps, config)
     estimates, _ = estimates.summed(est_rows, StepSums.none())
-    frames, counts = join(estimates, est_rows, truth, gt_rows, config, mode)
     given = AssociationCounts(
         estimate_poses=len(estimates.trajectory),
         truth_poses=len(truth),
@@ -174,7 +181,17 @@ def associate(
         estimate_unordered=count_unordered(estimates.trajectory.stamps_ns),
         truth_unordered=count_unordered(truth.stamps_ns),
     )
-    return frames, counts + given, mode
+    if mode is AssociationMode.INTERPOLATE:
+        frames, counts = join(estimates, est_rows, truth, gt_rows, config, mode)
+        return (frames.rows(part) for part in _parts(len(frames), size)), counts + given, mode
+    est, gt = _rows_of(match_stamps(*stamps, tolerance_ns(config)), est_rows, gt_rows)
+    counts = _counts(estimates, est, truth, gt)
+    portions = (_side_by_side(estimates, est[part], truth, gt[part]) for part in _parts(len(est), size))
+    return portions, counts + given, mode
+
+
+def _parts(count: int, size: int) -> list[slice]:
+    return [slice(first, first + size) for first in range(0, max(count, 1), size)]
 
 
 def join(
@@ -188,28 +205,45 @@ def join(
     """Return the frames of rows that are in order and without duplicates; counts of the frames only."""
     est_stamps, gt_stamps = estimates.trajectory.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
     partner = match_stamps(est_stamps, gt_stamps, tolerance_ns(config))
-    matched = np.flatnonzero(partner >= 0)
-    difference = np.abs(est_stamps[matched] - gt_stamps[partner[matched]])
-    frames = _side_by_side(estimates, est_rows[matched], truth, gt_rows[partner[matched]])
-    counts = AssociationCounts(
-        exact=int(np.count_nonzero(difference == 0)),
-        near=int(np.count_nonzero(difference)),
-        largest_difference_ns=int(difference.max(initial=0)),
-    )
+    est, gt = _rows_of(partner, est_rows, gt_rows)
+    frames, counts = _side_by_side(estimates, est, truth, gt), _counts(estimates, est, truth, gt)
     if mode is AssociationMode.INTERPOLATE:
         between, after = bracketed(est_stamps, gt_stamps, partner, round(config.max_gap_s * NS_PER_S))
         rows = gt_rows[after - 1], gt_rows[after]
         frames = _merge(frames, _interpolated(estimates, est_rows[between], truth, *rows))
         gaps = truth.stamps_ns[rows[1]] - truth.stamps_ns[rows[0]]
-        counts = replace(counts, interpolated=len(between), largest_gap_ns=int(gaps.max(initial=0)))
-    lost, degraded = (int(np.count_nonzero(flags)) for flags in (frames.lost, frames.degraded))
-    return frames, replace(counts, lost=lost, degraded=degraded)
+        lost, degraded = (int(np.count_nonzero(flags)) for flags in (frames.lost, frames.degraded))
+        counts = replace(counts, interpolated=len(between), lost=lost, degraded=degraded)
+        counts = replace(counts, largest_gap_ns=int(gaps.max(initial=0)))
+    return frames, counts
+
+
+def _rows_of(
+    partner: NDArray[np.intp], est_rows: NDArray[np.intp], gt_rows: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the rows of the estimates that have a partner, and of their partners."""
+    matched = np.flatnonzero(partner >= 0)
+    return est_rows[matched], gt_rows[partner[matched]]
+
+
+def _counts(
+    estimates: Estimates, est_rows: NDArray[np.intp], truth: Trajectory, gt_rows: NDArray[np.intp]
+) -> AssociationCounts:
+    """Return the counts of rows that belong together."""
+    difference = np.abs(estimates.trajectory.stamps_ns[est_rows] - truth.stamps_ns[gt_rows])
+    return AssociationCounts(
+        exact=int(np.count_nonzero(difference == 0)),
+        near=int(np.count_nonzero(difference)),
+        largest_difference_ns=int(difference.max(initial=0)),
+        lost=int(np.count_nonzero(estimates.lost[est_rows])),
+        degraded=int(np.count_nonzero(estimates.degraded[est_rows])),
+    )
 
 
 def _side_by_side(
     estimates: Estimates, est_rows: NDArray[np.intp], truth: Trajectory, gt_rows: NDArray[np.intp]
 ) -> Frames:
-    est, of_est, of_gt = estimates.trajectory, _all_or(est_rows, estimates.trajectory), _all_or(gt_rows, truth)
+    est, of_est, of_gt = estimates.trajectory, _span_or(est_rows), _span_or(gt_rows)
     return Frames(
         truth.stamps_ns[of_gt],
         truth.positions[of_gt],
@@ -223,9 +257,11 @@ def _side_by_side(
     )
 
 
-def _all_or(rows: NDArray[np.intp], poses: Trajectory) -> slice | NDArray[np.intp]:
-    """Return rows; those of all poses in their order as a slice, for which nothing is copied."""
-    return slice(None) if np.array_equal(rows, np.arange(len(poses))) else rows
+def _span_or(rows: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+    """Return rows; those that follow each other as a slice, for which nothing is copied."""
+    first = int(rows[0]) if len(rows) else 0
+    span = slice(first, first + len(rows))
+    return span if np.array_equal(rows, np.arange(span.start, span.stop)) else rows
 
 
 def _interpolated(

@@ -23,6 +23,11 @@ def unique_rows(stamps_ns: IntArray) -> NDArray[np.intp]:
     return np.arange(len(stamps_ns), dtype=np.intp)
 
 
+def are_all(rows: NDArray[np.intp], count: int) -> bool:
+    """Tell whether rows are all of so many, in their order: then nothing needs to be copied."""
+    return len(rows) == count and bool(np.all(rows[1:] > rows[:-1]))
+
+
 def count_unordered(stamps_ns: IntArray) -> int:
     """Return how many stamps are earlier than one before them."""
     if len(stamps_ns) < 2:

@@ -17,13 +17,13 @@ from sfr_loc_map.metrics.modes import AssociationMode
 from sfr_loc_map.metrics.records.score_details import PathRows, TrajectoryDetails
 from sfr_loc_map.metrics.score import AssociationCounts, AssociationScore, TrajectoryScore
 from sfr_loc_map.metrics.statistics.running_statistics import Decimated, column, integers
-from sfr_loc_map.metrics.trajectory.association import Estimates, Frames, associate
+from sfr_loc_map.metrics.trajectory.association import Estimates, Frames, associate_in_portions
 from sfr_loc_map.metrics.trajectory.condition_scorer import ConditionScorer
 from sfr_loc_map.metrics.trajectory.sub_trajectories import Progress, path_lengths
 
 PATH_ROWS = 2000
 """Frames that are kept for figures."""
-CHUNK_FRAMES = 65536
+CHUNK_FRAMES = 16384
 POSITION_VARIANCES = (0, 6, 11)
 """Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
@@ -172,10 +172,11 @@ def score_trajectory(estimates: Estimates, truth: Trajectory, config: Trajectory
         MetricsError: If no estimate has a truth, or a condition is not valid.
     """
     scorer = TrajectoryScorer(config)
-    frames, counts, mode = associate(estimates, truth, config.association)
-    if not len(frames):
+    portions, counts, mode = associate_in_portions(estimates, truth, config.association, CHUNK_FRAMES)
+    if not counts.matched:
         raise MetricsError(_nothing_in_common(estimates.trajectory, truth))
-    scorer.push(frames)
+    for frames in portions:
+        scorer.push(frames)
     return scorer.result(counts, mode)
 
 
