@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.foreign_regions import ForeignRegions
-from sfr_loc_map.localisation.frontend.landmarks import Landmarks
+from sfr_loc_map.localisation.frontend.landmarks import ENOUGH_TO_FOLLOW, Landmarks
 from sfr_loc_map.localisation.frontend.motion_segmentation import (
     MIN_FIXED,
     Unexplained,
@@ -125,7 +125,7 @@ class GroundMotionFinder:
     def __init__(self, tracker: Tracker, relocaliser: Relocaliser, rig: StereoRig, config: LocalisationConfig) -> None:
         """Start before the first pair."""
         self._tracker, self._relocaliser = tracker, relocaliser
-        self.regions = ForeignRegions((rig.height, rig.width), config.max_features)
+        self.regions = ForeignRegions((rig.height, rig.width), min(config.max_features, ENOUGH_TO_FOLLOW))
         self._min_tracked, self._camera = config.min_tracked, rig.camera
         self._usual_share, self._has_moved, self._in_doubt = 0.0, False, False
         self._tears = TearWatch()

@@ -140,10 +140,18 @@ class KeyframeBackend:
     def wants_keyframe(self, result: TrackingResult) -> bool:
         """Tell whether a pair shall be a keyframe: few landmarks of the last one are left, or they moved far."""
         flow = result.flow_px
-        seen_by_keyframe = int(np.isfinite(self.landmarks.last_seen[:, 0]).sum())
+        followed = np.isin(result.landmarks.index, self.landmarks.index)
+        seen_by_keyframe = int(np.isfinite(result.landmarks.last_seen[followed, 0]).sum())
         if len(flow) < self._config.keyframe_share * seen_by_keyframe:
             return True
         return median(flow) > self._config.keyframe_flow * self._rig.width
+
+    def complete(self, frame: StereoFrame, result: TrackingResult) -> TrackingResult:
+        """Return the tracking of all landmarks, as in a keyframe, from that of those that are followed."""
+        if len(result.landmarks) >= len(self.landmarks):
+            return result
+        all_of_them = self._tracker.refine(frame, self.landmarks, result.pose, self.calibration.offset)
+        return all_of_them if self._tracker.trusts(all_of_them) else result
 
     def add_keyframe(self, frame: StereoFrame, result: TrackingResult) -> None:
         """Make a tracked pair a keyframe, in the background."""

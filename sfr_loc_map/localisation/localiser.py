@@ -126,7 +126,7 @@ class Localiser(Reporter):
 
     def _find(self, frame: StereoFrame, motion: Transform | None, *, torn: bool) -> TrackingResult:
         """Predict, align, refine, and relocalise where that fails."""
-        landmarks, offset = self._backend.landmarks, self._backend.calibration.offset
+        landmarks, offset = self._backend.landmarks.followed, self._backend.calibration.offset
         with self._timer("align"):
             guesses = self._motion.predictions(self._track.T_world_left, frame.stamp_ns, motion)
             start = self._tracker.align(frame.left, landmarks, guesses)
@@ -145,10 +145,14 @@ class Localiser(Reporter):
     def _update(self, frame: StereoFrame, result: TrackingResult, doubt: StateReason | None) -> PoseEstimate:
         """Take the pose that was found; add a keyframe where one is wanted."""
         track, backend, follows = self._track, self._backend, self._known
-        last, now = track.T_world_left, result.T_world_left
         ground, early = self._ground, backend.keyframe_count < self._doubted_keyframes
         # the right image alone gives a pose, but nothing that later pairs can start from, nor do parts of images
         whole = doubt is None and ground.wholeness is not Wholeness.TORN
+        by_left = whole and result.left_inlier_count >= self._config.min_tracked
+        wanted = by_left and backend.wants_keyframe(result)
+        with self._timer("refine"):
+            result = backend.complete(frame, result) if wanted else result
+        last, now = track.T_world_left, result.T_world_left
         self._status = Status.of_tracked(doubt or reason_to_doubt(ground, backend.calibration, early=early))
         if ground.doubt is not None:
             track.covariance.doubt(now.translation, ground.doubt)
@@ -158,11 +162,9 @@ class Localiser(Reporter):
         track.covariance.set_in_window(np.asarray(np.linalg.inv(result.information) + backend.covariance))
         unseen = np.zeros((6, 6)) if ground.wholeness is Wholeness.WHOLE else track.allow_unseen(frame.stamp_ns)
         track.moved(frame.stamp_ns, now, follows=follows)
-        by_left = whole and result.left_inlier_count >= self._config.min_tracked
         self._relocaliser.recovered()
         if by_left:
             self._relocaliser.remember(frame.image, result)
-        wanted = by_left and backend.wants_keyframe(result)
         statistics = _statistics(result, backend, backend.keyframe_count + wanted, ground.regions.share)
         moved = self._steps.tracked(frame.stamp_ns, result, backend.drift, backend.calibration, unseen)
         estimate = self._estimate(frame.stamp_ns, statistics, moved.with_doubt(covariance_of_doubt(ground.doubt)))
@@ -181,8 +183,7 @@ class Localiser(Reporter):
     def _begin(self, frame: StereoFrame) -> PoseEstimate:
         """Begin a window at the last known pose; stay lost without enough landmarks."""
         track, backend = self._track, self._backend
-        found = backend.begin(frame, track.T_world_left)
-        if found < self._config.min_tracked:
+        if (found := backend.begin(frame, track.T_world_left)) < self._config.min_tracked:
             return self._unknown(frame.stamp_ns, blindness(frame), TrackingStatistics(features=found))
         self._status = Status(TrackingState.INITIALISING if backend.keyframe_count == 1 else TrackingState.TRACKING)
         if track.unseen_s(frame.stamp_ns) > 0.0:
@@ -214,8 +215,7 @@ class Localiser(Reporter):
 
     def _finish_keyframe(self) -> None:
         """Wait for the keyframe in work, and go on from its adjusted pose; leave a window that is not plausible."""
-        seconds = self._backend.wait()
-        if seconds is None:
+        if (seconds := self._backend.wait()) is None:
             return
         self._timer.seconds["keyframe"] = seconds
         pose, covariance, track = self._backend.pose, self._backend.covariance, self._track

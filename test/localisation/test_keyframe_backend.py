@@ -67,6 +67,19 @@ def test_a_window_that_finds_too_few_landmarks_does_not_replace_the_one_before(b
     assert by.keyframe_count == count
 
 
+def test_a_keyframe_tracks_all_landmarks_where_only_some_are_followed() -> None:
+    by, tracker = backend()
+    by.begin(frame(0), Transform.identity())
+    every = tracked(by, tracker, 2)
+    some = every.landmarks.subset(np.arange(len(every.landmarks)) % 2 == 0)
+    followed = tracker.refine(frame(2), some, every.pose, by.calibration.offset)
+    complete = by.complete(frame(2), followed)
+    assert len(complete.landmarks) == len(by.landmarks)
+    np.testing.assert_allclose(complete.pose.position, every.pose.position, atol=1e-4)
+    assert by.complete(frame(2), every) is every
+    assert by.complete(BLACK_FRAME, followed) is followed  # what all of them do not confirm stays
+
+
 def test_a_keyframe_is_wanted_after_some_flow_or_with_few_landmarks_left() -> None:
     by, tracker = backend()
     by.begin(frame(0), Transform.identity())

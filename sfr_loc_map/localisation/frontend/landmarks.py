@@ -21,6 +21,8 @@ MIN_INVERSE_DEPTH = 1e-6
 """Inverse depth, 1/m, up to which a landmark is at infinity."""
 ENOUGH_TO_ALIGN = 300
 """About as many landmarks give a pose to some hundredths of a pixel."""
+ENOUGH_TO_FOLLOW = 600
+"""About as many landmarks give the pose of a pair that is no keyframe: its errors do not add up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +82,15 @@ class Landmarks:
     @cached_property
     def few(self) -> Landmarks:
         """Some of them, at least `ENOUGH_TO_ALIGN` where there are as many, from all hosts and parts of the image."""
-        every = len(self) // ENOUGH_TO_ALIGN
+        return self._some(ENOUGH_TO_ALIGN)
+
+    @cached_property
+    def followed(self) -> Landmarks:
+        """Likewise at least `ENOUGH_TO_FOLLOW`."""
+        return self._some(ENOUGH_TO_FOLLOW)
+
+    def _some(self, enough: int) -> Landmarks:
+        every = len(self) // enough
         return self if every < 2 else self.subset(np.arange(len(self)) % every == 0)
 
     @property

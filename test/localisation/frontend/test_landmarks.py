@@ -3,7 +3,7 @@ import numpy as np
 from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
-from sfr_loc_map.localisation.frontend.landmarks import ENOUGH_TO_ALIGN, Landmarks
+from sfr_loc_map.localisation.frontend.landmarks import ENOUGH_TO_ALIGN, ENOUGH_TO_FOLLOW, Landmarks
 
 
 def landmarks(inverse_depth: np.ndarray) -> Landmarks:
@@ -56,6 +56,7 @@ def test_few_are_enough_to_align_from_all_of_them() -> None:
     marks = landmarks(np.ones(3 * ENOUGH_TO_ALIGN + 1))
     np.testing.assert_array_equal(marks.few.index, np.arange(0, len(marks), 3))
     assert len(landmarks(np.ones(2 * ENOUGH_TO_ALIGN - 1)).few) == 2 * ENOUGH_TO_ALIGN - 1
+    assert len(landmarks(np.ones(2 * ENOUGH_TO_FOLLOW)).followed) == ENOUGH_TO_FOLLOW
 
 
 def test_old_are_the_landmarks_of_other_keyframes_than_the_last() -> None:
