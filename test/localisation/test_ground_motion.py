@@ -83,8 +83,8 @@ def noisy_pairs() -> list[StereoPair]:
     ]
 
 
-def test_where_nearly_half_of_the_image_moves_otherwise_the_pose_is_in_doubt_or_right() -> None:
-    for amount in (0.4, 0.45):
+def test_where_more_than_a_third_of_the_image_moves_otherwise_the_pose_is_in_doubt_or_right() -> None:
+    for amount in (0.35, 0.38):  # beyond, which of the two motions has more landmarks is chance
         estimates = with_fault(f"body:amount={amount}")
         assert worst_ratio(estimates) < 5.0
         doubtful = [item for item in estimates if item.state is TrackingState.DEGRADED]

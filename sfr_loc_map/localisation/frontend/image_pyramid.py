@@ -44,7 +44,7 @@ class Pyramid:
 
 def build_pyramid(image: GreyImage) -> Pyramid:
     """Return the pyramid of an image `(H, W)` uint8."""
-    smooth = cv2.GaussianBlur(image.astype(np.float32), (5, 5), 0.7)
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (5, 5), 0.5)
     levels = [smooth]
     for _ in range(LEVELS - 1):
         height, width = levels[-1].shape
