@@ -144,7 +144,7 @@ class Health:
             self._arrivals: deque[float] = deque(maxlen=MAX_MOMENTS)
             self._calls: deque[float] = deque(maxlen=MAX_MOMENTS)
             self._latencies: dict[str, deque[float]] = {}
-            self._problems: dict[str, tuple[float, Level]] = {}
+            self._problems: dict[str, tuple[float, Level, str]] = {}
             self._counts: dict[str, int] = {}
             self._drops: dict[str, float] = {}
             self._last_call: tuple[Level, str] | None = None
@@ -175,11 +175,17 @@ class Health:
                 if name.startswith("latency_"):
                     self._latencies.setdefault(name, deque(maxlen=LATENCY_WINDOW)).append(float(value))
 
-    def note_problem(self, level: Level, text: str) -> None:
-        """Note something that shows for a while."""
+    def note_problem(self, level: Level, text: str, kind: str = "") -> None:
+        """Note something that shows for a while.
+
+        Args:
+            level: How bad it is.
+            text: What it is.
+            kind: Where given, it takes the place of the last one of that kind.
+        """
         with self._lock:
-            self._problems.pop(text, None)  # the latest is last
-            self._problems[text] = (self._clock(), level)
+            self._problems.pop(kind or text, None)  # the latest is last
+            self._problems[kind or text] = (self._clock(), level, text)
 
     def judge(self, activity: NodeActivity) -> HealthStatus:
         """Judge the node by what happened and what it does at the moment."""
@@ -209,8 +215,8 @@ class Health:
 
     def _recent_problems(self, now: float) -> list[tuple[Level, str]]:
         """Return the problems that still show, the latest first."""
-        self._problems = {t: (at, lv) for t, (at, lv) in self._problems.items() if now - at <= self._config.window_s}
-        return [(level, text) for text, (_, level) in reversed(self._problems.items())]
+        self._problems = {key: item for key, item in self._problems.items() if now - item[0] <= self._config.window_s}
+        return [(level, text) for _, level, text in reversed(self._problems.values())]
 
     def _findings(self, now: float, memory: int, activity: NodeActivity) -> list[tuple[Level, str]]:
         found = list(activity.findings)

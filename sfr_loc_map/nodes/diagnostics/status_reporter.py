@@ -59,11 +59,16 @@ class StatusReporter:
         self._publish("input", Level.ERROR, text, {"task": self._task, **self._activity().counts})
         self.publish_health(only_changes=True)
 
-    def warn(self, text: str) -> None:
-        """Report something that is not as it should be, though the node works: log, health."""
+    def warn(self, text: str, kind: str = "") -> None:
+        """Report something that is not as it should be, though the node works: log, health.
+
+        Args:
+            text: What it is.
+            kind: Where given, health names the latest of that kind only.
+        """
         text = one_line(text)
         self._node.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
-        self.health.note_problem(Level.WARN, text)
+        self.health.note_problem(Level.WARN, text, kind)
         self.publish_health(only_changes=True)
 
     def note_call(self, call: Call, took: Mapping[str, Value]) -> None:

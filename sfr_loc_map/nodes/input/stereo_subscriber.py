@@ -44,7 +44,7 @@ class StereoSubscriber:
         self._status = status
         self._gaps: list[TransportGaps] = []
         self._unprocessed = 0
-        self._losses = LossWatch(f"images of '{name}'", EXPORT_LINE, status.warn)
+        self._losses = LossWatch(f"images of '{name}'", EXPORT_LINE, partial(status.warn, kind="transport"))
         self._synchronizer = StereoSynchronizer(name, config, handlers, status.error)
         qos = profile(config.reliability, config.queue_depth)
         topics: list[tuple[str, type[Any]]] = []

@@ -56,6 +56,9 @@ def test_drops_and_problems_show_for_the_window() -> None:
     assert node.judge().level is Level.ERROR
     node.now += 3.1
     assert node.judge().level is Level.OK
+    for share in (25, 40):
+        node.health.note_problem(Level.WARN, f"{share}% are lost", "transport")
+    assert node.judge().message == "40% are lost"
 
 
 @pytest.mark.parametrize(("rows", "level"), [(0.29, Level.OK), (0.31, Level.WARN), (-0.31, Level.WARN)])
