@@ -10,9 +10,10 @@ COMMAND = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
 
 
 def _switch(name: str) -> PythonExpression:
-    """Return the switch of `sfr replay` that an argument stands for."""
-    after = f"'.lower() == 'true' else '--no-{name}'"
-    return PythonExpression([f"'--{name}' if '", LaunchConfiguration(name), after])
+    """Return the switch of `sfr replay` that an argument stands for; it refuses one that is neither true nor false."""
+    value = LaunchConfiguration(name)
+    known = f"{{'true': '--{name}', 'false': '--no-{name}'}}"
+    return PythonExpression([f"{known}.get('", value, f"'.lower(), '--{name}=", value, "')"])
 
 
 def generate_launch_description() -> LaunchDescription:

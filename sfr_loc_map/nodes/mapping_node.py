@@ -87,6 +87,7 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
 
     def check_config(self, config: MappingNodeConfig) -> None:
         """Try whether a mapper can be made with the parameters and the rig, or any where that is not known."""
+        config.check_frames(config.lm_frame)
         rig = self._stereo.rig if self._stereo is not None else None
         Mapper(rig or ANY_RIG, config.mapping)
 

@@ -61,7 +61,7 @@ def test_what_ros2_run_and_launch_look_for_is_installed(installed: Path) -> None
     inner = installed / PACKAGE
     assert (inner / "share" / "ament_index" / "resource_index" / "packages" / PACKAGE).is_file()
     executables = {path.name for path in (inner / "lib" / PACKAGE).iterdir()}
-    assert executables >= {"localisation_node", "mapping_node", "monitor_node"}
+    assert executables >= {"localisation_node", "mapping_node", "monitor_node", "sfr"}
     share = inner / "share" / PACKAGE
     for name in ("localisation", "replay", "sfr"):
         assert (share / "launch_scripts" / f"{name}.launch.py").is_file()

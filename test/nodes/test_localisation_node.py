@@ -441,6 +441,9 @@ def test_localisation_without_extrinsics_says_what_is_missing(ros: None, capfd: 
 INVALID = [
     ("T_rb_locsb.quat_xyzw:=[0.0, 0.0, 0.0, 2.0]", "a unit quaternion is needed"),
     ("T_rb_locsb.translation_m:=[1.0, 0.0, 0.0]", "give both"),
+    ("ds_frame:=''", "'' is no name of a frame"),
+    ("frame_prefix:=/rover1/", "'/rover1/ds' is no name of a frame"),
+    ("rb_frame:=ds", "must have different names"),
     ("localisation.max_feature:=3", "unknown key 'localisation.max_feature'"),
     ("input.image_transport:=theora", "must be one of raw, compressed, auto"),
 ]

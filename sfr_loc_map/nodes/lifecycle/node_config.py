@@ -6,6 +6,7 @@ from abc import abstractmethod
 from dataclasses import dataclass, field
 
 from sfr_loc_map.config import param
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.diagnostics.health import HealthConfig
 from sfr_loc_map.nodes.lifecycle.qos import RELIABILITIES
 from sfr_loc_map.nodes.lifecycle.worker import Overload
@@ -49,6 +50,19 @@ class PairNodeConfig(NodeConfig):
     def frame(self, name: str) -> str:
         """Return the name that a frame has in messages."""
         return self.frame_prefix + name
+
+    def check_frames(self, *names: str) -> None:
+        """Check names of frames that must differ, by the rules of tf2.
+
+        Raises:
+            ConfigError: If one is empty, has blanks or begins with `/`, or two are equal.
+        """
+        for name in names:
+            full = self.frame(name)
+            if not name or full.startswith("/") or full.split() != [full]:
+                raise ConfigError(f"'{full}' is no name of a frame: give one without blanks and without / before it")
+        if len(set(names)) < len(names):
+            raise ConfigError(f"the frames {', '.join(names)} must have different names")
 
     def queue(self) -> tuple[Overload, int]:
         """Return the limits that the parameters set."""

@@ -161,11 +161,13 @@ def test_the_replay_calls_the_command_with_options_that_it_has(described: Any) -
     assert all(option in text for option in options if isinstance(option, str))
     assert [o for o in options if isinstance(o, str)] == ["--out", "--rate", "--start", "--start-offset"]
     for name, option in zip(("loop", "overwrite"), options[-2:], strict=True):
-        before, argument, after = option.args[0]
-        assert argument.args == (name,)
-        for value, no in (("true", ""), ("True", ""), ("false", "no-"), ("", "no-")):
-            assert eval(before + value + after) == f"--{no}{name}"
-            assert f"--{no}{name}" in text
+        assert [part.args for part in option.args[0] if isinstance(part, Made)] == [(name,)] * 2
+        for value, switch in (("true", ""), ("True", ""), ("false", "no-"), ("maybe", None)):
+            made = eval("".join(value if isinstance(part, Made) else part for part in option.args[0]))
+            assert made == (f"--{name}=maybe" if switch is None else f"--{switch}{name}")
+            assert switch is None or made in text
+    refused = CliRunner().invoke(app, ["replay", "x", "--loop=maybe"])
+    assert refused.exit_code == 2
 
 
 def test_launch_files_are_installed() -> None:
