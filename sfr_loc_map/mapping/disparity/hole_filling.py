@@ -31,7 +31,7 @@ F = np.float32
 
 PASSES = 2
 """What was filled offers its surface to its neighbours in the next pass."""
-COST_PERCENTILE = 85.0
+COST_PERCENTILE = 90.0
 """A filled pixel matches no worse than so many percent of the valid pixels beside holes: `BESIDE` pixels or less from
 one. Every `SAMPLE`th of them is taken."""
 BESIDE, SAMPLE, MIN_SAMPLES = 3, 5, 50
@@ -66,17 +66,17 @@ def fill_holes(
         noise: Standard deviation of a residual, grey levels.
         may: `(H, W)`, which pixels may be filled.
     """
-    filled = np.zeros_like(valid)
+    known, beside = valid, may
     limit = _cost_limit(images, Field(disparity, valid, ~valid, matched, disparity))
     for _ in range(PASSES if limit > 0.0 else 0):
-        known = valid | filled
-        present = Field(disparity, known, may & ~known, matched, distance_to(known))
+        present = Field(disparity, known, beside & ~known, matched, distance_to(known))
         found = fill_pass(images, present, right_claims(disparity, known), F(limit), F(MARGIN_SIGMAS * noise))
         added = np.isfinite(found)
-        merged, known = np.where(added, found, disparity), known | added
-        added = confirmed(merged, known, added, right_claims(merged, known))
-        disparity, filled = np.where(added, found, disparity), filled | added
-    return Filled(disparity, filled)
+        merged, either = np.where(added, found, disparity), known | added
+        added = confirmed(merged, either, added, right_claims(merged, either))
+        disparity, known = np.where(added, found, disparity), known | added
+        beside = may & (distance_to(added) <= REACH)
+    return Filled(disparity, known & ~valid)
 
 
 def distance_to(valid: Mask) -> FloatImage:

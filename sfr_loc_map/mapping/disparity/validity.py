@@ -39,8 +39,9 @@ SUPPORT_RADIUS = 4
 """Neighbours of similar grey level support a pixel: where their weight is 1/e, and the radius of the window."""
 MARGIN_PER_SIGMA = F(3.0)
 MARGIN_OFFSET = F(3.0)
+MAX_MARGIN = F(0.5)
 """Margin in matching cost by which a pixel beside a jump may prefer the surface beyond, in standard deviations of
-noise: the offset, less so much per pixel of its own sigma, and none where its sigma is large."""
+noise: the offset, less so much per pixel of its own sigma. Where sigma is large its own must be better, by the last."""
 MAX_SLOPE = F(0.7)
 """Pixels of disparity for each pixel along the row. A ramp of 1 lies on one ray of the right camera: what is steep
 joins two surfaces across a part that one of the cameras does not see."""
@@ -63,7 +64,7 @@ def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatIma
     valid &= _textured(refined) & _similar(left, refined) & ~_ramp(disparity)
     queried = _beside_jump(disparity) & valid
     margin = matching_cost_margin(left, refined.right, disparity, matched, queried, support_weights())
-    needed = np.minimum(MARGIN_PER_SIGMA * sigma_px - MARGIN_OFFSET, F(0.0))
+    needed = np.minimum(MARGIN_PER_SIGMA * sigma_px - MARGIN_OFFSET, MAX_MARGIN)
     valid &= margin > F(refined.noise) * needed
     return valid_segments(left, refined.right, disparity, valid)
 
