@@ -39,6 +39,8 @@ ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     "rgb8": (np.uint8, 3),
     "bgr8": (np.uint8, 3),
     "8UC3": (np.uint8, 3),
+    "rgba8": (np.uint8, 4),
+    "bgra8": (np.uint8, 4),
     **{f"bayer_{order}8": (np.uint8, 1) for order in BAYER},
     **{f"bayer_{order}16": (np.uint16, 1) for order in BAYER},
     **dict.fromkeys(LUMA, (np.uint8, 2)),
@@ -165,7 +167,7 @@ def _grey_of(image: NDArray[Any], encoding: str) -> GreyImage:
         if min(image.shape) < MIN_MOSAIC:
             raise InputError(f"is {image.shape[1]} x {image.shape[0]}: too small for a Bayer mosaic")
         return grey8(np.asarray(cv2.cvtColor(image, BAYER[encoding[6:10]])))
-    return grey8(image, "rgb" if encoding == "rgb8" else "bgr")
+    return grey8(image, "rgb" if encoding.startswith("rgb") else "bgr")
 
 
 def image_from_compressed_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/CompressedImage

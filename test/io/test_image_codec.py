@@ -60,6 +60,10 @@ def test_rgb_and_bgr_differ_in_order_only(image: np.ndarray) -> None:
     first, second = (image_from_message(message(a, e)) for a, e in ((rgb, "rgb8"), (rgb[..., ::-1], "bgr8")))
     np.testing.assert_array_equal(first, second)
     assert np.abs(first - luma).max() <= 0.6
+    alpha = image[..., None]
+    for colour, encoding in ((rgb, "rgba8"), (rgb[..., ::-1], "bgra8")):
+        found = image_from_message(message(np.concatenate((colour, alpha), axis=2), encoding))
+        np.testing.assert_array_equal(found, first)
 
 
 @pytest.mark.parametrize("bits", [8, 16])
