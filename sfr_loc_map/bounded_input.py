@@ -16,7 +16,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 MB = 1_000_000
@@ -105,6 +104,8 @@ def count_line_ends(data: bytes) -> int:
     """Return how many line feeds and carriage returns there are; a third of the time of `bytes.count` in long texts."""
     if len(data) < MB:
         return data.count(b"\n") + data.count(b"\r")
+    import numpy as np  # what reads short files only, as a command's help, does without it
+
     letters = np.frombuffer(data, np.uint8)
     blocks = (letters[begin : begin + MB] for begin in range(0, len(letters), MB))
     return sum(int(np.count_nonzero(block == 10)) + int(np.count_nonzero(block == 13)) for block in blocks)

@@ -45,14 +45,15 @@ def load_kernels(part: str, say: Say = say_on_stderr, is_wanted: Callable[[], bo
         KeyboardInterrupt: If kernels had to be compiled, and are wanted no more.
     """
     with _ONE_AT_A_TIME:  # the listeners hear all threads
-        try:
-            with event.install_listener(COMPILE, _Refusal()):
+        with event.install_listener(COMPILE, _Refusal()):
+            try:
                 PARTS[part]()
-        except _NotCompiledError:
-            _compile_beside(part, say, is_wanted)
-            guard = event.install_listener(COMPILE, _EndWhenUnwanted(is_wanted))
-            with guard, announce_compilation(say):  # of what could not be kept: the cache may be read-only
-                PARTS[part]()
+                return
+            except _NotCompiledError:  # refused all the while: other threads of the part have not ended yet
+                _compile_beside(part, say, is_wanted)
+        guard = event.install_listener(COMPILE, _EndWhenUnwanted(is_wanted))
+        with guard, announce_compilation(say):  # of what could not be kept: the cache may be read-only
+            PARTS[part]()
 
 
 class _NotCompiledError(Exception):

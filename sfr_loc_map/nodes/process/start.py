@@ -6,6 +6,7 @@ process may end at once. It must import nothing of size itself.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import signal
@@ -23,7 +24,10 @@ def start(module: str) -> int:
     """
     sys.argv[0] = module.rpartition(".")[2]
     before = {number: signal.signal(number, _leave) for number in SIGNALS}
+    gc.disable()
     main = importlib.import_module(f"sfr_loc_map.{module}").main
+    gc.freeze()  # modules live as long as the process: no search for what can be freed looks through them, now or later
+    gc.enable()
     for number, handler in before.items():
         signal.signal(number, handler)
     return int(main() or 0)
