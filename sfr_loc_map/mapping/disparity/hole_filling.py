@@ -147,6 +147,18 @@ def _cost_aside(images: Images, valid: Mask, y: int, x: int, plane: Plane) -> np
 
 
 @jit_rows_inline
+def _cheapest(cost: FloatImage, possible: Mask) -> int:
+    """Return the possible hypothesis of the lowest cost, the first of equals; one without a cost is taken at once."""
+    best, lowest = 0, LARGE
+    for k in range(8):
+        if possible[k] and (cost[k] < lowest or np.isnan(cost[k])):
+            best, lowest = k, cost[k]
+            if np.isnan(lowest):
+                break
+    return best
+
+
+@jit_rows_inline
 def _filled(
     images: Images, field: Field, claims: Claims, limit: np.float32, margin: np.float32, y: int, x: int
 ) -> np.float32:
@@ -155,13 +167,14 @@ def _filled(
     Where the field agrees with it, it is the field's.
     """
     found = hypotheses(field, y, x)
-    possible = np.zeros(8, np.bool_)
+    possible, count = np.zeros(8, np.bool_), 0
     for k in range(8):
         possible[k] = not is_contradicted(found[k, 0], claims, y, x)
-    if not possible.any():
+        count += possible[k]
+    if count == 0:
         return F(np.nan)
     cost, worth = _costs(images, field.valid, y, x, found)
-    best = np.argmin(np.where(possible, cost, LARGE))
+    best = _cheapest(cost, possible)
     disparity: np.float32 = found[best, 0]
     needed = cost[best] + margin / np.sqrt(worth[best])
     if not (possible[best] and cost[best] <= limit and _other_cost(found, cost, disparity) >= needed):
