@@ -75,7 +75,7 @@ setup(
         "setuptools",
         "jinja2>=3.1,<4",  # BSD-3
         "lazy-loader>=0.4,<1",  # BSD-3; a package's face costs nothing until a name of it is used
-        "numba>=0.60,<0.70",  # BSD-2
+        "numba>=0.64,<0.70",  # BSD-2
         "numpy>=1.26,<3",  # BSD-3
         "opencv-python-headless>=4.10,<5",  # Apache-2.0
         "plotly>=5.18,<8",  # MIT
