@@ -36,8 +36,9 @@ SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
 PLACES = 8
 """Pairs that a method may hold without a copy; a place that was never used takes no memory."""
-LEAKING_CALLS, LEAKED_BYTES = 10, 20 * MB
-"""A method that keeps more after each of so many calls in a row, so much in all, leaks."""
+LEAKS = {10: 100 * MB, 50: 20 * MB}
+"""A method that keeps more after each of so many calls in a row, so much in all, leaks; a window that fills up does
+not."""
 
 
 class MethodFailureError(Exception):
@@ -213,17 +214,15 @@ class MethodProcess:
         return next((line.strip() for line in reversed(lines) if line.strip()), "its log is empty")[:300]
 
     def _leak(self, resident: int | None) -> str:
-        """Return once what is wrong with the memory that is kept after the calls."""
+        """Return what is wrong with the memory that is kept after the calls, once for each of `LEAKS`."""
         if resident is None or not self._kept:
             self._kept = resident or 0
             return ""
         grown, self._kept = resident - self._kept, resident
         self._growing, self._grown = (self._growing + 1, self._grown + grown) if grown > 0 else (0, 0)
-        if self._growing != LEAKING_CALLS:
+        if self._growing not in LEAKS or self._grown <= LEAKS[self._growing]:
             return ""
-        leaks = self._grown > LEAKED_BYTES
-        each = self._grown / LEAKING_CALLS / MB
-        return f"keeps {each:.0f} MB more after each of {LEAKING_CALLS} calls" if leaks else ""
+        return f"keeps {self._grown / self._growing / MB:.1f} MB more after each of {self._growing} calls"
 
     def kill(self) -> None:
         """End the process and all that it has started, now."""

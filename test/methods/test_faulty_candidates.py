@@ -90,7 +90,7 @@ def test_after_too_many_crashes_it_is_not_started_again(faulty: Path) -> None:
 def test_a_leak_is_named_before_the_limit_ends_it(faulty: Path) -> None:
     made = calls(faulty, "leak", 14)  # 30 MB a pair; at 400 MB it is ended
     found = [call.finding for call in made]
-    leaking = [number for number, text in enumerate(found) if text.startswith("leaking: keeps 30 MB more")]
+    leaking = [number for number, text in enumerate(found) if text.startswith("leaking: keeps 30")]
     ended = [number for number, text in enumerate(found) if text.startswith("out of memory: has 4")]
     assert leaking == [10]
     assert ended == [12] or ended == [13] or ended == [11]
