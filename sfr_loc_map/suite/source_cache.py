@@ -29,6 +29,7 @@ FOLDER = "fetched"
 TRIES = 3
 PAUSE_S = 2.0
 WAIT_S = 0.2
+LOCK_POLL_S = 0.02
 _held: list[int] = []
 """Locks of the copies that this process reads, until it ends."""
 
@@ -66,7 +67,12 @@ class SourceCache:
                     os.utime(self._folder / f"{version}.lock")
                     _held.append(lock)
                     return copy / _name(url)
-                fcntl.flock(lock, fcntl.LOCK_EX)
+                fcntl.flock(lock, fcntl.LOCK_UN)
+                try:  # who waits here would wait for all that use a copy made meanwhile
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    time.sleep(LOCK_POLL_S)
+                    continue
                 if not self._is_whole(copy):  # nobody else has made it meanwhile
                     self._make(url, copy, sha256)
         except BaseException:

@@ -41,15 +41,16 @@ def state_of(url: str) -> dict[str, Any] | None:
 
 async def lost_poses(url: str) -> list[bool]:
     """Return of each pose that the page is sent whether it is lost, once the run has ended."""
-    lost: list[bool] = []
+    lost: dict[int, bool] = {}
     async with aiohttp.ClientSession() as session, session.ws_connect(url + "ws") as channel:
         async for received in channel:
             message = json.loads(received.data)
             if message["type"] == "path":
-                lost += [bool(row[ROW_FIELDS.index("lost")]) for row in message["rows"]]
+                lost = {} if message["whole"] else lost  # as the page does
+                lost |= {row[ROW_FIELDS.index("n")]: bool(row[ROW_FIELDS.index("lost")]) for row in message["rows"]}
             elif message["type"] == "end":
                 break
-    return lost
+    return [lost[number] for number in sorted(lost)]
 
 
 def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(
