@@ -21,6 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sfr_loc_map.nodes.process.environment import free_domain
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*(ROOT / "docs" / "tutorials").glob("*.md"), ROOT / "docs" / "python.md"])
 BLOCK = re.compile(r"(?:<!-- (slow|until Ctrl-C) -->\n)?```(sh|python)\n(.*?)```", re.DOTALL)
@@ -61,7 +63,7 @@ def run_page(page: Path, folder: Path) -> None:
     """
     lay_out(folder)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "ROS_DOMAIN_ID": "87"}
+    environment = os.environ | {"PATH": path, "ROS_DOMAIN_ID": str(free_domain())}
     if '"data"' in page.read_text(encoding="utf-8"):
         subprocess.run(["sfr", "convert", "sample/sample.mcap", "data"], cwd=folder, env=environment, check=True)
     names: dict[str, Any] = {}

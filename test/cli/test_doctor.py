@@ -348,16 +348,13 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
     mount.write_text("/**/localisation_node:\n  ros__parameters:\n    T_rb_locsb.quat_xyzw: [0.0, 0.0, 0.0, 1.0]\n")
     with ExitStack() as stack:
         started: list[tuple[Process, str]] = []
-        taken: set[str] = set()
         for what in GRAPHS:
-            domain = next(d for d in iter(lambda: str(environment.free_domain()), "") if d not in taken)
             variables = {
-                "ROS_DOMAIN_ID": domain,
+                "ROS_DOMAIN_ID": str(environment.free_domain()),
                 "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
                 "ROS_LOG_DIR": str(folder),
             }
             environment.prepare(variables)
-            taken.add(domain)
             environments[what] = variables
             if what == SMALL:
                 continue

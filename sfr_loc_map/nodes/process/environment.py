@@ -6,6 +6,7 @@ import os
 import random
 import socket
 import sys
+from collections import deque
 from collections.abc import MutableMapping
 from pathlib import Path
 
@@ -16,6 +17,12 @@ PROFILE = Path(__file__).with_name("profiles") / "fastdds_shm.xml"
 OLD_PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 DOMAINS = 101
 """Domains 1 to 101 have ports below the ephemeral range."""
+PROBED_PARTICIPANTS = 10
+"""The first of a domain may have ended while others run."""
+HELD_PORT = 249
+"""From the first port of a domain: that of participant 119, which no program reaches."""
+KEPT = 16
+_held: deque[socket.socket] = deque()
 
 
 def profile_variable(environment: MutableMapping[str, str] = os.environ) -> str:
@@ -58,20 +65,38 @@ def isolate(environment: MutableMapping[str, str] = os.environ) -> None:
 
 
 def free_domain() -> int:
-    """Return a domain whose first participant's port is not in use on this host.
+    """Return a domain that no participant of this host uses, and keep it from other processes that ask for one.
 
-    The port is that of RTPS (OMG DDSI-RTPS 2.5, 9.6.2.3): 7400 + 250 domain + 10.
+    Ports are those of RTPS (OMG DDSI-RTPS 2.5, 9.6.2.3): 7400 + 250 domain, and from there 10 + 2 i for participant i.
+    The participants come seconds after the choice: until then a port of the domain that they do not reach is held. It
+    is given back at the end of this process, or after more calls.
 
     Raises:
         NodeError: If all are in use.
     """
     for domain in random.sample(range(1, DOMAINS + 1), DOMAINS):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(("", 7400 + 250 * domain + 10))
-            except OSError:
-                continue
-            return domain
+        base = 7400 + 250 * domain
+        participants = [_bind(base + 10 + 2 * index) for index in range(PROBED_PARTICIPANTS)]
+        for probe in participants:
+            if probe:
+                probe.close()
+        if not all(participants) or (held := _bind(base + HELD_PORT)) is None:
+            continue
+        _held.append(held)
+        while len(_held) > KEPT:
+            _held.popleft().close()
+        return domain
     raise NodeError(
         f"all ROS domains 1 to {DOMAINS} are in use on this host: end other ROS programs or set ROS_DOMAIN_ID"
     )
+
+
+def _bind(port: int) -> socket.socket | None:
+    """Return a UDP socket on a port of all interfaces, None where it is in use."""
+    probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        probe.bind(("", port))
+    except OSError:
+        probe.close()
+        return None
+    return probe

@@ -1,4 +1,5 @@
 import socket
+from collections import deque
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -50,11 +51,17 @@ def test_isolate_keeps_what_the_user_chose() -> None:
     assert fresh["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
 
 
-def test_a_domain_in_use_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("participant", [0, 3])
+def test_a_domain_in_use_is_not_chosen(monkeypatch: pytest.MonkeyPatch, participant: int) -> None:
+    monkeypatch.setattr(environment, "_held", deque())
     free = environment.free_domain()
     monkeypatch.setattr(environment.random, "sample", lambda *_: [free])
+    with pytest.raises(NodeError, match="ROS domains 1 to 101 are in use"):
+        environment.free_domain()  # another process that asks before the first has participants
+    environment._held.pop().close()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("", 7400 + 250 * free + 10))
+        taken.bind(("", 7400 + 250 * free + 10 + 2 * participant))
         with pytest.raises(NodeError, match="ROS domains 1 to 101 are in use"):
             environment.free_domain()
     assert environment.free_domain() == free
+    environment._held.pop().close()
