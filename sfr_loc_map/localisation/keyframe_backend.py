@@ -150,7 +150,7 @@ class KeyframeBackend:
         """Return the tracking of all landmarks, as in a keyframe, from that of those that are followed."""
         if len(result.landmarks) >= len(self.landmarks):
             return result
-        all_of_them = self._tracker.refine(frame, self.landmarks, result.pose, self.calibration.offset)
+        all_of_them = self._tracker.refine_rest(frame, self.landmarks, result, self.calibration.offset)
         return all_of_them if self._tracker.trusts(all_of_them) else result
 
     def add_keyframe(self, frame: StereoFrame, result: TrackingResult) -> None:

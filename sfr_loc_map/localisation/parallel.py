@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import cache
 from typing import Any, TypeVar, cast
 
@@ -18,9 +22,32 @@ Rows = TypeVar("Rows", bound=FloatArray | tuple[FloatArray, ...])
 """An array with a row for each point, or a `NamedTuple` of such arrays."""
 
 
+class _SecondThread:
+    """A thread that works beside its caller, on another core.
+
+    A scheduler may leave a thread that it wakes on the core of the one that woke it, and behind it, for milliseconds:
+    longer than the work takes.
+    """
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="right")
+        self._id = self._pool.submit(threading.get_native_id).result()
+        self._core = getattr(ctypes.CDLL(None), "sched_getcpu", None)
+        self._cores: set[int] = set()
+
+    def submit(self, function: Callable[..., R], *arguments: Any) -> Future[R]:  # noqa: ANN401 - any arguments
+        """Start work."""
+        others = os.sched_getaffinity(0) - {self._core()} if self._core else set()
+        if others not in (set(), self._cores):
+            self._cores = others
+            with suppress(OSError):  # a container may forbid it
+                os.sched_setaffinity(self._id, others)
+        return self._pool.submit(function, *arguments)
+
+
 @cache
-def _second_thread() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=1, thread_name_prefix="right")
+def _second_thread() -> _SecondThread:
+    return _SecondThread()
 
 
 @cache

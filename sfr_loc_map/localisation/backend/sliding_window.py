@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate, Prior, adjust, marginalise_oldest
 from sfr_loc_map.localisation.backend.linearisation import BundleProblem
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, Pyramid
-from sfr_loc_map.localisation.frontend.landmarks import Landmarks
+from sfr_loc_map.localisation.frontend.landmarks import Landmarks, Patches
 from sfr_loc_map.localisation.frontend.patch import SIDE, cut_patches
 
 COARSE_HALF = 3
@@ -186,7 +186,7 @@ class SlidingWindow:
             hosted.uv_inverse_depth[rows, 2],
             hosted.slopes[rows],
             hosted.covariance[rows],
-            [self._active_patches(level) for level in range(LEVELS)],
+            Patches(tuple(self._patches), rows),
             self.observations.uv[rows, -1],
         )
 
@@ -255,11 +255,6 @@ class SlidingWindow:
         hosted, seen = self.hosted, self.observations
         landmarks = (hosted.host, hosted.uv_inverse_depth, seen.uv, seen.variance)
         return BundleProblem(self.keyframes, *landmarks, self._camera)
-
-    def _active_patches(self, level: int) -> NDArray[np.float32]:
-        ends = np.cumsum([len(patches[level]) for patches in self._patches])[:-1]
-        active = np.split(self.hosted.active, ends)
-        return np.concatenate([patches[level][which] for patches, which in zip(self._patches, active, strict=True)])
 
     def _marginalise_oldest(self) -> None:
         """Turn the information of the oldest keyframe and its landmarks about the others into the prior."""

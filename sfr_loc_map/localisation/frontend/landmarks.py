@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -20,9 +20,35 @@ BORDER = HALF + 4
 MIN_INVERSE_DEPTH = 1e-6
 """Inverse depth, 1/m, up to which a landmark is at infinity."""
 ENOUGH_TO_ALIGN = 300
-"""About as many landmarks give a pose to some hundredths of a pixel."""
+"""As many landmarks give a pose to some hundredths of a pixel."""
 ENOUGH_TO_FOLLOW = 600
-"""About as many landmarks give the pose of a pair that is no keyframe: its errors do not add up."""
+"""As many landmarks give the pose of a pair that is no keyframe: its errors do not add up."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patches:
+    """Patches of M landmarks, copied from those of their hosts where a level is first asked for.
+
+    Attributes:
+        hosted: Those that each keyframe hosts, one array `(n, 3, S * S)` per pyramid level; nobody writes to them.
+        rows: `(M,)` rows in these, increasing, counted through all keyframes.
+    """
+
+    hosted: tuple[list[NDArray[np.float32]], ...]
+    rows: NDArray[np.intp]
+    _copies: dict[int, NDArray[np.float32]] = field(default_factory=dict)
+
+    def subset(self, kept: Mask) -> Patches:
+        """Return some of them, a mask `(M,)`."""
+        return Patches(self.hosted, self.rows[kept])
+
+    def level(self, number: int) -> NDArray[np.float32]:
+        """Return the patches `(M, 3, S * S)` of a pyramid level."""
+        if number not in self._copies:
+            ends = np.cumsum([0, *(len(levels[number]) for levels in self.hosted)])
+            parts = zip(self.hosted, ends, np.split(self.rows, np.searchsorted(self.rows, ends[1:-1])), strict=False)
+            self._copies[number] = np.concatenate([levels[number][rows - end] for levels, end, rows in parts])
+        return self._copies[number]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +63,7 @@ class Landmarks:
         inverse_depth: `(M,)` 1/m.
         slopes: `(M, 2)` change of the inverse depth per pixel, 1/m.
         covariance: `(M, 3, 3)` of host pixel and inverse depth given the poses, px and 1/m.
-        patches: One array `(M, 3, S * S)` per pyramid level.
+        patches: Their patches.
         last_seen: `(M, 4)` u, v left, u, v right in the newest keyframe; NaN where not observed.
     """
 
@@ -48,18 +74,16 @@ class Landmarks:
     inverse_depth: FloatArray
     slopes: FloatArray
     covariance: FloatArray
-    patches: list[NDArray[np.float32]]
+    patches: Patches
     last_seen: FloatArray
 
     @classmethod
     def none(cls) -> Landmarks:
         """Return no landmarks, as before the first pair."""
         vectors, matrices = np.zeros((0, 3)), np.zeros((0, 3, 3))
-        no_uv, no_patches = np.zeros((0, 2)), [np.zeros((0, 3, 0), np.float32)] * LEVELS
-        index, depth = np.zeros(0, np.intp), np.zeros(0)
-        return cls(
-            index, Poses(matrices, vectors), no_uv, vectors, depth, no_uv, matrices, no_patches, np.zeros((0, 4))
-        )
+        index, depth, no_uv = np.zeros(0, np.intp), np.zeros(0), np.zeros((0, 2))
+        patches = Patches(([np.zeros((0, 3, 0), np.float32)] * LEVELS,), index)
+        return cls(index, Poses(matrices, vectors), no_uv, vectors, depth, no_uv, matrices, patches, np.zeros((0, 4)))
 
     def __len__(self) -> int:
         """Return their number."""
@@ -75,23 +99,32 @@ class Landmarks:
             self.inverse_depth[kept],
             self.slopes[kept],
             self.covariance[kept],
-            [level[kept] for level in self.patches],
+            self.patches.subset(kept),
             self.last_seen[kept],
         )
 
-    @cached_property
+    @property
     def few(self) -> Landmarks:
-        """Some of them, at least `ENOUGH_TO_ALIGN` where there are as many, from all hosts and parts of the image."""
+        """Some of them, `ENOUGH_TO_ALIGN` where there are as many, from all hosts and parts of the image."""
+        return self._few if len(self) > ENOUGH_TO_ALIGN else self
+
+    @property
+    def followed(self) -> Landmarks:
+        """Likewise `ENOUGH_TO_FOLLOW`."""
+        return self._followed if len(self) > ENOUGH_TO_FOLLOW else self
+
+    @cached_property
+    def _few(self) -> Landmarks:
         return self._some(ENOUGH_TO_ALIGN)
 
     @cached_property
-    def followed(self) -> Landmarks:
-        """Likewise at least `ENOUGH_TO_FOLLOW`."""
+    def _followed(self) -> Landmarks:
         return self._some(ENOUGH_TO_FOLLOW)
 
     def _some(self, enough: int) -> Landmarks:
-        every = len(self) // enough
-        return self if every < 2 else self.subset(np.arange(len(self)) % every == 0)
+        kept = np.zeros(len(self), np.bool_)
+        kept[np.arange(enough) * len(self) // enough] = True
+        return self.subset(kept)
 
     @property
     def are_old(self) -> Mask:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
@@ -169,22 +170,26 @@ class Tracker:
             start: Pose that is right to about two pixels.
             offset: Rotation error of the right camera.
         """
-        in_left, in_right = (
-            plane_homographies(start, landmarks.planes, self._camera, x) for x in (0.0, self._camera.baseline_m)
-        )
-        if abs(offset.u) > EXPECTED_OFFSET_PX:
-            in_right[:, 0] += offset.u * in_right[:, 2]
-        left, right = frame.left.levels[0], frame.right.levels[0]
-        found = both(self._track, (left, landmarks, in_left), (right, landmarks, in_right))
-        right_uv = found[1].uv
-        observations = np.column_stack((found[0].uv, right_uv - offset.at(right_uv, self._camera)))
-        variance = np.stack([self.position_variance(side.covariance, side.residual) for side in found], axis=1)
-        solution = solve_pose(
-            start, landmarks.estimates, StereoObservations(observations, variance), self._camera, POSE_ITERATIONS
-        )
-        return TrackingResult(
-            solution.pose, solution.information, landmarks, observations, variance, solution.chi2_per_dof
-        )
+        return self._solve(start, landmarks, self._observe(frame, landmarks, start, offset))
+
+    def refine_rest(
+        self, frame: StereoFrame, landmarks: Landmarks, result: TrackingResult, offset: RightOffset
+    ) -> TrackingResult:
+        """Return the tracking of landmarks of which some have been tracked; the others are sought from the pose found.
+
+        Args:
+            frame: The pair.
+            landmarks: Active landmarks.
+            result: That of some of them, and perhaps of landmarks that are no longer active.
+            offset: Rotation error of the right camera.
+        """
+        known, of_result = np.isin(landmarks.index, result.landmarks.index), result.landmarks.index
+        rows = np.flatnonzero(np.isin(of_result, landmarks.index))
+        others = self._observe(frame, landmarks.subset(~known), result.pose, offset)
+        uv, variance = np.empty((len(landmarks), 4)), np.empty((len(landmarks), 2, 3))
+        uv[known], uv[~known] = result.observations[rows], others.uv
+        variance[known], variance[~known] = result.variance[rows], others.variance
+        return self._solve(result.pose, landmarks, StereoObservations(uv, variance))
 
     def right_shift(self, result: TrackingResult) -> RightShift:
         """Return by how much the right image is shifted against the landmarks."""
@@ -195,20 +200,7 @@ class Tracker:
         """Return a result with right positions corrected by one more offset, and the pose that follows."""
         observations = result.observations.copy()
         observations[:, 2:] -= offset.at(observations[:, 2:], self._camera)
-        solution = solve_pose(
-            result.pose,
-            result.landmarks.estimates,
-            StereoObservations(observations, result.variance),
-            self._camera,
-            POSE_ITERATIONS,
-        )
-        return replace(
-            result,
-            pose=solution.pose,
-            information=solution.information,
-            observations=observations,
-            chi2_per_dof=solution.chi2_per_dof,
-        )
+        return self._solve(result.pose, result.landmarks, StereoObservations(observations, result.variance))
 
     def refine_from_afar(
         self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset
@@ -245,17 +237,38 @@ class Tracker:
         variance[:, 2] += self._config.pixel_floor**2
         return np.asarray(variance)
 
-    @staticmethod
-    def _track(image: FloatImage, landmarks: Landmarks, homographies: FloatArray) -> PatchTracks:
-        """Return the tracks of all landmarks; NaN also where patch and image differ."""
-        tracks = track_patches(image, landmarks.patches[0], landmarks.uv, homographies, MAX_SHIFT_PX, SHIFT_ITERATIONS)
-        different = tracks.correlation < MIN_NCC
-        for array in tracks:
-            array[different] = np.nan
-        return tracks
+    def _observe(
+        self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset
+    ) -> StereoObservations:
+        """Track landmarks in both images, from their projections."""
+        in_left, in_right = (
+            plane_homographies(start, landmarks.planes, self._camera, x) for x in (0.0, self._camera.baseline_m)
+        )
+        if abs(offset.u) > EXPECTED_OFFSET_PX:
+            in_right[:, 0] += offset.u * in_right[:, 2]
+        left, right, patches = frame.left.levels[0], frame.right.levels[0], landmarks.patches.level(0)
+        found = both(_track, (left, patches, landmarks.uv, in_left), (right, patches, landmarks.uv, in_right))
+        right_uv = found[1].uv
+        observations = np.column_stack((found[0].uv, right_uv - offset.at(right_uv, self._camera)))
+        variance = np.stack([self.position_variance(side.covariance, side.residual) for side in found], axis=1)
+        return StereoObservations(observations, variance)
+
+    def _solve(self, start: Pose, landmarks: Landmarks, seen: StereoObservations) -> TrackingResult:
+        """Return observations with the pose that they give."""
+        found = solve_pose(start, landmarks.estimates, seen, self._camera, POSE_ITERATIONS)
+        return TrackingResult(found.pose, found.information, landmarks, seen.uv, seen.variance, found.chi2_per_dof)
 
     def _align_level(self, left: Pyramid, level: int, landmarks: Landmarks, start: Pose, iterations: int) -> Alignment:
         """Align the pose with one pyramid level."""
         return align_pose(
-            left.level(level), landmarks.patches[level], landmarks.planes, start, self._camera, iterations
+            left.level(level), landmarks.patches.level(level), landmarks.planes, start, self._camera, iterations
         )
+
+
+def _track(image: FloatImage, patches: NDArray[np.float32], uv: FloatArray, homographies: FloatArray) -> PatchTracks:
+    """Return the tracks of all landmarks; NaN also where patch and image differ."""
+    tracks = track_patches(image, patches, uv, homographies, MAX_SHIFT_PX, SHIFT_ITERATIONS)
+    different = tracks.correlation < MIN_NCC
+    for array in tracks:
+        array[different] = np.nan
+    return tracks

@@ -10,7 +10,7 @@ import pytest
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.backend.sliding_window import SIDES, HostedLandmarks, Observations, SlidingWindow
-from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, build_pyramid
+from sfr_loc_map.localisation.frontend.image_pyramid import build_pyramid
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 PYRAMID = build_pyramid(np.zeros((512, 512), np.uint8))
@@ -117,9 +117,8 @@ def test_the_oldest_keyframe_leaves_with_its_landmarks() -> None:
     assert window.observations.uv.shape == (2 * PER_KEYFRAME, 2, 4)
     assert window.observations.variance.shape == (2 * PER_KEYFRAME, 2, 2, 3)
     landmarks = window.landmarks()
-    assert len(landmarks.patches) == LEVELS
     expected = np.repeat([2.0, 3.0], PER_KEYFRAME)  # patches stay with their landmarks
-    np.testing.assert_array_equal(landmarks.patches[0][:, 0, 0], expected)
+    np.testing.assert_array_equal(landmarks.patches.level(0)[:, 0, 0], expected)
     np.testing.assert_array_equal(
         landmarks.hosts.positions, window.keyframes.positions[[0, 1]].repeat(PER_KEYFRAME, axis=0)
     )
@@ -140,7 +139,7 @@ def test_inactive_landmarks_are_not_tracked_and_still_adjusted() -> None:
     window.deactivate(gone)
     landmarks = window.landmarks()
     np.testing.assert_array_equal(landmarks.index, np.setdiff1d(np.arange(KEYFRAMES * PER_KEYFRAME), gone))
-    assert len(landmarks.patches[0]) == len(landmarks) == len(window.newest_observations)
+    assert len(landmarks.patches.level(0)) == len(landmarks) == len(window.newest_observations)
     np.testing.assert_array_equal(landmarks.last_seen, window.observations.uv[landmarks.index, -1])
     before = window.hosted.uv_inverse_depth[gone]
     window.adjust(1)

@@ -1,9 +1,11 @@
+import weakref
+
 import numpy as np
 
 from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
-from sfr_loc_map.localisation.frontend.landmarks import ENOUGH_TO_ALIGN, ENOUGH_TO_FOLLOW, Landmarks
+from sfr_loc_map.localisation.frontend.landmarks import ENOUGH_TO_ALIGN, ENOUGH_TO_FOLLOW, Landmarks, Patches
 
 
 def landmarks(inverse_depth: np.ndarray) -> Landmarks:
@@ -18,7 +20,7 @@ def landmarks(inverse_depth: np.ndarray) -> Landmarks:
         inverse_depth=inverse_depth,
         slopes=np.zeros((count, 2)),
         covariance=np.zeros((count, 3, 3)),
-        patches=[np.zeros((count, 3, 1), np.float32)] * LEVELS,
+        patches=Patches(([np.zeros((count, 3, 1), np.float32)] * LEVELS,), np.arange(count)),
         last_seen=np.zeros((count, 4)),
     )
 
@@ -49,18 +51,30 @@ def test_a_subset_is_a_mask_on_each_array() -> None:
     part = marks.subset(np.array([True, False, True]))
     np.testing.assert_array_equal(part.index, [0, 2])
     np.testing.assert_array_equal(part.inverse_depth, [0.5, 0.1])
-    assert [len(level) for level in part.patches] == [2] * LEVELS
+    assert [len(part.patches.level(number)) for number in range(LEVELS)] == [2] * LEVELS
+
+
+def test_patches_are_those_of_the_hosts() -> None:
+    hosted = tuple([np.full((count, 3, 1), 0.5 * value, np.float32)] for value, count in enumerate((3, 0, 2, 4)))
+    for number, levels in enumerate(hosted):
+        levels[0][:, 0, 0] = 10 * number + np.arange(len(levels[0]))
+    patches = Patches(hosted, np.array([0, 2, 4, 5, 8]))
+    np.testing.assert_array_equal(patches.level(0)[:, 0, 0], [0, 2, 21, 30, 33])
+    part = patches.subset(np.array([False, True, False, True, True]))
+    np.testing.assert_array_equal(part.level(0)[:, 0, 0], [2, 30, 33])
+    assert part.subset(np.zeros(3, np.bool_)).level(0).shape == (0, 3, 1)
 
 
 def test_few_are_enough_to_align_from_all_of_them() -> None:
-    marks = landmarks(np.ones(3 * ENOUGH_TO_ALIGN + 1))
+    marks = landmarks(np.ones(3 * ENOUGH_TO_ALIGN))
     np.testing.assert_array_equal(marks.few.index, np.arange(0, len(marks), 3))
-    assert len(landmarks(np.ones(2 * ENOUGH_TO_ALIGN - 1)).few) == 2 * ENOUGH_TO_ALIGN - 1
-    assert len(landmarks(np.ones(2 * ENOUGH_TO_FOLLOW)).followed) == ENOUGH_TO_FOLLOW
+    assert len(landmarks(np.ones(ENOUGH_TO_ALIGN + 1)).few) == ENOUGH_TO_ALIGN
+    assert len(landmarks(np.ones(ENOUGH_TO_FOLLOW)).followed) == ENOUGH_TO_FOLLOW
 
 
-def test_old_are_the_landmarks_of_other_keyframes_than_the_last() -> None:
-    marks = landmarks(np.array([0.5, 0.2, 0.1]))
-    assert not marks.are_old.any()
-    marks.hosts.positions[0] += 1.0
-    np.testing.assert_array_equal(marks.are_old, [True, False, False])
+def test_landmarks_that_are_no_longer_used_are_freed_at_once() -> None:
+    marks = landmarks(np.ones(ENOUGH_TO_ALIGN))
+    assert marks.few is marks.followed is marks
+    alive = weakref.ref(marks)
+    del marks
+    assert alive() is None  # not by a cycle: their patches are megabytes

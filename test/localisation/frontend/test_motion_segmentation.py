@@ -7,7 +7,7 @@ import numpy as np
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.image_pyramid import Pyramid
-from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
+from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks, Patches
 from sfr_loc_map.localisation.frontend.motion_segmentation import MIN_MOTION_PX, project, unexplained_by
 from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, TrackingResult
@@ -28,7 +28,7 @@ def test_what_is_in_view_and_what_moved_follows_from_the_projections() -> None:
         uv=uv,
         rays=np.column_stack((CAMERA.normalised(uv), np.ones(count))),
         inverse_depth=random.uniform(-0.2, 1.0, count),
-        patches=[random.normal(size=(count, 3, SIDE * SIDE)).astype(np.float32)],
+        patches=Patches(([random.normal(size=(count, 3, SIDE * SIDE)).astype(np.float32)],), np.arange(count)),
     )
     pose = Pose(matrix_from_rotvec([0.0, 0.05, 0.02]), np.array([0.1, 0.0, 1.5]))
     image = random.uniform(0, 255, SHAPE).astype(np.float32)
@@ -55,6 +55,6 @@ def test_what_is_in_view_and_what_moved_follows_from_the_projections() -> None:
     for n in inner:
         column, row = uv[n].astype(int)
         cut = image[row - top : row + top + 1, column - left : column + left + 1]
-        landmarks.patches[0][n, 0] = cut.reshape(-1)
+        landmarks.patches.level(0)[n, 0] = cut.reshape(-1)
     fixed = unexplained_by(result, frame, CAMERA).fixed
     np.testing.assert_array_equal(np.flatnonzero(fixed), inner[moved[inner]])
