@@ -178,6 +178,7 @@ class KeyframeBackend:
             self._match_landmarks(frame, corners, known)
         self._window.adjust(self._config.adjustment_rounds)
         self.landmarks = self._window.landmarks()
+        self.landmarks.prepare()
 
     def _match_landmarks(self, frame: StereoFrame, corners: FloatArray, known: FloatArray) -> None:
         max_disparity = min(self._rig.fx * self._rig.baseline_m / self._config.min_depth_m, 0.5 * self._rig.width)

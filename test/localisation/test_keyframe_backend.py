@@ -77,7 +77,12 @@ def test_a_keyframe_tracks_all_landmarks_where_only_some_are_followed() -> None:
     assert len(complete.landmarks) == len(by.landmarks)
     np.testing.assert_allclose(complete.pose.position, every.pose.position, atol=1e-4)
     assert by.complete(frame(2), every) is every
-    assert by.complete(BLACK_FRAME, followed) is followed  # what all of them do not confirm stays
+    kept = by.complete(BLACK_FRAME, followed)  # what was tracked is not sought again
+    assert kept.inlier_count == followed.inlier_count
+    np.testing.assert_allclose(kept.pose.position, followed.pose.position, atol=1e-6)
+    seldom = np.where(np.arange(len(some))[:, None] % 8, np.nan, followed.observations)
+    doubtful = replace(followed, observations=seldom)
+    assert by.complete(BLACK_FRAME, doubtful) is doubtful  # too few of all landmarks are found
 
 
 def test_a_keyframe_is_wanted_after_some_flow_or_with_few_landmarks_left() -> None:

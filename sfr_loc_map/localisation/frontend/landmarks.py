@@ -19,7 +19,7 @@ BORDER = HALF + 4
 """Pixels along the image edges where no landmark is made: its patch with the gradients must fit."""
 MIN_INVERSE_DEPTH = 1e-6
 """Inverse depth, 1/m, up to which a landmark is at infinity."""
-ENOUGH_TO_ALIGN = 300
+ENOUGH_TO_ALIGN = 200
 """As many landmarks give a pose to some hundredths of a pixel."""
 ENOUGH_TO_FOLLOW = 600
 """As many landmarks give the pose of a pair that is no keyframe: its errors do not add up."""
@@ -112,6 +112,12 @@ class Landmarks:
     def followed(self) -> Landmarks:
         """Likewise `ENOUGH_TO_FOLLOW`."""
         return self._followed if len(self) > ENOUGH_TO_FOLLOW else self
+
+    def prepare(self) -> None:
+        """Copy the patches that each of the next pairs is compared with."""
+        self.followed.patches.level(0)
+        for level in range(1, LEVELS):
+            self.followed.few.patches.level(level)
 
     @cached_property
     def _few(self) -> Landmarks:

@@ -22,7 +22,7 @@ MIN_DETERMINANT = 0.05
 """Smallest area to which a warp may shrink a pixel, pixels."""
 MAX_STEP_PX = 1.5
 """Largest step of one iteration."""
-CONVERGED_PX, FINISHED_PX = 0.03, 0.004
+CONVERGED_PX, FINISHED_PX = 0.03, 0.01
 """Last step of a track that has converged, and the step below which no further iteration follows."""
 
 

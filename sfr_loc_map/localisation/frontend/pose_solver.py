@@ -246,6 +246,6 @@ def solve_pose(
         for i in range(3):
             position[i] += update[i]
         rotation = retract(rotation, update[3], update[4], update[5])
-        if largest < 1e-6:
+        if largest < 1e-5:
             break
     return PoseSolution(Pose(rotation, position), h, linearised.chi2_per_dof)
