@@ -10,6 +10,8 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 
+SMOOTHING = cv2.getGaussianKernel(3, 0.5, cv2.CV_32F)
+"""Along rows and columns: against the errors of bilinear interpolation."""
 LEVELS = 4
 """Levels of the pyramid; level l is 2^l times smaller, its pixel centres at `u_l = (u + 0.5) / 2^l - 0.5`."""
 
@@ -44,7 +46,7 @@ class Pyramid:
 
 def build_pyramid(image: GreyImage) -> Pyramid:
     """Return the pyramid of an image `(H, W)` uint8."""
-    smooth = cv2.GaussianBlur(image.astype(np.float32), (5, 5), 0.5)
+    smooth = cv2.sepFilter2D(image, cv2.CV_32F, SMOOTHING, SMOOTHING)
     levels = [smooth]
     for _ in range(LEVELS - 1):
         height, width = levels[-1].shape

@@ -21,7 +21,7 @@ MIN_INVERSE_DEPTH = 1e-6
 """Inverse depth, 1/m, up to which a landmark is at infinity."""
 ENOUGH_TO_ALIGN = 200
 """As many landmarks give a pose to some hundredths of a pixel."""
-ENOUGH_TO_FOLLOW = 600
+ENOUGH_TO_FOLLOW = 800
 """As many landmarks give the pose of a pair that is no keyframe: its errors do not add up."""
 
 
