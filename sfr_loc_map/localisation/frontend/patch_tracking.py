@@ -120,9 +120,10 @@ def _warp_pixels(h: FloatArray, u0: float, v0: float, x_out: Patch, y_out: Patch
         v = v0 + (j - half)
         for i in range(side):
             u = u0 + (i - half)
-            w = max(h[2, 0] * u + h[2, 1] * v + h[2, 2], 1e-9)  # a division by what may be 0 is no vector code
-            x_out[j * side + i] = (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w
-            y_out[j * side + i] = (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w
+            # a division by what may be 0 is no vector code
+            scale = 1.0 / max(h[2, 0] * u + h[2, 1] * v + h[2, 2], 1e-9)
+            x_out[j * side + i] = scale * (h[0, 0] * u + h[0, 1] * v + h[0, 2])
+            y_out[j * side + i] = scale * (h[1, 0] * u + h[1, 1] * v + h[1, 2])
     return _Box(low_x, low_y, high_x, high_y)
 
 

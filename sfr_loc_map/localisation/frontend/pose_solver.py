@@ -8,7 +8,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.small_linalg import inverse, retract, solve
+from sfr_loc_map.geometry.small_linalg import retract, solve
 from sfr_loc_map.jit import jit, jit_fast, jit_fast_ir_inline
 from sfr_loc_map.localisation.projection import Intrinsics, Projection, intrinsics, linearise_landmark
 
@@ -84,11 +84,12 @@ def fill_covariance(
 ) -> None:
     """Fill s `(4, 4)` with `R + J P J^T`: noise of the observation and uncertainty of the landmark."""
     for i in range(4):
+        p, q, r = jacobian[i, 0], jacobian[i, 1], jacobian[i, 2]
+        x = p * landmark[0, 0] + q * landmark[1, 0] + r * landmark[2, 0]
+        y = p * landmark[0, 1] + q * landmark[1, 1] + r * landmark[2, 1]
+        z = p * landmark[0, 2] + q * landmark[1, 2] + r * landmark[2, 2]
         for j in range(4):
-            s[i, j] = 0.0
-            for a in range(3):
-                for b in range(3):
-                    s[i, j] += jacobian[i, a] * landmark[a, b] * jacobian[j, b]
+            s[i, j] = x * jacobian[j, 0] + y * jacobian[j, 1] + z * jacobian[j, 2]
     for side in range(2):
         i = 2 * side
         if left if side == 0 else right:
@@ -102,11 +103,31 @@ def fill_covariance(
 
 
 @jit_fast_ir_inline
-def _fill_inverse(s: FloatArray, out: FloatArray) -> None:
-    white = inverse(s)
+def fill_inverse(s: FloatArray, out: FloatArray) -> None:
+    """Fill out `(4, 4)` with the inverse of a symmetric positive definite matrix, by blocks of 2 x 2.
+
+    With `A`, `B`, `D` the blocks, `E = A^-1 B` and `S = D - B^T E` it is `A^-1 + E S^-1 E^T`, `-E S^-1`, `S^-1`.
+    """
+    det = s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1]
+    a00, a01, a11 = s[1, 1] / det, -s[0, 1] / det, s[0, 0] / det
+    e00, e01 = a00 * s[0, 2] + a01 * s[1, 2], a00 * s[0, 3] + a01 * s[1, 3]
+    e10, e11 = a01 * s[0, 2] + a11 * s[1, 2], a01 * s[0, 3] + a11 * s[1, 3]
+    d00 = s[2, 2] - s[0, 2] * e00 - s[1, 2] * e10
+    d01 = s[2, 3] - s[0, 2] * e01 - s[1, 2] * e11
+    d11 = s[3, 3] - s[0, 3] * e01 - s[1, 3] * e11
+    det = d00 * d11 - d01 * d01
+    s00, s01, s11 = d11 / det, -d01 / det, d00 / det
+    f00, f01, f10, f11 = e00 * s00 + e01 * s01, e00 * s01 + e01 * s11, e10 * s00 + e11 * s01, e10 * s01 + e11 * s11
+    out[0, 0], out[0, 1], out[1, 1] = (
+        a00 + f00 * e00 + f01 * e01,
+        a01 + f00 * e10 + f01 * e11,
+        a11 + f10 * e10 + f11 * e11,
+    )
+    out[0, 2], out[0, 3], out[1, 2], out[1, 3] = -f00, -f01, -f10, -f11
+    out[2, 2], out[2, 3], out[3, 3] = s00, s01, s11
     for i in range(4):
-        for j in range(4):
-            out[i, j] = white[i, j]
+        for j in range(i):
+            out[i, j] = out[j, i]
 
 
 @jit_fast_ir_inline
@@ -142,7 +163,7 @@ def _linearise(
         _fill_residuals(observed[n], uv, left, right, residuals[n])
         if is_first:
             fill_covariance(landmark_covariance[n], by_landmark, variance[n], left, right, s)
-            _fill_inverse(s, whitening[n])
+            fill_inverse(s, whitening[n])
         total = 0.0
         for i in range(4):
             for j in range(4):
@@ -152,7 +173,7 @@ def _linearise(
 
 @jit_fast_ir_inline
 def _add_normal_equations(
-    linearised: _Linearisation, scale: float, jw: FloatArray, h: FloatArray, g: FloatArray
+    linearised: _Linearisation, scale: float, weighted: FloatArray, h: FloatArray, g: FloatArray
 ) -> None:
     """Add to the information `(6, 6)` and the right-hand side `(6,)`, with Geman-McClure weights of a scale."""
     chi2, jacobians = linearised.chi2_per_dof, linearised.jacobians
@@ -162,19 +183,18 @@ def _add_normal_equations(
             continue
         weight = 1.0 / (1.0 + chi2[n] / scale) ** 2
         j_n = jacobians[n]
-        for a in range(6):
-            for i in range(4):
-                jw[i] = 0.0
-                for j in range(4):
-                    jw[i] += j_n[j, a] * whitening[n, j, i]
-                jw[i] *= weight
-                g[a] += jw[i] * residuals[n, i]
-            for b in range(a, 6):
-                for i in range(4):
-                    h[a, b] += jw[i] * j_n[i, b]
-    for a in range(6):
-        for b in range(a):
-            h[a, b] = h[b, a]
+        for i in range(4):
+            p, q, r, s = whitening[n, i, 0], whitening[n, i, 1], whitening[n, i, 2], whitening[n, i, 3]
+            for a in range(6):
+                weighted[i, a] = weight * (p * j_n[0, a] + q * j_n[1, a] + r * j_n[2, a] + s * j_n[3, a])
+        for i in range(4):
+            residual = residuals[n, i]
+            for a in range(6):
+                g[a] += weighted[i, a] * residual
+        for a in range(6):  # all of it: with the upper half alone it is no vector code
+            p, q, r, s = j_n[0, a], j_n[1, a], j_n[2, a], j_n[3, a]
+            for b in range(6):
+                h[a, b] += p * weighted[0, b] + q * weighted[1, b] + r * weighted[2, b] + s * weighted[3, b]
 
 
 @jit
@@ -229,7 +249,7 @@ def solve_pose(
         np.zeros((count, 4, 4)), np.zeros((count, 4, 6)), np.zeros((count, 4)), np.full(count, np.nan)
     )
     h, g = np.zeros((6, 6)), np.zeros(6)
-    work, jw = _Work(np.zeros((4, 4)), np.zeros((4, 6)), np.zeros((4, 3)), np.zeros(4)), np.zeros(4)
+    work, weighted = _Work(np.zeros((4, 4)), np.zeros((4, 6)), np.zeros((4, 3)), np.zeros(4)), np.zeros((4, 6))
     for iteration in range(iterations):
         pose, is_first = Pose(rotation, position), iteration == 0
         _linearise(pose, landmarks, observations, in_arrays, is_first, linearised, work)
@@ -238,7 +258,7 @@ def solve_pose(
             break
         scale = max(1.0, _median(used) * 1.5) * (4.0 if iteration == 0 else 1.0)
         h, g = np.zeros((6, 6)), np.zeros(6)
-        _add_normal_equations(linearised, scale, jw, h, g)
+        _add_normal_equations(linearised, scale, weighted, h, g)
         update = solve(h, g)
         largest = 0.0
         for i in range(6):

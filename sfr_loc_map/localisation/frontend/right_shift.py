@@ -10,7 +10,12 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.small_linalg import inverse
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
-from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates, StereoObservations, fill_covariance
+from sfr_loc_map.localisation.frontend.pose_solver import (
+    LandmarkEstimates,
+    StereoObservations,
+    fill_covariance,
+    fill_inverse,
+)
 from sfr_loc_map.localisation.projection import Projection, intrinsics, linearise_landmark, new_projection
 
 UNKNOWNS = 7
@@ -43,9 +48,10 @@ class _Equations(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """Workspaces of one landmark: residual `(4,)` and its covariance `(4, 4)`, Jacobian `(4, 7)`, also weighted."""
+    """Workspaces of a landmark: covariance `(4, 4)` of its residual, the inverse, residual `(4,)`, Jacobian `(4, 7)`."""
 
     covariance: FloatArray
+    whitening: FloatArray
     residual: FloatArray
     jacobian: FloatArray
     weighted: FloatArray
@@ -74,7 +80,8 @@ def _add(work: _Work, equations: _Equations) -> None:
         equations.information,
         equations.rhs,
     )
-    whitening = inverse(work.covariance)
+    whitening = work.whitening
+    fill_inverse(work.covariance, whitening)
     chi2 = 0.0
     for i in range(4):
         for j in range(4):
@@ -109,7 +116,7 @@ def right_shift(
     """
     arrays, projection = intrinsics(camera), new_projection()
     equations = _Equations(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))
-    work = _Work(np.zeros((4, 4)), np.zeros(4), np.zeros((4, UNKNOWNS)), np.zeros((4, UNKNOWNS)))
+    work = _Work(np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4), np.zeros((4, UNKNOWNS)), np.zeros((4, UNKNOWNS)))
     count = 0
     every = max(1, len(landmarks.inverse_depth) // ENOUGH)
     for n in range(0, len(landmarks.inverse_depth), every):
