@@ -48,7 +48,7 @@ class _Equations(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """Workspaces of a landmark: covariance `(4, 4)` of its residual, the inverse, residual `(4,)`, Jacobian `(4, 7)`."""
+    """Workspaces of a landmark: covariance `(4, 4)` of its residual, inverse, residual `(4,)`, Jacobian `(4, 7)`."""
 
     covariance: FloatArray
     whitening: FloatArray
