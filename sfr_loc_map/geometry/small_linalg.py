@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
-from sfr_loc_map.jit import jit
+from sfr_loc_map.jit import jit, jit_fast_ir_inline
 
 
 @jit
@@ -92,6 +92,34 @@ def inverse(matrix: FloatArray) -> FloatArray:
                 total += below[k, i] * below[k, j]
             out[i, j] = total
     return out
+
+
+@jit_fast_ir_inline
+def fill_inverse_4(s: FloatArray, out: FloatArray) -> None:
+    """Fill out `(4, 4)` with the inverse of a symmetric positive definite matrix, by blocks of 2 x 2, without arrays.
+
+    With `A`, `B`, `D` the blocks, `E = A^-1 B` and `S = D - B^T E` it is `A^-1 + E S^-1 E^T`, `-E S^-1`, `S^-1`.
+    """
+    det = s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1]
+    a00, a01, a11 = s[1, 1] / det, -s[0, 1] / det, s[0, 0] / det
+    e00, e01 = a00 * s[0, 2] + a01 * s[1, 2], a00 * s[0, 3] + a01 * s[1, 3]
+    e10, e11 = a01 * s[0, 2] + a11 * s[1, 2], a01 * s[0, 3] + a11 * s[1, 3]
+    d00 = s[2, 2] - s[0, 2] * e00 - s[1, 2] * e10
+    d01 = s[2, 3] - s[0, 2] * e01 - s[1, 2] * e11
+    d11 = s[3, 3] - s[0, 3] * e01 - s[1, 3] * e11
+    det = d00 * d11 - d01 * d01
+    s00, s01, s11 = d11 / det, -d01 / det, d00 / det
+    f00, f01, f10, f11 = e00 * s00 + e01 * s01, e00 * s01 + e01 * s11, e10 * s00 + e11 * s01, e10 * s01 + e11 * s11
+    out[0, 0], out[0, 1], out[1, 1] = (
+        a00 + f00 * e00 + f01 * e01,
+        a01 + f00 * e10 + f01 * e11,
+        a11 + f10 * e10 + f11 * e11,
+    )
+    out[0, 2], out[0, 3], out[1, 2], out[1, 3] = -f00, -f01, -f10, -f11
+    out[2, 2], out[2, 3], out[3, 3] = s00, s01, s11
+    for i in range(4):
+        for j in range(i):
+            out[i, j] = out[j, i]
 
 
 @jit

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from sfr_loc_map.geometry.small_linalg import cholesky, inverse, retract, solve
+from sfr_loc_map.geometry.small_linalg import cholesky, fill_inverse_4, inverse, retract, solve
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -25,6 +25,16 @@ def test_factor_solution_and_inverse_are_those_of_numpy(seed: int, size: int) ->
     np.testing.assert_allclose(cholesky(matrix), np.linalg.cholesky(matrix), atol=1e-12)
     np.testing.assert_allclose(solve(matrix, rhs), np.linalg.solve(matrix, rhs), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(inverse(matrix), np.linalg.inv(matrix), rtol=1e-9, atol=1e-12)
+
+
+@settings(max_examples=50)
+@given(SEEDS, st.sampled_from([0.0, 1.0, 1e8]))
+def test_inverse_of_4_x_4_is_that_of_numpy(seed: int, unobserved: float) -> None:
+    """An image that was not observed adds a large variance to its two rows."""
+    matrix = positive_definite(seed, 4) + np.diag([0.0, 0.0, unobserved, unobserved])
+    out = np.full((4, 4), np.nan)
+    fill_inverse_4(matrix, out)
+    np.testing.assert_allclose(out, np.linalg.inv(matrix), rtol=1e-6, atol=1e-12)
 
 
 def test_the_right_hand_side_is_not_changed() -> None:

@@ -8,14 +8,9 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.small_linalg import inverse
+from sfr_loc_map.geometry.small_linalg import fill_inverse_4, inverse
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
-from sfr_loc_map.localisation.frontend.pose_solver import (
-    LandmarkEstimates,
-    StereoObservations,
-    fill_covariance,
-    fill_inverse,
-)
+from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates, StereoObservations, fill_covariance
 from sfr_loc_map.localisation.projection import Projection, intrinsics, linearise_landmark, new_projection
 
 UNKNOWNS = 7
@@ -81,7 +76,7 @@ def _add(work: _Work, equations: _Equations) -> None:
         equations.rhs,
     )
     whitening = work.whitening
-    fill_inverse(work.covariance, whitening)
+    fill_inverse_4(work.covariance, whitening)
     chi2 = 0.0
     for i in range(4):
         for j in range(4):

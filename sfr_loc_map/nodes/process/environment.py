@@ -22,6 +22,7 @@ PROBED_PARTICIPANTS = 10
 HELD_PORT = 249
 """From the first port of a domain: that of participant 119, which no program reaches."""
 KEPT = 16
+"""Most domains that one process holds."""
 _held: deque[socket.socket] = deque()
 
 
