@@ -101,14 +101,18 @@ def read_table(path: Path) -> bytes:
 
 
 def count_line_ends(data: bytes) -> int:
-    """Return how many line feeds and carriage returns there are; a third of the time of `bytes.count` in long texts."""
+    """Return how many line feeds and carriage returns there are.
+
+    `bytes.count` is slow where there are many, as of line feeds in long texts, and fast where there are none.
+    """
+    returns = data.count(b"\r")
     if len(data) < MB:
-        return data.count(b"\n") + data.count(b"\r")
+        return returns + data.count(b"\n")
     import numpy as np  # what reads short files only, as a command's help, does without it
 
     letters = np.frombuffer(data, np.uint8)
     blocks = (letters[begin : begin + MB] for begin in range(0, len(letters), MB))
-    return sum(int(np.count_nonzero(block == 10)) + int(np.count_nonzero(block == 13)) for block in blocks)
+    return returns + sum(int(np.count_nonzero(block == ord("\n"))) for block in blocks)
 
 
 def check_regular(path: Path) -> None:

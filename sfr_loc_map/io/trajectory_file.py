@@ -39,7 +39,7 @@ HEAD_BYTES = 10_000
 """The header is looked for in these."""
 FAST_BYTES = 1_000_000
 """Shorter files are read without the kernel for long ones."""
-BLOCK_BYTES = 8_000_000
+BLOCK_BYTES = 2_000_000
 """Text is taken apart in blocks of whole lines of about so many bytes: a million lines at once take much memory."""
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.records.json_records import RecordError, from_plain, json_line, to_plain
+from sfr_loc_map.metrics.records.json_records import RecordError, from_plain, plain_json_line, to_plain
 from sfr_loc_map.metrics.score import Score
 
 SCHEMA = "sfr-score/1"
@@ -19,7 +19,7 @@ def to_dict(score: Score) -> dict[str, Any]:
 
 def to_json(score: Score) -> str:
     """Return the score as text; numbers in the shortest form that reads back to the same bits."""
-    return json_line(to_dict(score))
+    return plain_json_line(to_dict(score))
 
 
 def from_dict(content: object, origin: str = "score") -> Score:

@@ -78,7 +78,7 @@ def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
     if isinstance(value, Mapping):
         return {key: to_plain(item) for key, item in value.items()}
     if isinstance(value, Sequence):
-        return [to_plain(item) for item in value]
+        return [item if type(item) is int else to_plain(item) for item in value]
     if hasattr(value, "to_plain"):
         return value.to_plain()
     return _record_to_plain(value)
@@ -86,7 +86,12 @@ def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
 
 def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lists of them
     """Return the JSON of a record in one line; numbers in the shortest form that reads back to the same bits."""
-    return json.dumps(to_plain(value), allow_nan=False, separators=(",", ":")) + "\n"
+    return plain_json_line(to_plain(value))
+
+
+def plain_json_line(plain: Any) -> str:  # noqa: ANN401 - any JSON values
+    """Return the JSON of JSON values in one line."""
+    return json.dumps(plain, allow_nan=False, separators=(",", ":")) + "\n"
 
 
 def from_plain(kind: type[T], value: object, place: str = "") -> T:
