@@ -7,11 +7,14 @@ the sum of squares, re-based by the whole pose.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.quaternion_kernels import row_difference
+from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.records.json_records import Key
 from sfr_loc_map.metrics.trajectory.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
 
@@ -61,10 +64,15 @@ class Case:
 
 def case_of(truth: Poses, estimate: Poses) -> Case:
     """Return the case of poses in time order, with sub-trajectories of an eighth of them."""
-    count = len(truth[0])
+    return Case(truth, estimate, *_sub_trajectories(len(truth[0])))
+
+
+@lru_cache(maxsize=8)
+def _sub_trajectories(count: int) -> tuple[IntArray, IntArray]:
+    """Return the starts and ends of so many poses."""
     span = max(2, count // 8)
     starts = np.unique(np.linspace(0, count - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
-    return Case(truth, estimate, starts, starts + span)
+    return starts, starts + span
 
 
 def disagreement(case: Case, estimate: Poses) -> float:
@@ -78,7 +86,16 @@ def disagreement(case: Case, estimate: Poses) -> float:
 
 def _path_lengths(case: Case) -> FloatArray:
     """Return the path length of each sub-trajectory, never much less than the mean."""
-    steps = np.sqrt(np.square(np.diff(case.truth[0], axis=0)).sum(axis=1))
-    until = np.concatenate(([0.0], np.cumsum(steps)))
+    until = _travelled(np.ascontiguousarray(case.truth[0]))
     lengths = until[case.ends] - until[case.starts]
     return np.asarray(np.maximum(lengths, max(0.1 * float(lengths.mean()), 1e-9)))
+
+
+@jit
+def _travelled(positions: FloatArray) -> FloatArray:
+    """Return the path length `(N,)` up to each position `(N, 3)`."""
+    until = np.zeros(len(positions))
+    for i in range(1, len(positions)):
+        x, y, z = row_difference(positions, i, positions, i - 1)
+        until[i] = until[i - 1] + np.sqrt(x * x + y * y + z * z)
+    return until

@@ -7,8 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
+from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.convention.disagreement import LOOKS_WRONG, MIN_POSES, Hypothesis, case_of, disagreement
 from sfr_loc_map.metrics.trajectory.stamp_matching import are_all, unique_rows
 
@@ -66,11 +69,49 @@ def _shifted(estimate: Trajectory, truth: Trajectory, shift: int) -> float:
         return float("inf")
     chosen = slice(first, last, max(1, (last - first) // 800))
     stamps = estimate.stamps_ns[chosen] + shift
-    after = np.searchsorted(truth.stamps_ns, stamps, side="right")
-    begin = truth.stamps_ns[after - 1]
-    share = (stamps - begin) / (truth.stamps_ns[after] - begin)
-    step = truth.positions[after] - truth.positions[after - 1]
-    positions = truth.positions[after - 1] + share[:, None] * step
-    quats = slerp(unit_quats(truth.quats_xyzw[after - 1]), unit_quats(truth.quats_xyzw[after]), share)
+    positions, before, after, share = _around(truth.stamps_ns, truth.positions, truth.quats_xyzw, stamps)
+    quats = slerp(unit_quats(before), unit_quats(after), share)
     est = estimate.positions[chosen], unit_quats(estimate.quats_xyzw[chosen])
     return disagreement(case_of((positions, quats), est), est)
+
+
+@jit
+def _around(
+    stamps: IntArray, positions: FloatArray, quats: FloatArray, wanted: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return interpolated positions `(M, 3)`, the quaternions `(M, 4)` before and after, and the share of the latter.
+
+    Args:
+        stamps: `(N,)` in order.
+        positions: `(N, 3)`, metres.
+        quats: `(N, 4)`.
+        wanted: `(M,)` stamps in order, from the first to before the last; mostly evenly spaced.
+    """
+    found, share = np.empty((len(wanted), 3)), np.empty(len(wanted))
+    before, after = np.empty((len(wanted), 4)), np.empty((len(wanted), 4))
+    row, rows = 1, 0
+    for i in range(len(wanted)):
+        guess = min(row + rows, len(stamps) - 1)
+        if not stamps[guess - 1] <= wanted[i] < stamps[guess]:
+            guess = _first_later(stamps, wanted[i])
+        row, rows = guess, guess - row
+        begin = stamps[row - 1]
+        share[i] = (wanted[i] - begin) / (stamps[row] - begin)
+        for k in range(3):
+            found[i, k] = positions[row - 1, k] + share[i] * (positions[row, k] - positions[row - 1, k])
+        copy_row(quats[row - 1], before[i])
+        copy_row(quats[row], after[i])
+    return found, before, after, share
+
+
+@jit
+def _first_later(stamps: IntArray, wanted: int) -> int:
+    """Return the row of the first stamp after a stamp."""
+    low, high = 0, len(stamps)
+    while low < high:
+        middle = (low + high) // 2
+        if stamps[middle] <= wanted:
+            low = middle + 1
+        else:
+            high = middle
+    return low
