@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,11 @@ class RowQueue:
     def __len__(self) -> int:
         """Return the number of rows."""
         return self._end - self._first
+
+    @property
+    def names(self) -> Iterable[str]:
+        """Names of the columns."""
+        return self._arrays
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return one column as a view that holds until the next change."""

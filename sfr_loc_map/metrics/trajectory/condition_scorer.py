@@ -11,11 +11,12 @@ from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.modes import Rebase
 from sfr_loc_map.metrics.records.score_details import SubTrajectoryRows
 from sfr_loc_map.metrics.score import ConditionScore, DistanceScore, ErrorComponents, IntervalStatistic, Statistic
-from sfr_loc_map.metrics.statistics.running_statistics import Decimated, Moments, RowQueue, column, integers, norm
+from sfr_loc_map.metrics.statistics.running_statistics import Decimated, Moments, column, integers, norm
 from sfr_loc_map.metrics.trajectory.association import Frames
 from sfr_loc_map.metrics.trajectory.confidence import BlockSums, interval95
 from sfr_loc_map.metrics.trajectory.consistency import Consistency, PoseSample
 from sfr_loc_map.metrics.trajectory.relative_covariance import unknown_sums
+from sfr_loc_map.metrics.trajectory.start_queue import StartQueue, Starts
 from sfr_loc_map.metrics.trajectory.sub_trajectories import KINDS, Progress, find_ends
 from sfr_loc_map.metrics.trajectory.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
 
@@ -36,21 +37,26 @@ class ConditionScorer:
     Attributes:
         condition: What ends them.
         discarded_starts: Starts that waited for their end for too long.
+        spacing: Frames from one start to the next.
+        passed: Starts that need no end any more.
     """
 
-    def __init__(self, condition: Condition, config: TrajectoryScoreConfig, *, brief: bool = False) -> None:
+    def __init__(
+        self, condition: Condition, config: TrajectoryScoreConfig, starts: StartQueue, *, brief: bool = False
+    ) -> None:
         """Start without a frame.
 
         Args:
             condition: What ends a sub-trajectory.
             config: Spacing and re-basing.
+            starts: Starts of that spacing; those of frames that are pushed are there already.
             brief: Whether only `brief` is needed: no interval, no consistency, no details.
         """
         self.condition = condition
-        self.discarded_starts = 0
-        self._spacing, self._rebase, self._brief = config.spacing, Rebase(config.rebase), brief
+        self.discarded_starts = self.passed = 0
+        self.spacing, self._rebase, self._brief = config.spacing, Rebase(config.rebase), brief
         self._most_frames = (MAX_WAITING_BRIEF if brief else MAX_WAITING_STARTS) * config.spacing
-        self._starts = RowQueue()
+        self._starts = starts
         self._moments = Moments(len(ErrorColumn))
         self._blocks = BlockSums(INTERVAL_COLUMNS)
         self._consistency = Consistency()
@@ -65,37 +71,21 @@ class ConditionScorer:
 
     def push(self, frames: Frames, progress: Progress) -> None:
         """Add frames."""
-        self._append_starts(frames, progress)
-        starts, first_frame = self._starts, int(progress.frames[0])
+        starts, first_frame = self._starts.waiting(self.passed), int(progress.frames[0])
         waiting = Progress(starts["frame"], starts["stamp"], starts["length"])
         ends = find_ends(waiting, progress, KINDS[self.condition.kind], self.condition.threshold)
         ends = ends[: np.searchsorted(ends, len(frames))]
         # what is discarded depends on frames alone, not on the portions that they come in
         rows = np.flatnonzero(first_frame + ends - starts["frame"][: len(ends)] <= self._most_frames)
         if len(rows):
-            self._score(frames, progress, rows, ends[rows])
-        starts.drop(len(ends))
+            self._score((frames, progress), starts, rows, ends[rows])
         last = first_frame + len(frames) - 1
-        too_old = int(np.searchsorted(starts["frame"], last - self._most_frames, side="right"))
-        starts.drop(too_old)
+        too_old = int(np.searchsorted(starts["frame"][len(ends) :], last - self._most_frames, side="right"))
+        self.passed += len(ends) + too_old
         self.discarded_starts += len(ends) - len(rows) + too_old
 
-    def _append_starts(self, frames: Frames, progress: Progress) -> None:
-        new = slice(-int(progress.frames[0]) % self._spacing, None, self._spacing)
-        self._starts.append(
-            frame=progress.frames[new],
-            stamp=progress.stamps_ns[new],
-            length=progress.lengths[new],
-            gt_pos=frames.gt_pos[new],
-            gt_quat=frames.gt_quat[new],
-            est_pos=frames.est_pos[new],
-            est_quat=frames.est_quat[new],
-            **({} if frames.covariance is None or self._brief else {"covariance": frames.covariance[new]}),
-            **({} if frames.sums is None or self._brief else {"sums": frames.sums[new]}),
-        )
-
-    def _score(self, frames: Frames, progress: Progress, rows: NDArray[np.intp], ends: IntArray) -> None:
-        starts = self._starts
+    def _score(self, pushed: tuple[Frames, Progress], starts: Starts, rows: NDArray[np.intp], ends: IntArray) -> None:
+        frames, progress = pushed
         first = PoseRows(starts["gt_pos"], starts["gt_quat"], starts["est_pos"], starts["est_quat"], starts["length"])
         last = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, progress.lengths)
         errors = sub_trajectory_errors(first, rows, last, ends, self._rebase is Rebase.POSE)
@@ -104,16 +94,18 @@ class ConditionScorer:
             return
         numbers, end_numbers = starts["frame"][rows], progress.frames[ends]
         self._blocks.push(errors[:, :INTERVAL_COLUMNS])
-        self._overlaps += int(np.sum(-(-(end_numbers - numbers) // self._spacing)))
+        self._overlaps += int(np.sum(-(-(end_numbers - numbers) // self.spacing)))
         self._kept_errors.push(errors)
-        self._check_covariance(frames, progress, rows, ends)
+        self._check_covariance(pushed, starts, rows, ends)
         spans = (numbers, end_numbers, starts["stamp"][rows], progress.stamps_ns[ends])
         self._kept_spans.push(np.column_stack(spans))
 
-    def _check_covariance(self, frames: Frames, progress: Progress, rows: NDArray[np.intp], ends: IntArray) -> None:
+    def _check_covariance(
+        self, pushed: tuple[Frames, Progress], starts: Starts, rows: NDArray[np.intp], ends: IntArray
+    ) -> None:
+        frames, progress = pushed
         if frames.covariance is None:
             return
-        starts = self._starts
         first_sums, last_sums = unknown_sums(len(starts["frame"])), unknown_sums(len(frames))
         if frames.sums is not None:
             first_sums, last_sums = starts["sums"], frames.sums
@@ -132,7 +124,7 @@ class ConditionScorer:
         return ConditionScore(
             count=self._moments.count,
             condition=self.condition,
-            spacing_frames=self._spacing,
+            spacing_frames=self.spacing,
             rebase=self._rebase,
             position_m=self._figure(POSITION, overlap),
             attitude_deg=self._figure(ATTITUDE, overlap, unsigned=True),

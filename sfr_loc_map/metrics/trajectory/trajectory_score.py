@@ -19,6 +19,7 @@ from sfr_loc_map.metrics.score import AssociationCounts, AssociationScore, Traje
 from sfr_loc_map.metrics.statistics.running_statistics import Decimated, column, integers
 from sfr_loc_map.metrics.trajectory.association import Estimates, Frames, associate_in_portions
 from sfr_loc_map.metrics.trajectory.condition_scorer import ConditionScorer
+from sfr_loc_map.metrics.trajectory.start_queue import StartQueue
 from sfr_loc_map.metrics.trajectory.sub_trajectories import Progress, path_lengths
 
 PATH_ROWS = 2000
@@ -57,12 +58,19 @@ class TrajectoryScorer:
             MetricsError: If a condition is not valid.
         """
         self._association = config.association
-        self._conditions = [ConditionScorer(Condition.parse(text), config) for text in config.conditions]
+        self._starts: dict[int, StartQueue] = {}
+        self._conditions = [
+            ConditionScorer(Condition.parse(text), config, self._starts_every(config.spacing))
+            for text in config.conditions
+        ]
         if not self._conditions:
             raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
         self._error_by_distance = [
-            ConditionScorer(Condition(ConditionKind.DISTANCE, metres), _spaced(config, metres), brief=True)
+            ConditionScorer(
+                Condition(ConditionKind.DISTANCE, metres), spaced, self._starts_every(spaced.spacing), brief=True
+            )
             for metres in DISTANCES_M
+            for spaced in [_spaced(config, metres)]
         ]
         self._frames = 0
         self._length = np.zeros(2)
@@ -71,6 +79,9 @@ class TrajectoryScorer:
         self._path = Decimated(11, PATH_ROWS)
         self._path_stamps = Decimated(1, PATH_ROWS, np.int64)
         self._path_states = Decimated(2, PATH_ROWS, np.bool_)
+
+    def _starts_every(self, spacing: int) -> StartQueue:
+        return self._starts.setdefault(spacing, StartQueue(spacing))
 
     def copy(self) -> TrajectoryScorer:
         """Return a scorer that goes on independently from here."""
@@ -84,8 +95,13 @@ class TrajectoryScorer:
     def _push(self, frames: Frames) -> None:
         lengths = path_lengths(frames.gt_pos, self._last, self._length)
         progress = Progress(self._frames + np.arange(len(frames)), frames.stamps_ns, lengths)
-        for scorer in (*self._conditions, *self._error_by_distance):
+        scorers = (*self._conditions, *self._error_by_distance)
+        for starts in self._starts.values():
+            starts.append(frames, progress)
+        for scorer in scorers:
             scorer.push(frames, progress)
+        for spacing, starts in self._starts.items():
+            starts.drop(min(scorer.passed for scorer in scorers if scorer.spacing == spacing))
         self._frames += len(frames)
         first_ns = int(frames.stamps_ns[0]) if self._span_ns is None else self._span_ns[0]
         self._span_ns = first_ns, int(frames.stamps_ns[-1])
