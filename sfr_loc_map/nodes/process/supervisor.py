@@ -13,6 +13,7 @@ from typing import Any
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.node_process import NodeProcess
+from sfr_loc_map.nodes.process.shared_segments import remove_ownerless, segment_locks
 
 TASKS = ("localisation", "mapping", "monitor")
 EVERYTHING = "all"
@@ -90,14 +91,20 @@ class Supervisor:
 
 
 def end_processes(processes: Sequence[NodeProcess]) -> None:
-    """End processes together: SIGINT, then SIGTERM, then SIGKILL; returns when none is left."""
+    """End processes together: SIGINT, then SIGTERM, then SIGKILL; returns when none is left.
+
+    What a killed process leaves in shared memory is removed for it.
+    """
     for number, timeout_s in ESCALATION:
         running = [process for process in processes if process.is_running]
+        killed = running if number is signal.SIGKILL else []
+        locks = [lock for process in killed for lock in segment_locks(process.popen.pid)]
         for process in running:
             process.send(number)
         deadline = time.monotonic() + timeout_s
         for process in running:
             process.wait(deadline - time.monotonic())
+        remove_ownerless(locks)
 
 
 @contextmanager

@@ -4,13 +4,14 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import wait_until
+from processes import segments_of, wait_until
 
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.nodes.process import supervisor as module
+from sfr_loc_map.nodes.process.shared_segments import remove_ownerless, segment_locks
 from sfr_loc_map.nodes.process.supervisor import Supervisor, node_names
 
 
@@ -58,8 +59,15 @@ def test_killed_nodes_are_named_or_restarted_hung_ones_are_killed_and_none_is_le
         wait_until(lambda: monitor.text.count("listens to") == before + 1, "restart of the monitor")
         monitor.send(signal.SIGINT)
         assert monitor.wait(60.0) == 0
+        own = segment_locks(mapping.popen.pid)
+        segments = [lock.with_name(lock.name.removesuffix("_el")) for lock in own]
+        assert segments
+        assert set(segments) <= segments_of([mapping.popen.pid])
+        remove_ownerless(own)  # it lives
+        assert all(path.exists() for path in (*own, *segments))
         mapping.send(signal.SIGSTOP)  # it does not react to SIGINT and SIGTERM any more
         monkeypatch.setattr(module, "ESCALATION", ((signal.SIGINT, 0.3), (signal.SIGTERM, 0.3), (signal.SIGKILL, 5.0)))
         begin = time.monotonic()
     assert time.monotonic() - begin < 10.0
     assert mapping.exit_code == -signal.SIGKILL
+    assert not any(path.exists() for path in (*own, *segments))
