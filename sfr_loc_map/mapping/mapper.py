@@ -18,12 +18,13 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.checks import check_images, check_matches, matched_share
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.camera_rotation import CameraRotation, camera_rotation, without_roll
+from sfr_loc_map.mapping.disparity.edge_evidence import support_weights
 from sfr_loc_map.mapping.disparity.hole_filling import FILLED_SIGMA_PX, fill_holes
 from sfr_loc_map.mapping.disparity.saturation import Saturation, saturation
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.surface_hypotheses import Images
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import support_weights, valid_mask
+from sfr_loc_map.mapping.disparity.validity import valid_mask
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views

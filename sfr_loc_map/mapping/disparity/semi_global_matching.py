@@ -13,8 +13,11 @@ from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import MappingConfig
 
-BLOCK = 3
-"""Side of the matching block, pixels: small blocks do not fatten the edges of rocks."""
+WIDE = 800
+"""Images of so many columns are matched at half their width: a quarter of the cost, less noise, and the refinement has
+cells of two pixels anyway. Small images are matched as they are: edges come out sharper, and the cost is small."""
+BLOCK = 1
+"""Side of the matching block: larger ones fatten the edges of rocks."""
 SPECKLE_PIXELS = 60
 SPECKLE_STEP = 16
 """Islands of fewer pixels are removed; within one, neighbours differ by at most so many sixteenths of a pixel."""
@@ -55,20 +58,22 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
     """Return the disparity of the left image by semi-global matching (Hirschmueller 2008, OpenCV's three paths).
 
-    Both images are padded on the left, so that columns are matched even where a part of the search range lies outside
-    the right image.
+    Columns of wide images are averaged in pairs. Both images are padded on the left, so that columns are matched even
+    where a part of the search range lies outside the right image.
 
     Args:
         left: `(H, W)` uint8.
         right: `(H, W)` uint8.
-        count: Disparities 0 to `count - 1` are searched, a multiple of 16.
+        count: Disparities 0 to `count - 1` are searched.
 
     Returns:
-        `(H, W)` float32, pixels, steps of 1/16; NaN where the left-right check fails.
+        `(H, W)` float32, pixels, steps of 1/16, of 1/8 in wide images; NaN where the left-right check fails.
     """
+    columns = 2 if left.shape[1] >= WIDE else 1
+    searched = 16 * math.ceil(count / (16 * columns))
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
-        numDisparities=count,
+        numDisparities=searched,
         blockSize=BLOCK,
         P1=8 * BLOCK * BLOCK,
         P2=32 * BLOCK * BLOCK,
@@ -78,10 +83,18 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
         speckleWindowSize=0,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
-    padded = [cv2.copyMakeBorder(image, 0, 0, count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
-    fixed = matcher.compute(padded[0], padded[1])[:, count:]
+    matched = [_averaged_columns(image, columns) for image in (left, right)]
+    padded = [cv2.copyMakeBorder(image, 0, 0, searched, 0, cv2.BORDER_REPLICATE) for image in matched]
+    fixed = matcher.compute(padded[0], padded[1])[:, searched:]
     cv2.filterSpeckles(fixed, -16, SPECKLE_PIXELS, SPECKLE_STEP)
     disparity: FloatImage = fixed.astype(np.float32)
-    disparity *= np.float32(1.0 / 16.0)
+    disparity *= np.float32(columns / 16.0)
     disparity[fixed < 0] = np.nan
-    return disparity
+    return np.ascontiguousarray(np.repeat(disparity, columns, axis=1)[:, : left.shape[1]])
+
+
+def _averaged_columns(image: GreyImage, columns: int) -> GreyImage:
+    """Return the image with means of so many columns `(H, ceil(W / columns))`; the last column is repeated."""
+    rows, cols = image.shape
+    whole = cv2.copyMakeBorder(image, 0, 0, 0, -cols % columns, cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.resize(whole, (-(-cols // columns), rows), interpolation=cv2.INTER_AREA), np.uint8)

@@ -7,13 +7,10 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.median import finite_median
+from sfr_loc_map.mapping.disparity.edge_evidence import NEIGHBOURHOOD, Scene, support_weights
+from sfr_loc_map.mapping.disparity.edge_network import wrong_surface_log_odds
 from sfr_loc_map.mapping.disparity.filters import box_mean, upsample_nearest
-from sfr_loc_map.mapping.disparity.occlusion import (
-    NEIGHBOURHOOD,
-    SupportWeights,
-    matching_cost_margin,
-    occlusion_mask,
-)
+from sfr_loc_map.mapping.disparity.occlusion import occlusion_mask
 from sfr_loc_map.mapping.disparity.segments import valid_segments
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION
 from sfr_loc_map.mapping.disparity.variational_refinement import JUMP_PX, RefinedDisparity
@@ -34,14 +31,9 @@ MAX_CHANGE_PX = 1.5
 """Refinement may change a disparity by this, or by five times the typical change if that is more."""
 JUMP_RANGE_PX = F(1.5)
 """Disparities of 3 x 3 pixels that span more are a jump; pixels up to `NEIGHBOURHOOD` from it are beside it."""
-GREY_SCALE, DISTANCE_SCALE_PX = 8.0, 3.0
-SUPPORT_RADIUS = 4
-"""Neighbours of similar grey level support a pixel: where their weight is 1/e, and the radius of the window."""
-MARGIN_PER_SIGMA = F(3.0)
-MARGIN_OFFSET = F(3.0)
-MAX_MARGIN = F(0.5)
-"""Margin in matching cost by which a pixel beside a jump may prefer the surface beyond, in standard deviations of
-noise: the offset, less so much per pixel of its own sigma. Where sigma is large its own must be better, by the last."""
+MAX_LOG_ODDS = F(1.4)
+"""A pixel beside a jump is dropped if its log odds of being on the wrong surface exceed this. They are learnt with
+weights by the size of the error."""
 MAX_SLOPE = F(0.7)
 """Pixels of disparity for each pixel along the row. A ramp of 1 lies on one ray of the right camera: what is steep
 joins two surfaces across a part that one of the cameras does not see."""
@@ -51,9 +43,19 @@ def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatIma
     """Tell which pixels `(H, W)` have a valid disparity.
 
     Invalid are pixels that the matcher left out, that refinement moved far, that are occluded in the right image, have
-    no texture, differ between the images, match a surface beyond an edge nearly as well as their own, or belong to a
+    no texture, differ between the images, are likely on the wrong side of an edge (`edge_network`), or belong to a
     segment that is small or has no content in common (`segments`).
     """
+    disparity = refined.disparity_px
+    valid = locally_valid(left, refined, initial_px)
+    chosen = np.flatnonzero(beside_jump(disparity) & valid)
+    scene = Scene(left, refined.right, disparity, np.isfinite(initial_px), sigma_px, *support_weights())
+    valid.flat[chosen[wrong_surface_log_odds(scene, chosen) > MAX_LOG_ODDS]] = False
+    return valid_segments(left, refined.right, disparity, valid)
+
+
+def locally_valid(left: FloatImage, refined: RefinedDisparity, initial_px: FloatImage) -> Mask:
+    """Tell which pixels `(H, W)` pass the tests that need no decision between two surfaces."""
     disparity = refined.disparity_px
     change = np.abs(disparity - initial_px)
     matched = np.isfinite(initial_px)
@@ -61,12 +63,7 @@ def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatIma
         return matched
     valid = matched & (change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * finite_median(change)))
     valid &= ~occlusion_mask(disparity, valid, JUMP_PX)
-    valid &= _textured(refined) & _similar(left, refined) & ~_ramp(disparity)
-    queried = _beside_jump(disparity) & valid
-    margin = matching_cost_margin(left, refined.right, disparity, matched, queried, support_weights())
-    needed = np.minimum(MARGIN_PER_SIGMA * sigma_px - MARGIN_OFFSET, MAX_MARGIN)
-    valid &= margin > F(refined.noise) * needed
-    return valid_segments(left, refined.right, disparity, valid)
+    return np.asarray(valid & _textured(refined) & _similar(left, refined) & ~_ramp(disparity))
 
 
 def _textured(refined: RefinedDisparity) -> Mask:
@@ -93,16 +90,9 @@ def _ramp(disparity: FloatImage) -> Mask:
     return np.asarray(cv2.dilate(steep.astype(np.uint8), np.ones((1, 3), np.uint8))).astype(np.bool_)
 
 
-def _beside_jump(disparity: FloatImage) -> Mask:
+def beside_jump(disparity: FloatImage) -> Mask:
+    """Tell which pixels `(H, W)` are at or near a jump of disparity."""
     square = np.ones((3, 3), np.uint8)
     jump = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F) > JUMP_RANGE_PX
     wide = np.ones((2 * NEIGHBOURHOOD + 1,) * 2, np.uint8)
     return np.asarray(cv2.dilate(jump.astype(np.uint8), wide)).astype(np.bool_)
-
-
-def support_weights() -> SupportWeights:
-    """Return the weights of a window by which matching costs are judged."""
-    axis = np.arange(-SUPPORT_RADIUS, SUPPORT_RADIUS + 1, dtype=np.float64)
-    distance = np.hypot(axis[:, None], axis[None])
-    by_grey = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
-    return SupportWeights(by_grey, np.exp(-distance / DISTANCE_SCALE_PX).astype(F))

@@ -56,6 +56,8 @@ SOLVER_ITERATIONS = (8, 12, 12)
 """Conjugate gradient steps on each grid, finest first."""
 JUMP_PX = F(1.0)
 """Neighbouring cells that differ more belong to two surfaces."""
+START_TOLERANCES_PX = (F(1.5), F(0.7))
+"""Neighbours that differ by less are averaged in the matcher's result, twice."""
 BOX = 9
 """Side in cells over which brightness offset and noise level are averaged."""
 TAIL = F(1.0 / 25.0)
@@ -130,7 +132,7 @@ def padded(image: FloatImage) -> FloatImage:
 def initial_cells(initial_px: FloatImage) -> FloatImage:
     """Return the matcher's disparities `(H, W)` as a field on cells without holes, its steps smoothed."""
     cells = fill_occlusions(cells_from_pixels(initial_px, JUMP_PX))
-    for tolerance in (JUMP_PX, F(0.7) * JUMP_PX):
+    for tolerance in START_TOLERANCES_PX:
         cells = edge_preserving_mean(cells, 3, tolerance)
     return cells
 

@@ -1,0 +1,135 @@
+"""Train the network that judges pixels beside jumps of disparity; see `mapping/disparity/edge_network.py`.
+
+    python tools/train_edge_network.py sfr_loc_map/mapping/disparity/edge_network.json SOURCE ...
+
+Each SOURCE has mapping pairs with truth (`sfr simulate`). Each pair is used as it is and with the images changed as
+other cameras would: more noise, less contrast, another gain in parts, rows that do not match, blur, more contrast.
+The result is a function of the sources.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import panorama_of
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.edge_evidence import FIGURES, Scene, edge_evidence, support_weights
+from sfr_loc_map.mapping.disparity.edge_network import Network
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
+from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
+from sfr_loc_map.mapping.disparity.validity import beside_jump, locally_valid
+from sfr_loc_map.mapping.disparity.variational_refinement import refine
+
+UNITS = 16
+"""Of the hidden layer."""
+PASSES, BATCH, RATE = 30, 512, 3e-3
+MOST = 16_000
+"""Pixels of one changed pair that are used."""
+WRONG_PX = 1.0
+"""Disparities that are off by more are those of the wrong surface."""
+MAX_COST = 30.0
+"""A wrong pixel counts by its error in pixels, up to this: far ones spoil a map."""
+Images = tuple[np.ndarray, np.ndarray]
+
+
+def changed(left: np.ndarray, right: np.ndarray, random: np.random.Generator) -> Iterator[Images]:
+    """Yield images as other cameras would take them, float64 grey levels."""
+    mean = left.mean()
+    yield left, right
+    yield tuple(mean + 0.6 * (x - mean) + random.normal(0.0, 6.5, x.shape) for x in (left, right))
+    gain = random.normal(1.0, 0.03, (right.shape[0] // 24, right.shape[1] // 24))
+    patchy = right * cv2.resize(gain, right.shape[::-1], interpolation=cv2.INTER_CUBIC)
+    shift = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, random.uniform(-0.4, 0.4)]])
+    shifted = cv2.warpAffine(patchy, shift, right.shape[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    yield tuple(x + random.normal(0.0, 1.5, x.shape) for x in (left, shifted))
+    sigmas = random.uniform(0.3, 0.6), random.uniform(0.5, 0.8)
+    blurred = (cv2.GaussianBlur(x, (0, 0), sigma) for x, sigma in zip((left, right), sigmas, strict=True))
+    yield tuple(x + random.normal(0.0, 1.0, x.shape) for x in blurred)
+    yield tuple(mean + 1.6 * (x - mean) for x in (left, right))
+
+
+def true_disparity(posed: PosedStereoPair, rig: StereoRig) -> np.ndarray:
+    """Return the disparity of each pixel `(H, W)`, NaN where unknown."""
+    depth = (posed.T_lm_navsb @ rig.T_sb_left).inverse().apply(posed.truth)[..., 2]
+    return rig.fx * rig.baseline_m / np.where(depth > 0.0, depth, np.nan)
+
+
+def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the evidence `(N, 15)` and the error in pixels `(N,)` of each pair of a source, changed."""
+    panorama = panorama_of(open_source(source))
+    count = search_range(panorama.rig, MappingConfig()).count
+    for posed in panorama.pairs():
+        truth = true_disparity(posed, panorama.rig)
+        for images in changed(posed.pair.left.astype(float), posed.pair.right.astype(float), random):
+            left, right = (np.clip(np.rint(x), 0, 255).astype(np.uint8) for x in images)
+            initial = semi_global_matching(left, right, count)
+            refined = refine(left.astype(np.float32), right.astype(np.float32), initial)
+            left = left.astype(np.float32)
+            known = beside_jump(refined.disparity_px) & locally_valid(left, refined, initial)
+            chosen = np.flatnonzero(known & np.isfinite(truth))
+            sigma = disparity_sigma(refined)
+            scene = Scene(left, refined.right, refined.disparity_px, np.isfinite(initial), sigma, *support_weights())
+            evidence = edge_evidence(scene, chosen)
+            error_px = np.abs((refined.disparity_px - truth).flat[chosen])
+            some = random.permutation(len(chosen))[:MOST]
+            yield evidence[some].astype(float), error_px[some]
+
+
+def train(evidence: np.ndarray, error_px: np.ndarray, random: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return the weights of least cross entropy (Adam: Kingma and Ba 2015)."""
+    low, high = np.percentile(evidence, (0.5, 99.5), axis=0)
+    evidence = np.clip(evidence, low, high)
+    mean, scale = evidence.mean(0), evidence.std(0)
+    inputs, target = (evidence - mean) / scale, (error_px > WRONG_PX).astype(float)
+    cost = np.clip(error_px, 1.0, MAX_COST)
+    weights = [
+        random.normal(0.0, np.sqrt(2.0 / FIGURES), (UNITS, FIGURES)),
+        np.zeros(UNITS),
+        random.normal(0.0, np.sqrt(1.0 / UNITS), UNITS),
+        np.zeros(1),
+    ]
+    first, second = [np.zeros_like(w) for w in weights], [np.zeros_like(w) for w in weights]
+    step = 0
+    for number in range(PASSES):
+        rate = RATE * 0.5 * (1.0 + np.cos(np.pi * number / PASSES))
+        order, loss = random.permutation(len(inputs)), 0.0
+        for start in range(0, len(order) - BATCH, BATCH):
+            batch = order[start : start + BATCH]
+            x, y = inputs[batch], target[batch]
+            units = np.maximum(x @ weights[0].T + weights[1], 0.0)
+            odds = units @ weights[2] + weights[3][0]
+            error = cost[batch] * (1.0 / (1.0 + np.exp(-odds)) - y) / BATCH
+            back = error[:, None] * weights[2] * (units > 0.0)
+            loss += float((cost[batch] * (np.logaddexp(0.0, odds) - y * odds)).mean())
+            step += 1
+            for k, gradient in enumerate((back.T @ x, back.sum(0), error @ units, error.sum(keepdims=True))):
+                first[k] += 0.1 * (gradient - first[k])
+                second[k] += 0.001 * (gradient**2 - second[k])
+                size = np.sqrt(second[k] / (1.0 - 0.999**step)) + 1e-8
+                weights[k] -= rate * (first[k] / (1.0 - 0.9**step)) / size
+        print(f"pass {number + 1} of {PASSES}: cross entropy {loss / (len(order) // BATCH):.4f}", flush=True)
+    hidden = weights[0] / scale
+    return dict(zip(Network._fields, (low, high, hidden, weights[1] - hidden @ mean, *weights[2:]), strict=True))
+
+
+def main(out: Path, sources: list[Path]) -> None:
+    """Train on the sources and write the network."""
+    random = np.random.default_rng(0)
+    found = [item for source in sources for item in samples(source, random)]
+    evidence, error_px = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    print(f"{len(error_px)} pixels, {100 * (error_px > WRONG_PX).mean():.1f} % of them on the wrong surface")
+    weights = train(evidence, error_px, random)
+    lines = [f'"{name}": {json.dumps(np.round(value, 4).tolist())}' for name, value in weights.items()]
+    out.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), [Path(item) for item in sys.argv[2:]])
