@@ -67,16 +67,20 @@ def edge_preserving_mean(cells: FloatImage, radius: int, jump: np.float32) -> Fl
     rows, cols = cells.shape
     out = np.empty_like(cells)
     for i in prange(rows):
-        for j in range(cols):
-            centre = cells[i, j]
-            total, count = F(0.0), F(0.0)
-            for y in range(max(0, i - radius), min(rows, i + radius + 1)):
-                for x in range(max(0, j - radius), min(cols, j + radius + 1)):
-                    step = cells[y, x] - centre
+        total, count = np.zeros(cols, F), np.zeros(cols, F)
+        for y in range(max(0, i - radius), min(rows, i + radius + 1)):
+            for dx in range(-radius, radius + 1):
+                # The columns are the innermost loop, over slices that start at 0: they are computed side by side.
+                first, last = max(0, -dx), min(cols, cols - dx)
+                neighbours, centres = cells[y, first + dx : last + dx], cells[i, first:last]
+                totals, counts = total[first:last], count[first:last]
+                for j in range(len(centres)):
+                    step = neighbours[j] - centres[j]
                     near = F(1.0) if abs(step) < jump else F(0.0)
-                    total += near * step
-                    count += near
-            out[i, j] = centre + total / count
+                    totals[j] += near * step
+                    counts[j] += near
+        for j in range(cols):
+            out[i, j] = cells[i, j] + total[j] / count[j]
     return out
 
 
@@ -84,6 +88,15 @@ def edge_preserving_mean(cells: FloatImage, radius: int, jump: np.float32) -> Fl
 def _same_surface(value: np.float32, centre: np.float32, jump: np.float32) -> np.float32:
     """Return the value if it belongs to the surface of `centre`, otherwise `centre`."""
     return centre if abs(value - centre) > jump else value
+
+
+@jit_rows_inline
+def _between(
+    centre: np.float32, along: np.float32, across: np.float32, corner: np.float32, jump: np.float32
+) -> np.float32:
+    """Return the field a quarter of a cell from a centre, towards two of its neighbours and the corner between."""
+    sides = _same_surface(across, centre, jump) + _same_surface(along, centre, jump)
+    return F(0.5625) * centre + F(0.1875) * sides + F(0.0625) * _same_surface(corner, centre, jump)
 
 
 @jit_rows
@@ -94,12 +107,12 @@ def pixels_from_cells(cells: FloatImage, jump: np.float32) -> FloatImage:
     for y in prange(2 * rows):
         i = y // 2
         i2 = min(max(i - 1 + 2 * (y % 2), 0), rows - 1)
-        for x in range(2 * cols):
-            j = x // 2
-            j2 = min(max(j - 1 + 2 * (x % 2), 0), cols - 1)
-            centre = cells[i, j]
-            across = _same_surface(cells[i, j2], centre, jump)
-            along = _same_surface(cells[i2, j], centre, jump)
-            corner = _same_surface(cells[i2, j2], centre, jump)
-            out[y, x] = F(0.5625) * centre + F(0.1875) * (across + along) + F(0.0625) * corner
+        for j in range(cols - 1):
+            out[y, 2 * j + 1] = _between(cells[i, j], cells[i2, j], cells[i, j + 1], cells[i2, j + 1], jump)
+            out[y, 2 * j + 2] = _between(cells[i, j + 1], cells[i2, j + 1], cells[i, j], cells[i2, j], jump)
+        for j in (0, cols - 1):
+            edge = _between(cells[i, j], cells[i2, j], cells[i, j], cells[i2, j], jump)
+            out[y, 2 * j + (0 if j == 0 else 1)] = edge
+        if cols == 1:
+            out[y, 1] = out[y, 0]
     return out
