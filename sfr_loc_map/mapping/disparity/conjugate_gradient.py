@@ -114,11 +114,11 @@ def _apply_system(information: FloatImage, differences: SecondDifferences, state
     direction, product = state.direction, state.product
     sums = np.zeros(rows)
     for i in prange(rows):
+        for j in range(cols):
+            product[i, j] = information[i, j] * direction[i, j] + apply_adjoint(differences, i, j)
         total = F(0.0)
         for j in range(cols):
-            value = information[i, j] * direction[i, j] + apply_adjoint(differences, i, j)
-            product[i, j] = value
-            total += value * direction[i, j]
+            total += product[i, j] * direction[i, j]
         sums[i] = total
     return _ordered_sum(sums)
 
@@ -130,12 +130,12 @@ def _advance(state: SolverState, preconditioner: FloatImage, length: np.float32)
     step, residual, direction, product = state.step, state.residual, state.direction, state.product
     sums = np.zeros(rows)
     for i in prange(rows):
-        total = F(0.0)
         for j in range(cols):
             step[i, j] += length * direction[i, j]
-            rest = residual[i, j] - length * product[i, j]
-            residual[i, j] = rest
-            total += rest * rest * preconditioner[i, j]
+            residual[i, j] -= length * product[i, j]
+        total = F(0.0)
+        for j in range(cols):
+            total += residual[i, j] * residual[i, j] * preconditioner[i, j]
         sums[i] = total
     return _ordered_sum(sums)
 

@@ -102,10 +102,9 @@ def apply_operator(field: FloatImage, weights: SmoothnessWeights, out: SecondDif
 @jit_rows_inline
 def apply_adjoint(q: SecondDifferences, i: int, j: int) -> np.float32:
     """Return `A' q` at cell (i, j): the transpose of taking second differences."""
-    y, x = i + 1, j + 1
-    along_x = q.along_x[y, x - 1] - F(2.0) * q.along_x[y, x] + q.along_x[y, x + 1]
-    along_y = q.along_y[y - 1, x] - F(2.0) * q.along_y[y, x] + q.along_y[y + 1, x]
-    mixed = q.mixed[y, x] - q.mixed[y, x - 1] - q.mixed[y - 1, x] + q.mixed[y - 1, x - 1]
+    along_x = q.along_x[i + 1, j] - F(2.0) * q.along_x[i + 1, j + 1] + q.along_x[i + 1, j + 2]
+    along_y = q.along_y[i, j + 1] - F(2.0) * q.along_y[i + 1, j + 1] + q.along_y[i + 2, j + 1]
+    mixed = q.mixed[i + 1, j + 1] - q.mixed[i + 1, j] - q.mixed[i, j + 1] + q.mixed[i, j]
     total: np.float32 = along_x + along_y + mixed
     return total
 
