@@ -116,28 +116,43 @@ def mean_template(left: FloatImage, residual: FloatImage, offset: FloatImage, li
 
 
 @jit_rows_inline
-def _slope(image: FloatImage, y: int, x: int) -> np.float32:
-    near: np.float32 = image[y, x + 1] - image[y, x - 1]
-    far: np.float32 = image[y, x + 2] - image[y, x - 2]
+def _slope(row: FloatImage, n: int) -> np.float32:
+    """Return the slope of a row at column n + 2."""
+    near: np.float32 = row[n + 3] - row[n + 1]
+    far: np.float32 = row[n + 4] - row[n]
     return DERIVATIVE_NEAR * near + DERIVATIVE_FAR * far
 
 
 @jit_rows
+def slopes(template: FloatImage) -> FloatImage:
+    """Return the slope along the row, smoothed across rows `(H, W)`, grey levels a pixel; 0 in two border columns."""
+    rows, cols = template.shape
+    out = np.zeros((rows, cols), F)
+    for y in prange(rows):
+        above, row, below = template[max(y - 1, 0)], template[y], template[min(y + 1, rows - 1)]
+        for n in range(cols - 4):
+            slope = (F(1.0) - F(2.0) * SMOOTH_SIDE) * _slope(row, n)
+            out[y, n + 2] = slope + SMOOTH_SIDE * (_slope(above, n) + _slope(below, n))
+    return out
+
+
+@jit_rows
 def normal_equations(
-    template: FloatImage, residual: FloatImage, offset: FloatImage, inverse_variance: FloatImage, tail: np.float32
+    slope: FloatImage, residual: FloatImage, offset: FloatImage, inverse_variance: FloatImage, tail: np.float32
 ) -> NormalEquations:
     """Return each cell's normal equations of a change in disparity (Lucas and Kanade 1981), robustly weighted.
 
-    `r(d + s) = r(d) - g s` with g the slope along the row; weight `1 / (1 + tail r^2 / variance)`.
+    `r(d + s) = r(d) - g s` with g the slope along the row; weight `1 / (1 + tail r^2 / variance)`. Two columns at
+    either border do not count.
 
     Args:
-        template: `(H, W)`, whose slope is g.
+        slope: `(H, W)`, g, grey levels a pixel.
         residual: `(H, W)`, NaN where the corresponding pixel lies outside the right image.
         offset: `(H/2, W/2)`, brightness offset of the residual.
         inverse_variance: `(H/2, W/2)` of a residual.
         tail: How soon large residuals lose weight.
     """
-    height, width = template.shape
+    height, width = slope.shape
     information = np.empty((height // 2, width // 2), F)
     information_vector, chi2 = np.empty_like(information), np.empty_like(information)
     weights = np.empty_like(information)
@@ -150,13 +165,11 @@ def normal_equations(
                 value = residual[y, x] - mean
                 if value != value or x < 2 or x >= width - 2:
                     continue
-                above, below = max(y - 1, 0), min(y + 1, height - 1)
-                slope = (F(1.0) - F(2.0) * SMOOTH_SIDE) * _slope(template, y, x)
-                slope += SMOOTH_SIDE * (_slope(template, above, x) + _slope(template, below, x))
+                g = slope[y, x]
                 level = value * value * inverse
                 weight = F(1.0) / (F(1.0) + tail * level)
-                hessian += weight * slope * slope
-                gradient += weight * slope * value
+                hessian += weight * g * g
+                gradient += weight * g * value
                 square += weight * level
                 weight_sum += weight
             information[i, j] = hessian * inverse

@@ -41,6 +41,7 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     mean_template,
     normal_equations,
     photometric_residual,
+    slopes,
 )
 from sfr_loc_map.mapping.disparity.rectification_correction import RectificationCorrection, correct_rectification
 from sfr_loc_map.mapping.disparity.regularisation import SmoothnessWeights, smoothness_weight
@@ -164,7 +165,7 @@ def linearise(left: FloatImage, right: FloatImage, cells: FloatImage) -> Lineari
     offset = box_mean(cell_means(residual, F(3.0 * noise)), BOX)
     variance = noise_variance(left, residual, offset)
     template = mean_template(left, residual, offset, F(4.0 * noise))
-    found = normal_equations(template, residual, offset, F(1.0) / variance, TAIL)
+    found = normal_equations(slopes(template), residual, offset, F(1.0) / variance, TAIL)
     chi2_per_dof = box_mean(found.chi2, BOX) / np.maximum(box_mean(found.weight, BOX), F(0.1))
     excess = np.maximum(chi2_per_dof, F(1.0))
     scaled = found._replace(

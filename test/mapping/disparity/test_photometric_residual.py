@@ -11,6 +11,7 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     normal_equations,
     photometric_residual,
     shift_rows,
+    slopes,
 )
 
 F = np.float32
@@ -64,7 +65,7 @@ def test_the_information_vector_is_minus_the_gradient_of_the_energy() -> None:
     left, right = smooth(U, V).astype(F), smooth(U + 3.3 + 0.02 * U, V).astype(F)
     residual = photometric_residual(left, right, disparity.astype(F))
     zero = np.zeros((ROWS // 2, COLS // 2), F)
-    equations = normal_equations(left + residual, residual, zero, zero + F(1.0), F(0.0))
+    equations = normal_equations(slopes(left + residual), residual, zero, zero + F(1.0), F(0.0))
     h = 1e-2
     gradient = (energy(left, right, disparity + h) - energy(left, right, disparity - h)) / (2.0 * h)
     size = np.abs(gradient[INNER]).max()
@@ -80,7 +81,7 @@ def test_one_solve_recovers_an_error_of_the_disparity(error: float) -> None:
     residual = photometric_residual(left, right, np.full((ROWS, COLS), 4.0 + error, F))
     zero = np.zeros((ROWS // 2, COLS // 2), F)
     template = mean_template(left, residual, zero, F(1e3))
-    equations = normal_equations(template, residual, zero, zero + F(1.0), F(0.0))
+    equations = normal_equations(slopes(template), residual, zero, zero + F(1.0), F(0.0))
     step = equations.information_vector[INNER].sum() / equations.information[INNER].sum()
     assert step == pytest.approx(-error, rel=0.03)
 
@@ -91,7 +92,7 @@ def test_residuals_beyond_the_tail_lose_weight() -> None:
     residual[:, 10] = np.nan
     cells = np.zeros((ROWS // 2, COLS // 2), F)
     tail, variance, offset = 1.0 / 25.0, 4.0, 1.0
-    found = normal_equations(template, residual, cells + F(offset), cells + F(1.0 / variance), F(tail))
+    found = normal_equations(slopes(template), residual, cells + F(offset), cells + F(1.0 / variance), F(tail))
     level = (6.0 - offset) ** 2 / variance
     weight = 1.0 / (1.0 + tail * level)
     for j, count in ((7, 4), (5, 2), (0, 0)):  # all four pixels, two of them NaN, no slope at the border
