@@ -30,7 +30,10 @@ class LocalisationConfig:
     """Parameters of the localiser; ROS parameters and configuration files have the same names."""
 
     max_features: int = param(
-        1600, doc="Landmarks tracked in a keyframe; the image is divided into as many cells.", low=50, high=20_000
+        1600,
+        doc="Landmarks tracked in a keyframe of up to 512 x 512 pixels; the number grows with the root of the width.",
+        low=50,
+        high=20_000,
     )
     window_keyframes: int = param(7, doc="Keyframes adjusted together.", low=2, high=20)
     adjustment_rounds: int = param(2, doc="Gauss-Newton iterations of each window adjustment.", low=1, high=20)

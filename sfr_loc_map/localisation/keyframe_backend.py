@@ -24,6 +24,8 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 from sfr_loc_map.localisation.parallel import in_background
 
 MIN_DISPARITY_PX = 1e-3
+SMALL_IMAGE_PX = 512 * 512
+"""Pixels of an image up to which `max_features` is the number of landmarks; it grows with the root of the width."""
 
 
 class KeyframeBackend:
@@ -52,6 +54,8 @@ class KeyframeBackend:
         """
         self._rig, self._config, self._camera, self._tracker = rig, config, camera, tracker
         self._left_mask, self._right_mask = (load_mask(path, rig) for path in (config.left_mask, config.right_mask))
+        enlarged = max(rig.width * rig.height / SMALL_IMAGE_PX, 1.0)
+        self._wanted = round(config.max_features * enlarged**0.25)
         self._foreign_mask: NDArray[np.uint8] | None = None
         self._pending: Future[float] | None = None
         self.reset()
@@ -173,7 +177,7 @@ class KeyframeBackend:
     def _add_landmarks(self, frame: StereoFrame, known: FloatArray) -> None:
         """Detect and match new landmarks beside known ones `(M, 3)` (u, v, disparity), then adjust the window."""
         mask, _ = self.masks
-        corners = find_corners(frame.left.levels[0], known[:, :2].copy(), self._config.max_features, BORDER, mask)
+        corners = find_corners(frame.left.levels[0], known[:, :2].copy(), self._wanted, BORDER, mask)
         if len(corners):
             self._match_landmarks(frame, corners, known)
         self._window.adjust(self._config.adjustment_rounds)

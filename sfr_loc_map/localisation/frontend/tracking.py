@@ -36,6 +36,9 @@ SHIFT_ITERATIONS = 6
 POSE_ITERATIONS = 10
 INLIER_CHI2_PER_DOF = 9.0
 """Squared Mahalanobis residual per degree of freedom below which a landmark agrees with a pose."""
+EDGES_FROM_PX = 600.0
+"""Focal length from which on edges of stones, not noise, limit a pose: seen from elsewhere they are other points of the
+stone, and the sun makes those of one side the stronger ones, so that the path turns. Their residuals are large."""
 MIN_TEXTURE = 1.0
 """Standard deviation, grey levels, of the coarsest pyramid level below which an image shows nothing."""
 
@@ -233,9 +236,16 @@ class Tracker:
         found = np.isfinite(residual)
         typical = median(residual[found]) if found.any() else 1.0
         variance = covariance * (1.2 * np.maximum(residual, typical) ** 2)[:, None]
-        variance[:, 0] += self._config.pixel_floor**2
-        variance[:, 2] += self._config.pixel_floor**2
+        floor = self._config.pixel_floor**2 * self._doubt(residual, typical)
+        variance[:, 0] += floor
+        variance[:, 2] += floor
         return np.asarray(variance)
+
+    def _doubt(self, residual: FloatArray, typical: float) -> FloatArray | float:
+        """Return factors `(N,)` of the floor by residual; 1 where pixels are too large to show edges of stones."""
+        if self._camera.fx < EDGES_FROM_PX:
+            return 1.0
+        return np.asarray(np.clip(residual / max(typical, 1e-6), 0.5, 4.0) ** 4)
 
     def _observe(
         self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset

@@ -156,3 +156,12 @@ def test_a_noisy_patch_gives_a_variance_in_proportion_and_one_below_the_median_d
     for row, level in enumerate((3.0, 3.0, 4.0, 8.0)):
         np.testing.assert_allclose(variance[row], 1.2 * level**2 * covariance[row] + floor)
     assert np.isnan(variance[4]).all()
+
+
+def test_with_small_pixels_a_track_counts_by_its_residual() -> None:
+    fine = Tracker(CONFIG, CAMERA._replace(fx=800.0, fy=800.0))
+    variance = fine.position_variance(np.zeros((5, 3)), np.array([0.1, 1.0, 2.0, 9.0, np.nan]))
+    typical = 1.5  # the median
+    expected = CONFIG.pixel_floor**2 * np.array([0.5, 1.0 / typical, 2.0 / typical, 4.0]) ** 4
+    np.testing.assert_allclose(variance[:4, 0], expected)
+    np.testing.assert_allclose(variance[:4, 2], expected)
