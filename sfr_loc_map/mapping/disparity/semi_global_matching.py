@@ -18,6 +18,9 @@ WIDE = 800
 cells of two pixels anyway. Small images are matched as they are: edges come out sharper, and the cost is small."""
 BLOCK = 1
 """Side of the matching block: larger ones fatten the edges of rocks."""
+SPREAD_PERCENTILES, SPREAD_STRIDE = (10.0, 50.0, 90.0), 4
+ALIKE_GREY = 8.0
+"""Percentiles of a pair of one exposure differ by less, as the two images do not show quite the same."""
 SPECKLE_PIXELS = 60
 SPECKLE_STEP = 16
 """Islands of fewer pixels are removed; within one, neighbours differ by at most so many sixteenths of a pixel."""
@@ -58,8 +61,8 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
     """Return the disparity of the left image by semi-global matching (Hirschmueller 2008, OpenCV's three paths).
 
-    Columns of wide images are averaged in pairs. Both images are padded on the left, so that columns are matched even
-    where a part of the search range lies outside the right image.
+    A right image of another exposure is equalised. Columns of wide images are averaged in pairs. Both images are padded
+    on the left, so that columns are matched even where a part of the search range lies outside the right image.
 
     Args:
         left: `(H, W)` uint8.
@@ -83,7 +86,7 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
         speckleWindowSize=0,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
-    matched = [_averaged_columns(image, columns) for image in (left, right)]
+    matched = [_averaged_columns(image, columns) for image in (left, _equalised(left, right))]
     padded = [cv2.copyMakeBorder(image, 0, 0, searched, 0, cv2.BORDER_REPLICATE) for image in matched]
     fixed = matcher.compute(padded[0], padded[1])[:, searched:]
     cv2.filterSpeckles(fixed, -16, SPECKLE_PIXELS, SPECKLE_STEP)
@@ -91,6 +94,18 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
     disparity *= np.float32(columns / 16.0)
     disparity[fixed < 0] = np.nan
     return np.ascontiguousarray(np.repeat(disparity, columns, axis=1)[:, : left.shape[1]])
+
+
+def _equalised(left: GreyImage, right: GreyImage) -> GreyImage:
+    """Return the right image with gain and offset such that its grey levels are spread as those of the left."""
+    low_l, middle_l, high_l = np.percentile(left[::SPREAD_STRIDE, ::SPREAD_STRIDE], SPREAD_PERCENTILES)
+    low_r, middle_r, high_r = np.percentile(right[::SPREAD_STRIDE, ::SPREAD_STRIDE], SPREAD_PERCENTILES)
+    changes = (low_l - low_r, middle_l - middle_r, high_l - high_r)
+    if max(abs(change) for change in changes) <= ALIKE_GREY or high_r - low_r < 1.0:
+        return right
+    gain = (high_l - low_l) / (high_r - low_r)
+    levels = np.rint(gain * (np.arange(256.0) - middle_r) + middle_l)
+    return np.asarray(cv2.LUT(right, np.clip(levels, 0, 255).astype(np.uint8)))
 
 
 def _averaged_columns(image: GreyImage, columns: int) -> GreyImage:

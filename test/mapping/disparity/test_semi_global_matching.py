@@ -1,12 +1,13 @@
 """Semi-global matching on random-dot stereograms; the range that is searched."""
 
+import cv2
 import numpy as np
 import pytest
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
+from sfr_loc_map.mapping.disparity.semi_global_matching import WIDE, search_range, semi_global_matching
 
 ROWS, COLS = 120, 200
 
@@ -44,6 +45,32 @@ def test_the_background_beside_the_square_is_occluded() -> None:
     wrong = np.isfinite(hidden) & (np.abs(hidden - 4.0) < 0.5)
     assert wrong.mean() < 0.5
     assert np.isfinite(disparity[40:80, 40:70]).mean() > 0.95
+
+
+@pytest.mark.parametrize("cols", [WIDE - 1, WIDE, WIDE + 1])
+def test_wide_images_are_matched_as_narrow_ones_are(cols: int) -> None:
+    """Noise that is smooth over two pixels, shifted by an odd number of columns."""
+    rng = np.random.default_rng(1)
+    wide = cv2.GaussianBlur(rng.integers(0, 256, (60, cols + 40)).astype(np.float32), (0, 0), 2.0)
+    wide = cv2.normalize(wide, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    left, right = wide[:, :cols].copy(), wide[:, 9 : cols + 9].copy()
+    disparity = semi_global_matching(left, right, 32)
+    assert disparity.shape == left.shape
+    known = np.isfinite(disparity)
+    assert known[:, 9:].mean() > 0.95
+    assert np.nanmedian(disparity) == pytest.approx(9.0, abs=0.25)
+    assert (np.abs(disparity - 9.0)[known] < 1.0).mean() > 0.97
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.5, 0.0), (0.6, 80.0), (1.0, -30.0)])
+def test_images_of_two_exposures_are_matched(gain: float, offset: float) -> None:
+    left, right, truth = stereogram(4, 12)
+    left, right = (np.asarray(64 + image / 2, np.uint8) for image in (left, right))
+    other = np.clip(np.rint(gain * right + offset), 0, 255).astype(np.uint8)
+    disparity = semi_global_matching(left, other, 32)
+    known = np.isfinite(disparity)
+    assert known[:, 4:].mean() > 0.85
+    assert (np.abs(disparity - truth)[known] < 0.5).mean() > 0.97
 
 
 def test_swapped_images_do_not_match() -> None:
