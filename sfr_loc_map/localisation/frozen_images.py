@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
+import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
@@ -37,7 +38,7 @@ makes a tenth of the pixels of two exposures differ."""
 def is_frozen(before: GreyImage, now: GreyImage) -> bool:
     """Tell whether an image is one before it with new noise; equal images have none and are not told."""
     for step in ROW_STEPS:
-        change = np.subtract(now[1:-1:step], before[1:-1:step], dtype=np.float32)
+        change = np.asarray(cv2.subtract(now[1:-1:step], before[1:-1:step], dtype=cv2.CV_32F), np.float32)
         if not _is_noise(change):
             return False
         first = before[1:-1:step].astype(np.float32)
@@ -71,11 +72,10 @@ def _regression(image: FloatImage, change: FloatImage, weight: FloatImage) -> tu
 
 def _is_noise(change: FloatImage) -> bool:
     """Tell whether two images differ by noise alone, if at all: little, and each pixel for itself."""
-    mean = change.mean()
-    # the first look is rounded and cheap, and tells most
-    if float(np.einsum("ij,ij->", change, change)) / change.size - float(mean) ** 2 > 1.1 * MAX_NOISE**2:
+    _, deviation = cv2.meanStdDev(change)  # the first look is rounded and cheap, and tells most
+    if deviation.item() ** 2 > 1.1 * MAX_NOISE**2:
         return False
-    centred = change - mean
+    centred = change - change.mean()
     variance = float(np.mean(np.square(centred)))
     if variance > MAX_NOISE**2:
         return False

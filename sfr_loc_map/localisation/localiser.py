@@ -102,9 +102,10 @@ class Localiser(Reporter):
         with self._timer("wait"):
             self._finish_keyframe()
         self._track.arrive(pair.stamp_ns)
-        if self._backend.started and self._stale.repeats(pair):
+        stale = self._stale.compare(pair)
+        if self._backend.started and stale.is_repeated:
             return self._repeat(pair)
-        fresh, doubt = self._stale.fresh(pair)
+        fresh, doubt = self._stale.fresh(pair, stale)
         if pair.identical_images and float(np.std(pair.left)) > MIN_TEXTURE:
             return self._unknown(pair.stamp_ns, StateReason.NO_STEREO, TrackingStatistics())
         with self._timer("pyramid"):

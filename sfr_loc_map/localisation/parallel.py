@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
+from queue import SimpleQueue
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -30,19 +31,26 @@ class _SecondThread:
     """
 
     def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="right")
-        self._id = self._pool.submit(threading.get_native_id).result()
+        # a pool with its futures takes five times as long to hand work over and back
+        self._tasks: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        thread = threading.Thread(target=self._work, name="right", daemon=True)
+        thread.start()
+        self._id = thread.native_id or 0
         self._core = getattr(ctypes.CDLL(None), "sched_getcpu", None)
         self._cores: set[int] = set()
 
-    def submit(self, function: Callable[..., R], *arguments: Any) -> Future[R]:  # noqa: ANN401 - any arguments
-        """Start work."""
+    def submit(self, task: Callable[[], None]) -> None:
+        """Start work that raises nothing."""
         others = os.sched_getaffinity(0) - {self._core()} if self._core else set()
         if others not in (set(), self._cores):
             self._cores = others
             with suppress(OSError):  # a container may forbid it
                 os.sched_setaffinity(self._id, others)
-        return self._pool.submit(function, *arguments)
+        self._tasks.put(task)
+
+    def _work(self) -> None:
+        while True:
+            self._tasks.get()()
 
 
 @cache
@@ -62,9 +70,19 @@ def in_background(function: Callable[..., R], *arguments: Any) -> Future[R]:  # 
 
 def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ...]) -> tuple[R, R]:
     """Return the results of a function that lets go of the interpreter's lock, for left and right arguments."""
-    future = _second_thread().submit(function, *right)
-    result = function(*left)
-    return result, future.result()
+    done: SimpleQueue[R | BaseException] = SimpleQueue()
+
+    def work_right() -> None:
+        try:
+            done.put(function(*right))
+        except BaseException as error:  # noqa: BLE001 - the caller raises it
+            done.put(error)
+
+    _second_thread().submit(work_right)
+    result, other = function(*left), done.get()
+    if isinstance(other, BaseException):
+        raise other
+    return result, other
 
 
 def in_halves(function: Callable[..., Rows], *points: Any) -> Rows:  # noqa: ANN401 - any arrays
