@@ -75,7 +75,7 @@ def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ..
     def work_right() -> None:
         try:
             done.put(function(*right))
-        except BaseException as error:  # noqa: BLE001 - the caller raises it
+        except BaseException as error:
             done.put(error)
 
     _second_thread().submit(work_right)

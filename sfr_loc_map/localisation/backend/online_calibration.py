@@ -8,7 +8,6 @@ changes while landmarks are tracked shows in each pair.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -92,7 +91,7 @@ class OnlineCalibration:
         if px != 0.0:
             self.drift_u += px
             self.followed_px += abs(px)
-            self.offset = replace(self.offset, u=self.offset.u + px)
+            self.offset = self.offset._replace(u=self.offset.u + px)
             self._variance_u += (DRIFT_UNCERTAINTY * px) ** 2
         return px
 
@@ -119,7 +118,7 @@ class OnlineCalibration:
         self._information = RETENTION * self._information + weighted @ design
         self._information_vector = RETENTION * self._information_vector + weighted @ without_yaw
         v, roll = map(float, np.linalg.solve(self._information, self._information_vector))
-        self.offset = replace(self.offset, v=v, roll=roll)
+        self.offset = self.offset._replace(v=v, roll=roll)
 
     def learn_yaw(self, remaining_u: float, variance: float) -> float:
         """Update the offset along the rows from an adjusted window.
@@ -139,5 +138,5 @@ class OnlineCalibration:
         self.target_u = self._mean_u if abs(self._mean_u) > DETECTION_SIGMAS * self.sigma_u else 0.0
         # small steps: the pose moves a little with each
         u = before + float(np.clip(self.target_u - before, -MAX_STEP_PX, MAX_STEP_PX))
-        self.offset = replace(self.offset, u=u + self.drift_u)
+        self.offset = self.offset._replace(u=u + self.drift_u)
         return u - before

@@ -27,7 +27,7 @@ CONVERGED_PX, FINISHED_PX = 0.03, 0.01
 
 
 class PatchTracks(NamedTuple):
-    """Tracks of N patches in an image; NaN where a patch left the image, has no texture, or did not converge.
+    """Tracks of N patches in an image; NaN where a patch left the image, has no texture, did not converge, or differs.
 
     Attributes:
         uv: `(N, 2)` position of the patch centre, pixels.
@@ -227,7 +227,13 @@ def _estimate_shift(
 
 @jit_fast
 def track_patches(
-    image: FloatImage, patches: Patch, host_uv: FloatArray, homographies: FloatArray, max_shift: float, iterations: int
+    image: FloatImage,
+    patches: Patch,
+    host_uv: FloatArray,
+    homographies: FloatArray,
+    max_shift: float,
+    iterations: int,
+    min_correlation: float,
 ) -> PatchTracks:
     """Find warped patches in an image.
 
@@ -238,6 +244,7 @@ def track_patches(
         homographies: `(N, 3, 3)` from host to target pixels.
         max_shift: Largest accepted shift, pixels.
         iterations: Most Gauss-Newton iterations.
+        min_correlation: Smallest accepted correlation.
     """
     count, size = len(patches), patches.shape[2]
     tracks = PatchTracks(
@@ -258,7 +265,7 @@ def track_patches(
         if normal.power == 0.0:
             continue
         shift = _estimate_shift(image, box, normal, work, max_shift, iterations)
-        if np.isnan(shift.x):
+        if np.isnan(shift.x) or shift.correlation < min_correlation:
             continue
         x, y = warp(h, u, v)
         det = normal.xx * normal.yy - normal.xy * normal.xy

@@ -8,8 +8,8 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.small_linalg import fill_inverse_4, retract, solve
-from sfr_loc_map.jit import jit, jit_fast, jit_fast_ir_inline
+from sfr_loc_map.geometry.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
+from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 from sfr_loc_map.localisation.projection import Intrinsics, Projection, intrinsics, linearise_landmark
 
 MIN_LANDMARKS = 6
@@ -169,30 +169,6 @@ def _add_normal_equations(
                 h[a, b] += p * weighted[0, b] + q * weighted[1, b] + r * weighted[2, b] + s * weighted[3, b]
 
 
-@jit
-def _median(values: FloatArray) -> float:
-    """Return the median of numbers `(N,)`, none of them NaN, and reorder them; numba's own takes 2 s to compile."""
-    half, low, high = len(values) // 2, 0, len(values) - 1
-    while low < high:
-        pivot, i, j = values[half], low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while pivot < values[j]:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i, j = i + 1, j - 1
-        low = i if j < half else low
-        high = j if half < i else high
-    if len(values) % 2:
-        return float(values[half])
-    below = values[0]
-    for i in range(half):
-        below = max(below, values[i])
-    return float((below + values[half]) / 2.0)
-
-
 @jit_fast
 def solve_pose(
     start: Pose,
@@ -228,7 +204,7 @@ def solve_pose(
         used = linearised.chi2_per_dof[~np.isnan(linearised.chi2_per_dof)]
         if len(used) < MIN_LANDMARKS:
             break
-        scale = max(1.0, _median(used) * 1.5) * (4.0 if iteration == 0 else 1.0)
+        scale = max(1.0, reorder_to_median(used) * 1.5) * (4.0 if iteration == 0 else 1.0)
         h, g = np.zeros((6, 6)), np.zeros(6)
         _add_normal_equations(linearised, scale, weighted, h, g)
         update = solve(h, g)

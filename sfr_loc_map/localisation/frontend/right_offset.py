@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import StereoCamera
+from sfr_loc_map.jit import jit
 
 
-@dataclass(frozen=True, slots=True)
-class RightOffset:
+class RightOffset(NamedTuple):
     """Extrinsic rotation error of the right camera, as the pixels by which it moves right image positions.
 
     Attributes:
@@ -31,7 +31,16 @@ class RightOffset:
             uv: `(N, 2)` pixels of the right image.
             camera: Camera of the rig.
         """
-        x, y = camera.normalised(uv).T
-        along_u = self.u * (1.0 + x * x) + self.v * x * y - self.roll * y
-        along_v = self.v * (1.0 + y * y) + self.u * x * y + self.roll * x
-        return np.column_stack((along_u, along_v))
+        return _offsets(self, np.ascontiguousarray(uv), camera)
+
+
+@jit
+def _offsets(offset: RightOffset, uv: FloatArray, camera: StereoCamera) -> FloatArray:
+    """Return `offset.at(uv, camera)`."""
+    yaw, pitch, roll = offset.u, offset.v, offset.roll
+    out = np.empty((len(uv), 2))
+    for n in range(len(uv)):
+        x, y = (uv[n, 0] - camera.cx) / camera.fx, (uv[n, 1] - camera.cy) / camera.fy
+        out[n, 0] = yaw * (1.0 + x * x) + pitch * x * y - roll * y
+        out[n, 1] = pitch * (1.0 + y * y) + yaw * x * y + roll * x
+    return out

@@ -131,7 +131,7 @@ def _homographies(uv: FloatArray, disparity: FloatArray, slope: FloatArray, offs
 
 def _refine(right: FloatImage, patches: Patch, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
     def track(patches: Patch, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
-        return track_patches(right, patches, uv, homographies, MAX_SHIFT_PX, ITERATIONS)
+        return track_patches(right, patches, uv, homographies, MAX_SHIFT_PX, ITERATIONS, -1.0)
 
     return in_halves(track, patches, uv, homographies)
 

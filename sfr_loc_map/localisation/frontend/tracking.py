@@ -8,18 +8,19 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.median import finite_median, median
+from sfr_loc_map.geometry.small_linalg import reorder_to_median
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.homography import plane_homographies
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, Pyramid, build_pyramid
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, track_patches
+from sfr_loc_map.localisation.frontend.patch_tracking import track_patches
 from sfr_loc_map.localisation.frontend.photometric_alignment import Alignment, align_pose
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
@@ -233,13 +234,11 @@ class Tracker:
             covariance: `(N, 3)` uu, uv, vv for a noise of one grey level, px^2.
             residual: `(N,)` RMS, grey levels.
         """
-        found = np.isfinite(residual)
-        typical = median(residual[found]) if found.any() else 1.0
-        variance = covariance * (1.2 * np.maximum(residual, typical) ** 2)[:, None]
+        variance, typical = _noise_variance(covariance, residual)
         floor = self._config.pixel_floor**2 * self._doubt(residual, typical)
         variance[:, 0] += floor
         variance[:, 2] += floor
-        return np.asarray(variance)
+        return variance
 
     def _doubt(self, residual: FloatArray, typical: float) -> FloatArray | float:
         """Return factors `(N,)` of the floor by residual; 1 where pixels are too large to show edges of stones."""
@@ -251,17 +250,21 @@ class Tracker:
         self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset
     ) -> StereoObservations:
         """Track landmarks in both images, from their projections."""
-        in_left, in_right = (
-            plane_homographies(start, landmarks.planes, self._camera, x) for x in (0.0, self._camera.baseline_m)
-        )
-        if abs(offset.u) > EXPECTED_OFFSET_PX:
-            in_right[:, 0] += offset.u * in_right[:, 2]
-        left, right, patches = frame.left.levels[0], frame.right.levels[0], landmarks.patches.level(0)
-        found = both(_track, (left, patches, landmarks.uv, in_left), (right, patches, landmarks.uv, in_right))
-        right_uv = found[1].uv
-        observations = np.column_stack((found[0].uv, right_uv - offset.at(right_uv, self._camera)))
-        variance = np.stack([self.position_variance(side.covariance, side.residual) for side in found], axis=1)
-        return StereoObservations(observations, variance)
+        planes, patches = landmarks.planes, landmarks.patches.level(0)
+
+        def track(side: Pyramid, offset_x: float, shift_px: float) -> tuple[FloatArray, FloatArray]:
+            warps = plane_homographies(start, planes, self._camera, offset_x)
+            if shift_px != 0.0:
+                warps[:, 0] += shift_px * warps[:, 2]
+            found = track_patches(side.levels[0], patches, planes.uv, warps, MAX_SHIFT_PX, SHIFT_ITERATIONS, MIN_NCC)
+            return found.uv, self.position_variance(found.covariance, found.residual)
+
+        expected_px = offset.u if abs(offset.u) > EXPECTED_OFFSET_PX else 0.0
+        left, right = both(track, (frame.left, 0.0, 0.0), (frame.right, self._camera.baseline_m, expected_px))
+        uv, variance = np.empty((len(landmarks), 4)), np.empty((len(landmarks), 2, 3))
+        uv[:, :2], uv[:, 2:] = left[0], right[0] - offset.at(right[0], self._camera)
+        variance[:, 0], variance[:, 1] = left[1], right[1]
+        return StereoObservations(uv, variance)
 
     def _solve(self, start: Pose, landmarks: Landmarks, seen: StereoObservations) -> TrackingResult:
         """Return observations with the pose that they give."""
@@ -275,10 +278,17 @@ class Tracker:
         )
 
 
-def _track(image: FloatImage, patches: NDArray[np.float32], uv: FloatArray, homographies: FloatArray) -> PatchTracks:
-    """Return the tracks of all landmarks; NaN also where patch and image differ."""
-    tracks = track_patches(image, patches, uv, homographies, MAX_SHIFT_PX, SHIFT_ITERATIONS)
-    different = tracks.correlation < MIN_NCC
-    for array in tracks:
-        array[different] = np.nan
-    return tracks
+@jit
+def _noise_variance(covariance: FloatArray, residual: FloatArray) -> tuple[FloatArray, float]:
+    """Return the variances `(N, 3)` of tracked positions by noise, and the median of the residuals, grey levels.
+
+    A residual below the median may be so by chance and counts as the median; see `Tracker.position_variance`.
+    """
+    found = residual[~np.isnan(residual)]
+    typical = reorder_to_median(found) if len(found) else 1.0
+    variance = np.empty((len(residual), 3))
+    for n in range(len(residual)):
+        level = residual[n] if residual[n] > typical or np.isnan(residual[n]) else typical
+        for i in range(3):
+            variance[n, i] = covariance[n, i] * (1.2 * (level * level))
+    return variance, typical

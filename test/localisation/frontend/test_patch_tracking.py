@@ -32,7 +32,7 @@ def shifted(dx: float, dy: float, gain: float = 1.0, offset: float = 0.0) -> np.
 
 def track(image: np.ndarray, homographies: np.ndarray | None = None, max_shift: float = 2.5) -> PatchTracks:
     homographies = np.tile(np.eye(3), (len(UV), 1, 1)) if homographies is None else homographies
-    return track_patches(image, cut_patches(IMAGE, UV, HALF), UV, homographies, max_shift, 20)
+    return track_patches(image, cut_patches(IMAGE, UV, HALF), UV, homographies, max_shift, 20, -1.0)
 
 
 def test_samples_are_bilinear() -> None:
