@@ -155,7 +155,8 @@ class CovarianceModel:
             calibration: What is known of the right camera.
         """
         covariance = self._of_window(position) + self._start.propagated_to(position)
-        covariance = covariance + self._doubted.propagated_to(position)
+        if self._doubt.any():
+            covariance = covariance + self._doubted.propagated_to(position)
         covariance = covariance + systematic_covariance(depth_m, self._config.common_px, self._focal_px)
         covariance[:3, :3] += self.path_covariance(calibration)
         covariance[3:, 3:] += np.eye(3) * (DRIFT_SHARE * calibration.followed_px / self._focal_px) ** 2
@@ -182,9 +183,9 @@ class CovarianceModel:
         return np.asarray(variance * np.outer(bias, bias) + np.outer(uncorrected, uncorrected))
 
 
-def covariance_of_doubt(doubt: tuple[float, float] | FloatArray | None) -> FloatArray:
-    """Return the covariance `(6, 6)` of errors of so many metres and radians; zeros for None."""
-    return np.diag(np.repeat(np.square((0.0, 0.0) if doubt is None else doubt), 3))
+def covariance_of_doubt(doubt: tuple[float, float] | FloatArray) -> FloatArray:
+    """Return the covariance `(6, 6)` of errors of so many metres and radians."""
+    return np.diag(np.repeat(np.square(doubt), 3))
 
 
 def systematic_covariance(depth_m: float, systematic_px: float, focal_px: float) -> FloatArray:

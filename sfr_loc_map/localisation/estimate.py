@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
@@ -109,10 +109,6 @@ class StepEstimate:
     motion: FloatArray
     covariance: FloatArray
     systematic: FloatArray
-
-    def with_doubt(self, covariance: FloatArray) -> StepEstimate:
-        """Return the step with one more covariance `(6, 6)`."""
-        return replace(self, covariance=self.covariance + covariance)
 
     @property
     def uncertainty(self) -> FloatArray:

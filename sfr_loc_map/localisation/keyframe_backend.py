@@ -144,8 +144,8 @@ class KeyframeBackend:
     def wants_keyframe(self, result: TrackingResult) -> bool:
         """Tell whether a pair shall be a keyframe: few landmarks of the last one are left, or they moved far."""
         flow = result.flow_px
-        followed = np.isin(result.landmarks.index, self.landmarks.index)
-        seen_by_keyframe = int(np.isfinite(result.landmarks.last_seen[followed, 0]).sum())
+        followed = result.landmarks.among(self.landmarks)
+        seen_by_keyframe = np.count_nonzero(np.isfinite(result.landmarks.last_seen[followed, 0]))
         if len(flow) < self._config.keyframe_share * seen_by_keyframe:
             return True
         return median(flow) > self._config.keyframe_flow * self._rig.width

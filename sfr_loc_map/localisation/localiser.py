@@ -9,7 +9,6 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.belief import are_finite, blindness, disbelief, reason_to_doubt
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.covariance_model import covariance_of_doubt
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
     StateReason,
@@ -102,8 +101,7 @@ class Localiser(Reporter):
         with self._timer("wait"):
             self._finish_keyframe()
         self._track.arrive(pair.stamp_ns)
-        stale = self._stale.compare(pair)
-        if self._backend.started and stale.is_repeated:
+        if (stale := self._stale.compare(pair)).is_repeated and self._backend.started:
             return self._repeat(pair)
         fresh, doubt = self._stale.fresh(pair, stale)
         if pair.identical_images and float(np.std(pair.left)) > MIN_TEXTURE:
@@ -153,22 +151,22 @@ class Localiser(Reporter):
         wanted = by_left and backend.wants_keyframe(result)
         with self._timer("refine"):
             result = backend.complete(frame, result) if wanted else result
-        last, now = track.T_world_left, result.T_world_left
+        now = result.T_world_left
+        motion, step = track.T_world_left.inverse() @ now, now.translation - track.T_world_left.translation
         self._status = Status.of_tracked(doubt or reason_to_doubt(ground, backend.calibration, early=early))
         if ground.doubt is not None:
             track.covariance.doubt(now.translation, ground.doubt)
-        self._motion.update(frame.stamp_ns, last.inverse() @ now)
-        step = now.translation - last.translation
+        self._motion.update(frame.stamp_ns, motion)
         track.covariance.step(step, backend.landmarks.median_depth, backend.calibration.constant_u)
         track.covariance.set_in_window(np.asarray(np.linalg.inv(result.information) + backend.covariance))
         unseen = np.zeros((6, 6)) if ground.wholeness is Wholeness.WHOLE else track.allow_unseen(frame.stamp_ns)
-        track.moved(frame.stamp_ns, now, follows=follows)
+        track.moved(frame.stamp_ns, now, motion if follows else None)
         self._relocaliser.recovered()
         if by_left:
             self._relocaliser.remember(frame.image, result)
         statistics = _statistics(result, backend, backend.keyframe_count + wanted, ground.regions.share)
-        moved = self._steps.tracked(frame.stamp_ns, result, backend.drift, backend.calibration, unseen)
-        estimate = self._estimate(frame.stamp_ns, statistics, moved.with_doubt(covariance_of_doubt(ground.doubt)))
+        moved = self._steps.tracked(frame.stamp_ns, result, backend.drift, backend.calibration, unseen, ground.doubt)
+        estimate = self._estimate(frame.stamp_ns, statistics, moved)
         if wanted:  # the backend belongs to its thread from here until the next call has waited
             backend.add_keyframe(frame, result)
         return estimate
@@ -195,7 +193,7 @@ class Localiser(Reporter):
         step = self._unseen_step(frame.stamp_ns)
         self._motion.restart(frame.stamp_ns)
         track.covariance.start(position, covariance, backend.covariance, landmarks.median_depth)
-        track.moved(frame.stamp_ns, track.T_world_left, follows=False)
+        track.moved(frame.stamp_ns, track.T_world_left, None)
         self._relocaliser.restart(frame.image, landmarks)
         return self._estimate(frame.stamp_ns, TrackingStatistics(features=found), step)
 
@@ -220,11 +218,11 @@ class Localiser(Reporter):
             return
         self._timer.seconds["keyframe"] = seconds
         pose, covariance, track = self._backend.pose, self._backend.covariance, self._track
-        if not (are_finite(*pose, covariance) and track.plausible(track.known_ns or 0, Transform(*pose))):
+        if not are_finite(*pose, covariance) or not track.plausible(track.known_ns or 0, now := Transform(*pose)):
             self._backend.reset()
             return
-        self._track.T_world_left = Transform(*pose)
-        self._track.covariance.set_in_window(covariance)
+        track.T_world_left = now
+        track.covariance.set_in_window(covariance)
         self._relocaliser.update(self._backend.landmarks)
 
     def _estimate(self, stamp_ns: int, statistics: TrackingStatistics, step: StepEstimate | None) -> PoseEstimate:

@@ -129,18 +129,19 @@ class PoseTrack:
         self.covariance.allow_unseen(self.unseen(stamp_ns))
         return self.unseen_of_rb(stamp_ns)
 
-    def moved(self, stamp_ns: int, T_world_left: Transform, *, follows: bool) -> None:
+    def moved(self, stamp_ns: int, T_world_left: Transform, motion: Transform | None) -> None:
         """Take a pose that was tracked.
 
         Args:
             stamp_ns: Its stamp.
             T_world_left: Left camera.
-            follows: Whether the pair before was tracked too.
+            motion: Of the left camera since the pair before; None if that was not tracked.
         """
-        if follows:
-            self._speed = Speed.of(self.T_world_left.inverse() @ T_world_left, self.unseen_s(stamp_ns))
+        if motion is not None:
+            self._speed = Speed.of(motion, self.unseen_s(stamp_ns))
         self.T_world_left, self.known_ns = T_world_left, stamp_ns
-        self._history.append(TrackedPose(stamp_ns, T_world_left, self.covariance.mark(T_world_left), follows))
+        mark = self.covariance.mark(T_world_left)
+        self._history.append(TrackedPose(stamp_ns, T_world_left, mark, follows=motion is not None))
 
     def bind(self, stamp_ns: int) -> bool:
         """Give a pose from outside its place, after the pair of a stamp.

@@ -41,11 +41,6 @@ class RelocalisationKeyframe:
     points: FloatArray
     index: NDArray[np.intp]
 
-    @classmethod
-    def of(cls, image: GreyImage, landmarks: Landmarks) -> RelocalisationKeyframe:
-        """Return a keyframe of the window with its landmarks."""
-        return cls(image, landmarks.last_seen[:, :2], landmarks.points, landmarks.index)
-
     def subset(self, index: NDArray[np.intp]) -> RelocalisationKeyframe:
         """Return it with the landmarks in these rows of the window alone."""
         kept = np.isin(self.index, index)
@@ -55,6 +50,20 @@ class RelocalisationKeyframe:
     def usable(self) -> Mask:
         """Points `(N,)` that were observed and are not at infinity."""
         return np.asarray(np.isfinite(self.uv).all(axis=1) & np.isfinite(self.points).all(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """A left image `(H, W)` and where, `(N, 2)` pixels, landmarks were observed in it."""
+
+    image: GreyImage
+    uv: FloatArray
+    landmarks: Landmarks
+
+    @property
+    def keyframe(self) -> RelocalisationKeyframe:
+        """The same with the places of the landmarks."""
+        return RelocalisationKeyframe(self.image, self.uv, self.landmarks.points, self.landmarks.index)
 
 
 class Relocaliser:
@@ -67,13 +76,13 @@ class Relocaliser:
     def __init__(self, tracker: Tracker, config: LocalisationConfig, camera: StereoCamera) -> None:
         """Start without images."""
         self._tracker, self._config, self._camera = tracker, config, camera
-        self._last: RelocalisationKeyframe | None = None
-        self._best: RelocalisationKeyframe | None = None
+        self._last: _Seen | None = None
+        self._best: _Seen | None = None
         self._attempts = 0
 
     def restart(self, image: GreyImage, landmarks: Landmarks) -> None:
         """Keep the first keyframe of a window alone."""
-        self._last = self._best = RelocalisationKeyframe.of(image, landmarks)
+        self._last = self._best = _Seen(image, landmarks.last_seen[:, :2], landmarks)
         self._attempts = 0
 
     def recovered(self) -> None:
@@ -82,8 +91,7 @@ class Relocaliser:
 
     def remember(self, image: GreyImage, result: TrackingResult) -> None:
         """Keep a tracked left image."""
-        landmarks = result.landmarks
-        self._last = RelocalisationKeyframe(image, result.observations[:, :2], landmarks.points, landmarks.index)
+        self._last = _Seen(image, result.observations[:, :2], result.landmarks)
         if result.left_inlier_count >= 0.5 * len(result.landmarks):
             self._best = self._last
 
@@ -91,15 +99,15 @@ class Relocaliser:
         """Take the landmarks of the keyframe that the last image has become."""
         if self._last is None:
             return
-        keyframe = RelocalisationKeyframe.of(self._last.image, landmarks)
-        self._best = keyframe if self._best is self._last else self._best
-        self._last = keyframe
+        seen = _Seen(self._last.image, landmarks.last_seen[:, :2], landmarks)
+        self._best = seen if self._best is self._last else self._best
+        self._last = seen
 
     def pose_by_flow(self, frame: StereoFrame, landmarks: Landmarks) -> Pose | None:
         """Return the pose that some landmarks of the last tracked image give by optical flow, None without one."""
         if self._last is None:
             return None
-        keyframe = self._last.subset(landmarks.index)
+        keyframe = self._last.keyframe.subset(landmarks.index)
         return pnp_from_optical_flow(keyframe, frame.image, self._camera, self._config.min_tracked)
 
     def relocalise(self, frame: StereoFrame, landmarks: Landmarks, offset: RightOffset) -> TrackingResult | None:
@@ -111,13 +119,13 @@ class Relocaliser:
         if self._last is None or self._best is None:
             return None
         min_inliers, result = self._config.min_tracked, None
-        pose = pnp_from_optical_flow(self._last, frame.image, self._camera, min_inliers)
+        pose = pnp_from_optical_flow(self._last.keyframe, frame.image, self._camera, min_inliers)
         if pose is not None:
             result = self._tracker.refine_from_afar(frame, landmarks, pose, offset)
             if self._tracker.trusts(result):
                 return result
         corners = find_corners(frame.left.levels[0], NO_POINTS, 2 * self._config.max_features, BORDER)
-        pose = pnp_from_descriptors(self._best, frame.image, corners, self._camera, min_inliers)
+        pose = pnp_from_descriptors(self._best.keyframe, frame.image, corners, self._camera, min_inliers)
         return result if pose is None else self._tracker.refine_from_afar(frame, landmarks, pose, offset)
 
     def gives_up(self, frame: StereoFrame, landmarks: Landmarks) -> bool:

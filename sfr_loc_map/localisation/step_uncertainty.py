@@ -25,7 +25,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeDrift
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.covariance_model import covariance_of_point
+from sfr_loc_map.localisation.covariance_model import covariance_of_doubt, covariance_of_point
 from sfr_loc_map.localisation.estimate import StepEstimate
 from sfr_loc_map.localisation.frontend.tracking import TrackingResult
 
@@ -85,6 +85,7 @@ class StepModel:
         drift: KeyframeDrift | None,
         calibration: OnlineCalibration,
         unseen: FloatArray,
+        doubt: tuple[float, float] | None = None,
     ) -> StepEstimate:
         """Return the step to a pose that was tracked.
 
@@ -94,18 +95,22 @@ class StepModel:
             drift: Of the newest keyframe; None in the first of a window.
             calibration: What is known of the right camera.
             unseen: `(6, 6)` of what the pair may not show of the motion to it, in RB.
+            doubt: Metres and radians by which it may be another motion; None without a doubt.
         """
         now, depth_m = result.T_world_left, result.landmarks.median_depth
         before_ns, before = (stamp_ns, now) if self._before is None else self._before
         self._before, before_unseen, self._unseen = (stamp_ns, now), self._unseen, unseen
         factor = self._follow_residuals(result.chi_median)
-        covariance = factor * self._drift(before.inverse() @ now, depth_m, drift, result)
+        from_before = before.inverse()
+        covariance = factor * self._drift(from_before @ now, depth_m, drift, result)
         # the same of RB, in RB before
         T_rb_left = self._T_rb_left
-        motion = T_rb_left @ before.inverse() @ now @ self._T_left_rb
+        motion = T_rb_left @ from_before @ now @ self._T_left_rb
         to_rb = T_rb_left.rotation @ before.rotation.T
         lever = -motion.rotation @ T_rb_left.translation
         of_rb = covariance_of_point(covariance, to_rb, lever) + FIRST_VARIANCE * np.eye(6) + before_unseen + unseen
+        if doubt is not None:
+            of_rb = of_rb + covariance_of_doubt(doubt)
         systematic = to_rb @ self._systematic(now.translation - before.translation, depth_m, calibration)
         vector = np.concatenate((motion.translation, rotvec_from_matrix(motion.rotation)))
         seconds = (stamp_ns - before_ns) / NS_PER_S

@@ -58,9 +58,7 @@ def unseen_covariance(seconds: float, last: Speed, bounds: MotionBounds) -> Floa
 
 
 def is_plausible(motion: Transform, seconds: float, bounds: MotionBounds) -> bool:
-    """Tell whether a rover can have moved like that; one that is not finite cannot."""
-    if not (np.isfinite(motion.translation).all() and np.isfinite(motion.rotation).all()):
-        return False
+    """Tell whether a rover can have moved like that."""
     metres, angle = np.linalg.norm(motion.translation), np.linalg.norm(rotvec_from_matrix(motion.rotation))
     within = metres <= SLACK_M + bounds.max_speed_m_s * seconds and angle <= SLACK_RAD + bounds.max_turn_rad_s * seconds
     return bool(within)

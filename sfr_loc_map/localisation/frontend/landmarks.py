@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Poses
+from sfr_loc_map.geometry.median import median
 from sfr_loc_map.localisation.frontend.homography import LocalPlanes
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
 from sfr_loc_map.localisation.frontend.patch import HALF
@@ -103,6 +104,11 @@ class Landmarks:
             self.last_seen[kept],
         )
 
+    def among(self, others: Landmarks) -> Mask:
+        """Tell which of them `(M,)` are among others; the rows of both increase."""
+        places = np.searchsorted(others.index, self.index)
+        return np.asarray(np.append(others.index, -1)[places] == self.index)
+
     @property
     def few(self) -> Landmarks:
         """Some of them, `ENOUGH_TO_ALIGN` where there are as many, from all hosts and parts of the image."""
@@ -158,4 +164,4 @@ class Landmarks:
     @cached_property
     def median_depth(self) -> float:
         """Median depth in the host cameras, metres, at most 1 km; 0 without landmarks."""
-        return 1.0 / max(float(np.median(self.inverse_depth)), 1e-3) if len(self) else 0.0
+        return 1.0 / max(median(self.inverse_depth), 1e-3) if len(self) else 0.0

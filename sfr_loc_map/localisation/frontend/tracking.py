@@ -12,15 +12,13 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.median import finite_median, median
-from sfr_loc_map.geometry.small_linalg import reorder_to_median
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.jit import jit
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.homography import plane_homographies
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, Pyramid, build_pyramid
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.patch_tracking import track_patches
+from sfr_loc_map.localisation.frontend.patch_tracking import noise_variance, track_patches
 from sfr_loc_map.localisation.frontend.photometric_alignment import Alignment, align_pose
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
@@ -95,7 +93,7 @@ class TrackingResult:
     variance: FloatArray
     chi2_per_dof: FloatArray
 
-    @property
+    @cached_property
     def T_world_left(self) -> Transform:
         """Pose of the left camera in the world."""
         return Transform(*self.pose)
@@ -104,6 +102,11 @@ class TrackingResult:
     def inliers(self) -> Mask:
         """Landmarks `(M,)` that agree with the pose; NaN does not."""
         return np.asarray(self.chi2_per_dof < INLIER_CHI2_PER_DOF)
+
+    @cached_property
+    def found_count(self) -> int:
+        """Number of landmarks that were found."""
+        return int(np.count_nonzero(np.isfinite(self.chi2_per_dof)))
 
     @cached_property
     def inlier_count(self) -> int:
@@ -142,7 +145,7 @@ class TrackingResult:
     def residual_px(self) -> float:
         """Typical residual of the inliers, pixels: median of the root of chi2 per dof times the mean variance."""
         found = np.isfinite(self.observations[:, ::2])
-        total = np.where(found, self.variance[:, :, (0, 2)].mean(axis=2), 0.0).sum(axis=1)
+        total = np.where(found, 0.5 * (self.variance[:, :, 0] + self.variance[:, :, 2]), 0.0).sum(axis=1)
         variance = total / np.maximum(found.sum(axis=1), 1)
         typical = np.sqrt(self.chi2_per_dof * variance)[self.inliers]
         return median(typical)
@@ -158,8 +161,12 @@ class Tracker:
     def align(self, left: Pyramid, landmarks: Landmarks, guesses: Sequence[Transform]) -> Pose:
         """Return the pose to some tenths of a pixel, from the best of some initial guesses."""
         top, landmarks = LEVELS - 1, landmarks.few
-        results = [self._align_level(left, top, landmarks, Pose.of(guess), 6) for guess in guesses]
-        pose = max(results, key=lambda result: result.correlation).pose
+
+        def on_top(some: Sequence[Transform]) -> list[Alignment]:
+            return [self._align_level(left, top, landmarks, Pose.of(guess), 6) for guess in some]
+
+        first, others = both(on_top, (guesses[:1],), (guesses[1:],))
+        pose = max(first + others, key=lambda result: result.correlation).pose
         # the finest level adds nothing: `refine` starts from some tenths of a pixel
         for level in range(top - 1, 0, -1):
             pose = self._align_level(left, level, landmarks, pose, 4).pose
@@ -187,8 +194,7 @@ class Tracker:
             result: That of some of them, and perhaps of landmarks that are no longer active.
             offset: Rotation error of the right camera.
         """
-        known, of_result = np.isin(landmarks.index, result.landmarks.index), result.landmarks.index
-        rows = np.flatnonzero(np.isin(of_result, landmarks.index))
+        known, rows = landmarks.among(result.landmarks), np.flatnonzero(result.landmarks.among(landmarks))
         others = self._observe(frame, landmarks.subset(~known), result.pose, offset)
         uv, variance = np.empty((len(landmarks), 4)), np.empty((len(landmarks), 2, 3))
         uv[known], uv[~known] = result.observations[rows], others.uv
@@ -215,7 +221,7 @@ class Tracker:
 
     def trusts(self, result: TrackingResult) -> bool:
         """Tell whether enough landmarks agree on the pose, of all and of those that were found."""
-        inliers, found = result.inlier_count, int(np.count_nonzero(np.isfinite(result.chi2_per_dof)))
+        inliers, found = result.inlier_count, result.found_count
         return inliers >= self._config.min_tracked and inliers > 0.5 * found and found > 0.2 * len(result.landmarks)
 
     def left_right_swapped(self, frame: StereoFrame, result: TrackingResult, offset: RightOffset) -> bool:
@@ -234,7 +240,7 @@ class Tracker:
             covariance: `(N, 3)` uu, uv, vv for a noise of one grey level, px^2.
             residual: `(N,)` RMS, grey levels.
         """
-        variance, typical = _noise_variance(covariance, residual)
+        variance, typical = noise_variance(covariance, residual)
         floor = self._config.pixel_floor**2 * self._doubt(residual, typical)
         variance[:, 0] += floor
         variance[:, 2] += floor
@@ -276,19 +282,3 @@ class Tracker:
         return align_pose(
             left.level(level), landmarks.patches.level(level), landmarks.planes, start, self._camera, iterations
         )
-
-
-@jit
-def _noise_variance(covariance: FloatArray, residual: FloatArray) -> tuple[FloatArray, float]:
-    """Return the variances `(N, 3)` of tracked positions by noise, and the median of the residuals, grey levels.
-
-    A residual below the median may be so by chance and counts as the median; see `Tracker.position_variance`.
-    """
-    found = residual[~np.isnan(residual)]
-    typical = reorder_to_median(found) if len(found) else 1.0
-    variance = np.empty((len(residual), 3))
-    for n in range(len(residual)):
-        level = residual[n] if residual[n] > typical or np.isnan(residual[n]) else typical
-        for i in range(3):
-            variance[n, i] = covariance[n, i] * (1.2 * (level * level))
-    return variance, typical
