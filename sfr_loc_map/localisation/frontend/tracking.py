@@ -161,12 +161,8 @@ class Tracker:
     def align(self, left: Pyramid, landmarks: Landmarks, guesses: Sequence[Transform]) -> Pose:
         """Return the pose to some tenths of a pixel, from the best of some initial guesses."""
         top, landmarks = LEVELS - 1, landmarks.few
-
-        def on_top(some: Sequence[Transform]) -> list[Alignment]:
-            return [self._align_level(left, top, landmarks, Pose.of(guess), 6) for guess in some]
-
-        first, others = both(on_top, (guesses[:1],), (guesses[1:],))
-        pose = max(first + others, key=lambda result: result.correlation).pose
+        results = [self._align_level(left, top, landmarks, Pose.of(guess), 6) for guess in guesses]
+        pose = max(results, key=lambda result: result.correlation).pose
         # the finest level adds nothing: `refine` starts from some tenths of a pixel
         for level in range(top - 1, 0, -1):
             pose = self._align_level(left, level, landmarks, pose, 4).pose
@@ -257,19 +253,19 @@ class Tracker:
     ) -> StereoObservations:
         """Track landmarks in both images, from their projections."""
         planes, patches = landmarks.planes, landmarks.patches.level(0)
-
-        def track(side: Pyramid, offset_x: float, shift_px: float) -> tuple[FloatArray, FloatArray]:
-            warps = plane_homographies(start, planes, self._camera, offset_x)
-            if shift_px != 0.0:
-                warps[:, 0] += shift_px * warps[:, 2]
-            found = track_patches(side.levels[0], patches, planes.uv, warps, MAX_SHIFT_PX, SHIFT_ITERATIONS, MIN_NCC)
-            return found.uv, self.position_variance(found.covariance, found.residual)
-
-        expected_px = offset.u if abs(offset.u) > EXPECTED_OFFSET_PX else 0.0
-        left, right = both(track, (frame.left, 0.0, 0.0), (frame.right, self._camera.baseline_m, expected_px))
+        in_left, in_right = (plane_homographies(start, planes, self._camera, x) for x in (0.0, self._camera.baseline_m))
+        if abs(offset.u) > EXPECTED_OFFSET_PX:
+            in_right[:, 0] += offset.u * in_right[:, 2]
+        limits = MAX_SHIFT_PX, SHIFT_ITERATIONS, MIN_NCC
+        left, right = both(
+            track_patches,  # one kernel and nothing else: a thread that asks for the interpreter's lock is put to sleep
+            (frame.left.levels[0], patches, planes.uv, in_left, *limits),
+            (frame.right.levels[0], patches, planes.uv, in_right, *limits),
+        )
         uv, variance = np.empty((len(landmarks), 4)), np.empty((len(landmarks), 2, 3))
-        uv[:, :2], uv[:, 2:] = left[0], right[0] - offset.at(right[0], self._camera)
-        variance[:, 0], variance[:, 1] = left[1], right[1]
+        uv[:, :2], uv[:, 2:] = left.uv, right.uv - offset.at(right.uv, self._camera)
+        for side, found in enumerate((left, right)):
+            variance[:, side] = self.position_variance(found.covariance, found.residual)
         return StereoObservations(uv, variance)
 
     def _solve(self, start: Pose, landmarks: Landmarks, seen: StereoObservations) -> TrackingResult:
