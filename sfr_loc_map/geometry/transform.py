@@ -113,11 +113,12 @@ class Transform:
 
     def inverse(self) -> Transform:
         """Return `T_b_a`."""
-        return Transform(self.rotation.T.copy(), -(self.rotation.T @ self.translation))
+        return Transform(self.rotation.T.copy(), -self.rotation.T.dot(self.translation))
 
     def __matmul__(self, other: Transform) -> Transform:
         """Return `T_a_c` of `T_a_b @ T_b_c`."""
-        return Transform(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+        # `dot` gives what `@` gives, and is faster for so few numbers
+        return Transform(self.rotation.dot(other.rotation), self.rotation.dot(other.translation) + self.translation)
 
     def apply(self, points: ArrayLike) -> FloatArray:
         """Take points `(..., 3)` given in b, metres, to a."""

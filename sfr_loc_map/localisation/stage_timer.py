@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 
 class StageTimer:
-    """Sums the time of each stage of one call.
+    """Sums the time of each stage of one call: `with timer("align"): ...`; a stage holds no other one.
 
     Attributes:
         seconds: Time of each stage by name.
@@ -17,12 +15,17 @@ class StageTimer:
     def __init__(self) -> None:
         """Start without stages."""
         self.seconds: dict[str, float] = {}
+        self._name, self._start = "", 0.0
 
-    @contextmanager
-    def __call__(self, name: str) -> Iterator[None]:
-        """Time the block as part of a stage, also where it raises."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+    def __call__(self, name: str) -> StageTimer:
+        """Name the stage of a block."""
+        self._name = name
+        return self
+
+    def __enter__(self) -> None:
+        """Begin the stage."""
+        self._start = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        """End the stage, also where it raised."""
+        self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._start

@@ -106,6 +106,8 @@ class Landmarks:
 
     def among(self, others: Landmarks) -> Mask:
         """Tell which of them `(M,)` are among others; the rows of both increase."""
+        if self is others.followed:
+            return np.ones(len(self), np.bool_)
         places = np.searchsorted(others.index, self.index)
         return np.asarray(np.append(others.index, -1)[places] == self.index)
 
@@ -119,9 +121,15 @@ class Landmarks:
         """Likewise `ENOUGH_TO_FOLLOW`."""
         return self._followed if len(self) > ENOUGH_TO_FOLLOW else self
 
+    @cached_property
+    def rest(self) -> Landmarks:
+        """Those that are not followed."""
+        return self.subset(~self.among(self.followed))
+
     def prepare(self) -> None:
         """Copy the patches that each of the next pairs is compared with."""
         self.followed.patches.level(0)
+        self.rest.patches.level(0)
         for level in range(1, LEVELS):
             self.followed.few.patches.level(level)
 

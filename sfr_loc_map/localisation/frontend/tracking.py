@@ -126,8 +126,8 @@ class TrackingResult:
     @property
     def right_share(self) -> float:
         """Share of the landmarks observed in the left image that are also observed in the right one."""
-        left = np.isfinite(self.observations[:, 0])
-        return float(np.isfinite(self.observations[left, 2]).mean()) if left.any() else 0.0
+        left, right = np.isfinite(self.observations[:, 0]), np.isfinite(self.observations[:, 2])
+        return float((left & right).sum()) / max(float(left.sum()), 1.0)
 
     @property
     def flow_px(self) -> FloatArray:
@@ -191,7 +191,8 @@ class Tracker:
             offset: Rotation error of the right camera.
         """
         known, rows = landmarks.among(result.landmarks), np.flatnonzero(result.landmarks.among(landmarks))
-        others = self._observe(frame, landmarks.subset(~known), result.pose, offset)
+        rest = landmarks.rest if result.landmarks is landmarks.followed else landmarks.subset(~known)
+        others = self._observe(frame, rest, result.pose, offset)
         uv, variance = np.empty((len(landmarks), 4)), np.empty((len(landmarks), 2, 3))
         uv[known], uv[~known] = result.observations[rows], others.uv
         variance[known], variance[~known] = result.variance[rows], others.variance
