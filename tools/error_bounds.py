@@ -1,0 +1,263 @@
+"""Bounds of the errors of the localiser and the mapper, by the noise of the images alone; see `docs/measurements.md`.
+
+Poses: Cramer-Rao bound. The position of a patch of unknown texture has the information of its gradients over the
+variance of the noise (Robinson and Milanfar 2004) in each image; all poses and landmarks of a sub-trajectory are
+estimated at once. Disparities: least error of a Gaussian field whose spectrum is that of the true disparities in each
+part of the image (Wiener), with the information of the gradients along rows.
+
+    python tools/error_bounds.py drive SOURCE [--distance 5]
+    python tools/error_bounds.py map SOURCE [--contrast 0.6 --noise 6.5]
+
+Both print what an estimator without bias can reach at best on these images, and what ours reaches on them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import drive_of, panorama_of
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.frontend.patch import HALF
+from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
+from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
+from sfr_loc_map.mapping.robust import MAD_TO_SIGMA
+from sfr_loc_map.pipeline.offline import start_pose
+
+EVERY = 10
+"""Sub-trajectories start at every so many pairs."""
+TILE = 64
+"""Pixels of the side of a part of the image in which disparities count as a stationary field."""
+
+
+def refined_pair(pair: StereoPair, rig: StereoRig) -> RefinedDisparity:
+    """Return the disparities of a pair as the mapper estimates them."""
+    initial = semi_global_matching(pair.left, pair.right, search_range(rig, MappingConfig()).count)
+    return refine(pair.left.astype(np.float32), pair.right.astype(np.float32), initial)
+
+
+def noise_of(refined: RefinedDisparity) -> float:
+    """Return the noise of one image, grey levels: a residual has that of two, little less by interpolation."""
+    return refined.noise / np.sqrt(2.0)
+
+
+def gradients(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the change of the grey level along columns and rows, central differences, float64."""
+    along_v, along_u = np.gradient(image.astype(float))
+    return along_u, along_v
+
+
+def structure(image: np.ndarray, noise: float) -> np.ndarray:
+    """Return sums of products of gradients over a patch `(H, W, 2, 2)` without what noise adds."""
+    u, v = gradients(image)
+    side = 2 * HALF + 1
+    uu, uv, vv = (cv2.boxFilter(x, -1, (side, side), normalize=False) for x in (u * u, u * v, v * v))
+    of_noise = side * side * noise * noise / 2.0
+    uu, vv = np.maximum(uu - of_noise, 1e-6), np.maximum(vv - of_noise, 1e-6)
+    uv = np.clip(uv, -0.99 * np.sqrt(uu * vv), 0.99 * np.sqrt(uu * vv))
+    return np.stack((np.stack((uu, uv), -1), np.stack((uv, vv), -1)), -2)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What one pair shows: its pose, and N landmarks by number, place, information of a position, pixels observed."""
+
+    T_world_left: Transform
+    number: np.ndarray
+    points: np.ndarray
+    information: np.ndarray
+    seen: np.ndarray
+
+
+def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
+    """Return what each pair of a drive shows, the true poses of the left camera and the rig."""
+    drive = drive_of(open_source(source))
+    rig, truth = drive.rig, drive.ground_truth
+    pairs = list(drive.pairs())
+    noise = float(np.median([noise_of(refined_pair(pair, rig)) for pair in pairs[:: max(len(pairs) // 8, 1)]]))
+    print(f"noise of an image: {noise:.2f} grey levels")
+    localiser = Localiser(rig, LocalisationConfig(), start_pose(drive, "truth"))
+    found, true = [], []
+    for pair in pairs:
+        before = localiser._backend.keyframe_count
+        estimate = localiser.process(pair)
+        localiser._finish_keyframe()  # poses do not depend on when a keyframe is finished
+        result, backend = localiser._last_result, localiser._backend
+        if backend.keyframe_count > before:
+            landmarks, observed = backend.landmarks, backend.landmarks.last_seen
+        elif result is not None:
+            landmarks, observed = result.landmarks, result.observations
+        else:
+            raise SystemExit(f"pair {pair.stamp_ns} was not tracked: a bound needs a drive that is never lost")
+        rows = np.isfinite(observed[:, 0]) & np.isfinite(landmarks.points).all(axis=1)
+        uv = np.rint(observed[rows, :2]).astype(int)
+        information = structure(pair.left, noise)[uv[:, 1], uv[:, 0]] / noise**2
+        seen = np.isfinite(observed[rows][:, ::2])
+        pose = estimate.T_ds_rb @ rig.T_rb_left
+        found.append(Sight(pose, landmarks.patches.rows[rows], landmarks.points[rows], information, seen))
+        true.append(truth.pose(int(np.argmin(np.abs(truth.stamps_ns - pair.stamp_ns)))) @ rig.T_rb_left)
+    return found, true, rig
+
+
+def add_pair(sight: Sight, rig: StereoRig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the information of a pair on its pose `(N, 6, 6)`, pose and point `(N, 6, 3)`, point `(N, 3, 3)`.
+
+    The pose changes by a rotation and then a translation of the camera, both along its axes.
+    """
+    rotation = sight.T_world_left.rotation
+    at = (sight.points - sight.T_world_left.translation) @ rotation
+    total = np.zeros((len(at), 9, 9))
+    for camera, shift in enumerate((0.0, rig.baseline_m)):
+        x, y, z = (at - (shift, 0.0, 0.0)).T
+        zero = np.zeros_like(z)
+        project = rig.fx * np.stack((np.stack((1 / z, zero, -x / z**2), -1), np.stack((zero, 1 / z, -y / z**2), -1)), 1)
+        cross = np.zeros((len(at), 3, 3))  # d(R(-w) p) / dw = [p]x
+        cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -at[:, 2], at[:, 1], -at[:, 0]
+        cross -= cross.transpose(0, 2, 1)
+        minus = np.broadcast_to(-np.eye(3), cross.shape)
+        jacobian = project @ np.concatenate((cross, minus, np.broadcast_to(rotation.T, cross.shape)), axis=2)
+        weight = sight.information * sight.seen[:, camera, None, None]
+        total += jacobian.transpose(0, 2, 1) @ weight @ jacobian
+    return total[:, :6, :6], total[:, :6, 6:], total[:, 6:, 6:]
+
+
+def last_covariance(part: list[Sight], rig: StereoRig) -> np.ndarray:
+    """Return the least covariance `(6, 6)` of the last pose of a sub-trajectory relative to its first, camera axes."""
+    size = 6 * len(part)
+    total = np.zeros((size, size))
+    numbers = np.unique(np.concatenate([s.number for s in part]))
+    of_point = np.zeros((len(numbers), 3, 3))
+    shared: list[list[tuple[int, np.ndarray]]] = [[] for _ in numbers]
+    for k, sight in enumerate(part):
+        pose, both, point = add_pair(sight, rig)
+        total[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] += pose.sum(axis=0)
+        rows = np.searchsorted(numbers, sight.number)
+        of_point[rows] += point
+        for row, block in zip(rows, both, strict=True):
+            shared[row].append((k, block))
+    for information, blocks in zip(of_point, shared, strict=True):
+        at = np.concatenate([np.arange(6 * k, 6 * k + 6) for k, _ in blocks])
+        both = np.concatenate([block for _, block in blocks])
+        total[np.ix_(at, at)] -= both @ np.linalg.pinv(information) @ both.T
+    covariance = np.linalg.inv(total[6:, 6:])
+    return covariance[-6:, -6:]
+
+
+def mean_3_sigma(errors: np.ndarray) -> float:
+    """Return mean + 3 sigma of norms."""
+    return float(errors.mean() + 3.0 * errors.std())
+
+
+def bound_drive(source: Path, distance_m: float) -> None:
+    """Print the bound of the error of poses over sub-trajectories, and the error."""
+    found, true, rig = sights(source)
+    path = np.cumsum([0.0] + [float(np.linalg.norm(b.translation - a.translation)) for a, b in pairwise(true)])
+    random = np.random.default_rng(0)
+    bounds, errors, starts = [], [], 0
+    for start in range(len(found)):
+        end = int(np.searchsorted(path, path[start] + distance_m))
+        if end >= len(found):
+            break
+        estimated = found[start].T_world_left.inverse() @ found[end].T_world_left
+        error = (true[start].inverse() @ true[end]).inverse() @ estimated
+        errors.append(
+            (np.linalg.norm(error.translation) * 1e3, np.degrees(np.linalg.norm(cv2.Rodrigues(error.rotation)[0])))
+        )
+        if start % EVERY == 0:
+            starts += 1
+            drawn = random.multivariate_normal(np.zeros(6), last_covariance(found[start : end + 1], rig), 1000)
+            drawn_mm, drawn_rad = np.linalg.norm(drawn[:, 3:], axis=1) * 1e3, np.linalg.norm(drawn[:, :3], axis=1)
+            bounds.append(np.column_stack((drawn_mm, np.degrees(drawn_rad))))
+    bound, error = np.concatenate(bounds), np.array(errors)
+    sigma = np.concatenate([np.linalg.inv(s.information)[:, [0, 1], [0, 1]] for s in found])
+    print(
+        f"a position of a patch, median sigma px: columns {np.sqrt(np.median(sigma[:, 0])):.4f}, "
+        f"rows {np.sqrt(np.median(sigma[:, 1])):.4f}; {np.mean([len(s.number) for s in found]):.0f} landmarks a pair"
+    )
+    print(f"over {distance_m} m: bound of {starts}, error of {len(errors)} sub-trajectories")
+    for column, name in enumerate(("position mm", "attitude deg")):
+        b, e = bound[:, column], error[:, column]
+        print(
+            f"{name}: root mean square {np.sqrt(np.mean(b**2)):.4f}, {np.sqrt(np.mean(e**2)):.4f}; "
+            f"mean + 3 sigma {mean_3_sigma(b):.4f}, {mean_3_sigma(e):.4f}"
+        )
+
+
+def changed(pair: StereoPair, contrast: float, noise: float, random: np.random.Generator) -> StereoPair:
+    """Return a pair with another contrast and more noise, grey levels."""
+    images = (
+        x.mean() + contrast * (x - x.mean()) + random.normal(0.0, noise, x.shape) for x in (pair.left, pair.right)
+    )
+    left, right = (np.clip(np.rint(x), 0, 255).astype(np.uint8) for x in images)
+    return StereoPair(pair.stamp_ns, left, right)
+
+
+def bound_map(source: Path, contrast: float, more_noise: float) -> None:
+    """Print the bound of the error of disparities, and the error."""
+    panorama, random = panorama_of(open_source(source)), np.random.default_rng(0)
+    rig = panorama.rig
+    window = np.outer(np.hanning(TILE), np.hanning(TILE))
+    rows, bounds, errors = [], [], []
+    v, u = np.mgrid[:TILE, :TILE] / TILE - 0.5
+    plane = np.column_stack((np.ones(TILE * TILE), u.ravel(), v.ravel()))
+    for posed in panorama.pairs():
+        depth = (posed.T_lm_navsb @ rig.T_sb_left).inverse().apply(posed.truth)[..., 2]
+        truth = rig.fx * rig.baseline_m / np.where((depth > 0.0) & (depth < 40.0), depth, np.nan)
+        pair = changed(posed.pair, contrast, more_noise, random)
+        refined = refined_pair(pair, rig)
+        noise = noise_of(refined)
+        along_u, _ = gradients(pair.left)
+        for top in range(0, rig.height - TILE + 1, TILE // 2):
+            for left in range(0, rig.width - TILE + 1, TILE // 2):
+                tile = np.s_[top : top + TILE, left : left + TILE]
+                field = truth[tile]
+                if not np.isfinite(field).all():
+                    continue
+                power = max(float(np.mean(along_u[tile] ** 2)) - noise**2 / 2.0, 1e-3)
+                information = power / (2.0 * noise**2)
+                left_over = field - (plane @ np.linalg.lstsq(plane, field.ravel(), rcond=None)[0]).reshape(TILE, TILE)
+                spectrum = np.abs(np.fft.fft2(left_over * window)) ** 2 / np.sum(window**2)
+                # Wiener: what is left of a component of power S seen with information I per pixel is S / (1 + S I);
+                # the plane has three more unknowns
+                variance = np.mean(spectrum / (1.0 + spectrum * information)) + 3.0 / (information * TILE * TILE)
+                bounds.append(np.sqrt(variance))
+                errors.append((refined.disparity_px - truth)[tile].ravel())
+                rows.append(np.abs(left_over).max() < 1.0)
+        print(f"noise of an image: {noise:.2f} grey levels")
+    bound, smooth = np.array(bounds), np.array(rows)
+    for name, chosen in (("all", np.ones(len(bound), bool)), ("within 1 px of a plane", smooth)):
+        drawn = random.normal(size=(int(chosen.sum()), 64)) * bound[chosen][:, None]
+        error = np.concatenate([e for e, c in zip(errors, chosen, strict=True) if c])
+        print(
+            f"{name}: {chosen.sum()} parts; sigma px: bound {MAD_TO_SIGMA * np.median(np.abs(drawn)):.4f}, "
+            f"error {MAD_TO_SIGMA * np.median(np.abs(error - np.median(error))):.4f}"
+        )
+
+
+def main() -> None:
+    """Run one of the two."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("drive", "map"))
+    parser.add_argument("source", type=Path)
+    parser.add_argument("--distance", type=float, default=5.0)
+    parser.add_argument("--contrast", type=float, default=1.0)
+    parser.add_argument("--noise", type=float, default=0.0)
+    given = parser.parse_args()
+    if given.what == "drive":
+        bound_drive(given.source, given.distance)
+    else:
+        bound_map(given.source, given.contrast, given.noise)
+
+
+if __name__ == "__main__":
+    main()
