@@ -22,7 +22,8 @@ Kernels take structs as `NamedTuple`s. Within a `prange` loop write to arrays on
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import Any, TypeVar, cast
 
@@ -30,7 +31,7 @@ from typing import Any, TypeVar, cast
 # very core that the awaited thread needs. Read once, when the OpenMP runtime is loaded at the first parallel loop.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-from numba import njit
+from numba import get_num_threads, njit, set_num_threads
 from numba.core.caching import FunctionCache
 from numba.core.runtime import nrt
 
@@ -118,3 +119,14 @@ def jit_rows(function: F) -> F:
 def jit_rows_inline(function: F) -> F:
     """Compile a function that those of `jit_rows` call within their loops."""
     return _cached(function, **_KERNEL, forceinline=True, error_model="numpy", fastmath={"contract"})
+
+
+@contextmanager
+def on_one_thread(small: bool) -> Iterator[None]:
+    """Run loops over rows without other threads if the data are small: to wake one and wait for it takes 0.1 ms."""
+    threads = get_num_threads()
+    set_num_threads(1 if small else threads)
+    try:
+        yield
+    finally:
+        set_num_threads(threads)

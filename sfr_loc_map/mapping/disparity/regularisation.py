@@ -31,20 +31,6 @@ class SmoothnessWeights(NamedTuple):
     mixed: FloatImage
 
 
-class SecondDifferences(NamedTuple):
-    """Weighted second differences of a field `(h, w)`, with a border of 0: `(h + 2, w + 2)` float32 each."""
-
-    along_x: FloatImage
-    along_y: FloatImage
-    mixed: FloatImage
-
-    @classmethod
-    def zeros(cls, shape: tuple[int, ...]) -> SecondDifferences:
-        """Return those of a flat field of a shape `(h, w)`."""
-        size = (shape[0] + 2, shape[1] + 2)
-        return cls(np.zeros(size, F), np.zeros(size, F), np.zeros(size, F))
-
-
 @jit_rows
 def smoothness_weight(
     field: FloatImage, scale_x: FloatImage, scale_y: FloatImage, factor: np.float32
@@ -76,37 +62,82 @@ def smoothness_weight(
     return SmoothnessWeights(along_x, along_y, mixed)
 
 
-@jit_rows
-def apply_operator(field: FloatImage, weights: SmoothnessWeights, out: SecondDifferences) -> None:
-    """Fill the inside of `out` with the weighted second differences of a field `(h, w)`, `W A field`."""
-    rows, cols = field.shape
-    out_x, out_y, out_mixed = out.along_x, out.along_y, out.mixed
-    for i in prange(rows):
-        above, below = max(i - 1, 0), min(i + 1, rows - 1)
-        for j in range(1, cols - 1):
-            centre = field[i, j]
-            twice = F(2.0) * centre
-            mixed = centre - field[below, j] - field[i, j + 1] + field[below, j + 1]
-            out_x[i + 1, j + 1] = weights.along_x[i, j] * (field[i, j - 1] - twice + field[i, j + 1])
-            out_y[i + 1, j + 1] = weights.along_y[i, j] * (field[above, j] - twice + field[below, j])
-            out_mixed[i + 1, j + 1] = weights.mixed[i, j] * mixed
-        for j in (0, cols - 1):
-            right = min(j + 1, cols - 1)
-            mixed = field[i, j] - field[below, j] - field[i, right] + field[below, right]
-            along_y = field[above, j] - F(2.0) * field[i, j] + field[below, j]
-            out_x[i + 1, j + 1] = F(0.0)
-            out_y[i + 1, j + 1] = weights.along_y[i, j] * along_y
-            out_mixed[i + 1, j + 1] = weights.mixed[i, j] * mixed
+@jit_rows_inline
+def _fill_differences(
+    field: FloatImage, row: int, weights: SmoothnessWeights, i: int, along_x: FloatImage, along_y: FloatImage
+) -> None:
+    """Fill the weighted second differences along both axes of one row of a grid, `(w + 2,)` each with a border of 0.
+
+    Args:
+        field: `(n, w)`, some rows of the grid.
+        row: That of the field.
+        weights: Of the grid.
+        i: The same row within the grid.
+        along_x: Filled.
+        along_y: Filled.
+    """
+    cols = field.shape[1]
+    above, centre, below = field[max(row - 1, 0)], field[row], field[min(row + 1, len(field) - 1)]
+    # One loop for each array that is filled: in one with more the compiler does not see that they are apart.
+    inside, beside, weight = along_x[2:cols], centre[1:], weights.along_x[i, 1:]
+    for j in range(len(inside)):
+        inside[j] = weight[j] * (centre[j] - F(2.0) * beside[j] + beside[j + 1])
+    inside, weight = along_y[1:], weights.along_y[i]
+    for j in range(cols):
+        inside[j] = weight[j] * (above[j] - F(2.0) * centre[j] + below[j])
 
 
 @jit_rows_inline
-def apply_adjoint(q: SecondDifferences, i: int, j: int) -> np.float32:
-    """Return `A' q` at cell (i, j): the transpose of taking second differences."""
-    along_x = q.along_x[i + 1, j] - F(2.0) * q.along_x[i + 1, j + 1] + q.along_x[i + 1, j + 2]
-    along_y = q.along_y[i, j + 1] - F(2.0) * q.along_y[i + 1, j + 1] + q.along_y[i + 2, j + 1]
-    mixed = q.mixed[i + 1, j + 1] - q.mixed[i + 1, j] - q.mixed[i, j + 1] + q.mixed[i, j]
-    total: np.float32 = along_x + along_y + mixed
-    return total
+def _fill_mixed(field: FloatImage, row: int, weights: SmoothnessWeights, i: int, mixed: FloatImage) -> None:
+    """Fill the weighted mixed differences of one row `(w + 2,)`, as `_fill_differences`."""
+    centre, below = field[row], field[min(row + 1, len(field) - 1)]
+    inside, weight = mixed[1:-2], weights.mixed[i]
+    right, below_right = centre[1:], below[1:]
+    for j in range(len(inside)):
+        inside[j] = weight[j] * (centre[j] - below[j] - right[j] + below_right[j])
+
+
+@jit_rows_inline
+def _clear(row: FloatImage, inside: bool) -> None:
+    """Set a row's differences to 0, of one inside the grid those only that nothing fills."""
+    if inside:
+        row[0] = row[1] = row[len(row) - 2] = row[len(row) - 1] = F(0.0)
+    else:
+        for j in range(len(row)):
+            row[j] = F(0.0)
+
+
+@jit_rows_inline
+def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, first: int, out: FloatImage) -> None:
+    """Fill some rows of `A' W A field`, the gradient of the smoothness term.
+
+    Args:
+        field: `(n, w)`, rows of the grid from `top` on: those to fill and two more on either side, where there are.
+        top: Row of the grid.
+        weights: Of the grid.
+        first: Row of the grid, the first to fill.
+        out: `(m, w)`, filled.
+    """
+    rows, cols = weights.mixed.shape
+    size = (len(out) + 2, cols + 2)
+    along_x, along_y, mixed = np.empty(size, F), np.empty(size, F), np.empty(size, F)
+    for n in range(len(out) + 2):
+        i = first - 1 + n
+        _clear(along_x[n], 0 <= i < rows)
+        _clear(along_y[n], 0 <= i < rows)
+        _clear(mixed[n], 0 <= i < rows)
+        if 0 <= i < rows:
+            _fill_differences(field, i - top, weights, i, along_x[n], along_y[n])
+            _fill_mixed(field, i - top, weights, i, mixed[n])
+    for n in range(len(out)):
+        row, x, y0, y1, y2 = out[n], along_x[n + 1], along_y[n], along_y[n + 1], along_y[n + 2]
+        m0, m1 = mixed[n], mixed[n + 1]
+        x1, x2, y0, y1, y2 = x[1:], x[2:], y0[1:], y1[1:], y2[1:]
+        for j in range(cols):
+            row[j] = (x[j] - F(2.0) * x1[j] + x2[j]) + (y0[j] - F(2.0) * y1[j] + y2[j])
+        m0_right, m1_right = m0[1:], m1[1:]
+        for j in range(cols):
+            row[j] += m1_right[j] - m1[j] - m0_right[j] + m0[j]
 
 
 @jit_rows

@@ -5,20 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.regularisation import (
-    SecondDifferences,
-    SmoothnessWeights,
-    apply_adjoint,
-    apply_operator,
-)
+from sfr_loc_map.mapping.disparity.regularisation import SmoothnessWeights, fill_smoothness
 
 F = np.float32
-
-
-def adjoint(fluxes: SecondDifferences) -> np.ndarray:
-    """Return `A' q` `(h, w)` of fluxes with a border."""
-    rows, cols = fluxes.along_x.shape[0] - 2, fluxes.along_x.shape[1] - 2
-    return np.array([[apply_adjoint(fluxes, i, j) for j in range(cols)] for i in range(rows)])
 
 
 def dense_regulariser(weights: SmoothnessWeights) -> np.ndarray:
@@ -28,9 +17,9 @@ def dense_regulariser(weights: SmoothnessWeights) -> np.ndarray:
     for k in range(shape[0] * shape[1]):
         unit = np.zeros(shape, F)
         unit.flat[k] = 1.0
-        fluxes = SecondDifferences.zeros(shape)
-        apply_operator(unit, weights, fluxes)
-        columns.append(adjoint(fluxes).ravel())
+        product = np.empty(shape, F)
+        fill_smoothness(unit, 0, weights, 0, product)
+        columns.append(product.ravel())
     return np.stack(columns, axis=1).astype(np.float64)
 
 
@@ -42,12 +31,6 @@ def random_weights(shape: tuple[int, int], seed: int = 0) -> SmoothnessWeights:
     along_y[[0, -1]] = 0.0
     mixed[-1], mixed[:, -1] = 0.0, 0.0
     return SmoothnessWeights(along_x, along_y, mixed)
-
-
-@pytest.fixture(scope="session")
-def adjoint_of() -> Callable[[SecondDifferences], np.ndarray]:
-    """The adjoint over a whole grid."""
-    return adjoint
 
 
 @pytest.fixture(scope="session")
