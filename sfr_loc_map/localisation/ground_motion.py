@@ -290,5 +290,5 @@ class GroundMotionFinder:
         landmarks = result.landmarks
         fixed = stays_in(frame, landmarks)
         uv = np.where(fixed[:, None], landmarks.uv, result.observations[:, :2])
-        self.regions.add(uv, fixed, landmarks.patches.level(0)[:, 0], foreign & np.isfinite(uv[:, 0]))
+        self.regions.add(uv, fixed, landmarks.patches.level(0).values[:, 0], foreign & np.isfinite(uv[:, 0]))
         return landmarks.index[foreign]

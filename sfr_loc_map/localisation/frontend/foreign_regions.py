@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
-from sfr_loc_map.localisation.frontend.patch import SIDE, Patch, half_width, normalise
-from sfr_loc_map.localisation.frontend.patch_tracking import MIN_POWER
+from sfr_loc_map.localisation.frontend.patch import MIN_POWER, SIDE, Patch, half_width, normalise
 
 MIN_FIXED_NCC = 0.8
 """Minimum normalised cross-correlation of a patch with the image where it was cut, if it is fixed to the camera."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
+from sfr_loc_map.jit import jit_fast, jit_fast_inline
 
 BEHIND = -1e9
 """Pixel coordinates of what lies behind the camera."""
@@ -34,13 +34,23 @@ class LocalPlanes(NamedTuple):
     slopes: FloatArray
 
 
-class WarpDerivative(NamedTuple):
-    """Derivative of a warp: target x, y by host u, v."""
+class LocalWarp(NamedTuple):
+    """A homography around a pixel: `x + (xu i + xv j) / (1 + wu i + wv j)` for a pixel (i, j) beside, y likewise.
 
+    Attributes:
+        x, y: Where the pixel itself is; `BEHIND` behind the camera.
+        xu, xv, yu, yv: Derivatives there; 0 behind the camera.
+        wu, wv: Change of the depth per pixel over the depth.
+    """
+
+    x: float
+    y: float
     xu: float
     xv: float
     yu: float
     yv: float
+    wu: float
+    wv: float
 
 
 @jit_fast
@@ -78,25 +88,20 @@ def plane_homographies(target: Pose, planes: LocalPlanes, camera: StereoCamera, 
     return out
 
 
-@jit_fast_ir_inline
-def warp(h: FloatArray, u: float, v: float) -> tuple[float, float]:
-    """Return where a homography maps a pixel; far outside (`BEHIND`) where that is behind the camera."""
-    w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
-    if w <= 1e-9:
-        return BEHIND, BEHIND
-    return (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w, (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w
-
-
 @jit_fast_inline
-def warp_derivative(h: FloatArray, u: float, v: float) -> WarpDerivative:
-    """Return the derivative of a homography at a pixel; zero behind the camera."""
+def local_warp(h: FloatArray, u: float, v: float) -> LocalWarp:
+    """Return a homography around a pixel."""
     w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
     if w <= 1e-9:
-        return WarpDerivative(0.0, 0.0, 0.0, 0.0)
-    x, y = warp(h, u, v)
-    return WarpDerivative(
+        return LocalWarp(BEHIND, BEHIND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    x, y = (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w, (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w
+    return LocalWarp(
+        x,
+        y,
         (h[0, 0] - x * h[2, 0]) / w,
         (h[0, 1] - x * h[2, 1]) / w,
         (h[1, 0] - y * h[2, 0]) / w,
         (h[1, 1] - y * h[2, 1]) / w,
+        h[2, 0] / w,
+        h[2, 1] / w,
     )

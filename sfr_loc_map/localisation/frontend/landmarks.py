@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.geometry.median import median
 from sfr_loc_map.localisation.frontend.homography import LocalPlanes
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
-from sfr_loc_map.localisation.frontend.patch import HALF
+from sfr_loc_map.localisation.frontend.patch import HALF, Templates, templates_of
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
 BORDER = HALF + 4
@@ -37,18 +37,19 @@ class Patches:
 
     hosted: tuple[list[NDArray[np.float32]], ...]
     rows: NDArray[np.intp]
-    _copies: dict[int, NDArray[np.float32]] = field(default_factory=dict)
+    _copies: dict[int, Templates] = field(default_factory=dict)
 
     def subset(self, kept: Mask) -> Patches:
         """Return some of them, a mask `(M,)`."""
         return Patches(self.hosted, self.rows[kept])
 
-    def level(self, number: int) -> NDArray[np.float32]:
-        """Return the patches `(M, 3, S * S)` of a pyramid level."""
+    def level(self, number: int) -> Templates:
+        """Return the templates of the patches of a pyramid level."""
         if number not in self._copies:
             ends = np.cumsum([0, *(len(levels[number]) for levels in self.hosted)])
             parts = zip(self.hosted, ends, np.split(self.rows, np.searchsorted(self.rows, ends[1:-1])), strict=False)
-            self._copies[number] = np.concatenate([levels[number][rows - end] for levels, end, rows in parts])
+            patches = np.concatenate([levels[number][rows - end] for levels, end, rows in parts])
+            self._copies[number] = templates_of(patches)
         return self._copies[number]
 
 

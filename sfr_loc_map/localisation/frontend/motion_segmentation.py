@@ -62,7 +62,7 @@ def high_distance(uv: FloatArray, other: FloatArray) -> float:
 
 def stays_in(frame: StereoFrame, landmarks: Landmarks) -> Mask:
     """Tell which landmarks `(M,)` the left image still shows at their host pixels."""
-    return stays(frame.left.levels[0], landmarks.patches.level(0)[:, 0], landmarks.uv)
+    return stays(frame.left.levels[0], landmarks.patches.level(0).values[:, 0], landmarks.uv)
 
 
 @jit
@@ -111,7 +111,7 @@ def unexplained_by(result: TrackingResult, frame: StereoFrame, camera: StereoCam
     fixed = np.zeros(len(landmarks), np.bool_)
     candidates = np.flatnonzero(outliers & moved)
     if len(candidates) >= MIN_FIXED:
-        patches = landmarks.patches.level(0)[candidates, 0]
+        patches = landmarks.patches.level(0).values[candidates, 0]
         fixed[candidates] = stays(frame.left.levels[0], patches, landmarks.uv[candidates])
     if fixed.sum() < max(MIN_FIXED, MIN_FIXED_SHARE * rows.sum()):
         fixed[:] = False

@@ -1,18 +1,57 @@
-"""Patches: cut out of an image with their gradients, sampled, and normalised to zero mean."""
+"""Patches: cut out of an image with their gradients, normalised, and compared with samples of another image."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
+from sfr_loc_map.localisation.frontend.homography import LocalWarp
 
 HALF = 5
 """Half width of a patch: 11 x 11 pixels."""
 SIDE = 2 * HALF + 1
+MIN_POWER = 1e-3
+"""Sum of squares about the mean below which a patch has no texture, grey levels squared."""
 Patch = NDArray[np.float32]
 """Values of one patch `(S * S,)` row by row, or of several; float32."""
+
+
+class Templates(NamedTuple):
+    """N patches that are sought in other images, with what does not depend on the image.
+
+    A patch that is warped has other derivatives, which are sums of these two.
+
+    Attributes:
+        values: `(N, 3, S * S)` float32: grey levels without their mean, and derivatives along x and y of the host
+            image without their mean and without what a change of contrast explains.
+        moments: `(N, 6)`: sum of the squared grey levels; what a change of contrast explains of the two derivatives,
+            as factors of the grey levels; sums of products xx, xy, yy of the derivatives that are left.
+    """
+
+    values: Patch
+    moments: FloatArray
+
+
+class PatchPixels(NamedTuple):
+    """Pixels of a patch from its centre, `(S * S,)` float32: columns and rows in the host; x, y in another image."""
+
+    columns: Patch
+    rows: Patch
+    x: Patch
+    y: Patch
+
+
+class Products(NamedTuple):
+    """Of samples without their mean: sum of squares, and of products with a template and its x and y derivatives."""
+
+    power: np.float32
+    grey: np.float32
+    x: np.float32
+    y: np.float32
 
 
 @jit_fast_ir_inline
@@ -75,3 +114,79 @@ def normalise(values: Patch) -> np.float32:
         values[k] -= mean
         power += values[k] * values[k]
     return power
+
+
+@jit_fast_inline
+def patch_pixels(size: int) -> PatchPixels:
+    """Return the pixels of a patch of a size; x and y are to be filled."""
+    half = half_width(size)
+    columns, rows = np.empty(size, np.float32), np.empty(size, np.float32)
+    k = 0
+    for j in range(-half, half + 1):
+        for i in range(-half, half + 1):
+            columns[k], rows[k] = i, j
+            k += 1
+    return PatchPixels(columns, rows, np.empty(size, np.float32), np.empty(size, np.float32))
+
+
+@jit_fast_inline
+def warp_pixels(pixels: PatchPixels, by: LocalWarp) -> None:
+    """Fill x and y: how far from the warped centre the warped pixels are, all in front of the camera."""
+    xu, xv, yu, yv = np.float32(by.xu), np.float32(by.xv), np.float32(by.yu), np.float32(by.yv)
+    wu, wv = np.float32(by.wu), np.float32(by.wv)
+    for k in range(pixels.x.size):
+        i, j = pixels.columns[k], pixels.rows[k]
+        scale = np.float32(1.0) / max(np.float32(1.0) + wu * i + wv * j, np.float32(1e-6))
+        pixels.x[k] = scale * (xu * i + xv * j)
+        pixels.y[k] = scale * (yu * i + yv * j)
+
+
+@jit_fast
+def templates_of(patches: Patch) -> Templates:
+    """Return the templates of patches `(N, 3, S * S)` of `cut_patches`."""
+    values, moments = patches.copy(), np.zeros((len(patches), 6))
+    for n in range(len(patches)):
+        grey, dx, dy = values[n, 0], values[n, 1], values[n, 2]
+        power = normalise(grey)
+        normalise(dx)
+        normalise(dy)
+        if power < MIN_POWER:
+            continue
+        x, y = np.float32(0.0), np.float32(0.0)
+        for k in range(grey.size):
+            x += grey[k] * dx[k]
+            y += grey[k] * dy[k]
+        x /= power
+        y /= power
+        xx, xy, yy = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for k in range(grey.size):
+            dx[k] -= x * grey[k]
+            dy[k] -= y * grey[k]
+            xx += dx[k] * dx[k]
+            xy += dx[k] * dy[k]
+            yy += dy[k] * dy[k]
+        out = moments[n]
+        out[0], out[1], out[2], out[3], out[4], out[5] = power, x, y, xx, xy, yy
+    return Templates(values, moments)
+
+
+@jit_fast_inline
+def products_with_samples(
+    image: FloatImage, x: Patch, y: Patch, shift_x: np.float32, shift_y: np.float32, template: Patch
+) -> Products:
+    """Compare an image with a template `(3, S * S)` at positions `(S * S,)`, shifted, all inside the image.
+
+    Samples are not stored: memory that may be the image's would keep the loop from being vector code.
+    """
+    # as the template has no mean that of the samples need not be known before; one of them keeps the sums small
+    level = sample(image, x[0] + shift_x, y[0] + shift_y)
+    total, squares = np.float32(0.0), np.float32(0.0)
+    of_grey, of_x, of_y = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for k in range(x.size):
+        value = sample(image, x[k] + shift_x, y[k] + shift_y) - level
+        total += value
+        squares += value * value
+        of_grey += template[0, k] * value
+        of_x += template[1, k] * value
+        of_y += template[2, k] * value
+    return Products(squares - total * total / np.float32(x.size), of_grey, of_x, of_y)

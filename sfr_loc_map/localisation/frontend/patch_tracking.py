@@ -1,8 +1,9 @@
 """Patches that are warped by their local plane and tracked by least squares.
 
 A patch is warped from its host image by the homography of its plane. Only the remaining shift is then estimated, by
-Gauss-Newton on the difference of the two patches, each normalised to the same mean and contrast (Lucas and Kanade 1981;
-Baker and Matthews 2004).
+Gauss-Newton on the difference of the two patches, each normalised to the same mean and contrast (Lucas and Kanade
+1981; Baker and Matthews 2004). Its derivatives in the target are those in the host, multiplied by the inverse
+transpose of the warp's derivative, so their products follow from those of the template.
 """
 
 from __future__ import annotations
@@ -14,13 +15,24 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.small_linalg import reorder_to_median
 from sfr_loc_map.jit import jit, jit_fast, jit_fast_inline
-from sfr_loc_map.localisation.frontend.homography import WarpDerivative, warp, warp_derivative
-from sfr_loc_map.localisation.frontend.patch import Patch, half_width, normalise, sample
+from sfr_loc_map.localisation.frontend.homography import LocalWarp, local_warp
+from sfr_loc_map.localisation.frontend.patch import (
+    MIN_POWER,
+    Patch,
+    PatchPixels,
+    Templates,
+    half_width,
+    patch_pixels,
+    products_with_samples,
+    warp_pixels,
+)
 
-MIN_POWER = 1e-3
-"""Sum of squares about the mean below which a patch has no texture, grey levels squared."""
 MIN_DETERMINANT = 0.05
 """Smallest area to which a warp may shrink a pixel, pixels."""
+MAX_SPAN_PX = 60.0
+"""Largest extent of a warped patch, pixels."""
+MAX_DEPTH_CHANGE = 0.99
+"""Largest change of the depth from the centre of a patch to a corner, over the depth."""
 MAX_STEP_PX = 1.5
 """Largest step of one iteration."""
 CONVERGED_PX, FINISHED_PX = 0.03, 0.01
@@ -43,20 +55,25 @@ class PatchTracks(NamedTuple):
     correlation: FloatArray
 
 
-class _Workspace(NamedTuple):
-    """Arrays of one patch: warped pixels x, y, template, its derivatives in the target, and the target's values."""
+class TrackingLimits(NamedTuple):
+    """What a track has to keep.
 
-    x: Patch
-    y: Patch
-    template: Patch
-    dx: Patch
-    dy: Patch
-    target: Patch
+    Attributes:
+        max_shift: Largest accepted shift, pixels.
+        iterations: Most Gauss-Newton iterations.
+        min_correlation: Smallest accepted correlation.
+    """
+
+    max_shift: float
+    iterations: int
+    min_correlation: float
 
 
-class _Box(NamedTuple):
-    """Bounding box of the warped pixels of a patch."""
+class _Place(NamedTuple):
+    """Warped centre of a patch, and the bounding box of its warped pixels."""
 
+    x: float
+    y: float
     low_x: float
     low_y: float
     high_x: float
@@ -64,21 +81,19 @@ class _Box(NamedTuple):
 
 
 class _Normal(NamedTuple):
-    """Power of a template and its normal matrix; the power is 0 where the patch cannot be tracked."""
+    """Of a warped patch: power, normal matrix xx, xy, yy, inverse transpose of the warp's derivative.
 
-    power: np.float32
+    The power is 0 where the patch cannot be tracked.
+    """
+
+    power: float
     xx: float
     xy: float
     yy: float
-
-
-class _Comparison(NamedTuple):
-    """Right-hand side x, y, residual RMS and correlation of a patch at a shift."""
-
-    x: float
-    y: float
-    residual: float
-    correlation: float
+    b00: float
+    b01: float
+    b10: float
+    b11: float
 
 
 class _Shift(NamedTuple):
@@ -91,130 +106,61 @@ class _Shift(NamedTuple):
 
 
 @jit_fast_inline
-def target_gradients(patch: Patch, warped: WarpDerivative, dx: Patch, dy: Patch) -> None:
-    """Fill dx, dy with the gradients of a patch `(3, S * S)` in the target, without mean.
+def _place(pixels: PatchPixels, warped: LocalWarp) -> _Place:
+    """Return where the warped pixels of a patch are; those of its corners span them."""
+    x, y, side, last = pixels.x, pixels.y, 2 * half_width(pixels.x.size), pixels.x.size - 1
+    low_x, high_x = min(x[0], x[side], x[last - side], x[last]), max(x[0], x[side], x[last - side], x[last])
+    low_y, high_y = min(y[0], y[side], y[last - side], y[last]), max(y[0], y[side], y[last - side], y[last])
+    return _Place(warped.x, warped.y, warped.x + low_x, warped.y + low_y, warped.x + high_x, warped.y + high_y)
 
-    They are the patch's, multiplied by the inverse transpose of the warp's derivative.
-    """
+
+@jit_fast_inline
+def _normal(moments: FloatArray, warped: LocalWarp) -> _Normal:
+    """Return the normal matrix of a template of some moments `(6,)` in the target."""
+    nothing = _Normal(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     det = warped.xu * warped.yv - warped.xv * warped.yu
-    b00, b01 = np.float32(warped.yv / det), np.float32(-warped.yu / det)
-    b10, b11 = np.float32(-warped.xv / det), np.float32(warped.xu / det)
-    for k in range(dx.size):
-        dx[k] = b00 * patch[1, k] + b01 * patch[2, k]
-        dy[k] = b10 * patch[1, k] + b11 * patch[2, k]
-    normalise(dx)
-    normalise(dy)
-
-
-@jit_fast_inline
-def _warp_pixels(h: FloatArray, u0: float, v0: float, x_out: Patch, y_out: Patch) -> _Box:
-    """Fill the warped pixels of a patch around a host pixel; return their bounding box, `BEHIND` if any is there."""
-    half = half_width(x_out.size)
-    low_x, high_x, low_y, high_y = 1e9, -1e9, 1e9, -1e9
-    for j in (-half, half):
-        for i in (-half, half):  # what is in front of the camera at its corners lies between them
-            x, y = warp(h, u0 + i, v0 + j)
-            low_x, high_x = min(low_x, x), max(high_x, x)
-            low_y, high_y = min(low_y, y), max(high_y, y)
-    side = 2 * half + 1
-    for j in range(side):
-        v = v0 + (j - half)
-        for i in range(side):
-            u = u0 + (i - half)
-            # a division by what may be 0 is no vector code
-            scale = 1.0 / max(h[2, 0] * u + h[2, 1] * v + h[2, 2], 1e-9)
-            x_out[j * side + i] = scale * (h[0, 0] * u + h[0, 1] * v + h[0, 2])
-            y_out[j * side + i] = scale * (h[1, 0] * u + h[1, 1] * v + h[1, 2])
-    return _Box(low_x, low_y, high_x, high_y)
-
-
-@jit_fast_inline
-def _project_out(template: Patch, power: np.float32, dx: Patch, dy: Patch) -> tuple[float, float, float]:
-    """Remove from the derivatives what a change of contrast explains; return their normal matrix xx, xy, yy."""
-    tx, ty = np.float32(0.0), np.float32(0.0)
-    for k in range(template.size):
-        tx += template[k] * dx[k]
-        ty += template[k] * dy[k]
-    tx /= power
-    ty /= power
-    hxx, hxy, hyy = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    for k in range(template.size):
-        dx[k] -= template[k] * tx
-        dy[k] -= template[k] * ty
-        hxx += dx[k] * dx[k]
-        hxy += dx[k] * dy[k]
-        hyy += dy[k] * dy[k]
+    if abs(det) < MIN_DETERMINANT or moments[0] == 0.0:
+        return nothing
+    b00, b01, b10, b11 = warped.yv / det, -warped.yu / det, -warped.xv / det, warped.xu / det
+    xx, xy, yy = moments[3], moments[4], moments[5]
+    px, py, qx, qy = b00 * xx + b01 * xy, b00 * xy + b01 * yy, b10 * xx + b11 * xy, b10 * xy + b11 * yy
+    hxx, hxy, hyy = px * b00 + py * b01, px * b10 + py * b11, qx * b10 + qy * b11
     if hxx * hyy - hxy * hxy <= 1e-6 * (hxx + hyy) ** 2:
-        return 0.0, 0.0, 0.0
-    return np.float64(hxx), np.float64(hxy), np.float64(hyy)
+        return nothing
+    return _Normal(moments[0], hxx, hxy, hyy, b00, b01, b10, b11)
 
 
 @jit_fast_inline
-def _linearise(patch: Patch, box: _Box, warped: WarpDerivative, work: _Workspace) -> _Normal:
-    """Fill the template, without its mean, and its derivatives in the target; return the normal matrix."""
-    nothing = _Normal(np.float32(0.0), 0.0, 0.0, 0.0)
-    span = 12.0 * half_width(work.template.size)
-    if box.low_x < -1e8 or box.high_x - box.low_x > span or box.high_y - box.low_y > span:
-        return nothing
-    if abs(warped.xu * warped.yv - warped.xv * warped.yu) < MIN_DETERMINANT:
-        return nothing
-    template = work.template
-    for k in range(template.size):
-        template[k] = patch[0, k]
-    power = normalise(template)
-    if power < MIN_POWER:
-        return nothing
-    target_gradients(patch, warped, work.dx, work.dy)
-    xx, xy, yy = _project_out(template, power, work.dx, work.dy)
-    return _Normal(power, xx, xy, yy) if xx > 0.0 or yy > 0.0 else nothing
-
-
-@jit_fast_inline
-def _compare(image: FloatImage, sx: float, sy: float, power: np.float32, work: _Workspace) -> _Comparison:
-    """Compare the template with the image at a shift; the correlation is -1 where the image has no texture."""
-    values, template, dx, dy = work.target, work.template, work.dx, work.dy
-    for k in range(values.size):
-        values[k] = sample(image, work.x[k] + np.float32(sx), work.y[k] + np.float32(sy))
-    target_power = normalise(values)
-    if target_power < MIN_POWER:
-        return _Comparison(0.0, 0.0, 0.0, -1.0)
-    # the derivatives are orthogonal to the template, so only the target enters
-    gain = np.sqrt(power / target_power)
-    bx, by, dot = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    for k in range(values.size):
-        bx += dx[k] * values[k]
-        by += dy[k] * values[k]
-        dot += values[k] * template[k]
-    bx, by = gain * bx, gain * by
-    correlation = dot / np.sqrt(power * target_power)
-    residual = np.sqrt(max(2.0 * power * (1.0 - correlation), 0.0) / values.size)
-    return _Comparison(np.float64(bx), np.float64(by), residual, np.float64(correlation))
-
-
-@jit_fast_inline
-def _inside(image: FloatImage, box: _Box, sx: float, sy: float) -> bool:
-    """Tell whether a shifted box lies inside an image."""
+def _inside(image: FloatImage, place: _Place, sx: float, sy: float) -> bool:
+    """Tell whether a shifted patch lies inside an image."""
     height, width = image.shape
-    if box.low_x + sx < 0.0 or box.low_y + sy < 0.0:
+    if place.low_x + sx < 0.0 or place.low_y + sy < 0.0:
         return False
-    return not (box.high_x + sx >= width - 1.001 or box.high_y + sy >= height - 1.001)
+    return not (place.high_x + sx >= width - 1.001 or place.high_y + sy >= height - 1.001)
 
 
 @jit_fast_inline
 def _estimate_shift(
-    image: FloatImage, box: _Box, normal: _Normal, work: _Workspace, max_shift: float, iterations: int
+    image: FloatImage, place: _Place, normal: _Normal, pixels: PatchPixels, template: Patch, limits: TrackingLimits
 ) -> _Shift:
     """Estimate the shift of a warped patch by Gauss-Newton."""
-    det = normal.xx * normal.yy - normal.xy * normal.xy
+    power, det = normal.power, normal.xx * normal.yy - normal.xy * normal.xy
     sx, sy, residual, correlation = 0.0, 0.0, 0.0, -1.0
     converged = False
-    for _ in range(iterations):
+    for _ in range(limits.iterations):
         converged = False
-        if max(abs(sx), abs(sy)) > max_shift or not _inside(image, box, sx, sy):
+        if max(abs(sx), abs(sy)) > limits.max_shift or not _inside(image, place, sx, sy):
             break
-        bx, by, residual, correlation = _compare(image, sx, sy, normal.power, work)
-        if correlation <= -1.0:
+        x, y = np.float32(place.x + sx), np.float32(place.y + sy)
+        found = products_with_samples(image, pixels.x, pixels.y, x, y, template)
+        if found.power < MIN_POWER:
             break
+        # the derivatives are orthogonal to the template, so only the target enters
+        gain = np.sqrt(power / found.power)
+        bx = gain * (normal.b00 * found.x + normal.b01 * found.y)
+        by = gain * (normal.b10 * found.x + normal.b11 * found.y)
+        correlation = found.grey / np.sqrt(power * found.power)
+        residual = np.sqrt(max(2.0 * power * (1.0 - correlation), 0.0) / pixels.x.size)
         dx, dy = (normal.yy * bx - normal.xy * by) / det, (normal.xx * by - normal.xy * bx) / det
         step = max(abs(dx), abs(dy))
         limit = MAX_STEP_PX / step if step > MAX_STEP_PX else 1.0
@@ -223,54 +169,45 @@ def _estimate_shift(
         converged = step < CONVERGED_PX
         if step < FINISHED_PX:
             break
-    return _Shift(sx, sy, residual, correlation) if converged else _Shift(np.nan, np.nan, np.nan, np.nan)
+    if converged and correlation >= limits.min_correlation:
+        return _Shift(sx, sy, residual, correlation)
+    return _Shift(np.nan, np.nan, np.nan, np.nan)
 
 
 @jit_fast
 def track_patches(
-    image: FloatImage,
-    patches: Patch,
-    host_uv: FloatArray,
-    homographies: FloatArray,
-    max_shift: float,
-    iterations: int,
-    min_correlation: float,
+    image: FloatImage, templates: Templates, host_uv: FloatArray, homographies: FloatArray, limits: TrackingLimits
 ) -> PatchTracks:
     """Find warped patches in an image.
 
     Args:
         image: `(H, W)` float32, the target.
-        patches: `(N, 3, S * S)` of `cut_patches`.
+        templates: N patches.
         host_uv: `(N, 2)` host pixels of the patch centres.
         homographies: `(N, 3, 3)` from host to target pixels.
-        max_shift: Largest accepted shift, pixels.
-        iterations: Most Gauss-Newton iterations.
-        min_correlation: Smallest accepted correlation.
+        limits: What a track has to keep.
     """
-    count, size = len(patches), patches.shape[2]
+    values, moments = templates.values, templates.moments
+    count, size = len(values), values.shape[2]
     tracks = PatchTracks(
         np.full((count, 2), np.nan), np.full((count, 3), np.nan), np.full(count, np.nan), np.full(count, np.nan)
     )
-    work = _Workspace(
-        np.empty(size, np.float32),
-        np.empty(size, np.float32),
-        np.empty(size, np.float32),
-        np.empty(size, np.float32),
-        np.empty(size, np.float32),
-        np.empty(size, np.float32),
-    )
+    pixels, half = patch_pixels(size), half_width(size)
     for n in range(count):
-        h, u, v = homographies[n], host_uv[n, 0], host_uv[n, 1]
-        box = _warp_pixels(h, u, v, work.x, work.y)
-        normal = _linearise(patches[n], box, warp_derivative(h, u, v), work)
-        if normal.power == 0.0:
+        warped = local_warp(homographies[n], host_uv[n, 0], host_uv[n, 1])
+        normal = _normal(moments[n], warped)
+        # what is in front of the camera at its corners lies between them
+        if normal.power == 0.0 or half * (abs(warped.wu) + abs(warped.wv)) > MAX_DEPTH_CHANGE:
             continue
-        shift = _estimate_shift(image, box, normal, work, max_shift, iterations)
-        if np.isnan(shift.x) or shift.correlation < min_correlation:
+        warp_pixels(pixels, warped)
+        place = _place(pixels, warped)
+        if place.high_x - place.low_x > MAX_SPAN_PX or place.high_y - place.low_y > MAX_SPAN_PX:
             continue
-        x, y = warp(h, u, v)
+        shift = _estimate_shift(image, place, normal, pixels, values[n], limits)
+        if np.isnan(shift.x):
+            continue
         det = normal.xx * normal.yy - normal.xy * normal.xy
-        tracks.uv[n, 0], tracks.uv[n, 1] = x + shift.x, y + shift.y
+        tracks.uv[n, 0], tracks.uv[n, 1] = warped.x + shift.x, warped.y + shift.y
         cov = tracks.covariance[n]
         cov[0], cov[1], cov[2] = normal.yy / det, -normal.xy / det, normal.xx / det
         tracks.residual[n], tracks.correlation[n] = shift.residual, shift.correlation

@@ -10,20 +10,23 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.small_linalg import retract, solve
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
-from sfr_loc_map.localisation.frontend.homography import (
-    LocalPlanes,
-    plane_homographies,
-    warp,
-)
+from sfr_loc_map.localisation.frontend.homography import LocalPlanes, LocalWarp, local_warp, plane_homographies
 from sfr_loc_map.localisation.frontend.image_pyramid import ImageLevel
-from sfr_loc_map.localisation.frontend.patch import Patch, half_width, normalise, sample
-from sfr_loc_map.localisation.frontend.patch_tracking import MIN_DETERMINANT, MIN_POWER
+from sfr_loc_map.localisation.frontend.patch import (
+    MIN_POWER,
+    PatchPixels,
+    Templates,
+    half_width,
+    patch_pixels,
+    products_with_samples,
+    warp_pixels,
+)
+from sfr_loc_map.localisation.frontend.patch_tracking import MIN_DETERMINANT
 
 MAX_DETERMINANT = 20.0
 """Largest area to which a warp may stretch a pixel, pixels."""
@@ -40,38 +43,43 @@ class Alignment(NamedTuple):
     correlation: float
 
 
-class _Templates(NamedTuple):
-    """N patches as templates.
+class _Warps(NamedTuple):
+    """Warps of N patches at their centres.
 
     Attributes:
-        values: `(N, S * S)` without mean.
-        jacobians: `(N, 2, S * S)` derivatives by the position in the target.
-        shapes: `(N, 4)` derivatives of the warps at the patch centres: xu, xv, yu, yv.
-        normal: `(N, 4)` power and normal matrix xx, xy, yy; power 0 where a patch cannot be aligned.
+        shapes: `(N, 4)` their derivatives: xu, xv, yu, yv.
+        gradients: `(N, 4)` inverse transposes of these, which take derivatives of the grey level to the target.
+        normal: `(N, 3)` normal matrix xx, xy, yy in the target; 0 where a patch cannot be aligned.
     """
 
-    values: Patch
-    jacobians: NDArray[np.float32]
     shapes: FloatArray
+    gradients: FloatArray
     normal: FloatArray
 
 
-class _Match(NamedTuple):
-    """Right-hand side x, y, weight and correlation of a patch at its projected position."""
+class _Patches(NamedTuple):
+    """Templates, their warps, and pixels of one of them."""
 
-    x: np.float32
-    y: np.float32
+    templates: Templates
+    warps: _Warps
+    pixels: PatchPixels
+
+
+class _Match(NamedTuple):
+    """Right-hand side x, y, weight and correlation of a patch at its projected position; weight 0 if not seen."""
+
+    x: float
+    y: float
     weight: float
     correlation: float
 
 
 class _System(NamedTuple):
-    """Normal equations of the pose `(6, 6)`, `(6,)`, and workspaces: Jacobian `(2, 6)`, values of a patch."""
+    """Normal equations of the pose `(6, 6)`, `(6,)`, and a workspace: Jacobian `(2, 6)`."""
 
     information: FloatArray
     rhs: FloatArray
     jacobian: FloatArray
-    values: Patch
 
 
 class _Point(NamedTuple):
@@ -90,45 +98,28 @@ def _shapes(homographies: FloatArray, uv: FloatArray) -> FloatArray:
     """Return the derivatives `(N, 4)` of the warps at the patch centres; zero behind the camera."""
     out = np.zeros((len(uv), 4))
     for n in range(len(uv)):
-        h = homographies[n]
-        u, v = uv[n, 0], uv[n, 1]
-        w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
-        if w <= 1e-9:
-            continue
-        x, y = warp(h, u, v)
-        out[n, 0], out[n, 1] = (h[0, 0] - x * h[2, 0]) / w, (h[0, 1] - x * h[2, 1]) / w
-        out[n, 2], out[n, 3] = (h[1, 0] - y * h[2, 0]) / w, (h[1, 1] - y * h[2, 1]) / w
+        by = local_warp(homographies[n], uv[n, 0], uv[n, 1])
+        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = by.xu, by.xv, by.yu, by.yv
     return out
 
 
 @jit_fast_inline
-def _prepare(patches: Patch, shapes: FloatArray) -> _Templates:
-    """Return the templates of patches whose warps have some shapes."""
-    count, size = patches.shape[0], patches.shape[2]
-    templates = patches[:, 0].copy()
-    jacobians = np.zeros((count, 2, size), np.float32)
-    normal = np.zeros((count, 4))
-    for n in range(count):
+def _warps(moments: FloatArray, shapes: FloatArray) -> _Warps:
+    """Return the warps of templates of some moments `(N, 6)` that have some shapes `(N, 4)`."""
+    gradients, normal = np.zeros((len(shapes), 4)), np.zeros((len(shapes), 3))
+    for n in range(len(shapes)):
         a00, a01, a10, a11 = shapes[n, 0], shapes[n, 1], shapes[n, 2], shapes[n, 3]
         det = a00 * a11 - a01 * a10
-        power = normalise(templates[n])
-        if power < MIN_POWER or abs(det) < MIN_DETERMINANT or abs(det) > MAX_DETERMINANT:
+        power, x, y = moments[n, 0], moments[n, 1], moments[n, 2]
+        if power == 0.0 or abs(det) < MIN_DETERMINANT or abs(det) > MAX_DETERMINANT:
             continue
-        b00, b01 = np.float32(a11 / det), np.float32(-a10 / det)
-        b10, b11 = np.float32(-a01 / det), np.float32(a00 / det)
-        jx, jy = jacobians[n, 0], jacobians[n, 1]
-        for k in range(size):
-            jx[k] = b00 * patches[n, 1, k] + b01 * patches[n, 2, k]
-            jy[k] = b10 * patches[n, 1, k] + b11 * patches[n, 2, k]
-        normalise(jx)
-        normalise(jy)
-        xx, xy, yy = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-        for k in range(size):
-            xx += jx[k] * jx[k]
-            xy += jx[k] * jy[k]
-            yy += jy[k] * jy[k]
-        normal[n, 0], normal[n, 1], normal[n, 2], normal[n, 3] = power, xx, xy, yy
-    return _Templates(templates, jacobians, shapes, normal)
+        b00, b01, b10, b11 = a11 / det, -a10 / det, -a01 / det, a00 / det
+        # derivatives with what a change of contrast explains: the gain is not estimated with the pose
+        xx, xy, yy = moments[n, 3] + x * x * power, moments[n, 4] + x * y * power, moments[n, 5] + y * y * power
+        px, py, qx, qy = b00 * xx + b01 * xy, b00 * xy + b01 * yy, b10 * xx + b11 * xy, b10 * xy + b11 * yy
+        gradients[n, 0], gradients[n, 1], gradients[n, 2], gradients[n, 3] = b00, b01, b10, b11
+        normal[n, 0], normal[n, 1], normal[n, 2] = px * b00 + py * b01, px * b10 + py * b11, qx * b10 + qy * b11
+    return _Warps(shapes, gradients, normal)
 
 
 @jit_fast_ir_inline
@@ -149,38 +140,30 @@ def _project(planes: LocalPlanes, n: int, pose: Pose, camera: StereoCamera) -> _
 
 
 @jit_fast_ir_inline
-def _cut(image: FloatImage, u: float, v: float, half: int, shape: FloatArray, values: Patch) -> bool:
-    """Fill the values of a patch of a shape `(4,)` around a pixel; return whether it lies inside the image."""
+def _compare(image: FloatImage, u: float, v: float, patches: _Patches, n: int) -> _Match:
+    """Compare a patch with an image around a pixel."""
+    templates, warps, at = patches.templates, patches.warps, patches.pixels
     height, width = image.shape
-    a00, a01, a10, a11 = shape[0], shape[1], shape[2], shape[3]
+    nothing = _Match(0.0, 0.0, 0.0, 0.0)
+    a00, a01, a10, a11 = warps.shapes[n, 0], warps.shapes[n, 1], warps.shapes[n, 2], warps.shapes[n, 3]
+    half = half_width(at.x.size)
     reach_x, reach_y = half * (abs(a00) + abs(a01)), half * (abs(a10) + abs(a11))
     if u < reach_x or v < reach_y or u + reach_x >= width - 1.01 or v + reach_y >= height - 1.01:
-        return False
-    k = 0
-    for j in range(-half, half + 1):
-        for i in range(-half, half + 1):
-            values[k] = sample(image, np.float32(u + a00 * i + a01 * j), np.float32(v + a10 * i + a11 * j))
-            k += 1
-    return True
-
-
-@jit_fast_ir_inline
-def _compare(templates: _Templates, n: int, power: float, target: np.float32, values: Patch) -> _Match:
-    """Compare a patch with the values at its position, which are without mean and of power `target`."""
-    template, jacobians = templates.values, templates.jacobians
-    dot = np.float32(0.0)
-    for k in range(values.size):
-        dot += values[k] * template[n, k]
-    correlation = dot / np.sqrt(power * target)
-    gain = np.float32(np.sqrt(power / target))
-    bx, by = np.float32(0.0), np.float32(0.0)
-    for k in range(values.size):
-        difference = gain * values[k] - template[n, k]
-        bx += jacobians[n, 0, k] * difference
-        by += jacobians[n, 1, k] * difference
+        return nothing
+    warp_pixels(at, LocalWarp(u, v, a00, a01, a10, a11, 0.0, 0.0))
+    found = products_with_samples(image, at.x, at.y, np.float32(u), np.float32(v), templates.values[n])
+    if found.power < MIN_POWER:
+        return nothing
+    power, along_x, along_y = templates.moments[n, 0], templates.moments[n, 1], templates.moments[n, 2]
+    correlation = found.grey / np.sqrt(power * found.power)
+    gain = np.sqrt(power / found.power)
+    # products of the derivatives with the difference of both patches
+    difference = gain * found.grey - power
+    x, y = gain * found.x + along_x * difference, gain * found.y + along_y * difference
+    b00, b01, b10, b11 = warps.gradients[n, 0], warps.gradients[n, 1], warps.gradients[n, 2], warps.gradients[n, 3]
     # patches that differ much say little: the weight falls with what the warp leaves unexplained
-    weight = 1.0 / (RESIDUAL_FLOOR + 2.0 * power * (1.0 - correlation) / values.size)
-    return _Match(bx, by, weight, correlation)
+    weight = 1.0 / (RESIDUAL_FLOOR + 2.0 * power * (1.0 - correlation) / at.x.size)
+    return _Match(b00 * x + b01 * y, b10 * x + b11 * y, weight, correlation)
 
 
 @jit_fast_ir_inline
@@ -201,28 +184,25 @@ def _fill_jacobian(
 
 @jit_fast_ir_inline
 def _linearise(
-    level: ImageLevel, templates: _Templates, planes: LocalPlanes, pose: Pose, camera: StereoCamera, system: _System
+    level: ImageLevel, patches: _Patches, planes: LocalPlanes, pose: Pose, camera: StereoCamera, system: _System
 ) -> tuple[int, float]:
     """Add to the normal equations at a pose; return the number of patches in view and their summed correlation."""
     fx, fy, cx, cy, scale = camera.fx, camera.fy, camera.cx, camera.cy, level.scale
-    half, rho, normal = half_width(system.values.size), planes.inverse_depth, templates.normal
+    rho, normal = planes.inverse_depth, patches.warps.normal
     h, g, d = system.information, system.rhs, system.jacobian
     seen, total = 0, 0.0
     for n in range(len(rho)):
-        power, xx, xy, yy = normal[n, 0], normal[n, 1], normal[n, 2], normal[n, 3]
-        if power <= 0.0:
+        xx, xy, yy = normal[n, 0], normal[n, 1], normal[n, 2]
+        if xx + yy <= 0.0:
             continue
         point = _project(planes, n, pose, camera)
         if point.z < 1e-6:
             continue
         u = (fx * point.x + cx + 0.5) / scale - 0.5
         v = (fy * point.y + cy + 0.5) / scale - 0.5
-        if not _cut(level.image, u, v, half, templates.shapes[n], system.values):
+        match = _compare(level.image, u, v, patches, n)
+        if match.weight == 0.0:
             continue
-        target = normalise(system.values)
-        if target < MIN_POWER:
-            continue
-        match = _compare(templates, n, power, target, system.values)
         seen += 1
         total += match.correlation
         _fill_jacobian(point, rho[n], pose.rotation, camera, scale, d)
@@ -238,7 +218,7 @@ def _linearise(
 @jit_fast
 def _align(
     level: ImageLevel,
-    patches: Patch,
+    templates: Templates,
     homographies: FloatArray,
     planes: LocalPlanes,
     start: Pose,
@@ -251,16 +231,16 @@ def _align(
     for n in range(len(rho)):
         depth += rho[n]
     depth /= len(rho)
-    templates = _prepare(patches, _shapes(homographies, planes.uv))
-    values, jacobian = np.empty(patches.shape[2], np.float32), np.empty((2, 6))
+    warps = _warps(templates.moments, _shapes(homographies, planes.uv))
+    patches, jacobian = _Patches(templates, warps, patch_pixels(templates.values.shape[2])), np.empty((2, 6))
     best_rotation, best_position, best = start.rotation.copy(), start.position.copy(), -1.0
     rotation, position = start.rotation.copy(), start.position.copy()
     for _ in range(iterations + 1):
-        system = _System(np.zeros((6, 6)), np.zeros(6), jacobian, values)
+        system = _System(np.zeros((6, 6)), np.zeros(6), jacobian)
         h = system.information
         for i in range(6):
             h[i, i] = 1e-6
-        seen, total = _linearise(level, templates, planes, Pose(rotation, position), camera, system)
+        seen, total = _linearise(level, patches, planes, Pose(rotation, position), camera, system)
         if seen < MIN_PATCHES:
             break
         if total / seen > best:
@@ -282,17 +262,17 @@ def _align(
 
 
 def align_pose(
-    level: ImageLevel, patches: Patch, planes: LocalPlanes, start: Pose, camera: StereoCamera, iterations: int
+    level: ImageLevel, templates: Templates, planes: LocalPlanes, start: Pose, camera: StereoCamera, iterations: int
 ) -> Alignment:
     """Align all patches with one level of the left image.
 
     Args:
         level: Level of the pyramid.
-        patches: `(N, 3, S * S)` of the hosts at this level.
+        templates: N patches of the hosts at this level.
         planes: Their planes, in pixels of full size.
         start: Left camera.
         camera: Camera at full size.
         iterations: Most Gauss-Newton iterations.
     """
     homographies = plane_homographies(start, planes, camera, 0.0)
-    return _align(level, patches, homographies, planes, start, camera, iterations)
+    return _align(level, templates, homographies, planes, start, camera, iterations)

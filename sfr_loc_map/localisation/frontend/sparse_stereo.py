@@ -13,8 +13,17 @@ from sfr_loc_map.geometry.small_linalg import solve
 from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.image_pyramid import Pyramid
 from sfr_loc_map.localisation.frontend.nearest_neighbours import nearest
-from sfr_loc_map.localisation.frontend.patch import HALF, Patch, cut_patches, half_width, normalise
-from sfr_loc_map.localisation.frontend.patch_tracking import MIN_POWER, PatchTracks, track_patches
+from sfr_loc_map.localisation.frontend.patch import (
+    HALF,
+    MIN_POWER,
+    Patch,
+    Templates,
+    cut_patches,
+    half_width,
+    normalise,
+    templates_of,
+)
+from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, TrackingLimits, track_patches
 from sfr_loc_map.localisation.parallel import in_halves
 
 SEARCH_LEVEL = 1
@@ -103,11 +112,11 @@ def match_corners(
     disparity, found = _search(left, right, uv, max_disparity, offset_v)
     uv, disparity = uv[found], disparity[found]
     patches = cut_patches(left.levels[0], uv, HALF)
-    planes = _LocalPlanes(uv, known)
+    templates, planes = templates_of(patches), _LocalPlanes(uv, known)
     good = np.ones(len(uv), np.bool_)
     for _ in range(2):
         slope = planes.slopes(disparity, good)
-        tracks = _refine(right.levels[0], patches, uv, _homographies(uv, disparity, slope, offset_v))
+        tracks = _refine(right.levels[0], templates, uv, _homographies(uv, disparity, slope, offset_v))
         good = np.isfinite(tracks.uv[:, 0])
         disparity = np.where(good, uv[:, 0] - tracks.uv[:, 0], disparity)
     slope = planes.slopes(disparity, good)
@@ -129,11 +138,13 @@ def _homographies(uv: FloatArray, disparity: FloatArray, slope: FloatArray, offs
     return homographies
 
 
-def _refine(right: FloatImage, patches: Patch, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
-    def track(patches: Patch, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
-        return track_patches(right, patches, uv, homographies, MAX_SHIFT_PX, ITERATIONS, -1.0)
+def _refine(right: FloatImage, templates: Templates, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
+    limits = TrackingLimits(MAX_SHIFT_PX, ITERATIONS, -1.0)
 
-    return in_halves(track, patches, uv, homographies)
+    def track(values: Patch, moments: FloatArray, uv: FloatArray, homographies: FloatArray) -> PatchTracks:
+        return track_patches(right, Templates(values, moments), uv, homographies, limits)
+
+    return in_halves(track, *templates, uv, homographies)
 
 
 def _search(

@@ -18,7 +18,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.homography import plane_homographies
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, Pyramid, build_pyramid
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.patch_tracking import noise_variance, track_patches
+from sfr_loc_map.localisation.frontend.patch_tracking import TrackingLimits, noise_variance, track_patches
 from sfr_loc_map.localisation.frontend.photometric_alignment import Alignment, align_pose
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
 from sfr_loc_map.localisation.frontend.right_offset import RightOffset
@@ -253,15 +253,15 @@ class Tracker:
         self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset
     ) -> StereoObservations:
         """Track landmarks in both images, from their projections."""
-        planes, patches = landmarks.planes, landmarks.patches.level(0)
+        planes, templates = landmarks.planes, landmarks.patches.level(0)
         in_left, in_right = (plane_homographies(start, planes, self._camera, x) for x in (0.0, self._camera.baseline_m))
         if abs(offset.u) > EXPECTED_OFFSET_PX:
             in_right[:, 0] += offset.u * in_right[:, 2]
-        limits = MAX_SHIFT_PX, SHIFT_ITERATIONS, MIN_NCC
+        limits = TrackingLimits(MAX_SHIFT_PX, SHIFT_ITERATIONS, MIN_NCC)
         left, right = both(
             track_patches,  # one kernel and nothing else: a thread that asks for the interpreter's lock is put to sleep
-            (frame.left.levels[0], patches, planes.uv, in_left, *limits),
-            (frame.right.levels[0], patches, planes.uv, in_right, *limits),
+            (frame.left.levels[0], templates, planes.uv, in_left, limits),
+            (frame.right.levels[0], templates, planes.uv, in_right, limits),
         )
         uv, variance = np.empty((len(landmarks), 4)), np.empty((len(landmarks), 2, 3))
         uv[:, :2], uv[:, 2:] = left.uv, right.uv - offset.at(right.uv, self._camera)

@@ -53,7 +53,8 @@ def filled(size: int, seed: int = 0, keyframes: int = KEYFRAMES) -> SlidingWindo
         observed = project(new, index) + random.normal(0.0, NOISE_PX, (PER_KEYFRAME, 4)) * [0.0, 0.0, 1.0, 1.0]
         inverse_depth = (observed[:, 0] - observed[:, 2]) / (CAMERA.fx * CAMERA.baseline_m)
         hosted = HostedLandmarks.new(len(window) - 1, uv, inverse_depth, np.zeros((PER_KEYFRAME, 2)))
-        patches = np.full((PER_KEYFRAME, 3, SIDES[0] ** 2), float(index), np.float32)
+        patches = np.zeros((PER_KEYFRAME, 3, SIDES[0] ** 2), np.float32)
+        patches[:, 0, :2] = -index, index
         window.add_landmarks(PYRAMID, hosted, patches, observed, np.broadcast_to(variance, (PER_KEYFRAME, 2, 3)))
         points = np.concatenate((points, new))
     return window
@@ -118,7 +119,7 @@ def test_the_oldest_keyframe_leaves_with_its_landmarks() -> None:
     assert window.observations.variance.shape == (2 * PER_KEYFRAME, 2, 2, 3)
     landmarks = window.landmarks()
     expected = np.repeat([2.0, 3.0], PER_KEYFRAME)  # patches stay with their landmarks
-    np.testing.assert_array_equal(landmarks.patches.level(0)[:, 0, 0], expected)
+    np.testing.assert_array_equal(landmarks.patches.level(0).values[:, 0, 1], expected)
     np.testing.assert_array_equal(
         landmarks.hosts.positions, window.keyframes.positions[[0, 1]].repeat(PER_KEYFRAME, axis=0)
     )
@@ -139,7 +140,7 @@ def test_inactive_landmarks_are_not_tracked_and_still_adjusted() -> None:
     window.deactivate(gone)
     landmarks = window.landmarks()
     np.testing.assert_array_equal(landmarks.index, np.setdiff1d(np.arange(KEYFRAMES * PER_KEYFRAME), gone))
-    assert len(landmarks.patches.level(0)) == len(landmarks) == len(window.newest_observations)
+    assert len(landmarks.patches.level(0).values) == len(landmarks) == len(window.newest_observations)
     np.testing.assert_array_equal(landmarks.last_seen, window.observations.uv[landmarks.index, -1])
     before = window.hosted.uv_inverse_depth[gone]
     window.adjust(1)

@@ -9,9 +9,9 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.homography import (
     BEHIND,
     LocalPlanes,
+    LocalWarp,
+    local_warp,
     plane_homographies,
-    warp,
-    warp_derivative,
 )
 
 CAMERA = StereoCamera(400.0, 420.0, 256.0, 240.0, 0.2)
@@ -21,13 +21,15 @@ NORMAL, DISTANCE = np.array([0.2, -0.4, 1.0]), 3.0
 
 
 @njit
-def warped(h, u, v):  # noqa: ANN001, ANN201
-    return warp(h, u, v)
+def around(h, u, v):  # noqa: ANN001, ANN201
+    return local_warp(h, u, v)
 
 
-@njit
-def derivative(h, u, v):  # noqa: ANN001, ANN201
-    return warp_derivative(h, u, v)
+def warped(h: np.ndarray, u: float, v: float, i: float = 0.0, j: float = 0.0) -> tuple[float, float]:
+    """Return where the pixel (i, j) beside another one is, by the warp around that."""
+    by = LocalWarp(*around(h, u, v))
+    scale = 1.0 / (1.0 + by.wu * i + by.wv * j)
+    return by.x + scale * (by.xu * i + by.xv * j), by.y + scale * (by.yu * i + by.yv * j)
 
 
 def planes(uv: np.ndarray) -> LocalPlanes:
@@ -56,6 +58,8 @@ def test_pixels_around_the_host_pixel_move_as_points_of_the_plane_do(offset_x: f
             x, y, z = target.rotation.T @ (world - target.position) - [offset_x, 0.0, 0.0]
             expected = CAMERA.fx * x / z + CAMERA.cx, CAMERA.fy * y / z + CAMERA.cy
             np.testing.assert_allclose(warped(h, *pixel), expected, atol=1e-8)
+            beside = warped(h, u, v, pixel[0] - u, pixel[1] - v)
+            np.testing.assert_allclose(beside, expected, atol=1e-8)
 
 
 def test_derivative_is_that_of_the_warp() -> None:
@@ -63,10 +67,10 @@ def test_derivative_is_that_of_the_warp() -> None:
     h, step = plane_homographies(target, planes(UV), CAMERA, 0.0)[0], 1e-5
     by_u = (np.subtract(warped(h, 200 + step, 180.0), warped(h, 200 - step, 180.0))) / (2 * step)
     by_v = (np.subtract(warped(h, 200.0, 180 + step), warped(h, 200.0, 180 - step))) / (2 * step)
-    np.testing.assert_allclose(derivative(h, 200.0, 180.0), [by_u[0], by_v[0], by_u[1], by_v[1]], atol=1e-7)
+    np.testing.assert_allclose(around(h, 200.0, 180.0)[2:6], [by_u[0], by_v[0], by_u[1], by_v[1]], atol=1e-7)
 
 
 def test_behind_the_camera() -> None:
     h = np.diag([1.0, 1.0, -1.0])
     assert warped(h, 1.0, 1.0) == (BEHIND, BEHIND)
-    assert tuple(derivative(h, 1.0, 1.0)) == (0.0, 0.0, 0.0, 0.0)
+    assert tuple(around(h, 1.0, 1.0))[2:] == (0.0,) * 6

@@ -55,14 +55,15 @@ def test_a_subset_is_a_mask_on_each_array() -> None:
 
 
 def test_patches_are_those_of_the_hosts() -> None:
-    hosted = tuple([np.full((count, 3, 1), 0.5 * value, np.float32)] for value, count in enumerate((3, 0, 2, 4)))
+    ramp = np.array([-1.0, 0.0, 1.0] * 3, np.float32)
+    hosted = tuple([np.zeros((count, 3, 9), np.float32)] for count in (3, 0, 2, 4))
     for number, levels in enumerate(hosted):
-        levels[0][:, 0, 0] = 10 * number + np.arange(len(levels[0]))
+        levels[0][:, 0] = np.multiply.outer(10 * number + np.arange(len(levels[0])), ramp)
     patches = Patches(hosted, np.array([0, 2, 4, 5, 8]))
-    np.testing.assert_array_equal(patches.level(0)[:, 0, 0], [0, 2, 21, 30, 33])
+    np.testing.assert_array_equal(patches.level(0).values[:, 0, 2], [0, 2, 21, 30, 33])
     part = patches.subset(np.array([False, True, False, True, True]))
-    np.testing.assert_array_equal(part.level(0)[:, 0, 0], [2, 30, 33])
-    assert part.subset(np.zeros(3, np.bool_)).level(0).shape == (0, 3, 1)
+    np.testing.assert_array_equal(part.level(0).values[:, 0, 2], [2, 30, 33])
+    assert part.subset(np.zeros(3, np.bool_)).level(0).values.shape == (0, 3, 9)
 
 
 def test_few_are_enough_to_align_from_all_of_them() -> None:

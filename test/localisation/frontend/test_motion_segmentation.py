@@ -55,6 +55,6 @@ def test_what_is_in_view_and_what_moved_follows_from_the_projections() -> None:
     for n in inner:
         column, row = uv[n].astype(int)
         cut = image[row - top : row + top + 1, column - left : column + left + 1]
-        landmarks.patches.level(0)[n, 0] = cut.reshape(-1)
+        landmarks.patches.level(0).values[n, 0] = cut.reshape(-1)
     fixed = unexplained_by(result, frame, CAMERA).fixed
     np.testing.assert_array_equal(np.flatnonzero(fixed), inner[moved[inner]])

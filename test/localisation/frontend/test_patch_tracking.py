@@ -5,8 +5,16 @@ import pytest
 from numba import njit
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, cut_patches, half_width, normalise, sample
-from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, track_patches
+from sfr_loc_map.localisation.frontend.patch import (
+    HALF,
+    SIDE,
+    cut_patches,
+    half_width,
+    normalise,
+    sample,
+    templates_of,
+)
+from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, TrackingLimits, track_patches
 
 RANDOM = np.random.default_rng(0)
 IMAGE = gaussian_filter(RANDOM.normal(128.0, 400.0, (120, 160)), 2.0).astype(np.float32)
@@ -32,7 +40,8 @@ def shifted(dx: float, dy: float, gain: float = 1.0, offset: float = 0.0) -> np.
 
 def track(image: np.ndarray, homographies: np.ndarray | None = None, max_shift: float = 2.5) -> PatchTracks:
     homographies = np.tile(np.eye(3), (len(UV), 1, 1)) if homographies is None else homographies
-    return track_patches(image, cut_patches(IMAGE, UV, HALF), UV, homographies, max_shift, 20, -1.0)
+    templates = templates_of(cut_patches(IMAGE, UV, HALF))
+    return track_patches(image, templates, UV, homographies, TrackingLimits(max_shift, 20, -1.0))
 
 
 def test_samples_are_bilinear() -> None:
@@ -57,6 +66,24 @@ def test_normalisation_takes_the_mean_and_returns_the_power() -> None:
     expected = values - values.mean()
     assert normalised(values) == pytest.approx(float((expected.astype(float) ** 2).sum()), rel=1e-5)
     np.testing.assert_allclose(values, expected, atol=1e-4)
+
+
+def test_templates_have_no_mean_and_no_derivative_by_contrast() -> None:
+    patches = cut_patches(IMAGE, UV, HALF)
+    values, moments = templates_of(patches)
+    centred = patches.astype(float) - patches.mean(axis=2, keepdims=True, dtype=float)
+    power = np.einsum("nk,nk->n", centred[:, 0], centred[:, 0])
+    np.testing.assert_allclose(moments[:, 0], power, rtol=1e-4)
+    along = np.einsum("nk,nik->ni", centred[:, 0], centred[:, 1:]) / power[:, None]
+    np.testing.assert_allclose(moments[:, 1:3], along, atol=1e-4)
+    expected = centred[:, 1:] - along[:, :, None] * centred[:, :1]
+    np.testing.assert_allclose(values[:, 1:], expected, atol=1e-2)
+    products = np.einsum("nik,njk->nij", expected, expected)
+    np.testing.assert_allclose(moments[:, 3:], products[:, [0, 0, 1], [0, 1, 1]], rtol=1e-3, atol=1.0)
+
+
+def test_a_patch_without_texture_is_no_template() -> None:
+    assert not templates_of(np.full((1, 3, SIDE * SIDE), 7.0, np.float32)).moments.any()
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(0.0, 0.0), (0.4, -0.7), (-1.6, 1.2)])

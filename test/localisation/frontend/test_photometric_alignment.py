@@ -9,7 +9,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.localisation.frontend import photometric_alignment as alignment
 from sfr_loc_map.localisation.frontend.homography import LocalPlanes, plane_homographies
 from sfr_loc_map.localisation.frontend.image_pyramid import ImageLevel
-from sfr_loc_map.localisation.frontend.patch import cut_patches
+from sfr_loc_map.localisation.frontend.patch import cut_patches, templates_of
 
 CAMERA = StereoCamera(200.0, 210.0, 119.5, 89.5, 0.1)
 HEIGHT, WIDTH, DEPTH, HALF = 180, 240, 2.0, 3
@@ -38,8 +38,7 @@ def view(pose: Pose) -> np.ndarray:
 
 
 def system() -> alignment._System:
-    size = (2 * HALF + 1) ** 2
-    return alignment._System(np.zeros((6, 6)), np.zeros(6), np.empty((2, 6)), np.empty(size, np.float32))
+    return alignment._System(np.zeros((6, 6)), np.zeros(6), np.empty((2, 6)))
 
 
 def moved(pose: Pose, change: np.ndarray) -> Pose:
@@ -64,10 +63,11 @@ def test_right_hand_side_is_the_descent_of_the_squared_differences() -> None:
     """The half sum of squared differences of one patch, whose weight is constant, against its gradient."""
     image, step = view(Pose(np.eye(3), np.array([0.004, -0.003, 0.0]))), 2e-4
     level, one = ImageLevel(image, 1.0), planes(UV[:1])
-    patches = cut_patches(IMAGE.astype(np.float32), UV[:1], HALF)
+    patches = templates_of(cut_patches(IMAGE.astype(np.float32), UV[:1], HALF))
     shapes = np.eye(2).reshape(1, 4)
-    templates, work = alignment._prepare(patches, shapes), system()
-    count, _ = alignment._linearise(level, templates, one, START, CAMERA, work)
+    warps, work = alignment._warps(patches.moments, shapes), system()
+    together = alignment._Patches(patches, warps, alignment.patch_pixels(patches.values.shape[2]))
+    count, _ = alignment._linearise(level, together, one, START, CAMERA, work)
     assert count == 1
 
     def cost(change: np.ndarray) -> float:
@@ -76,8 +76,8 @@ def test_right_hand_side_is_the_descent_of_the_squared_differences() -> None:
         y, x = np.mgrid[-HALF : HALF + 1, -HALF : HALF + 1]
         values = map_coordinates(image.astype(float), [v + y, u + x], order=1).ravel()
         values -= values.mean()
-        template = templates.values[0]
-        gain = np.sqrt(templates.normal[0, 0] / (values**2).sum())
+        template = patches.values[0, 0]
+        gain = np.sqrt(patches.moments[0, 0] / (values**2).sum())
         return float(0.5 * ((gain * values - template) ** 2).sum())
 
     gradient = np.array([(cost(e) - cost(-e)) / (2 * step) for e in step * np.eye(6)])
@@ -88,7 +88,7 @@ def test_right_hand_side_is_the_descent_of_the_squared_differences() -> None:
 @pytest.mark.parametrize("size", [0.0, 1.0, -1.0])
 def test_a_known_pose_is_found(size: float) -> None:
     truth = moved(START, size * np.array([0.012, -0.01, 0.02, 0.006, -0.004, 0.01]))
-    patches = cut_patches(IMAGE.astype(np.float32), UV, HALF)
+    patches = templates_of(cut_patches(IMAGE.astype(np.float32), UV, HALF))
     found = alignment.align_pose(ImageLevel(view(truth), 1.0), patches, planes(), START, CAMERA, 15)
     assert found.correlation > 0.99
     np.testing.assert_allclose(found.pose.position, truth.position, atol=4e-3)
@@ -101,14 +101,14 @@ def test_levels_are_aligned_in_their_own_pixels() -> None:
     def halved(image: np.ndarray) -> np.ndarray:
         return image.reshape(HEIGHT // 2, 2, WIDTH // 2, 2).mean(axis=(1, 3)).astype(np.float32)
 
-    patches = cut_patches(halved(IMAGE), (UV + 0.5) / 2 - 0.5, HALF)
+    patches = templates_of(cut_patches(halved(IMAGE), (UV + 0.5) / 2 - 0.5, HALF))
     found = alignment.align_pose(ImageLevel(halved(view(truth)), 2.0), patches, planes(), START, CAMERA, 15)
     np.testing.assert_allclose(found.pose.position, truth.position, atol=4e-3)
     np.testing.assert_allclose(rotvec_from_matrix(found.pose.rotation), [0.0, 0.0, 0.01], atol=2e-3)
 
 
 def test_too_few_patches_in_view_give_the_start_without_correlation() -> None:
-    patches = cut_patches(IMAGE.astype(np.float32), UV[:7], HALF)
+    patches = templates_of(cut_patches(IMAGE.astype(np.float32), UV[:7], HALF))
     found = alignment.align_pose(ImageLevel(view(START), 1.0), patches, planes(UV[:7]), START, CAMERA, 5)
     assert found.correlation == -1.0
     np.testing.assert_array_equal(found.pose.position, START.position)
