@@ -52,7 +52,10 @@ LEVELS = 3
 """Grids of one iteration: cells of 2, 4 and 8 pixels."""
 PAD = 2**LEVELS
 """Images are padded to a multiple of this."""
-WARPS = 3
+WARPS, NOISY_WARPS = 3, 5
+"""Iterations; more where noise is large, as the matcher's field is then further from the best one."""
+NOISY_PX = 1.2
+"""Median standard deviation of the disparity of a cell by its own pixels alone from which noise is large, pixels."""
 SOLVER_ITERATIONS = (8, 12, 12)
 """Conjugate gradient steps on each grid, finest first."""
 JUMP_PX = F(1.0)
@@ -106,10 +109,12 @@ def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> Refin
     height, width = left.shape
     left, right, cells = padded(left), padded(right), initial_cells(padded(initial_px))
     correction, right = correct_rectification(left, right, pixels_from_cells(cells, JUMP_PX))
-    for _ in range(WARPS):
-        equations = linearise(left, right, cells).equations
-        cells, weights = coarse_to_fine_step(cells, equations.information, equations.information_vector)
     last = linearise(left, right, cells)
+    for warp in range(NOISY_WARPS):
+        if warp == WARPS and median(last.equations.information) > NOISY_PX**-2:
+            break
+        cells, weights = coarse_to_fine_step(cells, last.equations.information, last.equations.information_vector)
+        last = linearise(left, right, cells)
     deviation = np.sqrt(last.variance)
     normalised = (last.residual - upsample_nearest(last.offset)) / upsample_nearest(deviation)
     return RefinedDisparity(
