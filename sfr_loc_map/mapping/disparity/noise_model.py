@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.median import median
@@ -25,22 +28,40 @@ def overall_noise(residual: FloatImage) -> float:
     return max(mad_sigma(sample - median(sample)), MIN_NOISE) if len(sample) else MIN_NOISE
 
 
-def noise_variance(left: FloatImage, residual: FloatImage, offset: FloatImage) -> FloatImage:
+class GreyLevels(NamedTuple):
+    """Grey levels of the left image, which all residuals of a pair share.
+
+    Attributes:
+        cells: `(H/2, W/2)` float32, mean of each cell.
+        sampled: `(N,)` float32, those of every fourth row and second column.
+        order: `(N,)`, that sorts the sampled ones.
+    """
+
+    cells: FloatImage
+    sampled: FloatImage
+    order: NDArray[np.int64]
+
+
+def grey_levels(left: FloatImage) -> GreyLevels:
+    """Return the grey levels of an image `(H, W)`."""
+    cells = downsample_mean(left, 2)
+    sampled = cells[::4, ::2].ravel()
+    return GreyLevels(cells, sampled, np.argsort(sampled, kind="stable"))
+
+
+def noise_variance(grey: GreyLevels, residual: FloatImage, offset: FloatImage) -> FloatImage:
     """Return the variance of a residual in each cell `(H/2, W/2)`: the best straight line over the grey level.
 
     A camera's noise has a constant part and one that grows with the light (photon noise).
 
     Args:
-        left: `(H, W)`, grey levels.
+        grey: Of the left image.
         residual: `(H, W)`, grey levels, NaN where unknown.
         offset: `(H/2, W/2)`, brightness offset of the residual.
     """
-    grey = downsample_mean(left, 2)
     deviation = np.abs(residual[::8, ::4] - offset[::4, ::2]).ravel()
-    level = grey[::4, ::2].ravel()
-    known = np.isfinite(deviation)
-    order = np.argsort(level[known], kind="stable")
-    level, deviation = level[known][order], deviation[known][order]
+    order = grey.order[np.isfinite(deviation)[grey.order]]
+    level, deviation = grey.sampled[order], deviation[order]
     if len(level) < BINS * MIN_PER_BIN:
         return np.full(offset.shape, DEFAULT_VARIANCE, F)
     centre = np.array([part.mean() for part in np.array_split(level, BINS)], np.float64)
@@ -51,5 +72,7 @@ def noise_variance(left: FloatImage, residual: FloatImage, offset: FloatImage) -
     spread = float(np.average(np.square(centre - middle), weights=weight))
     mean = float(np.average(variance, weights=weight))
     slope = float(np.average((centre - middle) * (variance - mean), weights=weight)) / max(spread, 1.0)
-    model = F(mean) + F(slope) * (grey - F(middle))
-    return np.asarray(np.clip(model, F(variance.min()), F(variance.max())), F)
+    model = grey.cells - F(middle)
+    model *= F(slope)
+    model += F(mean)
+    return np.clip(model, F(variance.min()), F(variance.max()), out=model)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
+from numba import prange
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
-from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual, shift_rows
+from sfr_loc_map.jit import jit_rows
+from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual, residual_at, shift_rows
 from sfr_loc_map.mapping.robust import mad_sigma
 
 F = np.float32
@@ -93,10 +94,7 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity: FloatImage) -
     Shifting the right image's content up by s changes the residual by `s` times the slope along columns. The step is 0
     where there is too little to measure it by.
     """
-    residual = photometric_residual(left, right, disparity)
-    template = left + F(0.5) * np.nan_to_num(residual)
-    slope = np.asarray(cv2.Sobel(template, cv2.CV_32F, 0, 1, ksize=3, scale=0.125), F)[::STRIDE, ::STRIDE]
-    residual = residual[::STRIDE, ::STRIDE]
+    residual, slope = _samples(left, right, disparity)
     usable = np.isfinite(residual)
     y, x = np.nonzero(usable)
     if len(y) < MIN_ROW_PIXELS:
@@ -111,6 +109,32 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity: FloatImage) -
         return np.zeros(3)
     step = np.linalg.solve(normal + 1e-6 * np.trace(normal) * np.eye(3), -(weighted.T @ r))
     return np.asarray(np.clip(step, -MAX_STEP_PX, MAX_STEP_PX))
+
+
+@jit_rows
+def _samples(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Return residual and slope along the columns of every `STRIDE`-th pixel; the residual is NaN without a partner.
+
+    The slope is that of the mean of both images, by the Sobel operator, grey levels per pixel; 0 in the border rows.
+    """
+    height, width = left.shape
+    shape = ((height + STRIDE - 1) // STRIDE, (width + STRIDE - 1) // STRIDE)
+    residual, slope = np.empty(shape, F), np.zeros(shape, F)
+    for i in prange(shape[0]):
+        y = STRIDE * i
+        for j in range(shape[1]):
+            residual[i, j] = residual_at(left, right, disparity, y, STRIDE * j)
+        if 0 < y < height - 1:
+            for side in (-1, 1):
+                mean = np.empty(width, F)
+                for x in range(width):
+                    value = residual_at(left, right, disparity, y + side, x)
+                    mean[x] = left[y + side, x] + (F(0.5) * value if value == value else F(0.0))
+                for j in range(shape[1]):
+                    x = STRIDE * j
+                    beside = mean[abs(x - 1)] + mean[x + 1 if x < width - 1 else x - 1]
+                    slope[i, j] = F(0.25) * mean[x] + F(0.125) * beside - slope[i, j]
+    return residual, slope
 
 
 def _shifted_up(image: FloatImage, vertical: FloatArray) -> FloatImage:

@@ -34,7 +34,7 @@ from sfr_loc_map.mapping.disparity.filters import (
     upsample_bilinear,
     upsample_nearest,
 )
-from sfr_loc_map.mapping.disparity.noise_model import noise_variance, overall_noise
+from sfr_loc_map.mapping.disparity.noise_model import GreyLevels, grey_levels, noise_variance, overall_noise
 from sfr_loc_map.mapping.disparity.photometric_residual import (
     NormalEquations,
     cell_means,
@@ -109,12 +109,13 @@ def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> Refin
     height, width = left.shape
     left, right, cells = padded(left), padded(right), initial_cells(padded(initial_px))
     correction, right = correct_rectification(left, right, pixels_from_cells(cells, JUMP_PX))
-    last = linearise(left, right, cells)
+    grey = grey_levels(left)
+    last = linearise(left, right, grey, cells)
     for warp in range(NOISY_WARPS):
         if warp == WARPS and median(last.equations.information) > NOISY_PX**-2:
             break
         cells, weights = coarse_to_fine_step(cells, last.equations.information, last.equations.information_vector)
-        last = linearise(left, right, cells)
+        last = linearise(left, right, grey, cells)
     deviation = np.sqrt(last.variance)
     normalised = (last.residual - upsample_nearest(last.offset)) / upsample_nearest(deviation)
     return RefinedDisparity(
@@ -160,15 +161,15 @@ class Linearisation:
     equations: NormalEquations
 
 
-def linearise(left: FloatImage, right: FloatImage, cells: FloatImage) -> Linearisation:
+def linearise(left: FloatImage, right: FloatImage, grey: GreyLevels, cells: FloatImage) -> Linearisation:
     """Return residuals, their brightness offset and variance, and the normal equations of each cell.
 
-    Where residuals exceed their stated variance, the information is reduced by as much.
+    `grey` is of the left image. Where residuals exceed their stated variance, the information is reduced by as much.
     """
     residual = photometric_residual(left, right, pixels_from_cells(cells, JUMP_PX))
     noise = overall_noise(residual)
     offset = box_mean(cell_means(residual, F(3.0 * noise)), BOX)
-    variance = noise_variance(left, residual, offset)
+    variance = noise_variance(grey, residual, offset)
     template = mean_template(left, residual, offset, F(4.0 * noise))
     found = normal_equations(slopes(template), residual, offset, F(1.0) / variance, TAIL)
     chi2_per_dof = box_mean(found.chi2, BOX) / np.maximum(box_mean(found.weight, BOX), F(0.1))

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.noise_model import DEFAULT_VARIANCE, MIN_NOISE, noise_variance, overall_noise
+from sfr_loc_map.mapping.disparity.noise_model import (
+    DEFAULT_VARIANCE,
+    MIN_NOISE,
+    grey_levels,
+    noise_variance,
+    overall_noise,
+)
 
 F = np.float32
 SHAPE = (256, 512)
@@ -19,14 +25,14 @@ def test_variance_is_a_line_over_the_grey_level(constant: float, photon: float) 
     variance = constant + photon * left
     residual = (3.0 + np.random.default_rng(0).normal(0.0, np.sqrt(variance))).astype(F)
     offset = np.full((SHAPE[0] // 2, SHAPE[1] // 2), 3.0, F)
-    found = noise_variance(left, residual, offset)
+    found = noise_variance(grey_levels(left), residual, offset)
     np.testing.assert_allclose(found[:, 20:-20], variance[::2, ::2][:, 20:-20], rtol=0.2)
 
 
 def test_too_few_residuals_give_the_default() -> None:
     residual = np.full(SHAPE, np.nan, F)
     offset = np.zeros((SHAPE[0] // 2, SHAPE[1] // 2), F)
-    assert (noise_variance(ramp(), residual, offset) == DEFAULT_VARIANCE).all()
+    assert (noise_variance(grey_levels(ramp()), residual, offset) == DEFAULT_VARIANCE).all()
     assert overall_noise(residual) == MIN_NOISE
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sfr_loc_map.mapping.disparity.noise_model import grey_levels
 from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
 from sfr_loc_map.mapping.disparity.variational_refinement import (
     PAD,
@@ -80,10 +81,10 @@ def test_the_variance_is_raised_where_residuals_exceed_it(scene: Any) -> None:
     """A region whose images differ by more than noise has less information."""
     left, right = images(scene)
     cells = initial_cells(scene.disparity.astype(F))
-    plain = linearise(left, right, cells)
+    plain = linearise(left, right, grey_levels(left), cells)
     worse = right.copy()
     worse[100:160] += np.random.default_rng(1).normal(0.0, 8.0, worse[100:160].shape).astype(F)
-    disturbed = linearise(left, worse, cells)
+    disturbed = linearise(left, worse, grey_levels(left), cells)
     after, before = (item.equations.information[:, 40:120] for item in (disturbed, plain))
     assert np.median(after[60:70] / before[60:70]) < 0.3
     assert np.median(after[10:40] / before[10:40]) > 0.6
@@ -93,7 +94,7 @@ def test_the_step_points_to_the_truth(scene: Any) -> None:
     left, right = images(scene)
     truth = initial_cells(scene.disparity.astype(F))
     for error in (-0.3, 0.3):
-        equations = linearise(left, right, truth + F(error)).equations
+        equations = linearise(left, right, grey_levels(left), truth + F(error)).equations
         cells, weights = coarse_to_fine_step(truth + F(error), equations.information, equations.information_vector)
         assert abs(np.median((cells - truth)[16:-16, 30:-16])) < 0.1
         assert weights.along_x.shape == truth.shape
