@@ -23,6 +23,7 @@ from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.edge_evidence import FIGURES, Scene, edge_evidence, support_weights
 from sfr_loc_map.mapping.disparity.edge_network import Network
+from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import beside_jump, locally_valid
@@ -73,7 +74,7 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
             initial = semi_global_matching(left, right, count)
             refined = refine(left.astype(np.float32), right.astype(np.float32), initial)
             left = left.astype(np.float32)
-            known = beside_jump(refined.disparity_px) & locally_valid(left, refined, initial)
+            known = beside_jump(refined.disparity_px) & locally_valid(refined, initial, local_variance(left))
             chosen = np.flatnonzero(known & np.isfinite(truth))
             sigma = disparity_sigma(refined)
             scene = Scene(left, refined.right, refined.disparity_px, np.isfinite(initial), sigma, *support_weights())

@@ -8,7 +8,6 @@ import numpy as np
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.mapping.disparity.filters import box_mean
 from sfr_loc_map.mapping.disparity.rectification_correction import RectificationCorrection
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.robust import mad_sigma
@@ -51,19 +50,19 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
         )
 
 
-def matched_share(left: FloatImage, valid: Mask) -> float:
+def matched_share(left: FloatImage, variance: FloatImage, valid: Mask) -> float:
     """Return the share of the left image's textured pixels that have a disparity; NaN if there are too few.
 
     Texture is a local spread of twice the noise; noise is measured by a mask that cancels smooth structure
-    (Immerkaer 1996).
+    (Immerkaer 1996). `variance` is the `local_variance` of the left image.
     """
     mask = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], np.float32)
     noise = mad_sigma(np.asarray(cv2.filter2D(left, -1, mask), np.float32)[::2, ::2]) / 6.0
-    variance = box_mean(np.square(left), 7) - np.square(box_mean(left, 7))
     textured = variance > max(2.0 * noise, 1.0) ** 2
-    if textured.mean() < MIN_TEXTURED_SHARE:
+    count = np.count_nonzero(textured)
+    if count < MIN_TEXTURED_SHARE * textured.size:
         return float("nan")
-    return float(valid[textured].mean())
+    return float(np.count_nonzero(valid & textured) / count)
 
 
 def check_matches(

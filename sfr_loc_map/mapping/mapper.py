@@ -19,6 +19,7 @@ from sfr_loc_map.mapping.checks import check_images, check_matches, matched_shar
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.camera_rotation import CameraRotation, camera_rotation, without_roll
 from sfr_loc_map.mapping.disparity.edge_evidence import support_weights
+from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.hole_filling import FILLED_SIGMA_PX, fill_holes
 from sfr_loc_map.mapping.disparity.saturation import Saturation, saturation
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
@@ -116,7 +117,7 @@ class Mapper:
         initial[:, side // 2 :] = 4.0
         refined = refine(left.astype(F), right.astype(F), initial)
         sigma = disparity_sigma(refined)
-        valid = valid_mask(left.astype(F), refined, initial, sigma)
+        valid = valid_mask(left.astype(F), refined, initial, sigma, local_variance(left.astype(F)))
         camera_rotation(left.astype(F), refined, valid, self._rig)
         images = Images(left.astype(F), refined.right, *support_weights())
         fill_holes(images, initial, left < 200, initial, refined.noise, left >= 200)
@@ -147,9 +148,10 @@ class Mapper:
         refined = refine(left, right, initial)
         sigma = disparity_sigma(refined)
         clipped = saturation(pair.left, pair.right, refined.disparity_px)
-        valid = valid_mask(left, refined, initial, sigma) & ~clipped.flat
+        contrast = local_variance(left)
+        valid = valid_mask(left, refined, initial, sigma, contrast) & ~clipped.flat
         rotation = camera_rotation(left, refined, valid, self._rig)
-        share = matched_share(left, valid & (refined.disparity_px >= self._search.min_disparity_px))
+        share = matched_share(left, contrast, valid & (refined.disparity_px >= self._search.min_disparity_px))
         images = Images(left, refined.right, *support_weights())
         filled = fill_holes(images, refined.disparity_px, valid, initial, refined.noise, ~clipped.flat)
         sigma[filled.filled] = np.maximum(sigma[filled.filled], FILLED_SIGMA_PX)

@@ -9,6 +9,7 @@ import pytest
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.mapping.checks import check_images, check_matches, matched_share
+from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.rectification_correction import RectificationCorrection
 
 GOOD = RectificationCorrection(1.0, 0.0, (0.0, 0.0, 0.0))
@@ -51,10 +52,11 @@ def test_only_textured_pixels_count() -> None:
     left[:, :100] += cv2.GaussianBlur(rng.normal(0.0, 100.0, (200, 100)), (0, 0), 2.0)
     valid = np.zeros(left.shape, bool)
     valid[:, :50] = True
-    assert matched_share(left.astype(np.float32), valid) == pytest.approx(0.5, abs=0.03)
+    left = left.astype(np.float32)
+    assert matched_share(left, local_variance(left), valid) == pytest.approx(0.5, abs=0.03)
     valid[:] = True
-    assert matched_share(left.astype(np.float32), valid) == 1.0
-    assert np.isnan(matched_share(np.full((200, 300), 7.0, np.float32), valid))
+    assert matched_share(left, local_variance(left), valid) == 1.0
+    assert np.isnan(matched_share(np.full((200, 300), 7.0, np.float32), np.zeros((200, 300), np.float32), valid))
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,17 @@ def cell_means(residual: FloatImage, limit: np.float32) -> FloatImage:
 
 
 @jit_rows
+def normalised_residual(residual: FloatImage, offset: FloatImage, deviation: FloatImage) -> FloatImage:
+    """Return the residual `(H, W)` without its cell's offset, over its cell's standard deviation `(H/2, W/2)`."""
+    rows, cols = residual.shape
+    out = np.empty((rows, cols), F)
+    for y in prange(rows):
+        for x in range(cols):
+            out[y, x] = (residual[y, x] - offset[y // 2, x // 2]) / deviation[y // 2, x // 2]
+    return out
+
+
+@jit_rows
 def mean_template(left: FloatImage, residual: FloatImage, offset: FloatImage, limit: np.float32) -> FloatImage:
     """Return the mean of the left and the warped right image, brightness offset removed.
 

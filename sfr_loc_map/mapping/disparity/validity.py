@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
+from numba import prange
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.median import finite_median
+from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.edge_evidence import NEIGHBOURHOOD, Scene, support_weights
 from sfr_loc_map.mapping.disparity.edge_network import wrong_surface_log_odds
-from sfr_loc_map.mapping.disparity.filters import box_mean, upsample_nearest
+from sfr_loc_map.mapping.disparity.filters import box_mean
 from sfr_loc_map.mapping.disparity.occlusion import occlusion_mask
 from sfr_loc_map.mapping.disparity.segments import valid_segments
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION
@@ -39,55 +43,84 @@ MAX_SLOPE = F(0.7)
 joins two surfaces across a part that one of the cameras does not see."""
 
 
-def valid_mask(left: FloatImage, refined: RefinedDisparity, initial_px: FloatImage, sigma_px: FloatImage) -> Mask:
+def valid_mask(
+    left: FloatImage, refined: RefinedDisparity, initial_px: FloatImage, sigma_px: FloatImage, contrast: FloatImage
+) -> Mask:
     """Tell which pixels `(H, W)` have a valid disparity.
 
     Invalid are pixels that the matcher left out, that refinement moved far, that are occluded in the right image, have
     no texture, differ between the images, are likely on the wrong side of an edge (`edge_network`), or belong to a
-    segment that is small or has no content in common (`segments`).
+    segment that is small or has no content in common (`segments`). `contrast` is the
+    `local_variance` of the left image.
     """
     disparity = refined.disparity_px
-    valid = locally_valid(left, refined, initial_px)
+    valid = locally_valid(refined, initial_px, contrast)
     chosen = np.flatnonzero(beside_jump(disparity) & valid)
     scene = Scene(left, refined.right, disparity, np.isfinite(initial_px), sigma_px, *support_weights())
     valid.flat[chosen[wrong_surface_log_odds(scene, chosen) > MAX_LOG_ODDS]] = False
     return valid_segments(left, refined.right, disparity, valid)
 
 
-def locally_valid(left: FloatImage, refined: RefinedDisparity, initial_px: FloatImage) -> Mask:
+def locally_valid(refined: RefinedDisparity, initial_px: FloatImage, contrast: FloatImage) -> Mask:
     """Tell which pixels `(H, W)` pass the tests that need no decision between two surfaces."""
     disparity = refined.disparity_px
     change = np.abs(disparity - initial_px)
-    matched = np.isfinite(initial_px)
-    if not matched.any():
-        return matched
-    valid = matched & (change <= max(MAX_CHANGE_PX, 5.0 * MAD_TO_SIGMA * finite_median(change)))
-    valid &= ~occlusion_mask(disparity, valid, JUMP_PX)
-    return np.asarray(valid & _textured(refined) & _similar(left, refined) & ~_ramp(disparity))
+    valid = change <= _change_limit(change)
+    if not valid.any():
+        return valid
+    occluded = occlusion_mask(disparity, valid, JUMP_PX)
+    texture = box_mean(refined.information, TEXTURE_CELLS)
+    square = np.square(refined.normalised_residual)
+    chi2_per_dof = box_mean(np.fmin(square, MAX_SQUARE, out=square), 5)
+    alike = Likeness(texture, chi2_per_dof, contrast, F(refined.noise * refined.noise))
+    return _passing(disparity, valid & ~occluded, alike)
 
 
-def _textured(refined: RefinedDisparity) -> Mask:
-    height, width = refined.disparity_px.shape
-    texture = upsample_nearest(box_mean(refined.information, TEXTURE_CELLS))[:height, :width]
-    return np.asarray(texture > NOISE_INFORMATION + MIN_TEXTURE)
+def _change_limit(change: FloatImage) -> float:
+    """Return by how much refinement may change a disparity, pixels, of all changes `(H, W)`, NaN where unknown."""
+    share = 5.0 * MAD_TO_SIGMA
+    small, known = np.count_nonzero(change <= F(0.999 * MAX_CHANGE_PX / share)), np.count_nonzero(change == change)
+    # In most pairs more than half of the changes are small, and their median need not be known.
+    return MAX_CHANGE_PX if 2 * small > known else max(MAX_CHANGE_PX, share * finite_median(change))
 
 
-def _similar(left: FloatImage, refined: RefinedDisparity) -> Mask:
-    """Tell where residuals are no larger than their noise explains, or small against the image's contrast."""
-    square = np.minimum(refined.normalised_residual * refined.normalised_residual, MAX_SQUARE)
-    square[np.isnan(square)] = MAX_SQUARE
-    chi2_per_dof = box_mean(square, 5)
-    contrast = box_mean(np.square(left), 7) - np.square(box_mean(left, 7))
-    doubtful = chi2_per_dof > MAX_CHI2_PER_DOF
-    wrong = chi2_per_dof * F(refined.noise * refined.noise) > MAX_CONTRAST_SHARE * contrast
-    return np.asarray(~(doubtful & wrong))
+class Likeness(NamedTuple):
+    """How alike the images are.
+
+    Attributes:
+        texture: `(H/2, W/2)`, mean information around each cell.
+        chi2_per_dof: `(H, W)`, mean square of the normalised residuals around each pixel.
+        contrast: `(H, W)`, variance of the grey levels around each pixel of the left image.
+        variance: Of a residual.
+    """
+
+    texture: FloatImage
+    chi2_per_dof: FloatImage
+    contrast: FloatImage
+    variance: np.float32
 
 
-def _ramp(disparity: FloatImage) -> Mask:
-    """Tell which pixels, and which beside them along the row, lie on a ramp."""
-    taps = np.array([[-0.5, 0.0, 0.5]], F)
-    steep = np.abs(cv2.filter2D(disparity, -1, taps, borderType=cv2.BORDER_REPLICATE)) > MAX_SLOPE
-    return np.asarray(cv2.dilate(steep.astype(np.uint8), np.ones((1, 3), np.uint8))).astype(np.bool_)
+@jit_rows
+def _passing(disparity: FloatImage, valid: Mask, alike: Likeness) -> Mask:
+    """Tell which valid pixels `(H, W)` have texture, are alike in both images and lie on no ramp.
+
+    Residuals must be no larger than their noise explains, or small against the image's contrast.
+    """
+    rows, cols = disparity.shape
+    texture, chi2_per_dof, contrast = alike.texture, alike.chi2_per_dof, alike.contrast
+    out = np.empty((rows, cols), np.bool_)
+    for y in prange(rows):
+        steep = np.zeros(cols + 2, np.bool_)
+        for x in range(cols):
+            rise = disparity[y, min(x + 1, cols - 1)] - disparity[y, max(x - 1, 0)]
+            steep[x + 1] = abs(F(0.5) * rise) > MAX_SLOPE
+        for x in range(cols):
+            doubtful = chi2_per_dof[y, x] > MAX_CHI2_PER_DOF
+            wrong = doubtful & (chi2_per_dof[y, x] * alike.variance > MAX_CONTRAST_SHARE * contrast[y, x])
+            textured = texture[y // 2, x // 2] > NOISE_INFORMATION + MIN_TEXTURE
+            ramp = steep[x] | steep[x + 1] | steep[x + 2]
+            out[y, x] = valid[y, x] & textured & (not wrong) & (not ramp)
+    return out
 
 
 def beside_jump(disparity: FloatImage) -> Mask:

@@ -32,7 +32,6 @@ from sfr_loc_map.mapping.disparity.filters import (
     downsample_mean,
     second_differences,
     upsample_bilinear,
-    upsample_nearest,
 )
 from sfr_loc_map.mapping.disparity.noise_model import GreyLevels, grey_levels, noise_variance, overall_noise
 from sfr_loc_map.mapping.disparity.photometric_residual import (
@@ -40,6 +39,7 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     cell_means,
     mean_template,
     normal_equations,
+    normalised_residual,
     photometric_residual,
     slopes,
 )
@@ -117,7 +117,7 @@ def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> Refin
         cells, weights = coarse_to_fine_step(cells, last.equations.information, last.equations.information_vector)
         last = linearise(left, right, grey, cells)
     deviation = np.sqrt(last.variance)
-    normalised = (last.residual - upsample_nearest(last.offset)) / upsample_nearest(deviation)
+    normalised = normalised_residual(last.residual, last.offset, deviation)
     return RefinedDisparity(
         np.ascontiguousarray(pixels_from_cells(cells, JUMP_PX)[:height, :width]),
         cells,

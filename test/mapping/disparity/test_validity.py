@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.segments import MIN_PIXELS
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION, disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, MAX_SLOPE, _ramp, valid_mask
+from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, MAX_SLOPE, Likeness, _passing, valid_mask
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 
 F = np.float32
@@ -29,7 +30,7 @@ class Scene:
     def mask(self, refined: RefinedDisparity | None = None, initial: np.ndarray | None = None) -> np.ndarray:
         refined = refined or self.refined
         start = self.initial if initial is None else initial
-        return valid_mask(self.left, refined, start, disparity_sigma(refined))
+        return valid_mask(self.left, refined, start, disparity_sigma(refined), local_variance(self.left))
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +119,8 @@ def test_ramps_between_surfaces_are_invalid(scene: Scene, sign: float) -> None:
         ramp = np.clip(np.arange(scene.left.shape[1]) - 200.0, 0.0, 6.0) * sign * slope
         initial = (scene.initial + ramp).astype(F)
         refined = replace(scene.refined, disparity_px=(scene.refined.disparity_px + ramp).astype(F))
-        assert _ramp(refined.disparity_px)[50:150, 202:205].all() != kept
+        flat = np.ones_like(initial)
+        alike = Likeness(flat, 0.0 * flat, flat, F(1.0))
+        assert _passing(refined.disparity_px, flat > 0.0, alike)[50:150, 202:205].any() == kept
         if not kept:
             assert not scene.mask(refined, initial)[50:150, 202:205].any()
