@@ -12,15 +12,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask
-from sfr_loc_map.jit import jit, jit_inline
+from sfr_loc_map.jit import jit, jit_inline, jit_rows, jit_rows_inline
 
 F = np.float32
 
 STEPS = F(16.0)
 """Disparities are compared in whole sixteenths of a pixel; neighbours of a segment differ by at most one pixel."""
+STRIP_ROWS = 64
+"""Rows that are searched at once, before strips are joined."""
 MIN_PIXELS = 80
 """Segments of so many pixels or fewer agree with nothing around them."""
 LARGE_PIXELS = 2000
@@ -51,15 +54,36 @@ def valid_segments(left: FloatImage, right: FloatImage, disparity: FloatImage, v
         disparity: `(H, W)`, pixels.
         valid: `(H, W)` pixels that may stay.
     """
-    steps = np.where(valid, np.rint(disparity * STEPS), -STEPS).astype(np.int32)
-    segments = find_segments(steps, np.int32(STEPS))
+    segments = find_segments(_steps(disparity, valid), np.int32(STEPS))
     tested = (segments.pixels > MIN_PIXELS) & (segments.pixels <= LARGE_PIXELS)
     correlation = gradient_correlation(left, right, disparity, segments, tested)
     kept = np.append((segments.pixels > LARGE_PIXELS) | (correlation >= MIN_CORRELATION), np.False_)
-    return np.asarray(kept[segments.number])
+    return _of_segments(kept, segments.number)
 
 
-@jit
+@jit_rows
+def _steps(disparity: FloatImage, valid: Mask) -> NDArray[np.int32]:
+    """Return the disparities in whole steps `(H, W)`, negative where not valid."""
+    rows, cols = disparity.shape
+    out = np.empty((rows, cols), np.int32)
+    for y in prange(rows):
+        for x in range(cols):
+            out[y, x] = np.int32(np.rint(disparity[y, x] * STEPS)) if valid[y, x] else np.int32(-1)
+    return out
+
+
+@jit_rows
+def _of_segments(which: Mask, number: NDArray[np.int32]) -> Mask:
+    """Return the pixels `(H, W)` of some of the segments `(S + 1,)`, the last of which stands for no segment."""
+    rows, cols = number.shape
+    out = np.empty((rows, cols), np.bool_)
+    for y in prange(rows):
+        for x in range(cols):
+            out[y, x] = which[number[y, x]]
+    return out
+
+
+@jit_rows_inline
 def _root(parent: NDArray[np.int32], i: int) -> int:
     """Return the first pixel of a segment, and shorten the path to it."""
     while parent[i] != i:
@@ -86,28 +110,65 @@ def _numbered(parent: NDArray[np.int32], shape: tuple[int, int]) -> Segments:
     return Segments(number.reshape(shape), pixels[:count].copy())
 
 
+@jit_rows_inline
+def _alike(a: np.int32, b: np.int32, largest: np.int32) -> bool:
+    """Tell whether two neighbours belong to one segment."""
+    return bool(a >= 0 and b >= 0 and abs(a - b) <= largest)
+
+
+@jit_rows_inline
+def _joined(parent: NDArray[np.int32], root: np.int32, i: int) -> np.int32:
+    """Join the segment of a root with that of pixel i; return the root of both."""
+    other = np.int32(_root(parent, i))
+    first, last = min(root, other), max(root, other)
+    parent[last] = first
+    return first
+
+
+@jit_rows
+def _linked(steps: NDArray[np.int32], largest: np.int32) -> NDArray[np.int32]:
+    """Return the parent of each pixel `(H W,)` among the segments of each strip of rows alone."""
+    rows, cols = steps.shape
+    parent = np.empty(rows * cols, np.int32)
+    for strip in prange((rows + STRIP_ROWS - 1) // STRIP_ROWS):
+        for y in range(STRIP_ROWS * strip, min(STRIP_ROWS * (strip + 1), rows)):
+            row, above = steps[y], steps[max(y - 1, STRIP_ROWS * strip)]
+            root, met = np.int32(-1), False
+            for x in range(cols):
+                i = y * cols + x
+                beside = x > 0 and _alike(row[x], row[x - 1], largest)
+                if not beside:
+                    root = np.int32(i if row[x] >= 0 else -1)
+                parent[i] = root
+                over = y > STRIP_ROWS * strip and _alike(row[x], above[x], largest)
+                # Nothing is new where the pixel before met the same segment above.
+                if over and not (beside and met and _alike(above[x], above[x - 1], largest)):
+                    root = _joined(parent, root, i - cols)
+                    parent[i] = root
+                met = over
+    return parent
+
+
 @jit
+def _join_strips(steps: NDArray[np.int32], parent: NDArray[np.int32], largest: np.int32) -> None:
+    """Join the segments of strips that touch."""
+    rows, cols = steps.shape
+    for y in range(STRIP_ROWS, rows, STRIP_ROWS):
+        for x in range(cols):
+            if _alike(steps[y, x], steps[y - 1, x], largest):
+                i = y * cols + x
+                _joined(parent, np.int32(_root(parent, i)), i - cols)
+
+
 def find_segments(steps: NDArray[np.int32], largest: np.int32) -> Segments:
-    """Return the segments, by union-find over the rows.
+    """Return the segments, by union-find over the rows; the first pixel of each is the root.
 
     Args:
         steps: `(H, W)` disparity in whole steps, negative for none.
         largest: Difference of neighbours, above, below or beside, that belong to one segment.
     """
-    rows, cols = steps.shape
-    parent = np.full(rows * cols, np.int32(-1))
-    for y in range(rows):
-        for x in range(cols):
-            here = steps[y, x]
-            if here < 0:
-                continue
-            i = y * cols + x
-            parent[i] = i
-            if x > 0 and steps[y, x - 1] >= 0 and abs(steps[y, x - 1] - here) <= largest:
-                parent[i] = _root(parent, i - 1)
-            if y > 0 and steps[y - 1, x] >= 0 and abs(steps[y - 1, x] - here) <= largest:
-                above, own = _root(parent, i - cols), _root(parent, i)
-                parent[max(above, own)] = min(above, own)
+    parent = _linked(steps, largest)
+    _join_strips(steps, parent, largest)
     return _numbered(parent, steps.shape)
 
 

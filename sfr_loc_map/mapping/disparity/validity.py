@@ -67,7 +67,7 @@ def locally_valid(refined: RefinedDisparity, initial_px: FloatImage, contrast: F
     change = np.abs(disparity - initial_px)
     valid = change <= _change_limit(change)
     if not valid.any():
-        return valid
+        return np.asarray(valid)
     occluded = occlusion_mask(disparity, valid, JUMP_PX)
     texture = box_mean(refined.information, TEXTURE_CELLS)
     square = np.square(refined.normalised_residual)
