@@ -28,8 +28,10 @@ class Claims(NamedTuple):
 def right_claims(disparity: FloatImage, valid: Mask) -> Claims:
     """Return which disparities claim each pixel of the right image."""
     rows, cols = disparity.shape
-    low, high = np.full((rows, cols), LARGE), np.full((rows, cols), -LARGE)
+    low, high = np.empty((rows, cols), F), np.empty((rows, cols), F)
     for y in prange(rows):
+        for x in range(cols):
+            low[y, x], high[y, x] = LARGE, -LARGE
         for x in range(cols):
             if valid[y, x]:
                 u = int(np.rint(F(x) - disparity[y, x]))

@@ -57,14 +57,39 @@ def residual_at(left: FloatImage, right: FloatImage, disparity: FloatImage, y: i
     return value
 
 
+@jit_rows_inline
+def fill_residual_row(left: FloatImage, right: FloatImage, disparity: FloatImage, y: int, out: FloatImage) -> None:
+    """Fill the residuals of one row `(W,)`, see `photometric_residual`.
+
+    What is read from computed places is gathered first, and pixels are computed side by side then.
+    """
+    cols = left.shape[1]
+    parts = np.empty((5, cols), F)
+    p0, p1, p2, p3, share = parts[0], parts[1], parts[2], parts[3], parts[4]
+    shift, grey, source = disparity[y], left[y], right[y]
+    before, row = np.empty(cols, np.int32), np.empty(cols + 3, F)
+    for x in range(cols):
+        row[x + 1] = source[x]
+    row[0], row[cols + 1], row[cols + 2] = source[0], source[cols - 1], source[cols - 1]
+    for x in range(cols):
+        u = F(x) - shift[x]
+        share[x] = u if u >= F(0.0) and u <= F(cols - 1) else F(np.nan)
+        before[x] = np.int32(share[x] if share[x] == share[x] else F(0.0))
+        share[x] -= F(before[x])
+    for x in range(cols):
+        k = np.uint32(before[x])
+        p0[x], p1[x], p2[x], p3[x] = row[k], row[k + np.uint32(1)], row[k + np.uint32(2)], row[k + np.uint32(3)]
+    for x in range(cols):
+        out[x] = _cubic(p0[x], p1[x], p2[x], p3[x], share[x]) - grey[x]
+
+
 @jit_rows
 def photometric_residual(left: FloatImage, right: FloatImage, disparity: FloatImage) -> FloatImage:
     """Return the right image at `u - d` minus the left one `(H, W)`, grey levels; NaN outside the right image."""
     rows, cols = left.shape
     out = np.empty((rows, cols), F)
     for y in prange(rows):
-        for x in range(cols):
-            out[y, x] = residual_at(left, right, disparity, y, x)
+        fill_residual_row(left, right, disparity, y, out[y])
     return out
 
 

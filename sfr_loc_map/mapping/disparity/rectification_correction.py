@@ -9,7 +9,12 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual, residual_at, shift_rows
+from sfr_loc_map.mapping.disparity.photometric_residual import (
+    fill_residual_row,
+    photometric_residual,
+    residual_at,
+    shift_rows,
+)
 from sfr_loc_map.mapping.robust import mad_sigma
 
 F = np.float32
@@ -127,9 +132,9 @@ def _samples(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tupl
         if 0 < y < height - 1:
             for side in (-1, 1):
                 mean = np.empty(width, F)
+                fill_residual_row(left, right, disparity, y + side, mean)
                 for x in range(width):
-                    value = residual_at(left, right, disparity, y + side, x)
-                    mean[x] = left[y + side, x] + (F(0.5) * value if value == value else F(0.0))
+                    mean[x] = left[y + side, x] + (F(0.5) * mean[x] if mean[x] == mean[x] else F(0.0))
                 for j in range(shape[1]):
                     x = STRIDE * j
                     beside = mean[abs(x - 1)] + mean[x + 1 if x < width - 1 else x - 1]

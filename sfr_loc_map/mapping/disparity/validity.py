@@ -7,6 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numba import prange
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.median import finite_median
@@ -64,24 +65,54 @@ def valid_mask(
 def locally_valid(refined: RefinedDisparity, initial_px: FloatImage, contrast: FloatImage) -> Mask:
     """Tell which pixels `(H, W)` pass the tests that need no decision between two surfaces."""
     disparity = refined.disparity_px
-    change = np.abs(disparity - initial_px)
-    valid = change <= _change_limit(change)
+    valid = changed_little(disparity, initial_px)
     if not valid.any():
-        return np.asarray(valid)
+        return valid
     occluded = occlusion_mask(disparity, valid, JUMP_PX)
     texture = box_mean(refined.information, TEXTURE_CELLS)
-    square = np.square(refined.normalised_residual)
-    chi2_per_dof = box_mean(np.fmin(square, MAX_SQUARE, out=square), 5)
+    chi2_per_dof = box_mean(_clipped_squares(refined.normalised_residual), 5)
     alike = Likeness(texture, chi2_per_dof, contrast, F(refined.noise * refined.noise))
-    return _passing(disparity, valid & ~occluded, alike)
+    return _passing(disparity, valid, occluded, alike)
 
 
-def _change_limit(change: FloatImage) -> float:
-    """Return by how much refinement may change a disparity, pixels, of all changes `(H, W)`, NaN where unknown."""
+def changed_little(disparity: FloatImage, initial_px: FloatImage) -> Mask:
+    """Tell which matched pixels `(H, W)` refinement did not move far, measured by the typical change."""
     share = 5.0 * MAD_TO_SIGMA
-    small, known = np.count_nonzero(change <= F(0.999 * MAX_CHANGE_PX / share)), np.count_nonzero(change == change)
-    # In most pairs more than half of the changes are small, and their median need not be known.
-    return MAX_CHANGE_PX if 2 * small > known else max(MAX_CHANGE_PX, share * finite_median(change))
+    valid, counts = _within(disparity, initial_px, F(MAX_CHANGE_PX), F(0.999 * MAX_CHANGE_PX / share))
+    if 2 * counts[:, 0].sum() > counts[:, 1].sum():  # the median of the changes is small, and need not be known
+        return valid
+    change = np.abs(disparity - initial_px)
+    return np.asarray(change <= max(MAX_CHANGE_PX, share * finite_median(change)))
+
+
+@jit_rows
+def _within(
+    disparity: FloatImage, initial_px: FloatImage, limit: np.float32, small: np.float32
+) -> tuple[Mask, NDArray[np.int64]]:
+    """Tell which changes `(H, W)` are within a limit; count in each row `(H, 2)` the small ones and those known."""
+    rows, cols = disparity.shape
+    out, counts = np.empty((rows, cols), np.bool_), np.zeros((rows, 2), np.int64)
+    for y in prange(rows):
+        few, known = 0, 0
+        for x in range(cols):
+            change = abs(disparity[y, x] - initial_px[y, x])
+            out[y, x] = change <= limit
+            few += change <= small
+            known += change == change
+        counts[y, 0], counts[y, 1] = few, known
+    return out, counts
+
+
+@jit_rows
+def _clipped_squares(residual: FloatImage) -> FloatImage:
+    """Return the squares of residuals `(H, W)`, at most `MAX_SQUARE`, which unknown ones take."""
+    rows, cols = residual.shape
+    out = np.empty((rows, cols), F)
+    for y in prange(rows):
+        for x in range(cols):
+            square = residual[y, x] * residual[y, x]
+            out[y, x] = square if square < MAX_SQUARE else MAX_SQUARE
+    return out
 
 
 class Likeness(NamedTuple):
@@ -101,8 +132,8 @@ class Likeness(NamedTuple):
 
 
 @jit_rows
-def _passing(disparity: FloatImage, valid: Mask, alike: Likeness) -> Mask:
-    """Tell which valid pixels `(H, W)` have texture, are alike in both images and lie on no ramp.
+def _passing(disparity: FloatImage, valid: Mask, occluded: Mask, alike: Likeness) -> Mask:
+    """Tell which valid pixels `(H, W)` are not occluded, have texture, are alike in both images and lie on no ramp.
 
     Residuals must be no larger than their noise explains, or small against the image's contrast.
     """
@@ -119,7 +150,7 @@ def _passing(disparity: FloatImage, valid: Mask, alike: Likeness) -> Mask:
             wrong = doubtful & (chi2_per_dof[y, x] * alike.variance > MAX_CONTRAST_SHARE * contrast[y, x])
             textured = texture[y // 2, x // 2] > NOISE_INFORMATION + MIN_TEXTURE
             ramp = steep[x] | steep[x + 1] | steep[x + 2]
-            out[y, x] = valid[y, x] & textured & (not wrong) & (not ramp)
+            out[y, x] = valid[y, x] & (not occluded[y, x]) & textured & (not wrong) & (not ramp)
     return out
 
 

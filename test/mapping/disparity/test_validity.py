@@ -121,6 +121,6 @@ def test_ramps_between_surfaces_are_invalid(scene: Scene, sign: float) -> None:
         refined = replace(scene.refined, disparity_px=(scene.refined.disparity_px + ramp).astype(F))
         flat = np.ones_like(initial)
         alike = Likeness(flat, 0.0 * flat, flat, F(1.0))
-        assert _passing(refined.disparity_px, flat > 0.0, alike)[50:150, 202:205].any() == kept
+        assert _passing(refined.disparity_px, flat > 0.0, flat < 0.0, alike)[50:150, 202:205].any() == kept
         if not kept:
             assert not scene.mask(refined, initial)[50:150, 202:205].any()
