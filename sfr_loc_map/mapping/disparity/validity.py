@@ -141,16 +141,21 @@ def _passing(disparity: FloatImage, valid: Mask, occluded: Mask, alike: Likeness
     texture, chi2_per_dof, contrast = alike.texture, alike.chi2_per_dof, alike.contrast
     out = np.empty((rows, cols), np.bool_)
     for y in prange(rows):
-        steep = np.zeros(cols + 2, np.bool_)
+        row, steep, informed, kept = disparity[y], np.zeros(cols + 2, np.bool_), texture[y // 2], out[y]
+        before, after, inner = row[: cols - 2], row[2:], steep[2:cols]
+        for x in range(len(before)):
+            inner[x] = abs(F(0.5) * (after[x] - before[x])) > MAX_SLOPE
+        steep[1] = abs(F(0.5) * (row[1] - row[0])) > MAX_SLOPE
+        steep[cols] = abs(F(0.5) * (row[cols - 1] - row[cols - 2])) > MAX_SLOPE
+        square, spread = chi2_per_dof[y], contrast[y]
         for x in range(cols):
-            rise = disparity[y, min(x + 1, cols - 1)] - disparity[y, max(x - 1, 0)]
-            steep[x + 1] = abs(F(0.5) * rise) > MAX_SLOPE
+            differs = square[x] * alike.variance > MAX_CONTRAST_SHARE * spread[x]
+            kept[x] = not ((square[x] > MAX_CHI2_PER_DOF) & differs)
+        here, after_here = steep[1:], steep[2:]
         for x in range(cols):
-            doubtful = chi2_per_dof[y, x] > MAX_CHI2_PER_DOF
-            wrong = doubtful & (chi2_per_dof[y, x] * alike.variance > MAX_CONTRAST_SHARE * contrast[y, x])
-            textured = texture[y // 2, x // 2] > NOISE_INFORMATION + MIN_TEXTURE
-            ramp = steep[x] | steep[x + 1] | steep[x + 2]
-            out[y, x] = valid[y, x] & (not occluded[y, x]) & textured & (not wrong) & (not ramp)
+            kept[x] &= valid[y, x] & (not occluded[y, x]) & (not (steep[x] | here[x] | after_here[x]))
+        for x in range(cols):
+            kept[x] &= informed[x // 2] > NOISE_INFORMATION + MIN_TEXTURE
     return out
 
 
