@@ -13,6 +13,8 @@ F = np.float32
 
 REACH = 3
 """Half side of the square of a local variance."""
+MIN_DISPARITY_PX = F(0.3)
+"""Smallest disparity whose depth is compared with another one."""
 BLOCK_ROWS = 16
 
 
@@ -80,3 +82,14 @@ def local_variance(image: FloatImage) -> FloatImage:
             for x in range(cols):  # a loop of its own: no product is contracted with the difference
                 out[y, x] = means[x] - out[y, x]
     return out
+
+
+def depth_ratio(disparity: FloatImage, reach: int) -> FloatImage:
+    """Return the depth `(H, W)` of each pixel over that of the nearest surface within so many rows and columns.
+
+    Args:
+        disparity: `(H, W)`, pixels; at least `MIN_DISPARITY_PX` is taken.
+        reach: Pixels.
+    """
+    least = np.maximum(disparity, MIN_DISPARITY_PX)
+    return np.asarray(cv2.dilate(least, np.ones((2 * reach + 1,) * 2, np.uint8)) / least, F)

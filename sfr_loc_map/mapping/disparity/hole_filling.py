@@ -15,6 +15,7 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
+from sfr_loc_map.mapping.disparity.filters import depth_ratio
 from sfr_loc_map.mapping.disparity.occlusion import LARGE, OTHER_SURFACE_PX
 from sfr_loc_map.mapping.disparity.partner_claims import Claims, confirmed, is_contradicted, right_claims
 from sfr_loc_map.mapping.disparity.surface_hypotheses import (
@@ -44,6 +45,11 @@ SAME_PX = F(0.5)
 FILLED_SIGMA_PX = F(0.5)
 """Smallest standard deviation of a filled disparity. The root of the mean squared error was 0.2 to 0.9 on rendered
 ground, two thirds of them were within 0.16 to 0.3."""
+
+
+MAX_DEPTH_RATIO, NEAR_PX = F(4.0), 7
+"""A hole takes no surface that is so many times as far as another one within so many pixels, as behind the rim of a
+crater: one such pixel in ten thousand would be most of the error of a map."""
 
 
 class Filled(NamedTuple):
@@ -76,7 +82,8 @@ def fill_holes(
         added = confirmed(merged, either, added, right_claims(merged, either))
         disparity, known = np.where(added, found, disparity), known | added
         beside = may & within(added, REACH)
-    return Filled(disparity, known & ~valid)
+    near_enough = depth_ratio(np.where(known, disparity, F(0.0)), NEAR_PX) < MAX_DEPTH_RATIO
+    return Filled(disparity, known & ~valid & near_enough)
 
 
 def distance_to(valid: Mask) -> FloatImage:

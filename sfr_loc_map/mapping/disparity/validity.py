@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.median import finite_median
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.edge_evidence import NEIGHBOURHOOD, Scene, support_weights
 from sfr_loc_map.mapping.disparity.edge_network import wrong_surface_log_odds
-from sfr_loc_map.mapping.disparity.filters import box_mean
+from sfr_loc_map.mapping.disparity.filters import box_mean, depth_ratio
 from sfr_loc_map.mapping.disparity.occlusion import occlusion_mask
 from sfr_loc_map.mapping.disparity.segments import valid_segments
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION
@@ -36,9 +36,10 @@ MAX_CHANGE_PX = 1.5
 """Refinement may change a disparity by this, or by five times the typical change if that is more."""
 JUMP_RANGE_PX = F(1.5)
 """Disparities of 3 x 3 pixels that span more are a jump; pixels up to `NEIGHBOURHOOD` from it are beside it."""
-MAX_LOG_ODDS = F(1.4)
-"""A pixel beside a jump is dropped if its log odds of being on the wrong surface exceed this. They are learnt with
-weights by the size of the error."""
+MAX_LOG_ODDS = F(1.5)
+"""A pixel beside a jump is dropped if its log odds of being on the wrong surface exceed this, less the logarithm of the
+squared ratio of its depth to that of the nearest surface around: by so much its error in metres is larger.
+They are learnt with weights by the size of the error in pixels."""
 MAX_SLOPE = F(0.7)
 """Pixels of disparity for each pixel along the row. A ramp of 1 lies on one ray of the right camera: what is steep
 joins two surfaces across a part that one of the cameras does not see."""
@@ -58,7 +59,9 @@ def valid_mask(
     valid = locally_valid(refined, initial_px, contrast)
     chosen = np.flatnonzero(beside_jump(disparity) & valid)
     scene = Scene(left, refined.right, disparity, np.isfinite(initial_px), sigma_px, *support_weights())
-    valid.flat[chosen[wrong_surface_log_odds(scene, chosen) > MAX_LOG_ODDS]] = False
+    behind = np.log(depth_ratio(disparity, NEIGHBOURHOOD).flat[chosen])
+    log_odds = wrong_surface_log_odds(scene, chosen) + F(2.0) * behind
+    valid.flat[chosen[log_odds > MAX_LOG_ODDS]] = False
     return valid_segments(left, refined.right, disparity, valid)
 
 

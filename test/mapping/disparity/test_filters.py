@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.mapping.disparity.filters import (
+    MIN_DISPARITY_PX,
     box_mean,
+    depth_ratio,
     downsample_mean,
     local_variance,
     second_differences,
@@ -47,3 +49,13 @@ def test_second_differences_of_a_quadratic_are_constant() -> None:
     along_x, along_y = second_differences(0.5 * x * x - 1.5 * y * y + 2.0 * x + y)
     np.testing.assert_allclose(along_x[:, 1:-1], 1.0, atol=1e-4)
     np.testing.assert_allclose(along_y[1:-1], -3.0, atol=1e-4)
+
+
+def test_depths_are_compared_with_the_nearest_surface_around() -> None:
+    disparity = np.full((9, 11), 2.0, np.float32)
+    disparity[4, 5], disparity[0, 0] = 8.0, -1.0
+    ratio = depth_ratio(disparity, 2)
+    assert ratio[4, 5] == 1.0
+    assert ratio[2, 3] == ratio[6, 7] == 4.0
+    assert ratio[4, 8] == 1.0
+    assert ratio[0, 0] == pytest.approx(2.0 / MIN_DISPARITY_PX)

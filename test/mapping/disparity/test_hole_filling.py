@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.hole_filling import Filled, distance_to, fill_holes
+from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, Filled, distance_to, fill_holes
 from sfr_loc_map.mapping.disparity.partner_claims import MIN_ALIKE, confirmed, right_claims
 from sfr_loc_map.mapping.disparity.surface_hypotheses import REACH, Field, Images, Plane, hypotheses, plane_cost
 from sfr_loc_map.mapping.disparity.validity import support_weights
@@ -19,19 +19,19 @@ NOISE = 2.0
 class Scene:
     """A block before a background, seen by both cameras, with noise."""
 
-    def __init__(self, texture: float = 1.0) -> None:
+    def __init__(self, texture: float = 1.0, far: float = FAR) -> None:
         rng = np.random.default_rng(0)
         background = 128.0 + texture * rng.integers(-100, 100, (ROWS, COLS + 40))
         block = 128.0 + texture * rng.integers(-100, 100, (30, 50))
-        left, right = background[:, :COLS].copy(), background[:, int(FAR) : COLS + int(FAR)].copy()
+        left, right = background[:, :COLS].copy(), background[:, int(far) : COLS + int(far)].copy()
         left[BLOCK] = block
         right[15:45, 70 - int(NEAR) : 120 - int(NEAR)] = block
         self.left, self.right = (np.rint(i + rng.normal(0.0, NOISE, i.shape)).astype(F) for i in (left, right))
-        self.truth = np.full((ROWS, COLS), FAR, F)
+        self.truth = np.full((ROWS, COLS), far, F)
         self.truth[BLOCK] = NEAR
         self.visible = np.ones((ROWS, COLS), bool)
         self.visible[OCCLUDED] = False
-        self.visible[:, : int(FAR)] = False
+        self.visible[:, : int(far)] = False
 
     def images(self) -> Images:
         return Images(self.left, self.right, *support_weights())
@@ -60,6 +60,15 @@ def test_pixels_beside_an_edge_take_their_own_surface(scene: Scene) -> None:
     found = scene.filled(hole)
     assert found.filled[hole].mean() > 0.9
     np.testing.assert_allclose(found.disparity[found.filled], scene.truth[found.filled], atol=0.01)
+
+
+def test_what_is_far_behind_another_surface_stays_empty() -> None:
+    """One pixel of near ground with the depth of what lies behind a rim would be most of a map's error."""
+    scene, hole = Scene(far=3.0), beside_edge()
+    found = scene.filled(hole)
+    assert NEAR > MAX_DEPTH_RATIO * 3.0
+    assert found.filled[18:42, 115:120].mean() > 0.9
+    assert not found.filled[:, 120:].any()
 
 
 def test_what_the_right_camera_does_not_see_stays_empty(scene: Scene) -> None:
