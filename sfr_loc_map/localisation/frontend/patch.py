@@ -45,6 +45,21 @@ class PatchPixels(NamedTuple):
     y: Patch
 
 
+class WarpedNormal(NamedTuple):
+    """Products xx, xy, yy of the derivatives of a warped patch, and the matrix b that takes the host's to the target.
+
+    That is the inverse transpose of the warp's derivative.
+    """
+
+    xx: float
+    xy: float
+    yy: float
+    b00: float
+    b01: float
+    b10: float
+    b11: float
+
+
 class Products(NamedTuple):
     """Of samples without their mean: sum of squares, and of products with a template and its x and y derivatives."""
 
@@ -139,6 +154,14 @@ def warp_pixels(pixels: PatchPixels, by: LocalWarp) -> None:
         scale = np.float32(1.0) / max(np.float32(1.0) + wu * i + wv * j, np.float32(1e-6))
         pixels.x[k] = scale * (xu * i + xv * j)
         pixels.y[k] = scale * (yu * i + yv * j)
+
+
+@jit_fast_inline
+def warped_normal(by: LocalWarp, det: float, xx: float, xy: float, yy: float) -> WarpedNormal:
+    """Take products of derivatives in the host to the target; `det` is the determinant of the warp, not 0."""
+    b00, b01, b10, b11 = by.yv / det, -by.yu / det, -by.xv / det, by.xu / det
+    px, py, qx, qy = b00 * xx + b01 * xy, b00 * xy + b01 * yy, b10 * xx + b11 * xy, b10 * xy + b11 * yy
+    return WarpedNormal(px * b00 + py * b01, px * b10 + py * b11, qx * b10 + qy * b11, b00, b01, b10, b11)
 
 
 @jit_fast

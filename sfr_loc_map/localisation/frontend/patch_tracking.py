@@ -21,10 +21,12 @@ from sfr_loc_map.localisation.frontend.patch import (
     Patch,
     PatchPixels,
     Templates,
+    WarpedNormal,
     half_width,
     patch_pixels,
     products_with_samples,
     warp_pixels,
+    warped_normal,
 )
 
 MIN_DETERMINANT = 0.05
@@ -80,22 +82,6 @@ class _Place(NamedTuple):
     high_y: float
 
 
-class _Normal(NamedTuple):
-    """Of a warped patch: power, normal matrix xx, xy, yy, inverse transpose of the warp's derivative.
-
-    The power is 0 where the patch cannot be tracked.
-    """
-
-    power: float
-    xx: float
-    xy: float
-    yy: float
-    b00: float
-    b01: float
-    b10: float
-    b11: float
-
-
 class _Shift(NamedTuple):
     """Estimated shift of a patch; NaN where it did not converge."""
 
@@ -115,19 +101,16 @@ def _place(pixels: PatchPixels, warped: LocalWarp) -> _Place:
 
 
 @jit_fast_inline
-def _normal(moments: FloatArray, warped: LocalWarp) -> _Normal:
-    """Return the normal matrix of a template of some moments `(6,)` in the target."""
-    nothing = _Normal(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def _normal(moments: FloatArray, warped: LocalWarp) -> WarpedNormal:
+    """Return the normal matrix of a template of some moments `(6,)` in the target; all 0 if it cannot be tracked."""
+    nothing = WarpedNormal(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     det = warped.xu * warped.yv - warped.xv * warped.yu
     if abs(det) < MIN_DETERMINANT or moments[0] == 0.0:
         return nothing
-    b00, b01, b10, b11 = warped.yv / det, -warped.yu / det, -warped.xv / det, warped.xu / det
-    xx, xy, yy = moments[3], moments[4], moments[5]
-    px, py, qx, qy = b00 * xx + b01 * xy, b00 * xy + b01 * yy, b10 * xx + b11 * xy, b10 * xy + b11 * yy
-    hxx, hxy, hyy = px * b00 + py * b01, px * b10 + py * b11, qx * b10 + qy * b11
-    if hxx * hyy - hxy * hxy <= 1e-6 * (hxx + hyy) ** 2:
+    normal = warped_normal(warped, det, moments[3], moments[4], moments[5])
+    if normal.xx * normal.yy - normal.xy * normal.xy <= 1e-6 * (normal.xx + normal.yy) ** 2:
         return nothing
-    return _Normal(moments[0], hxx, hxy, hyy, b00, b01, b10, b11)
+    return normal
 
 
 @jit_fast_inline
@@ -141,10 +124,16 @@ def _inside(image: FloatImage, place: _Place, sx: float, sy: float) -> bool:
 
 @jit_fast_inline
 def _estimate_shift(
-    image: FloatImage, place: _Place, normal: _Normal, pixels: PatchPixels, template: Patch, limits: TrackingLimits
+    image: FloatImage,
+    place: _Place,
+    normal: WarpedNormal,
+    pixels: PatchPixels,
+    template: Patch,
+    power: float,
+    limits: TrackingLimits,
 ) -> _Shift:
-    """Estimate the shift of a warped patch by Gauss-Newton."""
-    power, det = normal.power, normal.xx * normal.yy - normal.xy * normal.xy
+    """Estimate the shift of a warped patch, whose template has some power, by Gauss-Newton."""
+    det = normal.xx * normal.yy - normal.xy * normal.xy
     sx, sy, residual, correlation = 0.0, 0.0, 0.0, -1.0
     converged = False
     for _ in range(limits.iterations):
@@ -197,13 +186,13 @@ def track_patches(
         warped = local_warp(homographies[n], host_uv[n, 0], host_uv[n, 1])
         normal = _normal(moments[n], warped)
         # what is in front of the camera at its corners lies between them
-        if normal.power == 0.0 or half * (abs(warped.wu) + abs(warped.wv)) > MAX_DEPTH_CHANGE:
+        if normal.xx + normal.yy == 0.0 or half * (abs(warped.wu) + abs(warped.wv)) > MAX_DEPTH_CHANGE:
             continue
         warp_pixels(pixels, warped)
         place = _place(pixels, warped)
         if place.high_x - place.low_x > MAX_SPAN_PX or place.high_y - place.low_y > MAX_SPAN_PX:
             continue
-        shift = _estimate_shift(image, place, normal, pixels, values[n], limits)
+        shift = _estimate_shift(image, place, normal, pixels, values[n], moments[n, 0], limits)
         if np.isnan(shift.x):
             continue
         det = normal.xx * normal.yy - normal.xy * normal.xy

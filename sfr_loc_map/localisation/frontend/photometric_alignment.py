@@ -25,6 +25,7 @@ from sfr_loc_map.localisation.frontend.patch import (
     patch_pixels,
     products_with_samples,
     warp_pixels,
+    warped_normal,
 )
 from sfr_loc_map.localisation.frontend.patch_tracking import MIN_DETERMINANT
 
@@ -113,12 +114,11 @@ def _warps(moments: FloatArray, shapes: FloatArray) -> _Warps:
         power, x, y = moments[n, 0], moments[n, 1], moments[n, 2]
         if power == 0.0 or abs(det) < MIN_DETERMINANT or abs(det) > MAX_DETERMINANT:
             continue
-        b00, b01, b10, b11 = a11 / det, -a10 / det, -a01 / det, a00 / det
         # derivatives with what a change of contrast explains: the gain is not estimated with the pose
         xx, xy, yy = moments[n, 3] + x * x * power, moments[n, 4] + x * y * power, moments[n, 5] + y * y * power
-        px, py, qx, qy = b00 * xx + b01 * xy, b00 * xy + b01 * yy, b10 * xx + b11 * xy, b10 * xy + b11 * yy
-        gradients[n, 0], gradients[n, 1], gradients[n, 2], gradients[n, 3] = b00, b01, b10, b11
-        normal[n, 0], normal[n, 1], normal[n, 2] = px * b00 + py * b01, px * b10 + py * b11, qx * b10 + qy * b11
+        found = warped_normal(LocalWarp(0.0, 0.0, a00, a01, a10, a11, 0.0, 0.0), det, xx, xy, yy)
+        gradients[n, 0], gradients[n, 1], gradients[n, 2], gradients[n, 3] = found.b00, found.b01, found.b10, found.b11
+        normal[n, 0], normal[n, 1], normal[n, 2] = found.xx, found.xy, found.yy
     return _Warps(shapes, gradients, normal)
 
 
