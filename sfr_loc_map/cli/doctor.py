@@ -41,7 +41,8 @@ def doctor(
     graph: Annotated[bool, typer.Option("--graph", help="Look at the running ROS graph.")] = False,
     namespace: Annotated[str, typer.Option("--namespace", metavar="NS", help="Namespace of the rover (--graph).")] = "",
     seconds: Annotated[
-        float, typer.Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched (--graph).")
+        float,
+        typer.Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched, after the first (--graph)."),
     ] = 3.0,
     config: ConfigOption = None,
     remap: RemapOption = None,

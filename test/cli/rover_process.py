@@ -1,4 +1,7 @@
-"""Rovers that publish small stereo images at 10 Hz, each with one thing wrong: `rover_process.py WHAT[@DOMAIN]`."""
+"""Rovers that publish small stereo images at 10 Hz, each with one thing wrong: `rover_process.py WHAT[@DOMAIN]`.
+
+`seldom` publishes a pair every three seconds, which is right and takes patience.
+"""
 
 # ruff: noqa: E402 - the helpers beside the tests must be importable first
 from __future__ import annotations
@@ -25,6 +28,8 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
 
 PERIOD_S = 0.1
+SELDOM = 30
+"""Pairs at 10 Hz for one that the seldom rover publishes."""
 
 
 class Rover:
@@ -77,7 +82,8 @@ def main(words: list[str]) -> None:
     print("ready", flush=True)
     for turn in itertools.count():
         for rover in rovers:
-            rover.publish(pairs[turn % len(pairs)])
+            if rover.what != "seldom" or turn % SELDOM == 0:
+                rover.publish(pairs[turn % len(pairs)])
         time.sleep(PERIOD_S)
 
 

@@ -324,6 +324,7 @@ GRAPHS = {
     "good": [],
     "no publisher": [("no_publisher", True)],
     "silent": [("silent", True)],
+    "seldom": [],
     "best effort": [],
     "wrong type": [("wrong_type", True)],
     "unsynchronised": [("unsynchronised", True)],

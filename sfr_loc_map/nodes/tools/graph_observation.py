@@ -48,6 +48,8 @@ QUIET_S = 1.5
 """Discovery counts as complete when there are images and the graph has not changed for so long,"""
 DISCOVERY_S = 8.0
 """or after so long."""
+FIRST_MESSAGE_S = 4.0
+"""How long a topic with a publisher may take to bring its first message before the observation begins."""
 POLL_S = 0.1
 ANSWER_S = 2.0
 DEPTH = 100
@@ -60,7 +62,7 @@ def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, e
     """Observe the graph for some time.
 
     Args:
-        seconds: How long messages are collected, after discovery.
+        seconds: How long messages are collected, after discovery and the first messages.
         namespace: Of the rover; empty: that of the suite's nodes, if they run in one, else none.
         remap: New names by the names in the graph.
         extrinsics_given: Whether a parameter file has the extrinsics of the stereo rig.
@@ -101,6 +103,7 @@ class _GraphObserver:
             self._subscribe(name, full_name, others[full_name])
         reads_tf = self._subscribe_tf()
         self._node.create_subscription(DiagnosticArray, key_values.TOPIC, self._note_health, DEPTH)
+        self._wait_for_messages(found)
         self._spin_for(seconds)
         nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
@@ -239,6 +242,15 @@ class _GraphObserver:
                 before, changed = graph, now
             has_images = any(self._is_image(name) and self._node.count_publishers(name) for name, _ in topics)
             if has_images and now - changed > QUIET_S:
+                return
+            self._spin_for(POLL_S)
+
+    def _wait_for_messages(self, found: Mapping[str, str]) -> None:
+        """Wait until each topic with a publisher has brought a message: on a busy machine that takes seconds."""
+        end = time.monotonic() + FIRST_MESSAGE_S
+        while time.monotonic() < end:
+            heard = (self._stamps.get(name, True) or not self._node.count_publishers(found[name]) for name in found)
+            if all(heard):
                 return
             self._spin_for(POLL_S)
 
