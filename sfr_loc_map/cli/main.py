@@ -15,6 +15,7 @@ import typer
 
 from sfr_loc_map.cli.app import app
 from sfr_loc_map.cli.next_step import last_line
+from sfr_loc_map.cli.streams import tolerate_breaks
 from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.printable import one_line, printable
 
@@ -57,6 +58,7 @@ class _LineFormatter(logging.Formatter):
 
 def main() -> int:
     """Run the command line; return the exit code."""
+    tolerate_breaks()
     code = _run()
     if line := last_line(code):
         print(printable(line), file=sys.stderr)
@@ -89,6 +91,8 @@ def _line(error: Exception) -> str:
         command = context.command_path if context is not None else "sfr"
         message: str = error.format_message()  # type: ignore[attr-defined]
         return f"{message.rstrip('.')}: see '{command} --help'"
+    if isinstance(error, FileNotFoundError) and error.filename is None:  # of os.getcwd
+        return "the current directory is not there any more: change to another one"
     if isinstance(error, (SfrError, OSError)):
         return str(error)
     return f"{type(error).__name__}: {error}: this is a fault of the program, run 'sfr --debug ...' and report it"
