@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal
@@ -84,14 +87,16 @@ class BagWriter:
 
     def __enter__(self) -> BagWriter:
         """Open the bag."""
-        self._writer.open()
+        with _database_errors():
+            self._writer.open()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the bag; its metadata is written only if nothing was raised."""
-        self._writer.__exit__(kind, error, trace)
+        with _database_errors():
+            self._writer.__exit__(kind, error, trace)
 
     def write_loc_rig(self, rig: StereoRig) -> None:
         """Set the rig of the localisation cameras; comes before their first pair."""
@@ -140,11 +145,25 @@ class BagWriter:
 
     def _write(self, topic: str, stamp_ns: int, message: Any, qos: tuple[Qos, ...] = ()) -> None:  # noqa: ANN401
         name = "/" + topic.lstrip("/")
-        if name not in self._connections:
-            self._connections[name] = self._writer.add_connection(
-                name, message.__msgtype__, typestore=TYPESTORE, offered_qos_profiles=qos
-            )
-        self._writer.write(self._connections[name], stamp_ns, TYPESTORE.serialize_cdr(message, message.__msgtype__))
+        with _database_errors():
+            if name not in self._connections:
+                self._connections[name] = self._writer.add_connection(
+                    name, message.__msgtype__, typestore=TYPESTORE, offered_qos_profiles=qos
+                )
+            self._writer.write(self._connections[name], stamp_ns, TYPESTORE.serialize_cdr(message, message.__msgtype__))
+
+
+@contextmanager
+def _database_errors() -> Iterator[None]:
+    """Turn what sqlite says of a disk into an error of the system, as mcap files raise.
+
+    Raises:
+        OSError: If the database cannot be written.
+    """
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OSError(str(error)) from error
 
 
 def _latched() -> Qos:

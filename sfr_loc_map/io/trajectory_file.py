@@ -66,6 +66,7 @@ def parse_trajectory(path: Path, data: bytes) -> Trajectory:
     Raises:
         InputError: As `load_trajectory`.
     """
+    data = data.removeprefix(b"\xef\xbb\xbf")
     first = data[:HEAD_BYTES].splitlines()
     is_csv = _has_csv_header(path, first[0] if first else b"")
     try:
@@ -171,7 +172,7 @@ def _read(path: Path) -> bytes:
 
 
 def _has_csv_header(path: Path, first: bytes) -> bool:
-    header = first.decode("utf-8", "replace").strip().replace(" ", "").lstrip("\ufeff")
+    header = first.decode("utf-8", "replace").strip().replace(" ", "")
     if header != CSV_HEADER and (path.suffix == ".csv" or header.startswith("stamp_ns")):
         raise InputError(f"'{path}' line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
     return header == CSV_HEADER
@@ -271,7 +272,8 @@ def _problem(row: str, is_csv: bool) -> str:
     try:
         parse_stamp_ns(words[0]) if is_csv else parse_seconds(words[0])
     except (ValueError, ArithmeticError):
-        return f"stamp '{words[0]}' is not {'whole nanoseconds' if is_csv else 'a number of seconds'}"
+        too_large = " (are these nanoseconds?)" if words[0].isdigit() else ""
+        return f"stamp '{words[0]}' is not {'whole nanoseconds' if is_csv else f'a number of seconds{too_large}'}"
     try:
         values = np.array([parse_number(word) for word in words[1:]])
     except ValueError as error:

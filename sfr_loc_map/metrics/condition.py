@@ -10,6 +10,9 @@ from enum import StrEnum
 from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MetricsError
 
+MAX_VALUE = 1e9
+"""Metres, seconds or frames of a condition; as many seconds fit 64 bits of nanoseconds."""
+
 
 class ConditionKind(StrEnum):
     """What is measured from the start of a sub-trajectory; the value is the word in settings."""
@@ -39,7 +42,7 @@ class Condition:
 
     Attributes:
         kind: Distance travelled, elapsed time or number of frames.
-        value: Metres, seconds or number of frames, > 0.
+        value: Metres, seconds or number of frames, above 0, at most `MAX_VALUE`.
     """
 
     kind: ConditionKind
@@ -57,7 +60,8 @@ class Condition:
             return cls._checked(ConditionKind(kind), float(number))
         except ValueError as error:
             raise MetricsError(
-                f"'{text}' is not a condition: give distance=METRES, time=SECONDS or frames=NUMBER, > 0"
+                f"'{text}' is not a condition: give distance=METRES, time=SECONDS or frames=NUMBER, > 0, "
+                f"at most {MAX_VALUE:g}"
             ) from error
 
     @classmethod
@@ -77,7 +81,7 @@ class Condition:
     @classmethod
     def _checked(cls, kind: ConditionKind, value: float) -> Condition:
         whole = kind is not ConditionKind.FRAMES or value == math.floor(value) if math.isfinite(value) else False
-        if not whole or value <= 0:
+        if not whole or not 0 < value <= MAX_VALUE:
             raise ValueError(f"{kind} = {value} ends no sub-trajectory")
         return cls(kind, value)
 

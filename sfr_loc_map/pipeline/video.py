@@ -42,10 +42,28 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
         if not writer.isOpened():
             raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
 
+        frames = 0
+
         def watch(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
+            nonlocal frames
             writer.write(draw_tracks(pair.left, localiser.last_result, estimate))
+            frames += 1
 
         try:
             yield watch
         finally:
             writer.release()
+        found = _frames_in(temporary) if frames else 0
+        if found < frames:  # the coder does not say when the disk is full
+            raise OutputError(
+                f"cannot write '{path}': the film has {found} of {frames} images; check the space and the rights"
+            )
+
+
+def _frames_in(path: Path) -> int:
+    """Return the number of images of a film, 0 where it cannot be opened."""
+    reader = cv2.VideoCapture(str(path))
+    try:
+        return int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
+    finally:
+        reader.release()

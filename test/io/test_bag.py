@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import re
+import resource
 import shutil
 import sqlite3
 import tracemalloc
@@ -71,6 +72,16 @@ def loc_entries(world: World, prefix: str = "/") -> list[tuple[str, int, Any]]:
 @pytest.mark.parametrize("name", ["x.mcap", "x.db3", "x.bag"])
 def test_round_trip_is_exact(tmp_path: Path, world: World, name: str) -> None:
     assert_is_world(open_source(write_bag(tmp_path / name, world)), world)
+
+
+def test_a_full_disk_is_an_error_of_the_system(tmp_path: Path, world: World) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, hard))
+    try:
+        with pytest.raises(OSError, match=r"disk|full"):
+            write_bag(tmp_path / "x.db3", world)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_zstd_round_trip_is_exact_and_smaller(tmp_path: Path) -> None:

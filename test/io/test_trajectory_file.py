@@ -114,6 +114,7 @@ GOOD = "1.0 1 2 3 0 0 0 1"
         (f"{GOOD}\nnan 1 2 3 0 0 0 1\n", "line 2: stamp 'nan'"),
         (f"{GOOD}\n9999999999.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
         ("9999999999.0 1 2 3 0 0 0 1\n", "line 1: stamp"),
+        ("1700000000000000000 1 2 3 0 0 0 1\n", "line 1: stamp .* nanoseconds"),
         ("1.0/ 1 2 3 0 0 0 1\n", "line 1: stamp"),
         (f"{GOOD}\n99999999999.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
         (f"{GOOD}\n2.0 1 2 3 0 0 0 0\n", "line 2: the quaternion .* is not a rotation"),
@@ -158,7 +159,7 @@ def test_broken_csv(tmp_path: Path, text: str, words: str) -> None:
 
 def test_windows_lines_and_tabs(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_bytes(f"\ufeff{CSV_HEADER}\r\n1,1,2,3,0,0,0,1\r\n".encode())
-    (tmp_path / "t.txt").write_bytes(GOOD.replace(" ", "\t  ").encode() + b"  \r\n")
+    (tmp_path / "t.txt").write_bytes(b"\xef\xbb\xbf" + GOOD.replace(" ", "\t  ").encode() + b"  \r\n")
     assert load_trajectory(tmp_path / "t.csv").positions.tolist() == [[1, 2, 3]]
     assert load_trajectory(tmp_path / "t.txt").stamps_ns.tolist() == [10**9]
 
