@@ -49,7 +49,9 @@ def test_every_spelling_of_a_condition_reads_back(kind: ConditionKind, value: in
     assert condition.label == f"{value:g} {kind.unit}" == str(condition)
 
 
-@pytest.mark.parametrize("value", [None, {}, {"distance_m": True}, {"distance_m": 1, "time_s": 2}, {"frames": 1.5}, {"time_s": 1e300}, 5])
+@pytest.mark.parametrize(
+    "value", [None, {}, {"distance_m": True}, {"distance_m": 1, "time_s": 2}, {"frames": 1.5}, {"time_s": 1e300}, 5]
+)
 def test_what_is_no_condition_is_refused(value: object) -> None:
     with pytest.raises(ValueError, match=r"condition|ends no"):
         Condition.from_plain(value)

@@ -53,11 +53,13 @@ def test_a_film_that_is_cut_short_by_a_full_disk_is_refused(tmp_path: Path) -> N
     sequence = open_source(write_folder(tmp_path / "drive", 4, 0)).loc
     assert sequence is not None
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with pytest.raises(OutputError, match=r"tracks\.mp4.* of 4 images; check the space"):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
-        try:
-            with track_video(tmp_path / "tracks.mp4", sequence.rig) as watch:
-                list(localise(sequence, LocalisationConfig(), Transform.identity(), watch))
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
+    try:
+        with (
+            pytest.raises(OutputError, match=r"tracks\.mp4.* of 4 images; check the space"),
+            track_video(tmp_path / "tracks.mp4", sequence.rig) as watch,
+        ):
+            list(localise(sequence, LocalisationConfig(), Transform.identity(), watch))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert not list(tmp_path.glob("*.mp4"))
