@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypedDict, TypeVar, Unpack
+from typing import TypedDict, Unpack
 
 import numpy as np
 
@@ -26,10 +26,8 @@ from sfr_loc_map.pipeline.call_stats import CallStats, stats_of
 from sfr_loc_map.pipeline.score_inputs import (
     ScoreInputs,
     camera_rig,
-    estimates_of,
-    load_estimates,
+    load_drive,
     load_map_truth,
-    load_truth,
     said_fused,
 )
 from sfr_loc_map.pipeline.scored_drive import Correction, ScoredDrive
@@ -37,7 +35,6 @@ from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, converted_run, load_r
 
 Estimate = PathLike | base.Trajectory | cloud_base.PointCloud
 Truth = PathLike | base.Trajectory | Source
-V = TypeVar("V")
 
 
 class ScoreSettings(TypedDict, total=False):
@@ -106,8 +103,11 @@ def score(
     correction = _correction(settings)
     low, high = settings.get("scored_range", (0.0, 10.0))
     named = {NAMES[name]: value for name, value in settings.items() if name in NAMES}
-    config = score_config(conditions, named | {"map.scored_from_m": low, "map.scored_to_m": high})
-    run = _run(estimate, truth, tuple(Path(item) for item in stats), settings.get("fused"))
+    config = score_config(
+        conditions and _texts(conditions), named | {"map.scored_from_m": low, "map.scored_to_m": high}
+    )
+    files = [stats] if isinstance(stats, (str, Path)) else stats
+    run = _run(estimate, truth, tuple(map(Path, files)), settings.get("fused"))
     if correction.is_wanted and run.drive is None:
         raise ConfigError("convention and apply_diagnosis are for trajectories: leave them out for a cloud")
     further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
@@ -121,8 +121,13 @@ def _correction(settings: ScoreSettings) -> Correction:
     if unknown:
         known = ", ".join(ScoreSettings.__annotations__)
         raise ConfigError(f"sfr.score has no setting '{sorted(unknown)[0]}': it has {known}")
-    declared = PoseConvention.parse(settings.get("convention", ()))
+    declared = PoseConvention.parse(_texts(settings.get("convention", ())))
     return Correction(declared, settings.get("apply_diagnosis", False))
+
+
+def _texts(items: Sequence[str]) -> Sequence[str]:
+    """Return texts; a single one is one, not its letters."""
+    return [items] if isinstance(items, str) else items
 
 
 def _limits(limits: PathLike | Mapping[str, object] | Limits | None) -> Limits | None:
@@ -145,22 +150,21 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
 
 def _drive_run(estimate: PathLike | base.Trajectory, truth: PathLike | base.Trajectory, stats: tuple[Path, ...]) -> Run:
     """Return estimated poses and their truth; at least one of both is in memory."""
-    inputs, in_memory = ScoreInputs(stats=stats), {}
+    inputs, in_memory, rig = ScoreInputs(stats=stats), {}, None
     read = [*load_run(inputs).stats]
     if isinstance(truth, base.Trajectory):
-        true_poses, rig = truth, None
         in_memory["truth"] = _hash(truth)
     else:
-        inputs = replace(inputs, truth=Path(truth))
-        true_poses, rig = load_truth(Path(truth)), camera_rig(Path(truth))
+        truth = Path(truth)
+        inputs, rig = replace(inputs, truth=truth), camera_rig(truth)
     if isinstance(estimate, base.Trajectory):
         in_memory["estimate"] = _hash(estimate)
         read = [*read, *_own_stats(estimate)]
-        estimates = estimates_of(estimate, read)
     else:
-        inputs = replace(inputs, estimate=Path(estimate))
-        estimates = load_estimates(Path(estimate), read)
-    return Run(inputs, read, drive=ScoredDrive(estimates, true_poses, rig), in_memory=in_memory)
+        estimate = Path(estimate)
+        inputs = replace(inputs, estimate=estimate)
+    drive = load_drive(estimate, truth, read)
+    return Run(inputs, read, drive=ScoredDrive(drive.estimates, drive.truth, rig), in_memory=in_memory)
 
 
 def _cloud_run(cloud: cloud_base.PointCloud, truth: Path, stats: tuple[Path, ...], fused: bool | None) -> Run:

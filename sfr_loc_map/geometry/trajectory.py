@@ -34,8 +34,8 @@ class Trajectory:
         """Check shapes and values.
 
         Raises:
-            GeometryError: If the shapes do not agree, a number is not finite, a position is absurd or a quaternion is
-                not of unit length.
+            GeometryError: If stamps are no whole numbers, the shapes do not agree, a number is not finite, a position
+                is absurd or a quaternion is not of unit length.
         """
         count = len(self.stamps_ns)
         if (
@@ -45,6 +45,8 @@ class Trajectory:
         ):
             shapes = f"{self.stamps_ns.shape}, {self.positions.shape}, {self.quats_xyzw.shape}"
             raise GeometryError(f"a trajectory needs shapes (N,), (N, 3), (N, 4): got {shapes}")
+        if not np.issubdtype(self.stamps_ns.dtype, np.signedinteger):
+            raise GeometryError(f"stamps are {self.stamps_ns.dtype}: whole nanoseconds, int64, are needed")
         bad = ~(plausible_positions(self.positions) & plausible_quats(self.quats_xyzw))
         if bad.any():
             first = int(np.argmax(bad))

@@ -26,6 +26,9 @@ COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 
 METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "finding")
 MAPPING_STATES = frozenset(MappingState)
+STATES = (*TrackingState, *MappingState)
+MAX_NUMBER = 1e18
+"""Of times, sizes and covariances; squares of it are finite."""
 STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))
 
 
@@ -96,7 +99,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     calls = Calls(
         _stamps(path, rows),
         _column(path, rows, "processing_time_s"),
-        [row.get("state") or "" for row in rows],
+        _states(path, rows),
         _column(path, rows, "peak_rss_bytes"),
         _column(path, rows, "above_idle_bytes"),
         {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))},
@@ -204,8 +207,19 @@ def _stamps(path: Path, rows: list[dict[str, str]]) -> IntArray:
         raise InputError(f"statistics '{path}': a stamp is not a whole number of nanoseconds ({error})") from error
 
 
+def _states(path: Path, rows: list[dict[str, str]]) -> list[str]:
+    states = [row.get("state") or "" for row in rows]
+    for number, state in enumerate(states, 2):
+        if state and state not in STATES:
+            raise InputError(
+                f"statistics '{path}' line {number}: state is '{state}', must be one of {', '.join(STATES)} or empty"
+            )
+    return states
+
+
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
-    values = np.full(len(rows), np.nan)
+    """Return a column, NaN where it is empty; times and sizes are not negative."""
+    values, low = np.full(len(rows), np.nan), -MAX_NUMBER if "cov_" in name else 0.0
     for number, row in enumerate(rows):
         text = row.get(name)
         if not text:
@@ -214,4 +228,11 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
             values[number] = float(text)
         except ValueError as error:
             raise InputError(f"statistics '{path}' line {number + 2}: {name} is '{text}', no number") from error
+    wrong = ~np.isnan(values) & ~((values >= low) & (values <= MAX_NUMBER))
+    if wrong.any():
+        number = int(np.argmax(wrong))
+        raise InputError(
+            f"statistics '{path}' line {number + 2}: {name} is {values[number]:g}: "
+            f"{low:g} to {MAX_NUMBER:g}, or nothing where it was not measured"
+        )
     return values

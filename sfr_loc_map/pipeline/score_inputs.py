@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,6 +28,8 @@ from sfr_loc_map.pipeline.call_stats import CallStats
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
+
+_log = logging.getLogger(__name__)
 
 IN_MEMORY = "(in memory)"
 """Path of an input that is no file."""
@@ -77,20 +80,35 @@ class LoadedDrive:
     notes: tuple[str, ...] = ()
 
 
-def load_drive(estimate: Path, truth: Path, stats: Sequence[CallStats] = ()) -> LoadedDrive:
+def load_drive(estimate: Path | Trajectory, truth: Path | Trajectory, stats: Sequence[CallStats] = ()) -> LoadedDrive:
     """Read estimated and true poses; poses without stamps get those of the other ones, pose by pose.
+
+    Args:
+        estimate: A file or bag, or poses in memory.
+        truth: The same, or a data set.
+        stats: Calls that may have given the estimates.
 
     Raises:
         InputError: If there are none, or poses without stamps are not as many as the other ones.
     """
-    true_poses = LoadedTrajectory.of(truth, load_truth(truth)) if _holds_source(truth) else read_truth(truth)
-    if is_bag(estimate):
+    true_poses = _loaded_truth(truth)
+    if isinstance(estimate, Path) and is_bag(estimate):
         estimates = _bag_estimates(estimate)
         true_poses = true_poses.with_stamps_of(LoadedTrajectory.of(estimate, estimates.trajectory))
         return LoadedDrive(estimates, true_poses.trajectory, _notes(true_poses))
-    read = read_trajectory_file(estimate)
+    read = read_trajectory_file(estimate) if isinstance(estimate, Path) else _in_memory(estimate)
     read, true_poses = read.with_stamps_of(true_poses), true_poses.with_stamps_of(read)
     return LoadedDrive(estimates_of(read.trajectory, stats), true_poses.trajectory, _notes(read, true_poses))
+
+
+def _loaded_truth(truth: Path | Trajectory) -> LoadedTrajectory:
+    if not isinstance(truth, Path):
+        return _in_memory(truth)
+    return LoadedTrajectory.of(truth, load_truth(truth)) if _holds_source(truth) else read_truth(truth)
+
+
+def _in_memory(poses: Trajectory) -> LoadedTrajectory:
+    return LoadedTrajectory.of(Path(IN_MEMORY), poses)
 
 
 def _notes(*loaded: LoadedTrajectory) -> tuple[str, ...]:
@@ -118,6 +136,8 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
         if not item.localised_rows().keys().isdisjoint(stamps_ns.tolist()):
             states = item.lost_at(stamps_ns), item.degraded_at(stamps_ns)
             return Estimates.of(trajectory, *states, item.covariance_at(stamps_ns), item.steps_at(stamps_ns))
+    if any(item.localised_rows() for item in stats):
+        _log.warning("no call of the statistics has the stamp of an estimate: which poses are lost is not known")
     return Estimates.of(trajectory)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.cli.main import main
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import save_cloud
@@ -23,7 +24,7 @@ from sfr_loc_map.metrics.trajectory.association import lost_by_covariance
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import load_call_stats
 from sfr_loc_map.pipeline.offline import save_stats
-from sfr_loc_map.pipeline.score_inputs import ScoreInputs
+from sfr_loc_map.pipeline.score_inputs import ScoreInputs, estimates_of
 from sfr_loc_map.pipeline.scoring import Run, score_run
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 60.0
@@ -109,6 +110,30 @@ def test_a_file_of_calls_holds_each_step_to_the_last_bit(tmp_path: Path) -> None
     found = load_call_stats(path).steps_at(np.array([0, 1, 2]))
     assert found is not None
     np.testing.assert_array_equal(found, [np.full(27, np.nan), step, np.full(27, np.nan)])
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("0,-1.0,tracking,1000", "line 2: processing_time_s is -1: 0 to"),
+        ("0,inf,tracking,1000", "line 2: processing_time_s is inf: 0 to"),
+        ("0,0.1,tracking,-5", "line 2: peak_rss_bytes is -5: 0 to"),
+        ("0,0.1,LOST,1000", "line 2: state is 'LOST', must be one of initialising, tracking"),
+    ],
+)
+def test_times_sizes_and_states_that_cannot_be_are_refused(tmp_path: Path, row: str, words: str) -> None:
+    path = tmp_path / "stats.csv"
+    path.write_text(f"stamp_ns,processing_time_s,state,peak_rss_bytes\n{row}\n")
+    with pytest.raises(InputError, match=words):
+        load_call_stats(path)
+
+
+def test_calls_of_another_drive_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "stats.csv"
+    path.write_text("stamp_ns,state\n5,lost\n")
+    poses = Trajectory(np.array([6]), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]))
+    assert not estimates_of(poses, [load_call_stats(path)]).lost.any()
+    assert "no call of the statistics has the stamp of an estimate" in caplog.text
 
 
 def test_calls_of_a_mapper_at_the_same_stamps_hide_none_of_the_localiser(tmp_path: Path) -> None:
