@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from concurrent.futures import Future
 
@@ -26,6 +27,9 @@ from sfr_loc_map.localisation.parallel import in_background
 MIN_DISPARITY_PX = 1e-3
 SMALL_IMAGE_PX = 512 * 512
 """Pixels of an image up to which `max_features` is the number of landmarks; it grows with the root of the width."""
+
+OWN_SLOPES_FROM_PX = 18.0
+"""Distance of landmarks from which on a plane through them says little of the ground within a patch."""
 
 
 class KeyframeBackend:
@@ -56,6 +60,7 @@ class KeyframeBackend:
         self._left_mask, self._right_mask = (load_mask(path, rig) for path in (config.left_mask, config.right_mask))
         enlarged = max(rig.width * rig.height / SMALL_IMAGE_PX, 1.0)
         self._wanted = round(config.max_features * enlarged**0.25)
+        self._own_slopes = math.sqrt(rig.width * rig.height / self._wanted) > OWN_SLOPES_FROM_PX
         self._foreign_mask: NDArray[np.uint8] | None = None
         self._pending: Future[float] | None = None
         self.reset()
@@ -186,7 +191,8 @@ class KeyframeBackend:
 
     def _match_landmarks(self, frame: StereoFrame, corners: FloatArray, known: FloatArray) -> None:
         max_disparity = min(self._rig.fx * self._rig.baseline_m / self._config.min_depth_m, 0.5 * self._rig.width)
-        found = match_corners(frame.left, frame.right, corners, known, max_disparity, self.calibration.offset.v)
+        offset_v, own_slopes = self.calibration.offset.v, self._own_slopes
+        found = match_corners(frame.left, frame.right, corners, known, max_disparity, offset_v, own_slopes=own_slopes)
         found = found.outside(self._right_mask)
         self.calibration.learn_vertical(found.right, found.right[:, 1] - found.uv[:, 1])
         right_uv = found.right - self.calibration.offset.at(found.right, self._camera)

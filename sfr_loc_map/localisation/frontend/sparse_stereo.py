@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from sfr_loc_map.jit import jit_fast
 from sfr_loc_map.localisation.frontend.image_pyramid import Pyramid
 from sfr_loc_map.localisation.frontend.nearest_neighbours import nearest
 from sfr_loc_map.localisation.frontend.patch import HALF, Patch, Templates, cut_patches, templates_of
+from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
 from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, TrackingLimits, track_patches
 from sfr_loc_map.localisation.frontend.row_search import RowSearch, search_row
 from sfr_loc_map.localisation.parallel import in_halves
@@ -69,7 +71,14 @@ class StereoMatches:
 
 
 def match_corners(
-    left: Pyramid, right: Pyramid, uv: FloatArray, known: FloatArray, max_disparity: float, offset_v: float
+    left: Pyramid,
+    right: Pyramid,
+    uv: FloatArray,
+    known: FloatArray,
+    max_disparity: float,
+    offset_v: float,
+    *,
+    own_slopes: bool = False,
 ) -> StereoMatches:
     """Match corners of the left image in the right one.
 
@@ -80,6 +89,7 @@ def match_corners(
         known: `(M, 3)` u, v, disparity of landmarks around, which help to find the local planes.
         max_disparity: Maximum disparity, pixels.
         offset_v: Vertical disparity of the pair, pixels, positive where the right image is lower.
+        own_slopes: Whether patches tell their slopes, not their neighbours alone: where these are far.
 
     Returns:
         The corners that were matched, fewer than were given.
@@ -95,6 +105,10 @@ def match_corners(
         good = np.isfinite(tracks.uv[:, 0])
         disparity = np.where(good, uv[:, 0] - tracks.uv[:, 0], disparity)
     slope = planes.slopes(disparity, good)
+    if own_slopes:
+        slope = in_halves(partial(refine_slopes, right.levels[0]), patches, tracks.uv, slope)
+        tracks = _refine(right.levels[0], templates, uv, _homographies(uv, disparity, slope, offset_v))
+        disparity = uv[:, 0] - tracks.uv[:, 0]
     good &= (tracks.correlation > MIN_NCC) & (disparity > MIN_DISPARITY_PX)
     good &= np.abs(tracks.uv[:, 1] - uv[:, 1] - offset_v) < MAX_VERTICAL_PX
     covariance, residual = tracks.covariance[good], tracks.residual[good]
