@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from concurrent.futures import Future
 
@@ -25,11 +24,9 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 from sfr_loc_map.localisation.parallel import in_background
 
 MIN_DISPARITY_PX = 1e-3
-SMALL_IMAGE_PX = 512 * 512
-"""Pixels of an image up to which `max_features` is the number of landmarks; it grows with the root of the width."""
-
-OWN_SLOPES_FROM_PX = 18.0
-"""Distance of landmarks from which on a plane through them says little of the ground within a patch."""
+SMALL_IMAGE_PX, LARGE_IMAGE_PX = 512 * 512, 900 * 900
+"""Pixels of an image up to which `max_features` is the number of landmarks, which then grows with the fourth root; and
+pixels from which on there are twice as many, whose patches tell their slopes. Below, both were of no use."""
 
 
 class KeyframeBackend:
@@ -58,9 +55,9 @@ class KeyframeBackend:
         """
         self._rig, self._config, self._camera, self._tracker = rig, config, camera, tracker
         self._left_mask, self._right_mask = (load_mask(path, rig) for path in (config.left_mask, config.right_mask))
-        enlarged = max(rig.width * rig.height / SMALL_IMAGE_PX, 1.0)
-        self._wanted = round(config.max_features * enlarged**0.25)
-        self._own_slopes = math.sqrt(rig.width * rig.height / self._wanted) > OWN_SLOPES_FROM_PX
+        pixels = rig.width * rig.height
+        self._large = pixels >= LARGE_IMAGE_PX
+        self._wanted = round(config.max_features * max(pixels / SMALL_IMAGE_PX, 1.0) ** 0.25 * (1 + self._large))
         self._foreign_mask: NDArray[np.uint8] | None = None
         self._pending: Future[float] | None = None
         self.reset()
@@ -191,7 +188,7 @@ class KeyframeBackend:
 
     def _match_landmarks(self, frame: StereoFrame, corners: FloatArray, known: FloatArray) -> None:
         max_disparity = min(self._rig.fx * self._rig.baseline_m / self._config.min_depth_m, 0.5 * self._rig.width)
-        offset_v, own_slopes = self.calibration.offset.v, self._own_slopes
+        offset_v, own_slopes = self.calibration.offset.v, self._large
         found = match_corners(frame.left, frame.right, corners, known, max_disparity, offset_v, own_slopes=own_slopes)
         found = found.outside(self._right_mask)
         self.calibration.learn_vertical(found.right, found.right[:, 1] - found.uv[:, 1])
