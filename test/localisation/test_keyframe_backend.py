@@ -14,7 +14,9 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation import keyframe_backend
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.frontend.sparse_stereo import StereoMatches, match_corners
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
 
@@ -53,6 +55,29 @@ def test_a_window_begins_with_landmarks_on_the_wall() -> None:
     assert by.keyframe_count == 1
     wall = (true_pose(0) @ LOC_RIG.T_rb_left).apply(by.landmarks.points)
     assert np.median(np.abs(wall[:, 0] - 3.0)) < 0.05
+
+
+@pytest.mark.parametrize(("side", "landmarks", "own_slopes"), [(640, 256, False), (1024, 566, True)])
+def test_images_of_a_megapixel_have_more_landmarks_which_tell_their_slopes(
+    side: int, landmarks: int, own_slopes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def matched(*args: object, own_slopes: bool) -> StereoMatches:
+        seen.append((len(args[2]), own_slopes))  # type: ignore[arg-type]
+        return match_corners(*args, own_slopes=own_slopes)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(keyframe_backend, "match_corners", matched)
+    rig = replace(LOC_RIG, width=side, height=side)
+    noise = np.random.default_rng(1).integers(0, 255, (side, side), np.uint8)
+    texture = cv2.GaussianBlur(noise, (0, 0), 2.0) * 2
+    pair = StereoPair(0, texture, np.roll(texture, -20, axis=1))
+    config = LocalisationConfig(max_features=200)
+    tracked = KeyframeBackend(rig, config, CAMERA, Tracker(config, CAMERA))
+    assert tracked.begin(StereoFrame.of(pair), Transform.identity()) > 0.8 * landmarks
+    [(corners, own)] = seen
+    assert corners == pytest.approx(landmarks, rel=0.1)
+    assert own is own_slopes
 
 
 @pytest.mark.parametrize("begun", [False, True])
