@@ -160,6 +160,7 @@ def test_lost_stale_pause_command_and_reconnection() -> None:
             await browser.wait_for("!document.getElementById('nodes').textContent.includes('stale: silent')")
             # pause: what comes does not change what is shown
             await browser.value("document.getElementById('pause').click()")
+            await browser.wait_for("!document.getElementById('live').disabled")
             for update in frame(12, time.time()):
                 hub.put(update)
             await browser.wait_for("sfrLive.store.rows.length === 12")
