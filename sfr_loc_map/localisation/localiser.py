@@ -20,6 +20,7 @@ from sfr_loc_map.localisation.estimate import (
 )
 from sfr_loc_map.localisation.frontend.foreign_regions import stays
 from sfr_loc_map.localisation.frontend.patch import SIDE
+from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
 from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame, Tracker, TrackingResult
 from sfr_loc_map.localisation.ground_motion import GroundMotionFinder, Guesses
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
@@ -271,5 +272,8 @@ def _warm_up() -> None:
         left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
         localiser.process(StereoPair(stamp_ns, left, right))
     localiser.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
-    stays(np.zeros((SIDE, SIDE), np.float32), np.zeros((1, SIDE * SIDE), np.float32), np.zeros((1, 2)))
+    # what the small rig has no use for: a body at rest in the image, landmarks of large images
+    image, at = np.zeros((SIDE, SIDE), np.float32), np.zeros((1, 2))
+    stays(image, np.zeros((1, SIDE * SIDE), np.float32), at)
+    refine_slopes(image, np.zeros((1, 3, SIDE * SIDE), np.float32), at, at)
     localiser.set_pose(Transform.identity())  # waits for the last keyframe

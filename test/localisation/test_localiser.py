@@ -286,6 +286,8 @@ def test_set_pose_before_the_first_pair_is_its_pose() -> None:
 
 FRESH_PROCESS = """
 import importlib, pkgutil
+from dataclasses import replace
+import cv2
 import numpy as np
 from numba.core.registry import CPUDispatcher
 import sfr_loc_map.localisation as package
@@ -320,6 +322,11 @@ for index in [*range(20), None, *range(21, 30), None, *range(5, 10)]:
         image.flags.writeable = False  # as images of messages are
     states.add(localiser.process(pair).state.value)
 assert states == {"initialising", "tracking", "lost"}, states
+noise = np.random.default_rng(1).integers(0, 128, (1024, 1044), np.uint8)
+texture = 2 * cv2.GaussianBlur(noise, (0, 0), 2.0)
+left, right = (np.ascontiguousarray(texture[:, shift : shift + 1024]) for shift in (0, 20))
+large = Localiser(replace(LOC_RIG, width=1024, height=1024), LocalisationConfig(), true_pose(0))
+assert large.process(StereoPair(0, left, right)).state.value == "initialising"
 after = signatures()
 assert after == before, {name: after[name] for name in after if after[name] != before[name]}
 """
