@@ -55,4 +55,6 @@ def perturb(
         task = bar.add_task("injecting faults", total=total)
         count = run(opened, destination, faults, seed, lambda done: bar.update(task, completed=done))
     say(f"{count} of {total} pairs: {destination}", err=True)
-    propose("sfr", "localise", destination, "-o", "estimate.csv", "--stats", "stats.csv", why="what the fault does")
+    name = destination.stem  # of its own: estimate.csv of the source without the fault is often there already
+    words = ("localise", destination, "-o", f"{name}.csv", "--stats", f"{name}.stats.csv")
+    propose("sfr", *words, why="what the fault does")

@@ -215,8 +215,10 @@ def _propose(score: Score, inputs: tuple[Path, Path], json_path: str | None, htm
         propose(f"open {html} in a browser")
     elif not score.verdicts:
         propose("sfr init    # limits to fill in; then: sfr score ... --limits limits.yaml --html report.html")
-    else:
-        propose("sfr", "score", *inputs, "--html", "report.html", why="the same as a page with figures")
+    elif json_path is not None:
+        propose("sfr", "report", json_path, why="the same as a page with figures")
+    else:  # the options are left to the reader: without them it would be another score
+        propose("sfr score ... --html report.html", why="the same command, with a page of figures")
 
 
 def _say_verdict(score: Score) -> None:

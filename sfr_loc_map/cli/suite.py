@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import App, examples, help_without_command
+from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import (
     HTML_SUFFIXES,
     HtmlOption,
@@ -76,7 +77,7 @@ def run(
         executor, places = _executor(workers, scheduler, specification.settings.threads)
         if dry_run:
             _say_plan(store, [task.key for task in tasks], len(plan.tasks), places)
-            return
+            return propose("sfr", "suite", "run", suite, "--out", out, why="run them")
         interrupted = False
         try:
             with progress(len(tasks)) as advance:

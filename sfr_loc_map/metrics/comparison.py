@@ -193,7 +193,9 @@ def _all_paired(scores: Sequence[Score], names: Sequence[str]) -> list[PairedDif
 
 
 def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:
-    rebase = [None if score.trajectory is None else score.trajectory.first.rebase for score in (first, other)]
+    if first.trajectory is None or other.trajectory is None:  # a map alone has nothing to pair
+        return []
+    rebase = [part.first.rebase for part in (first.trajectory, other.trajectory)]
     if rebase[0] != rebase[1]:
         raise MetricsError(
             f"the first score is re-based by {rebase[0]}, '{name}' by {rebase[1]}: unlike figures are not compared; "

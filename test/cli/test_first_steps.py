@@ -106,7 +106,10 @@ def test_a_missed_limit_has_its_next_step_behind_the_error(hints: Sfr, tmp_path:
     assert result.code == 1
     error, last = result.err.splitlines()[-2:]
     assert error.startswith("sfr: 1 of 1 limits missed")
-    assert last.startswith("next: sfr ")
+    assert last.startswith("next: sfr score ... --html")  # without its limits it would be another score
+    json_path = tmp_path / "score.json"
+    result = hints("score", moved, trajectory, "--limits", limits, "--lenient", "--json", json_path)
+    assert f"next: sfr report {json_path} " in result.err.splitlines()[-1]
 
 
 def test_every_command_has_a_next_step() -> None:

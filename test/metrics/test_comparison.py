@@ -101,6 +101,13 @@ def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:
     return Score(map=part, timing=TimingScore(mapping=replace(times, p95=mapping_p95)), verdicts=())
 
 
+def test_a_map_alone_stands_beside_a_whole_run() -> None:
+    truth, (a,) = estimates(5, (0.01,))
+    result = compare_scores([replace(score(a, truth), map=whole_run(0.5).map), whole_run(0.6)], ["run", "map"])
+    assert not result.pairs
+    assert [(row.figure, row.values) for row in result.side_by_side] == [("map.coverage", (0.5, 0.6))]
+
+
 def test_whole_runs_stand_side_by_side() -> None:
     result = compare_scores([whole_run(0.5), whole_run(0.6, 3.0)], ["a", "b"])
     rows_found = {row.figure: row.values for row in result.side_by_side}
