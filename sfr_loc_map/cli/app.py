@@ -38,6 +38,10 @@ class _Group(TyperGroup):
         """Return the parameters."""
         return _without_types(super().get_params(ctx))
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - as above
+        """Return a subcommand and its arguments; `sfr monitor` is `sfr run monitor`."""
+        return super().resolve_command(ctx, ["run", *args] if ctx.parent is None and args[0] == "monitor" else args)
+
 
 def _without_types(params: list[Any]) -> list[Any]:
     for param in params:
