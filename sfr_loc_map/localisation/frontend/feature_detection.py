@@ -164,13 +164,22 @@ def _strongest(strength: FloatImage, side: int, border: int) -> FloatArray:
     return best[best[:, 2] > 0.0]
 
 
-@jit
 def _free(found: FloatArray, occupied: FloatArray, distance: float) -> NDArray[np.bool_]:
-    free = np.ones(len(found), np.bool_)
+    """Tell which of found points `(N, 3)` are at least so far from all occupied ones `(M, 2)`, pixels."""
+    by_row = np.ascontiguousarray(occupied[np.argsort(occupied[:, 1])])
+    return _far(found, by_row, np.searchsorted(by_row[:, 1], found[:, 1] - distance), distance)
+
+
+@jit
+def _far(found: FloatArray, by_row: FloatArray, first: NDArray[np.intp], distance: float) -> NDArray[np.bool_]:
+    """Tell the same of points in the order of their rows; those before `first` `(N,)` are too far above."""
+    far = np.ones(len(found), np.bool_)
     for n in range(len(found)):
-        for m in range(len(occupied)):
-            du, dv = found[n, 0] - occupied[m, 0], found[n, 1] - occupied[m, 1]
-            if du * du + dv * dv < distance * distance:
-                free[n] = False
+        for m in range(first[n], len(by_row)):
+            du, dv = found[n, 0] - by_row[m, 0], found[n, 1] - by_row[m, 1]
+            if dv <= -distance:
                 break
-    return free
+            if du * du + dv * dv < distance * distance:
+                far[n] = False
+                break
+    return far

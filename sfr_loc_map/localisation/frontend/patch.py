@@ -104,9 +104,12 @@ def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> Patch:
     out = np.empty((len(uv), 3, side * side), np.float32)
     grid = np.empty((side + 2, side + 2), np.float32)
     for n in range(len(uv)):
+        x, y = uv[n, 0] - half - 1, uv[n, 1] - half - 1
+        column, row = int(x), int(y)
+        whole = column == x and row == y  # as in all keyframes: nothing to interpolate
         for j in range(side + 2):
             for i in range(side + 2):
-                grid[j, i] = sample(image, uv[n, 0] + i - half - 1, uv[n, 1] + j - half - 1)
+                grid[j, i] = image[row + j, column + i] if whole else sample(image, x + i, y + j)
         k = 0
         for j in range(1, side + 1):
             for i in range(1, side + 1):
