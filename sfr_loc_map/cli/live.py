@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +15,9 @@ from sfr_loc_map.cli.common import ConditionOption, require_ros
 from sfr_loc_map.cli.live_views import Played, Views, show_graph, show_recording
 from sfr_loc_map.cli.score import LimitsOption
 from sfr_loc_map.errors import ConfigError, MissingExtraError
+
+if TYPE_CHECKING:
+    from sfr_loc_map.nodes.process.live_process import LivePage
 
 HostOption = Annotated[
     str, typer.Option("--host", metavar="H", help="Address to listen on; but for loopback it needs --token.")
@@ -68,9 +71,7 @@ def require_live() -> None:
 
 
 @contextmanager
-def live_beside(
-    wanted: bool, port: int, namespace: str = "", *, isolated: bool = False
-) -> Iterator[Callable[[], None]]:
+def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool = False) -> Iterator[LivePage | None]:
     """Show what the `with` block runs on a page, if it is wanted.
 
     The page starts first of all: the imports of a run take longer than those of the page.
@@ -82,13 +83,13 @@ def live_beside(
         isolated: Whether the run chooses a domain of its own, in which the page must be.
 
     Yields:
-        What is to be called when the run is over, before its nodes end.
+        The page, None where none is wanted.
 
     Raises:
         MissingExtraError: If a page is wanted and the web server or ROS cannot be imported.
     """
     if not wanted:
-        yield lambda: None
+        yield None
         return
     require_live()
     from sfr_loc_map.nodes.process import environment
@@ -96,8 +97,8 @@ def live_beside(
 
     if isolated:
         environment.isolate()
-    with live_page(("--port", str(port), "--namespace", namespace)) as at_end:
-        yield at_end
+    with live_page(("--port", str(port), "--namespace", namespace)) as page:
+        yield page
 
 
 @app.command(

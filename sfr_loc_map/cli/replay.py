@@ -118,7 +118,7 @@ def replay(
     apply_diagnosis: ApplyDiagnosisOption = False,
 ) -> None:
     """Play a source to the nodes over topics, record what they answer, score it."""
-    with live_beside(live, live_port, isolated=True) as at_end:
+    with live_beside(live, live_port, isolated=True) as page:
         from sfr_loc_map.io.registry import open_source
 
         opened = open_source(source, remaps := parse_remaps(remap))
@@ -136,7 +136,7 @@ def replay(
             paused=start_paused,
             loop=loop,
             remap=remaps,
-            at_end=at_end,
+            page=page,
             external=read_external(opened, (external, method), given, answer_timeout, correction),
         )
         score = _replay_and_score((source, opened), options, correction, parsed_limits, (out, overwrite))

@@ -40,7 +40,7 @@ def state_of(url: str) -> dict[str, Any] | None:
 
 
 async def lost_poses(url: str) -> list[bool]:
-    """Return of each pose that the page is sent whether it is lost, once the run has ended."""
+    """Return of each pose that the page is sent whether it is lost, once the page has ended."""
     lost: dict[int, bool] = {}
     async with aiohttp.ClientSession() as session, session.ws_connect(url + "ws") as channel:
         async for received in channel:
@@ -48,8 +48,6 @@ async def lost_poses(url: str) -> list[bool]:
             if message["type"] == "path":
                 lost = {} if message["whole"] else lost  # as the page does
                 lost |= {row[ROW_FIELDS.index("n")]: bool(row[ROW_FIELDS.index("lost")]) for row in message["rows"]}
-            elif message["type"] == "end":
-                break
     return [lost[number] for number in sorted(lost)]
 
 
@@ -91,7 +89,7 @@ def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(
 
 def test_a_page_that_cannot_start_or_is_killed_stops_nobody(capfd: pytest.CaptureFixture[str]) -> None:
     begin = time.monotonic()
-    with live_page(("--port", "0", "--host", "198.51.100.1")) as at_end:
+    with live_page(("--port", "0", "--host", "198.51.100.1")) as page:
         wait_until(lambda: "sfr live:" in capfd.readouterr().err, "what the page says of itself")
-        at_end()
+        page.run_is_over()
     assert time.monotonic() - begin < 60.0

@@ -33,6 +33,7 @@ from sfr_loc_map.nodes.live.media_feed import NO_EVENTS, MediaFeed
 from sfr_loc_map.nodes.live.operator import RosOperator
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
 from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes.process.live_process import node_name_of
 from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
 
 SUITE_NODES = frozenset({"localisation_node", "mapping_node", "monitor_node"})
@@ -62,7 +63,7 @@ class RosFeed:
         self._hub = hub
         self._space = namespace.strip("/")
         self._node: Node = rclpy.create_node(
-            f"sfr_live_{os.getpid()}", namespace=f"/{self._space}", start_parameter_services=False
+            node_name_of(os.getpid()), namespace=f"/{self._space}", start_parameter_services=False
         )
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)

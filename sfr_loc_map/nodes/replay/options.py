@@ -15,6 +15,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.nodes.process.live_process import LivePage
 from sfr_loc_map.nodes.replay.external_options import RESULT_TOPICS, ExternalOptions
 
 REPLAY_PARAMETERS = {"autostart": True, "output_reliability": "reliable"}
@@ -25,10 +26,6 @@ RELIABLE_INPUT = {
     "monitor_node": "input_reliability",
 }
 """Parameter of each node that a replay sets to reliable: in lock step each message is awaited."""
-
-
-def _nothing() -> None:
-    """Do nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +44,7 @@ class ReplayOptions:
         loop: Whether it starts again at its end, until the operator or a signal ends it.
         remap: New names of topics by the names in the bag.
         parameter_file: ROS parameter file for all nodes; the parameters above override it.
-        at_end: Called when all is played, before the nodes end.
+        page: Page that shows the run, None for none.
         external: Node under test in place of one of ours, None for ours.
     """
 
@@ -62,7 +59,7 @@ class ReplayOptions:
     loop: bool
     remap: Mapping[str, str]
     parameter_file: Path | None
-    at_end: Callable[[], None] = _nothing
+    page: LivePage | None = None
     external: ExternalOptions | None = None
 
 

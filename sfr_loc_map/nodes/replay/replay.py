@@ -13,6 +13,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.command_process import CommandProcess
+from sfr_loc_map.nodes.process.live_process import LivePage
 from sfr_loc_map.nodes.process.supervisor import Supervisor, first_signal_stops, sigterm_as_interrupt
 from sfr_loc_map.nodes.replay.external_node import external_node
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments, pairs_per_map
@@ -66,8 +67,7 @@ def replay(
                 player = Player(node, collector, topics, controls, keyboard)
                 if source.loc is not None and source.loc.rig.T_rb_sb is not None:
                     publish_extrinsics(node.node, source.loc.rig.T_rb_sb)
-                say("waiting for the nodes")
-                player.wait_until_ready()
+                _wait_until_ready(options.page, node, player, say)
                 if keyboard.is_there:
                     say(HELP)
                 with first_signal_stops(controls.stop) as interrupted:
@@ -77,8 +77,17 @@ def replay(
                     results.interrupted = interrupted()
                 if external is not None:
                     external.observe(results)
-                options.at_end()
+                if options.page is not None:
+                    options.page.run_is_over()
                 return results
+
+
+def _wait_until_ready(page: LivePage | None, node: ReplayNode, player: Player, say: Callable[[str], None]) -> None:
+    """Wait for the page, where there is one, and for the nodes."""
+    say("waiting for the nodes")
+    if page is not None and not node.wait_for_page(page):
+        say("the page is not connected yet: what is played before is missing there")
+    player.wait_until_ready()
 
 
 @contextmanager

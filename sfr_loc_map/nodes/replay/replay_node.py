@@ -15,11 +15,15 @@ from rclpy.utilities import try_shutdown
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
+from sfr_loc_map.nodes.process.live_process import LivePage
 from sfr_loc_map.nodes.process.supervisor import Supervisor
 
 NAME = "sfr_player"
 ANSWER_TIMEOUT_S = 120.0
 SPIN_S = 0.05
+PAGE_TIMEOUT_S = 30.0
+PAGE_TOPICS = ("localisation/odometry", "ground_truth/odometry", "metrics/report")
+"""Topics that a page receives whatever it shows."""
 
 
 class ReplayNode:
@@ -67,6 +71,22 @@ class ReplayNode:
             if time.monotonic() > deadline:
                 raise NodeError(f"{problem()} within {timeout_s:g} s: look at the load of this host and start again")
             self._executor.spin_once(timeout_sec=SPIN_S)
+
+    def wait_for_page(self, page: LivePage) -> bool:
+        """Wait, for a limited time, until a page receives what is played; return whether it does or has ended.
+
+        Raises:
+            NodeError: If a node ends.
+        """
+        deadline = time.monotonic() + PAGE_TIMEOUT_S
+        while name := page.node_name:
+            receivers = [self.node.get_subscriptions_info_by_topic(topic) for topic in PAGE_TOPICS]
+            if all(any(found.node_name == name for found in of_topic) for of_topic in receivers):
+                break
+            if time.monotonic() > deadline:
+                return False
+            self.spin_for(SPIN_S)
+        return True
 
     def spin_for(self, seconds: float) -> None:
         """Spin for some time.

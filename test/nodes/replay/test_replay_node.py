@@ -12,11 +12,12 @@ pytestmark = pytest.mark.ros
 
 import rclpy
 from made_scene import T_RB_LOCSB
+from std_msgs.msg import String
 
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.nodes.input.static_transforms import StaticTransforms
-from sfr_loc_map.nodes.replay import static_frames
-from sfr_loc_map.nodes.replay.replay_node import ReplayNode
+from sfr_loc_map.nodes.replay import replay_node, static_frames
+from sfr_loc_map.nodes.replay.replay_node import PAGE_TOPICS, ReplayNode
 
 
 def refuse() -> bool:
@@ -34,6 +35,43 @@ def test_a_node_of_another_program_is_the_reason_and_not_what_it_publishes() -> 
         with pytest.raises(NodeError, match=r"another localisation_node is in ROS domain .*unset ROS_DOMAIN_ID"):
             replay.wait_for(refuse, 1.0, lambda: "nothing")
         for node in (elsewhere, ours, theirs):
+            node.destroy_node()
+
+
+class SlowPage:
+    """A page whose node appears in the graph the fifth time that its name is asked for; not at all without topics."""
+
+    def __init__(self, *topics: str) -> None:
+        self.topics = topics
+        self.nodes: list[Any] = []
+        self.asked = 0
+
+    @property
+    def node_name(self) -> str:
+        self.asked += 1
+        if self.asked == 5:
+            self.nodes.append(rclpy.create_node("sfr_live_7"))
+            for topic in self.topics:
+                self.nodes[0].create_subscription(String, topic, lambda _: None, 10)
+        return "sfr_live_7"
+
+
+def test_a_replay_waits_for_its_page_and_for_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    supervisor: Any = SimpleNamespace(processes={}, check=lambda: None)
+    with ReplayNode(supervisor) as replay:
+        other = rclpy.create_node("sfr_live_8")
+        for topic in PAGE_TOPICS:
+            other.create_subscription(String, topic, lambda _: None, 10)
+        page: Any = SlowPage(*PAGE_TOPICS)
+        assert replay.wait_for_page(page)
+        assert page.asked >= 5
+        monkeypatch.setattr(replay_node, "PAGE_TIMEOUT_S", 0.5)
+        page.nodes[0].destroy_node()
+        deaf: Any = SlowPage(PAGE_TOPICS[0])
+        assert not replay.wait_for_page(deaf)
+        ended: Any = SimpleNamespace(node_name="")
+        assert replay.wait_for_page(ended)
+        for node in (other, *deaf.nodes):
             node.destroy_node()
 
 
