@@ -30,14 +30,13 @@ class Manager(Peer):
         super().__init__()
         self.name = node
         self.diagnostics = self.listen(DiagnosticArray, "/diagnostics")
+        self.clients: dict[str, Any] = {}
         self.odometry = self.listen(Odometry, "localisation/odometry")
 
     def ask(self, kind: type[Any], service: str, request: Any) -> Any:
-        client = self.node.create_client(kind, f"{self.name}/{service}")
-        self.until(client.service_is_ready, f"service {service}")
-        future = client.call_async(request)
-        self.until(future.done, f"answer of {service}")
-        return future.result()
+        if service not in self.clients:
+            self.clients[service] = self.node.create_client(kind, f"{self.name}/{service}")
+        return self.answer(self.clients[service], request, again=kind is not ChangeState)
 
     def change(self, transition: int) -> tuple[bool, str]:
         request = ChangeState.Request(transition=Transition(id=transition))

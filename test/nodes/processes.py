@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 PATIENCE_S = 60.0
+ASK_AGAIN_S = 3.0
 
 
 def wait_until(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
@@ -147,10 +148,20 @@ class Peer:
         from std_srvs.srv import Trigger
 
         client = self.node.create_client(Trigger, service)
-        self.until(client.service_is_ready, f"service {service}")
-        future = client.call_async(Trigger.Request())
-        self.until(future.done, f"answer of {service}")
-        return future.result()
+        return self.answer(client, Trigger.Request(), again=False)
+
+    def answer(self, client: Any, request: Any, *, again: bool) -> Any:
+        """Return the answer of a service; ask again where none comes, as of a node that has not found its asker yet."""
+        self.until(client.service_is_ready, f"service {client.srv_name}")
+        futures = [client.call_async(request)]
+        asked = time.monotonic()
+
+        def answered() -> Any:
+            if again and time.monotonic() - asked > ASK_AGAIN_S * len(futures):
+                futures.append(client.call_async(request))
+            return next((future for future in futures if future.done()), None)
+
+        return self.until(answered, f"answer of {client.srv_name}").result()
 
     def wait_until_known_to(self, node: str) -> None:
         """Wait until a node knows all readers of this one, so that nothing it publishes is missed.
@@ -160,8 +171,7 @@ class Peer:
         from rcl_interfaces.srv import ListParameters
 
         client = self.node.create_client(ListParameters, f"{node}/list_parameters")
-        self.until(client.service_is_ready, f"node {node}")
-        self.until(client.call_async(ListParameters.Request()).done, f"answer of {node}")
+        self.answer(client, ListParameters.Request(), again=True)
 
     def until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
         deadline = time.monotonic() + patience_s
