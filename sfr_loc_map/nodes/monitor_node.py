@@ -22,7 +22,7 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import String
 
 from sfr_loc_map import __version__
-from sfr_loc_map.bounded_input import parse_json
+from sfr_loc_map.bounded_input import MAX_TEXT_BYTES, parse_json
 from sfr_loc_map.config import param
 from sfr_loc_map.constants import Side
 from sfr_loc_map.errors import InputError, SfrError
@@ -233,10 +233,15 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score_maps()
 
     def _on_configuration(self, task: str, message: String) -> None:
+        if len(message.data) > MAX_TEXT_BYTES:  # it becomes part of every report
+            raise InputError(f"{task}/configuration has {len(message.data)} characters: ignored")
         try:
-            self._configurations[task] = parse_json(message.data)
+            found = parse_json(message.data)
         except ValueError as error:
             raise InputError(f"{task}/configuration is not JSON ({error}): ignored") from error
+        if not isinstance(found, dict):
+            raise InputError(f"{task}/configuration is no JSON object of parameters: ignored")
+        self._configurations[task] = found
 
     def _score_maps(self) -> None:
         self._changed |= self._score.score_maps()

@@ -17,12 +17,15 @@ from monitor_soak import MAX_GROWTH_MB_H, RATE_HZ, memory_of, soak
 from nav_msgs.msg import Odometry
 from peers import Capture, LocalNode
 from processes import Peer
-from scenes import raw
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from scenes import problems, raw
 from std_msgs.msg import Float64, String
 
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.diagnostics.key_values import values_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
+
+CONFIGURATION, DIAGNOSTICS = "localisation/configuration", (DiagnosticArray, "/diagnostics")
 
 
 def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path: Path) -> None:
@@ -66,11 +69,18 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
             return [(status.level, status.message) for status in statuses if status.name.startswith("verdict/")]
 
         peer.until(lambda: verdicts() == [(b"\x02", "fail")], "the verdict")
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        hostile, diagnostics = peer.node.create_publisher(String, CONFIGURATION, latched), peer.listen(*DIAGNOSTICS)
+        for text, words in (("[1]", "no JSON object"), (json.dumps({"x": "x" * 2_000_000}), "2000009 characters")):
+            peer.until(hostile.get_subscription_count, "the monitor")
+            hostile.publish(String(data=text))
+            peer.until(lambda words=words: words in " ".join(problems(diagnostics)), words)
         answer = peer.call("monitor_node/save")
         assert (answer.success, answer.message) == (True, str(save))
         saved = json.loads(save.read_text())
         assert saved["trajectory"] == score["trajectory"]
         assert saved["provenance"]["configuration"]["monitor"]["score.trajectory.spacing"] == 5
+        assert list(saved["provenance"]["configuration"]) == ["monitor"]
         assert peer.call("monitor_node/reset").success
         peer.until(lambda: "trajectory" not in json.loads(report[-1].data), "the reset")
 
