@@ -73,7 +73,7 @@ class Access:
         if not self.token and not is_loopback(name):
             return "this page is for 127.0.0.1 and localhost alone"
         origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != request.headers.get("Host"):
+        if origin is not None and _place(origin) != request.headers.get("Host"):
             return "the request comes from another page"
         if self.token and not self._has_token(request):
             return "a token is needed: open the address that sfr live has printed"
@@ -90,7 +90,16 @@ class Access:
 
 
 def _equal(given: str, wanted: str) -> bool:
-    return hmac.compare_digest(given.encode(), wanted.encode())
+    # Bytes of a header that are no UTF-8 come as halves of surrogate pairs.
+    return hmac.compare_digest(given.encode(errors="surrogatepass"), wanted.encode())
+
+
+def _place(origin: str) -> str:
+    """Return host and port of an Origin header."""
+    try:
+        return urlsplit(origin).netloc
+    except ValueError:
+        return ""
 
 
 def _host_name(host: str) -> str:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
+import math
 import time
 from typing import Any
 
+from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.live.client import Client
 from sfr_loc_map.live.commands import Operator
 from sfr_loc_map.live.hub import Hub
@@ -83,16 +84,18 @@ class Broadcast:
     def receive(self, client: Client, text: str) -> None:
         """Take a message of a page in: what it looks at, or a request for the server's time."""
         try:
-            content = json.loads(text)
-        except (ValueError, RecursionError):
+            content = parse_json(text)
+        except ValueError:
             return
         if not isinstance(content, dict):
             return
         if content.get("type") == "want" and isinstance(content.get("views"), list):
             client.views = frozenset(view for view in View if view.value in content["views"])
             self._tell_wanted()
-        elif content.get("type") == "ping" and isinstance(content.get("sent_ms"), (int, float)):
-            client.add_figures(message("pong", {"sent_ms": content["sent_ms"], "time_s": time.time()}))
+        elif content.get("type") == "ping":
+            sent_ms = content.get("sent_ms")
+            if isinstance(sent_ms, (int, float)) and math.isfinite(sent_ms):
+                client.add_figures(message("pong", {"sent_ms": sent_ms, "time_s": time.time()}))
 
     def note(self, update: Update) -> None:
         """Note a record that the state has taken in."""

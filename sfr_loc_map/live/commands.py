@@ -54,7 +54,7 @@ class Command:
         try:
             action = Action(content.get("action", ""))
             at_s = float(content.get("at_s", 0.0))
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             known = ", ".join(Action)
             raise InputError(f"no command: an action of {known} is needed, at_s is a number") from error
         if not 0.0 <= at_s < 1e9:

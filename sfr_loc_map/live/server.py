@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import secrets
 import socket
 import time
@@ -12,9 +13,10 @@ from contextlib import suppress
 from importlib.resources import files
 from typing import Any
 
-from aiohttp import WSMsgType, web
+from aiohttp import WSMsgType, http_exceptions, web
 
 from sfr_loc_map import __version__
+from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.live.access import COOKIE, HEADERS, Access
 from sfr_loc_map.live.broadcast import Broadcast
@@ -80,7 +82,7 @@ class LiveServer:
         """
         loop = asyncio.get_running_loop()
         self._hub.on_arrival(lambda: _wake(loop, self._arrived))
-        runner = web.AppRunner(self.application(), access_log=None, handle_signals=False)
+        runner = web.AppRunner(self.application(), access_log=None, handle_signals=False, logger=_logger())
         await runner.setup()
         try:
             await self._listen(runner)
@@ -125,8 +127,8 @@ class LiveServer:
                 await asyncio.wait_for(self._arrived.wait(), PERIOD_S)
             self._arrived.clear()
             for update in self._hub.take():
-                self.state.apply(update)
-                self._broadcast.note(update)
+                if self.state.apply(update):
+                    self._broadcast.note(update)
             self._broadcast.send(time.time())
             await asyncio.sleep(COALESCE_S)
 
@@ -213,13 +215,25 @@ class LiveServer:
         if not self._access.may_command(request):
             return web.json_response({"ok": False, "text": "the page is of an earlier server: reload it"}, status=403)
         try:
-            command = Command.parse(await request.json())
+            command = Command.parse(parse_json(await request.read()))
             text = await asyncio.to_thread(self._operator.run, command)
         except SfrError as error:
             return web.json_response({"ok": False, "text": str(error)}, status=400)
-        except ValueError:
+        except (ValueError, web.RequestPayloadError):
             return web.json_response({"ok": False, "text": "the command is no JSON"}, status=400)
         return web.json_response({"ok": True, "text": text})
+
+
+def _logger() -> logging.Logger:
+    """Return the log of the library's faults; a request that is no HTTP is answered, and nobody's traceback."""
+    logger = logging.getLogger("sfr_loc_map.live")
+    logger.addFilter(_is_fault)
+    return logger
+
+
+def _is_fault(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, (http_exceptions.HttpProcessingError, web.RequestPayloadError))
 
 
 def _read_files(command_token: str) -> dict[str, bytes]:

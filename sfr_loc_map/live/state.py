@@ -36,6 +36,8 @@ MAX_TOPICS = 32
 MAX_STAMPS = 2000
 MAX_PROBLEMS = 20
 TOPIC_STALE_S = 1.7
+MIN_PERIOD_S = 1e-6
+"""Shortest period that a rate is told of: messages that are all of one moment have none."""
 LOCALISATION, TRUTH, REPORT = "localisation/odometry", "ground_truth/odometry", "metrics/report"
 
 
@@ -102,13 +104,15 @@ class LiveState:
             TimeLine: self._add_time_line,
         }
 
-    def apply(self, update: Update) -> None:
-        """Take a record in; one that makes no sense is noted as a problem."""
+    def apply(self, update: Update) -> bool:
+        """Take a record in and return True; one that makes no sense is noted as a problem."""
         try:
             self._heard_s = max(self._heard_s, _time_of(update))
             self._appliers[type(update)](update)
         except (SfrError, ValueError, OverflowError) as error:
             self.problems.append(one_line(str(error)))
+            return False
+        return True
 
     def published_s(self, stamp_ns: int) -> float | None:
         """Return when the image of a stamp was published, None where that is not known."""
@@ -194,7 +198,7 @@ class LiveState:
         return {
             "stamp_ns": None if topic.stamp_ns is None else str(topic.stamp_ns),
             "age_s": round(max(now_s - topic.received_s, 0.0), 3),
-            "rate_hz": round(1.0 / topic.period_s, 2) if topic.period_s else None,
+            "rate_hz": round(1.0 / topic.period_s, 2) if topic.period_s > MIN_PERIOD_S else None,
             "stale": topic.is_stale(now_s),
             "lost": self.lost.get(name, 0),
         }

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from scenes import sent
 
-from sfr_loc_map.errors import SfrError
+from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.live.elevation import MAX_CELLS, thinned
@@ -27,6 +27,7 @@ from sfr_loc_map.live.updates import CloudSample, ElevationSample
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 from sfr_loc_map.nodes.live.map_feed import MapFeed
+from sfr_loc_map.nodes.messages.fields import byte_array
 from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
 from sfr_loc_map.nodes.messages.terrain import elevation_from_msg, elevation_msg, hazard_msg
 
@@ -98,6 +99,12 @@ def test_broken_grids_are_refused() -> None:
             setattr(broken, name, value)
         with pytest.raises(SfrError):
             elevation_from_msg(broken)
+    for last in (0.0, 3e38):
+        cells = np.zeros((24, 24, 8), np.float32)
+        cells[:, :12, 0], cells[:, 12:, 0] = -last, last
+        message.data = byte_array(cells)
+        with pytest.raises(InputError, match="must grow"):
+            MapFeed(Hub(), lambda: True).add_elevation(sent(message), 0.0)
 
 
 def test_thinned_grids_keep_the_worst_hazard_and_means_of_heights() -> None:

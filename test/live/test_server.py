@@ -143,6 +143,32 @@ def test_strangers_are_refused() -> None:
     in_loop(test)
 
 
+def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureFixture[str]) -> None:
+    async def test(found: Served) -> None:
+        port = int(found.server.url.split("?")[0].rsplit(":")[-1].strip("/"))
+        token = b"X-SFR-Token: " + (await found.token()).encode()
+        body = b"POST /command HTTP/1.1\r\n" + token
+        for request, status in (
+            (b"GET / HTTP/1.1\r\nOrigin: http://[", 403),
+            (b"GET / HTTP/1.1\r\nAuthorization: Bearer \xff", 200),
+            (b"POST /command HTTP/1.1\r\nX-SFR-Token: \xff", 403),
+            (body + b"\r\nContent-Length: 4000\r\n\r\n" + b"[" * 4000, 400),
+            (body + b'\r\nContent-Length: 402\r\n\r\n{"at_s":' + b"1" * 393 + b"}", 400),
+            (body + b"\r\nContent-Type: text/x; charset=none\r\nContent-Length: 2\r\n\r\n{}", 400),
+            (body + b"\r\nContent-Encoding: gzip\r\nContent-Length: 2\r\n\r\n{}", 400),
+            (b"GET /" + b"a" * 9000 + b" HTTP/1.1", 400),
+        ):
+            first, _, rest = request.partition(b"\r\n")
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(first + b"\r\nHost: localhost\r\n" + rest + b"\r\n\r\n")
+            head = (await asyncio.wait_for(reader.readline(), 10)).split()
+            writer.close()
+            assert int(head[1]) == status, request[:80]
+
+    in_loop(test)
+    assert capfd.readouterr().err == ""
+
+
 def test_other_hosts_need_the_token() -> None:
     for host, token in (("0.0.0.0", ""), ("0.0.0.0", "short"), ("127.0.0.1", "has\nlines")):
         with pytest.raises(ConfigError):
@@ -189,6 +215,8 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
             assert kinds[:5] == ["hello", "report", "path", "calls", "nodes"]
             assert len(texts[2]["rows"]) == 10
             assert found.hub.wanted == {View.IMAGES, View.CLOUDS, View.TRACKS}
+            for hostile in ('{"type":"ping","sent_ms":NaN}', '{"type":"ping","sent_ms":1e999}', "[" * 4000):
+                await channel.send_str(hostile)  # the page stays connected
             headers = {opened(frame)[0]["topic"]: opened(frame) for frame in frames}
             header, body = headers["mapping/points"]
             points = np.frombuffer(body, "<f4").reshape(header["count"], 5)

@@ -12,7 +12,7 @@ from made_scores import HOSTILE, dig, json_of, whole_score
 
 from sfr_loc_map.live.hub import MAX_WAITING, Hub
 from sfr_loc_map.live.node_view import MAX_CALLS, STALE_AFTER_S
-from sfr_loc_map.live.state import MAX_NODES, LiveState
+from sfr_loc_map.live.state import MAX_NODES, LiveState, TopicView
 from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
 from sfr_loc_map.metrics.score_json import from_dict, to_json
 from sfr_loc_map.report.score_tables import score_tables
@@ -80,6 +80,16 @@ def test_a_node_with_a_longer_period_is_given_it() -> None:
         state.apply(health("monitor_node", 5.0 * number))
     assert not state.nodes["monitor_node"].is_stale(20.0 + 7.0)
     assert state.nodes["monitor_node"].is_stale(20.0 + 9.0)
+
+
+def test_messages_that_are_all_of_one_moment_have_no_rate() -> None:
+    topic = TopicView(None, 0.0)
+    topic.add(1, 1.0)
+    for number in range(4000):  # a smoothed period of 1e-320 s has no reciprocal
+        topic.add(number, 1.0)
+    state = LiveState()
+    state.topics["nav/pose"] = topic
+    assert state.to_plain(2.0)["live"]["topics"]["nav/pose"]["rate_hz"] is None
 
 
 def test_memory_is_bounded() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ import numpy as np
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import PointCloud2
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.live import elevation
@@ -76,9 +78,12 @@ class MapFeed:
             InputError: If it is none.
         """
         cells, stamp_ns = elevation_from_msg(message), stamp_of(message)
-        cell_m = _cell_m(cells)
-        corner = cells[0, 0, :2] - 0.5 * cell_m
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite ones are refused
+            cell_m = _cell_m(cells)
+            corner = cells[0, 0, :2] - 0.5 * cell_m
         origin = float(corner[0]), float(corner[1])
+        if not (0.0 < cell_m < math.inf and all(map(math.isfinite, origin))):
+            raise InputError(f"elevation with cells of {cell_m:g} m: x must grow along the columns, y along the rows")
         grid = ElevationSample(ELEVATION, stamp_ns, origin, cell_m, NAMES, cells[..., 2:], published_s)
         if self._points is not None and self._points[0] == stamp_ns:
             _, xy, error = self._points
