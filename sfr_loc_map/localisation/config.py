@@ -30,8 +30,8 @@ class LocalisationConfig:
     """Parameters of the localiser; ROS parameters and configuration files have the same names."""
 
     max_features: int = param(
-        1600,
-        doc="Landmarks tracked in a keyframe of up to 512 x 512 pixels; there are 2.8 times as many at 1024 x 1024.",
+        2250,
+        doc="Landmarks tracked in a keyframe; there are twice as many at 1024 x 1024 pixels.",
         low=50,
         high=20_000,
     )

@@ -24,9 +24,9 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 from sfr_loc_map.localisation.parallel import in_background
 
 MIN_DISPARITY_PX = 1e-3
-SMALL_IMAGE_PX, LARGE_IMAGE_PX = 512 * 512, 900 * 900
-"""Pixels of an image up to which `max_features` is the number of landmarks, which then grows with the fourth root; and
-pixels from which on there are twice as many, whose patches tell their slopes. Below, both were of no use."""
+LARGE_IMAGE_PX, MEGAPIXEL = 900 * 900, 1024 * 1024
+"""Pixels of an image from which on there are twice `max_features` landmarks, whose patches tell their slopes; and
+pixels from which on the number grows with the fourth root."""
 
 
 class KeyframeBackend:
@@ -57,7 +57,7 @@ class KeyframeBackend:
         self._left_mask, self._right_mask = (load_mask(path, rig) for path in (config.left_mask, config.right_mask))
         pixels = rig.width * rig.height
         self._large = pixels >= LARGE_IMAGE_PX
-        self._wanted = round(config.max_features * max(pixels / SMALL_IMAGE_PX, 1.0) ** 0.25 * (1 + self._large))
+        self._wanted = round(config.max_features * (1 + self._large) * max(pixels / MEGAPIXEL, 1.0) ** 0.25)
         self._foreign_mask: NDArray[np.uint8] | None = None
         self._pending: Future[float] | None = None
         self.reset()

@@ -57,7 +57,7 @@ def test_a_window_begins_with_landmarks_on_the_wall() -> None:
     assert np.median(np.abs(wall[:, 0] - 3.0)) < 0.05
 
 
-@pytest.mark.parametrize(("side", "landmarks", "own_slopes"), [(640, 256, False), (1024, 566, True)])
+@pytest.mark.parametrize(("side", "landmarks", "own_slopes"), [(640, 200, False), (1024, 400, True)])
 def test_images_of_a_megapixel_have_more_landmarks_which_tell_their_slopes(
     side: int, landmarks: int, own_slopes: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -76,7 +76,7 @@ def test_images_of_a_megapixel_have_more_landmarks_which_tell_their_slopes(
     tracked = KeyframeBackend(rig, config, CAMERA, Tracker(config, CAMERA))
     assert tracked.begin(StereoFrame.of(pair), Transform.identity()) > 0.8 * landmarks
     [(corners, own)] = seen
-    assert corners == pytest.approx(landmarks, rel=0.1)
+    assert corners == pytest.approx(landmarks, rel=0.15)
     assert own is own_slopes
 
 

@@ -103,19 +103,20 @@ def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> BundleAdjus
         system, rhs, blocks = linearise(problem)
         information = system[:-1, :-1] + prior.information
         update = np.linalg.solve(information, rhs[:-1] + prior.rhs(keyframes))
-        landmark_rhs = blocks.rhs - blocks.coupling[:, :, :-1] @ update
+        landmark_rhs, covariance = blocks.rhs - blocks.coupling[:, :, :-1] @ update, blocks.covariance
+        del blocks  # the largest arrays of a keyframe: those of the next iteration take their place
         step = update.reshape(-1, 6)
         rotations = [retract(old, *angles) for old, angles in zip(keyframes.rotations, step[:, 3:], strict=True)]
         problem = problem._replace(
             keyframes=Poses(np.stack(rotations), keyframes.positions + step[:, :3]),
-            uv_inverse_depth=problem.uv_inverse_depth + np.einsum("nij,nj->ni", blocks.covariance, landmark_rhs),
+            uv_inverse_depth=problem.uv_inverse_depth + np.einsum("nij,nj->ni", covariance, landmark_rhs),
         )
         if np.abs(update).max() < 1e-6:
             break
     return BundleAdjustmentResult(
         problem.keyframes,
         problem.uv_inverse_depth,
-        blocks.covariance,
+        covariance,
         np.asarray(np.linalg.inv(information), dtype=np.float64),
         right_image_offset(system, rhs),
     )

@@ -13,13 +13,10 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import propagation
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate, Prior, adjust, marginalise_oldest
 from sfr_loc_map.localisation.backend.linearisation import BundleProblem
-from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, Pyramid
-from sfr_loc_map.localisation.frontend.landmarks import Landmarks, Patches
-from sfr_loc_map.localisation.frontend.patch import SIDE, cut_patches
+from sfr_loc_map.localisation.frontend.image_pyramid import Pyramid
+from sfr_loc_map.localisation.frontend.landmarks import HostPatches, Landmarks, Patches
+from sfr_loc_map.localisation.frontend.patch import Templates
 
-COARSE_HALF = 3
-SIDES = (SIDE, *[2 * COARSE_HALF + 1] * (LEVELS - 1))
-"""Sides of the patches at each level."""
 START_VARIANCE = 1e-10
 """Variance of the first pose (m^2, rad^2): it is given, not estimated."""
 
@@ -142,9 +139,8 @@ class SlidingWindow:
         self.keyframes = Poses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
         self.hosted = HostedLandmarks.new(0, np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
         self.observations = Observations(np.zeros((0, 0, 4)), np.zeros((0, 0, 2, 3)))
-        # Patches of the landmarks that each keyframe hosts, one array (n, 3, S * S) per pyramid level: what is large is
-        # copied neither when landmarks are added nor when they leave.
-        self._patches: list[list[NDArray[np.float32]]] = []
+        # by keyframe: what is large is copied neither when landmarks are added nor when they leave
+        self._patches: list[HostPatches] = []
         self.pose_covariance = np.zeros((0, 0))
         self.right_offset = OffsetEstimate(0.0, np.inf)
         self.drift: KeyframeDrift | None = None
@@ -211,7 +207,7 @@ class SlidingWindow:
         """
         self.observations = self.observations.with_keyframe(rows, uv, variance)
         self.keyframes = _with_pose(self.keyframes, pose)
-        self._patches.append([np.zeros((0, 3, side * side), np.float32) for side in SIDES])
+        self._patches.append(HostPatches.none())
         self._prior = Prior(
             np.pad(self._prior.information, (0, 6)),
             np.pad(self._prior.information_vector, (0, 6)),
@@ -223,19 +219,19 @@ class SlidingWindow:
             self._marginalise_oldest()
 
     def add_landmarks(
-        self, left: Pyramid, new: HostedLandmarks, patches: NDArray[np.float32], uv: FloatArray, variance: FloatArray
+        self, left: Pyramid, new: HostedLandmarks, patches: Templates, uv: FloatArray, variance: FloatArray
     ) -> None:
         """Add the landmarks that the newest keyframe hosts, once per keyframe.
 
         Args:
             left: Left pyramid of the keyframe.
             new: M landmarks.
-            patches: `(M, 3, S * S)` at full size.
+            patches: Their templates at full size.
             uv: `(M, 4)` where the keyframe itself observes them.
             variance: `(M, 2, 3)` of these.
         """
         self.hosted = self.hosted.with_more(new)
-        self._patches[-1] = [patches, *(_coarse_patches(left, new.uv, level) for level in range(1, LEVELS))]
+        self._patches[-1] = HostPatches(new.uv, patches, left.levels[1:])
         self.observations = self.observations.with_landmarks(uv, variance)
 
     def adjust(self, iterations: int) -> None:
@@ -267,14 +263,3 @@ class SlidingWindow:
 
 def _with_pose(poses: Poses, pose: Pose) -> Poses:
     return Poses(*(np.concatenate((array, one[None])) for array, one in zip(poses, pose, strict=True)))
-
-
-def _coarse_patches(left: Pyramid, uv: FloatArray, level: int) -> NDArray[np.float32]:
-    image = left.levels[level]
-    height, width = image.shape
-    margin = COARSE_HALF + 2
-    small = (uv + 0.5) / 2.0**level - 0.5
-    inside = np.all((small >= margin) & (small <= [width - 1 - margin, height - 1 - margin]), axis=1)
-    cut = cut_patches(image, np.clip(small, margin, [width - 1 - margin, height - 1 - margin]), COARSE_HALF)
-    cut[~inside] = 0.0  # no texture: never in view
-    return cut

@@ -8,16 +8,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.geometry.median import median
 from sfr_loc_map.localisation.frontend.homography import LocalPlanes
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
-from sfr_loc_map.localisation.frontend.patch import HALF, Templates, templates_of
+from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, Templates, cut_patches, templates_of
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
 BORDER = HALF + 4
 """Pixels along the image edges where no landmark is made: its patch with the gradients must fit."""
+COARSE_HALF = 3
+"""Half width of a patch at the smaller levels."""
 MIN_INVERSE_DEPTH = 1e-6
 """Inverse depth, 1/m, up to which a landmark is at infinity."""
 ENOUGH_TO_ALIGN = 200
@@ -27,15 +29,48 @@ ENOUGH_TO_FOLLOW = 800
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class HostPatches:
+    """Patches of the n landmarks that a keyframe hosts.
+
+    Attributes:
+        uv: `(n, 2)` their centres, whole pixels.
+        fine: Their templates at full size; nobody writes to them.
+        coarse: Smaller levels of the keyframe's pyramid: few landmarks are compared with these.
+    """
+
+    uv: FloatArray
+    fine: Templates
+    coarse: tuple[FloatImage, ...]
+
+    @classmethod
+    def none(cls) -> HostPatches:
+        """Return those of a keyframe that hosts no landmark."""
+        fine = Templates(np.zeros((0, 3, SIDE * SIDE), np.float32), np.zeros((0, 6)))
+        return cls(np.zeros((0, 2)), fine, (np.zeros((1, 1), np.float32),) * (LEVELS - 1))
+
+    def level(self, number: int, rows: NDArray[np.intp]) -> Templates:
+        """Return the templates of some landmarks at a pyramid level."""
+        if number == 0:
+            return self.fine.subset(rows)
+        image, margin = self.coarse[number - 1], COARSE_HALF + 2
+        small = (self.uv[rows] + 0.5) / 2.0**number - 0.5
+        last = np.array(image.shape[::-1]) - 1 - margin
+        inside = np.all((small >= margin) & (small <= last), axis=1)
+        cut = cut_patches(image, np.clip(small, margin, last), COARSE_HALF)
+        cut[~inside] = 0.0  # no texture: never in view
+        return templates_of(cut)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Patches:
     """Patches of M landmarks, copied from those of their hosts where a level is first asked for.
 
     Attributes:
-        hosted: Those that each keyframe hosts, one array `(n, 3, S * S)` per pyramid level; nobody writes to them.
+        hosted: Those of each keyframe.
         rows: `(M,)` rows in these, increasing, counted through all keyframes.
     """
 
-    hosted: tuple[list[NDArray[np.float32]], ...]
+    hosted: tuple[HostPatches, ...]
     rows: NDArray[np.intp]
     _copies: dict[int, Templates] = field(default_factory=dict)
 
@@ -46,10 +81,10 @@ class Patches:
     def level(self, number: int) -> Templates:
         """Return the templates of the patches of a pyramid level."""
         if number not in self._copies:
-            ends = np.cumsum([0, *(len(levels[number]) for levels in self.hosted)])
+            ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
             parts = zip(self.hosted, ends, np.split(self.rows, np.searchsorted(self.rows, ends[1:-1])), strict=False)
-            patches = np.concatenate([levels[number][rows - end] for levels, end, rows in parts])
-            self._copies[number] = templates_of(patches)
+            templates = [host.level(number, rows - end) for host, end, rows in parts]
+            self._copies[number] = Templates(*map(np.concatenate, zip(*templates, strict=True)))
         return self._copies[number]
 
 
@@ -84,7 +119,7 @@ class Landmarks:
         """Return no landmarks, as before the first pair."""
         vectors, matrices = np.zeros((0, 3)), np.zeros((0, 3, 3))
         index, depth, no_uv = np.zeros(0, np.intp), np.zeros(0), np.zeros((0, 2))
-        patches = Patches(([np.zeros((0, 3, 0), np.float32)] * LEVELS,), index)
+        patches = Patches((HostPatches.none(),), index)
         return cls(index, Poses(matrices, vectors), no_uv, vectors, depth, no_uv, matrices, patches, np.zeros((0, 4)))
 
     def __len__(self) -> int:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.homography import LocalWarp
 
@@ -34,6 +34,10 @@ class Templates(NamedTuple):
 
     values: Patch
     moments: FloatArray
+
+    def subset(self, kept: Mask | NDArray[np.intp]) -> Templates:
+        """Return some of them, a mask `(N,)` or rows."""
+        return Templates(self.values[kept], self.moments[kept])
 
 
 class PatchPixels(NamedTuple):
@@ -169,8 +173,8 @@ def warped_normal(by: LocalWarp, det: float, xx: float, xy: float, yy: float) ->
 
 @jit_fast
 def templates_of(patches: Patch) -> Templates:
-    """Return the templates of patches `(N, 3, S * S)` of `cut_patches`."""
-    values, moments = patches.copy(), np.zeros((len(patches), 6))
+    """Return the templates of patches `(N, 3, S * S)` of `cut_patches`, which become their values."""
+    values, moments = patches, np.zeros((len(patches), 6))
     for n in range(len(patches)):
         grey, dx, dy = values[n, 0], values[n, 1], values[n, 2]
         power = normalise(grey)

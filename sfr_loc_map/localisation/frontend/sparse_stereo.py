@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -46,7 +46,7 @@ class StereoMatches:
         covariance: `(N, 3)` uu, uv, vv of the right position for a noise of one grey level, px^2.
         residual: `(N,)` RMS, grey levels.
         slope: `(N, 2)` change of the disparity per pixel, of the local plane.
-        patches: `(N, 3, S * S)` left patches with gradients.
+        patches: Templates of the left patches.
     """
 
     uv: FloatArray
@@ -54,7 +54,7 @@ class StereoMatches:
     covariance: FloatArray
     residual: FloatArray
     slope: FloatArray
-    patches: Patch
+    patches: Templates
 
     @property
     def disparity(self) -> FloatArray:
@@ -67,7 +67,8 @@ class StereoMatches:
             return self
         column, row = np.rint(self.right).astype(int).T
         kept = mask[np.clip(row, 0, mask.shape[0] - 1), np.clip(column, 0, mask.shape[1] - 1)] > 0
-        return StereoMatches(*(getattr(self, item.name)[kept] for item in fields(self)))
+        arrays = (self.uv[kept], self.right[kept], self.covariance[kept], self.residual[kept], self.slope[kept])
+        return StereoMatches(*arrays, self.patches.subset(kept))
 
 
 def match_corners(
@@ -96,8 +97,7 @@ def match_corners(
     """
     disparity, found = _search(left, right, uv, max_disparity, offset_v)
     uv, disparity = uv[found], disparity[found]
-    patches = cut_patches(left.levels[0], uv, HALF)
-    templates, planes = templates_of(patches), _LocalPlanes(uv, known)
+    templates, planes = templates_of(cut_patches(left.levels[0], uv, HALF)), _LocalPlanes(uv, known)
     good = np.ones(len(uv), np.bool_)
     for _ in range(2):
         slope = planes.slopes(disparity, good)
@@ -106,14 +106,15 @@ def match_corners(
         disparity = np.where(good, uv[:, 0] - tracks.uv[:, 0], disparity)
     slope = planes.slopes(disparity, good)
     if own_slopes:
+        patches = cut_patches(left.levels[0], uv, HALF)
         slope = in_halves(partial(refine_slopes, right.levels[0]), patches, tracks.uv, slope)
+        del patches
         tracks = _refine(right.levels[0], templates, uv, _homographies(uv, disparity, slope, offset_v))
         disparity = uv[:, 0] - tracks.uv[:, 0]
     good &= (tracks.correlation > MIN_NCC) & (disparity > MIN_DISPARITY_PX)
     good &= np.abs(tracks.uv[:, 1] - uv[:, 1] - offset_v) < MAX_VERTICAL_PX
     covariance, residual = tracks.covariance[good], tracks.residual[good]
-    kept_patches = np.ascontiguousarray(patches[good])
-    return StereoMatches(uv[good], tracks.uv[good], covariance, residual, slope[good], kept_patches)
+    return StereoMatches(uv[good], tracks.uv[good], covariance, residual, slope[good], templates.subset(good))
 
 
 def _homographies(uv: FloatArray, disparity: FloatArray, slope: FloatArray, offset_v: float) -> FloatArray:

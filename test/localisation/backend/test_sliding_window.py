@@ -9,8 +9,9 @@ import pytest
 
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.backend.sliding_window import SIDES, HostedLandmarks, Observations, SlidingWindow
+from sfr_loc_map.localisation.backend.sliding_window import HostedLandmarks, Observations, SlidingWindow
 from sfr_loc_map.localisation.frontend.image_pyramid import build_pyramid
+from sfr_loc_map.localisation.frontend.patch import SIDE, templates_of
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 PYRAMID = build_pyramid(np.zeros((512, 512), np.uint8))
@@ -53,9 +54,10 @@ def filled(size: int, seed: int = 0, keyframes: int = KEYFRAMES) -> SlidingWindo
         observed = project(new, index) + random.normal(0.0, NOISE_PX, (PER_KEYFRAME, 4)) * [0.0, 0.0, 1.0, 1.0]
         inverse_depth = (observed[:, 0] - observed[:, 2]) / (CAMERA.fx * CAMERA.baseline_m)
         hosted = HostedLandmarks.new(len(window) - 1, uv, inverse_depth, np.zeros((PER_KEYFRAME, 2)))
-        patches = np.zeros((PER_KEYFRAME, 3, SIDES[0] ** 2), np.float32)
+        patches = np.zeros((PER_KEYFRAME, 3, SIDE**2), np.float32)
         patches[:, 0, :2] = -index, index
-        window.add_landmarks(PYRAMID, hosted, patches, observed, np.broadcast_to(variance, (PER_KEYFRAME, 2, 3)))
+        variances = np.broadcast_to(variance, (PER_KEYFRAME, 2, 3))
+        window.add_landmarks(PYRAMID, hosted, templates_of(patches), observed, variances)
         points = np.concatenate((points, new))
     return window
 
@@ -77,8 +79,8 @@ def test_marginalise_then_solve_is_the_joint_solve() -> None:
     )
     own = np.flatnonzero(joint.hosted.host == 2)
     hosted = HostedLandmarks.new(1, joint.hosted.uv[own], joint.hosted.uv_inverse_depth[own, 2], np.zeros((40, 2)))
-    patches = np.zeros((40, 3, SIDES[0] ** 2), np.float32)
-    short.add_landmarks(PYRAMID, hosted, patches, third.uv[own, 2], third.variance[own, 2])
+    patches = np.zeros((40, 3, SIDE**2), np.float32)
+    short.add_landmarks(PYRAMID, hosted, templates_of(patches), third.uv[own, 2], third.variance[own, 2])
     assert len(short) == 2
     assert len(joint) == 3
     for window in (joint, short):

@@ -4,8 +4,25 @@ import numpy as np
 
 from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
-from sfr_loc_map.localisation.frontend.landmarks import ENOUGH_TO_ALIGN, ENOUGH_TO_FOLLOW, Landmarks, Patches
+from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS, build_pyramid
+from sfr_loc_map.localisation.frontend.landmarks import (
+    COARSE_HALF,
+    ENOUGH_TO_ALIGN,
+    ENOUGH_TO_FOLLOW,
+    HostPatches,
+    Landmarks,
+    Patches,
+)
+from sfr_loc_map.localisation.frontend.patch import cut_patches, templates_of
+
+BLACK = build_pyramid(np.zeros((128, 128), np.uint8))
+
+
+def hosted(grey: np.ndarray) -> HostPatches:
+    """Patches of grey levels `(n, S * S)`, without texture at the smaller levels."""
+    patches = np.zeros((len(grey), 3, grey.shape[1]), np.float32)
+    patches[:, 0] = grey
+    return HostPatches(np.full((len(grey), 2), 64.0), templates_of(patches), BLACK.levels[1:])
 
 
 def landmarks(inverse_depth: np.ndarray) -> Landmarks:
@@ -20,7 +37,7 @@ def landmarks(inverse_depth: np.ndarray) -> Landmarks:
         inverse_depth=inverse_depth,
         slopes=np.zeros((count, 2)),
         covariance=np.zeros((count, 3, 3)),
-        patches=Patches(([np.zeros((count, 3, 1), np.float32)] * LEVELS,), np.arange(count)),
+        patches=Patches((hosted(np.zeros((count, 9))),), np.arange(count)),
         last_seen=np.zeros((count, 4)),
     )
 
@@ -56,14 +73,26 @@ def test_a_subset_is_a_mask_on_each_array() -> None:
 
 def test_patches_are_those_of_the_hosts() -> None:
     ramp = np.array([-1.0, 0.0, 1.0] * 3, np.float32)
-    hosted = tuple([np.zeros((count, 3, 9), np.float32)] for count in (3, 0, 2, 4))
-    for number, levels in enumerate(hosted):
-        levels[0][:, 0] = np.multiply.outer(10 * number + np.arange(len(levels[0])), ramp)
-    patches = Patches(hosted, np.array([0, 2, 4, 5, 8]))
+    hosts = [
+        hosted(np.multiply.outer(10 * number + np.arange(count), ramp)) for number, count in enumerate((3, 0, 2, 4))
+    ]
+    patches = Patches(tuple(hosts), np.array([0, 2, 4, 5, 8]))
     np.testing.assert_array_equal(patches.level(0).values[:, 0, 2], [0, 2, 21, 30, 33])
     part = patches.subset(np.array([False, True, False, True, True]))
     np.testing.assert_array_equal(part.level(0).values[:, 0, 2], [2, 30, 33])
     assert part.subset(np.zeros(3, np.bool_)).level(0).values.shape == (0, 3, 9)
+
+
+def test_coarse_patches_are_cut_where_they_are_used_and_have_no_texture_beyond_the_edge() -> None:
+    image = np.random.default_rng(0).integers(0, 255, (128, 128), np.uint8)
+    pyramid = build_pyramid(image)
+    uv = np.array([[64.0, 60.0], [10.0, 64.0], [70.0, 66.0]])
+    host = HostPatches(uv, hosted(np.zeros((3, 9))).fine, pyramid.levels[1:])
+    found = Patches((HostPatches.none(), host), np.array([0, 1, 2])).level(1)
+    inside = cut_patches(pyramid.levels[1], (uv[[0, 2]] + 0.5) / 2.0 - 0.5, COARSE_HALF)
+    np.testing.assert_array_equal(found.values[[0, 2]], templates_of(inside).values)
+    assert not found.values[1].any()  # at level 1 its patch would begin 1 pixel from the edge
+    assert not found.moments[1].any()
 
 
 def test_few_are_enough_to_align_from_all_of_them() -> None:

@@ -7,9 +7,9 @@ import numpy as np
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.image_pyramid import Pyramid
-from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks, Patches
+from sfr_loc_map.localisation.frontend.landmarks import BORDER, HostPatches, Landmarks, Patches
 from sfr_loc_map.localisation.frontend.motion_segmentation import MIN_MOTION_PX, project, unexplained_by
-from sfr_loc_map.localisation.frontend.patch import SIDE
+from sfr_loc_map.localisation.frontend.patch import SIDE, templates_of
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, TrackingResult
 
 CAMERA = StereoCamera(200.0, 210.0, 80.0, 60.0, 0.1)
@@ -21,6 +21,7 @@ def test_what_is_in_view_and_what_moved_follows_from_the_projections() -> None:
     count = 400
     uv = np.rint(random.uniform((0, 0), SHAPE[::-1], (count, 2)))
     rotations = np.array([matrix_from_rotvec(0.1 * random.normal(size=3)) for _ in range(count)])
+    fine = templates_of(random.normal(size=(count, 3, SIDE * SIDE)).astype(np.float32))
     landmarks = replace(
         Landmarks.none(),
         index=np.arange(count),
@@ -28,7 +29,7 @@ def test_what_is_in_view_and_what_moved_follows_from_the_projections() -> None:
         uv=uv,
         rays=np.column_stack((CAMERA.normalised(uv), np.ones(count))),
         inverse_depth=random.uniform(-0.2, 1.0, count),
-        patches=Patches(([random.normal(size=(count, 3, SIDE * SIDE)).astype(np.float32)],), np.arange(count)),
+        patches=Patches((HostPatches(uv, fine, ()),), np.arange(count)),
     )
     pose = Pose(matrix_from_rotvec([0.0, 0.05, 0.02]), np.array([0.1, 0.0, 1.5]))
     image = random.uniform(0, 255, SHAPE).astype(np.float32)

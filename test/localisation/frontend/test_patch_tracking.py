@@ -70,7 +70,7 @@ def test_normalisation_takes_the_mean_and_returns_the_power() -> None:
 
 def test_templates_have_no_mean_and_no_derivative_by_contrast() -> None:
     patches = cut_patches(IMAGE, UV, HALF)
-    values, moments = templates_of(patches)
+    values, moments = templates_of(patches.copy())
     centred = patches.astype(float) - patches.mean(axis=2, keepdims=True, dtype=float)
     power = np.einsum("nk,nk->n", centred[:, 0], centred[:, 0])
     np.testing.assert_allclose(moments[:, 0], power, rtol=1e-4)
