@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +20,23 @@ from sfr_loc_map.errors import naming as naming
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import LocSequence, NavSequence
 
+_NAMESPACE = re.compile(r"/?([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?/?")
+
+
+def checked_namespace(text: str) -> str:
+    """Return a namespace of ROS, the value of an option.
+
+    Raises:
+        ConfigError: If it is none.
+    """
+    if not _NAMESPACE.fullmatch(text):
+        raise ConfigError(f"--namespace '{text}' is none of ROS: give names of letters, digits and _ joined by /")
+    return text
+
+
+NamespaceOption = Annotated[
+    str, typer.Option("--namespace", metavar="NS", callback=checked_namespace, help="Namespace of the rover.")
+]
 SourceArgument = Annotated[
     Path,
     typer.Argument(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import ConfigOption, RemapOption, parse_remaps, progress_bar, require_ros
+from sfr_loc_map.cli.common import ConfigOption, RemapOption, checked_namespace, parse_remaps, progress_bar, require_ros
 from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, OverwriteOption, check_outputs, say, show
 from sfr_loc_map.cli.verdict import LenientOption, not_judged
@@ -39,7 +39,10 @@ def doctor(
         Path | None, typer.Argument(metavar="TRUTH", help="With EST: trajectory, bag or data set folder.")
     ] = None,
     graph: Annotated[bool, typer.Option("--graph", help="Look at the running ROS graph.")] = False,
-    namespace: Annotated[str, typer.Option("--namespace", metavar="NS", help="Namespace of the rover (--graph).")] = "",
+    namespace: Annotated[
+        str,
+        typer.Option("--namespace", metavar="NS", callback=checked_namespace, help="Namespace of the rover (--graph)."),
+    ] = "",
     seconds: Annotated[
         float,
         typer.Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched, after the first (--graph)."),

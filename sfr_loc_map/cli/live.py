@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import ConditionOption, require_ros
+from sfr_loc_map.cli.common import ConditionOption, NamespaceOption, require_ros
 from sfr_loc_map.cli.live_views import Played, Views, show_graph, show_recording
 from sfr_loc_map.cli.score import LimitsOption
 from sfr_loc_map.errors import ConfigError, MissingExtraError
@@ -112,7 +112,7 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
 )
 def live(
     source: PlayedArgument = None,
-    namespace: Annotated[str, typer.Option("--namespace", metavar="NS", help="Namespace of the rover.")] = "",
+    namespace: NamespaceOption = "",
     host: HostOption = "127.0.0.1",
     port: PortOption = 8080,
     token: Annotated[str, typer.Option("--token", metavar="WORD", help="Word that each request must have.")] = "",

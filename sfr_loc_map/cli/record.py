@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import require_ros
+from sfr_loc_map.cli.common import NamespaceOption, require_ros
 from sfr_loc_map.cli.next_step import propose
 from sfr_loc_map.cli.output import OverwriteOption, output_folder, say
 
@@ -26,7 +26,7 @@ def record(
         list[str] | None, typer.Argument(metavar="TOPIC", help="Topics; by default ours and our inputs.")
     ] = None,
     everything: Annotated[bool, typer.Option("--all", help="All topics.")] = False,
-    namespace: Annotated[str, typer.Option("--namespace", metavar="NS", help="Namespace of the rover.")] = "",
+    namespace: NamespaceOption = "",
     duration: Annotated[
         float | None, typer.Option(min=0.0, metavar="S", help="How long; by default until Ctrl-C or SIGTERM.")
     ] = None,

@@ -9,7 +9,7 @@ import typer
 
 from sfr_loc_map.cli import completion
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import require_ros
+from sfr_loc_map.cli.common import checked_namespace, require_ros
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.output import say
 from sfr_loc_map.errors import InputError
@@ -52,7 +52,10 @@ def run(
             "--params-file", metavar="P.yaml", help="ROS parameter file, for all nodes named in it; repeatable."
         ),
     ] = None,
-    namespace: Annotated[str, typer.Option("--namespace", metavar="NS", help="Namespace of nodes and topics.")] = "",
+    namespace: Annotated[
+        str,
+        typer.Option("--namespace", metavar="NS", callback=checked_namespace, help="Namespace of nodes and topics."),
+    ] = "",
     remap: Annotated[
         list[str] | None, typer.Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
     ] = None,

@@ -82,6 +82,10 @@ class Operator(Protocol):
         """
         ...
 
+    def close(self) -> None:
+        """Give up what is under way: a program that ends waits for its threads."""
+        ...
+
 
 class NoOperator:
     """Can do nothing: there are no nodes."""
@@ -95,6 +99,9 @@ class NoOperator:
             InputError: Always.
         """
         raise InputError(f"'{command.action}' is not possible here: there are no nodes")
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 class LateOperator:
@@ -122,3 +129,8 @@ class LateOperator:
         if self._operator is None:
             raise InputError(f"'{command.action}' is not possible yet: the page is still joining the nodes; try again")
         return self._operator.run(command)
+
+    def close(self) -> None:
+        """Give up what is under way."""
+        if self._operator is not None:
+            self._operator.close()

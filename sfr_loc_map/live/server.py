@@ -33,6 +33,8 @@ MAX_COMMAND_BYTES = 4096
 MAX_MESSAGE_BYTES = 4096
 SOCKET_BUFFER_BYTES = 262_144
 """Of the kernel, for each page: what waits there is older than what waits here."""
+SHUTDOWN_S = 1.0
+"""Time for requests under way when the server ends: a page that keeps its connection open keeps nobody."""
 PERIOD_S = 0.1
 """Longest time between two looks at what is stale."""
 COALESCE_S = 0.01
@@ -82,13 +84,15 @@ class LiveServer:
         """
         loop = asyncio.get_running_loop()
         self._hub.on_arrival(lambda: _wake(loop, self._arrived))
-        runner = web.AppRunner(self.application(), access_log=None, handle_signals=False, logger=_logger())
+        options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": _logger()}
+        runner = web.AppRunner(self.application(), shutdown_timeout=SHUTDOWN_S, **options)
         await runner.setup()
         try:
             await self._listen(runner)
             ready(self.url)
             await self._follow()
         finally:
+            self._operator.close()
             await runner.cleanup()
 
     def end(self) -> None:

@@ -287,6 +287,13 @@ def test_bad_usage(
     check(sfr(*(word.format(source=source, out=out, tum=tum) for word in arguments)), "", words, out)
 
 
+@pytest.mark.parametrize("command", [("live",), ("run",), ("doctor", "--graph"), ("record", "bag")])
+def test_a_namespace_that_is_none_of_ros(sfr: Sfr, command: tuple[str, ...]) -> None:
+    result = sfr(*command, "--namespace", "rover 1")
+    assert (result.code, result.err.count("\n")) == (2, 1)
+    assert "--namespace 'rover 1' is none of ROS: give names of" in result.err
+
+
 def test_start_at_a_truth_that_is_not_there(sfr: Sfr, tmp_path: Path, out: Path) -> None:
     source = broken.good_folder(tmp_path / "source")
     (source / "loc/groundtruth.csv").unlink()

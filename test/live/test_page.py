@@ -47,6 +47,9 @@ class Noted:
     def __init__(self) -> None:
         self.commands: list[Command] = []
 
+    def close(self) -> None:
+        pass
+
     def run(self, command: Command) -> str:
         self.commands.append(command)
         return f"{command.action} done"

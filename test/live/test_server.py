@@ -6,6 +6,7 @@ import asyncio
 import json
 import re
 import struct
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
@@ -36,6 +37,9 @@ class Recorder:
 
     def __init__(self) -> None:
         self.commands: list[Command] = []
+
+    def close(self) -> None:
+        pass
 
     def run(self, command: Command) -> str:
         if command.node == "nowhere":
@@ -167,6 +171,22 @@ def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureF
 
     in_loop(test)
     assert capfd.readouterr().err == ""
+
+
+def test_a_page_that_stays_open_keeps_nobody_at_the_end() -> None:
+    async def test(found: Served) -> None:
+        port = int(found.server.url.rsplit(":")[-1].strip("/"))
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        words = "GET /ws HTTP/1.1", "Host: localhost", "Upgrade: websocket", "Connection: Upgrade"
+        key = "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
+        writer.write("\r\n".join([*words, *key, "", ""]).encode())
+        assert b"101" in await reader.readline()
+        open_pages.append(writer)
+
+    open_pages: list[asyncio.StreamWriter] = []
+    begin = time.monotonic()
+    in_loop(test)
+    assert time.monotonic() - begin < 10.0
 
 
 def test_other_hosts_need_the_token() -> None:

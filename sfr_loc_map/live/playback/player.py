@@ -199,6 +199,9 @@ class Player:
                 return f"goes to {self._jump_to:.1f} s"
         raise InputError(f"'{command.action}' is not possible here: a recording is played, there are no nodes")
 
+    def close(self) -> None:
+        """Do nothing: no command takes long."""
+
     def _play(self) -> None:
         try:
             self._loop()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from threading import Event
+import time
+from collections.abc import Callable
+from threading import Condition, Event
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
@@ -16,7 +18,8 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.live.commands import Action, Command
 
-ANSWER_S = 10.0
+FOUND_S, ANSWER_S = 2.0, 10.0
+POLL_S = 0.02
 BOOKMARK_TOPIC = "bookmark"
 TRANSITIONS = {
     Action.ACTIVATE: Transition.TRANSITION_ACTIVATE,
@@ -42,6 +45,7 @@ class RosOperator:
             node: Calls the services; another thread spins it.
         """
         self._node = node
+        self._closed, self._changed, self._under_way = Event(), Condition(), 0
         events = PublisherEventCallbacks(use_default_callbacks=False)
         self._bookmarks = node.create_publisher(String, BOOKMARK_TOPIC, QoSProfile(depth=100), event_callbacks=events)
 
@@ -68,16 +72,44 @@ class RosOperator:
             return f"{command.node}: {answer.message}"
         raise InputError(f"'{command.node}' has no '{command.action}'")
 
+    def close(self) -> None:
+        """Give up what is under way, before the node is destroyed."""
+        self._closed.set()
+        with self._changed:
+            self._changed.wait_for(lambda: not self._under_way, FOUND_S)
+
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
+        with self._changed:
+            self._under_way += 1
+        try:
+            return self._answer(kind, name, request)
+        finally:
+            with self._changed:
+                self._under_way -= 1
+                self._changed.notify_all()
+
+    def _answer(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
+        self._check_open()
         client = self._node.create_client(kind, name)
         try:
-            if not client.wait_for_service(timeout_sec=2.0):
+            if not self._wait(client.service_is_ready, FOUND_S):
                 raise NodeError(f"no node offers {name}: is it running?")
-            done = Event()
             future = client.call_async(request)
-            future.add_done_callback(lambda _: done.set())
-            if not done.wait(ANSWER_S):
+            if not self._wait(future.done, ANSWER_S):
                 raise NodeError(f"{name} gave no answer within {ANSWER_S:g} s")
             return future.result()
         finally:
             self._node.destroy_client(client)
+
+    def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() >= deadline:
+                return False
+            self._closed.wait(POLL_S)
+            self._check_open()
+        return True
+
+    def _check_open(self) -> None:
+        if self._closed.is_set():
+            raise NodeError("the page has ended")
