@@ -16,6 +16,7 @@ from sfr_loc_map.fault_injection.scene import Scene
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
+from sfr_loc_map.nodes.process.ros_start import start_ros
 
 
 def main() -> None:
@@ -23,7 +24,7 @@ def main() -> None:
     environment.prepare()
     end_with_supervisor()
     rate_hz, scene = float(sys.argv[1]), Scene()
-    rclpy.init(args=[])
+    start_ros([])
     node = rclpy.create_node("sfr_camera")
     qos = QoSProfile(depth=IMAGE_DEPTH)
     images = [node.create_publisher(Image, f"loc/{side}/image_rect", qos) for side in SIDES]

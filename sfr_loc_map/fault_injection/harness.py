@@ -26,6 +26,7 @@ from sfr_loc_map.fault_injection.scene import LOCSB_EXTRINSICS, Scene
 from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.fault_injection.waiting import wait_until
 from sfr_loc_map.nodes.process.node_process import NodeProcess
+from sfr_loc_map.nodes.process.ros_start import start_ros
 from sfr_loc_map.nodes.process.supervisor import end_processes
 from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
 
@@ -94,7 +95,7 @@ class Harness:
         self.nodes = {name: self._process(name, (arguments or {}).get(name, ())) for name in nodes}
         for process in self.nodes.values():
             process.start()
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        start_ros([], signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("sfr_campaign")
         self.received = MessageRecorder(self.node)
         self.rover = FakeRover(self.node, scene or Scene(), settings.patience_s)

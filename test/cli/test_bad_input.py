@@ -294,6 +294,17 @@ def test_a_namespace_that_is_none_of_ros(sfr: Sfr, command: tuple[str, ...]) -> 
     assert "--namespace 'rover 1' is none of ROS: give names of" in result.err
 
 
+def test_a_log_folder_of_ros_that_cannot_be_made(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy")
+    (tmp_path / "file").touch()
+    code = "import sys; from sfr_loc_map.cli.main import main; sys.argv[1:] = ['doctor', '--graph']; sys.exit(main())"
+    environment = os.environ | {"ROS_LOG_DIR": str(tmp_path / "file" / "log")}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "ROS does not start with these arguments and settings: failed to initialize logging" in done.stderr
+    assert "fault of the program" not in done.stderr
+
+
 def test_start_at_a_truth_that_is_not_there(sfr: Sfr, tmp_path: Path, out: Path) -> None:
     source = broken.good_folder(tmp_path / "source")
     (source / "loc/groundtruth.csv").unlink()

@@ -34,6 +34,7 @@ from sfr_loc_map.nodes.live.operator import RosOperator
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.live_process import node_name_of
+from sfr_loc_map.nodes.process.ros_start import start_ros
 from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
 
 SUITE_NODES = frozenset({"localisation_node", "mapping_node", "monitor_node"})
@@ -59,7 +60,7 @@ class RosFeed:
         """
         configure_malloc()  # large messages come in one thread and are let go in another
         environment.prepare()
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        start_ros([], signal_handler_options=SignalHandlerOptions.NO)
         self._hub = hub
         self._space = namespace.strip("/")
         self._node: Node = rclpy.create_node(

@@ -8,15 +8,15 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.utilities import ok, try_shutdown
 
-from sfr_loc_map.errors import NodeError, SfrError
+from sfr_loc_map.errors import SfrError
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
+from sfr_loc_map.nodes.process.ros_start import start_ros
 from sfr_loc_map.printable import one_line
 
 
@@ -36,7 +36,7 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
     try:
         environment.prepare()
         end_with_supervisor()
-        _start(list(sys.argv if arguments is None else arguments))
+        start_ros(sys.argv if arguments is None else arguments)
         executor = SingleThreadedExecutor()
         node = _make(factory)
         executor.add_node(node)
@@ -61,13 +61,6 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         try_shutdown()
         _ignore_signals()  # the shutdown puts the former handlers back
     return 0
-
-
-def _start(arguments: list[str]) -> None:
-    try:
-        rclpy.init(args=arguments)
-    except Exception as error:  # rclpy's classes for bad arguments and bad parameter files share no root
-        raise NodeError(f"ROS does not start with these arguments and settings: {error}") from error
 
 
 def _make(factory: Callable[[], Node]) -> Node:

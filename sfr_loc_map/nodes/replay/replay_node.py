@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.nodes.process.live_process import LivePage
+from sfr_loc_map.nodes.process.ros_start import start_ros
 from sfr_loc_map.nodes.process.supervisor import Supervisor
 
 NAME = "sfr_player"
@@ -35,7 +36,7 @@ class ReplayNode:
         Args:
             supervisor: The nodes.
         """
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        start_ros([], signal_handler_options=SignalHandlerOptions.NO)
         self.supervisor = supervisor
         self.node: Node = rclpy.create_node(NAME)
         self._executor = SingleThreadedExecutor()

@@ -30,6 +30,7 @@ from sfr_loc_map.nodes.input.static_transforms import StaticTransforms
 from sfr_loc_map.nodes.messages.message_types import message_type
 from sfr_loc_map.nodes.messages.pose import tf_message_type
 from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes.process.ros_start import start_ros
 from sfr_loc_map.nodes.replay import replay_node
 from sfr_loc_map.pipeline.doctor.observation import (
     EXPECTED,
@@ -71,7 +72,7 @@ def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, e
         NodeError: If nodes of the suite run in several namespaces and none is given.
     """
     environment.prepare()
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    start_ros([], signal_handler_options=SignalHandlerOptions.NO)
     try:
         return _GraphObserver(namespace, remap).observe(seconds, extrinsics_given=extrinsics_given)
     finally:

@@ -25,6 +25,7 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.io.bag_recorder import BagRecorder
 from sfr_loc_map.nodes.messages.message_types import definition_of, message_type
 from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes.process.ros_start import start_ros
 from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
 
 INPUTS = (
@@ -104,7 +105,7 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
         stop.set()
 
     before = {number: signal.signal(number, end) for number in END_SIGNALS}
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    start_ros([], signal_handler_options=SignalHandlerOptions.NO)
     try:
         with BagRecorder(path, zstd=options.zstd) as bag:
             recorder = _Recorder(bag, options, say)
