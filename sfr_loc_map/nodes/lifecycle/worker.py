@@ -9,6 +9,8 @@ from enum import StrEnum
 from threading import Condition, Thread
 
 Job = Callable[[], None]
+MAX_WAITING_BYTES = 256_000_000
+"""Of jobs that say how large they are: some sixteen clouds of a megapixel."""
 
 
 class Overload(StrEnum):
@@ -24,13 +26,14 @@ class Overload(StrEnum):
 class _Waiting:
     run: Job
     droppable: bool
+    size_bytes: int = 0
 
 
 class Worker:
     """Does jobs in the order in which they were given.
 
-    Two kinds of jobs wait in one queue. Droppable ones (stereo pairs) are bounded in number. The others (a new rig, a
-    new pose, a reset) are never dropped and keep their position among them.
+    Two kinds of jobs wait in one queue. Droppable ones (stereo pairs) are bounded in number and size. The others (a new
+    rig, a new pose, a reset) are never dropped and keep their position among them.
 
     Attributes:
         dropped: Jobs dropped since the start because the queue was full.
@@ -64,13 +67,19 @@ class Worker:
         """Add a job that is never dropped."""
         self._add(_Waiting(job, droppable=False))
 
-    def enqueue_droppable(self, job: Job) -> None:
-        """Add a job; if the queue is full the oldest droppable job is dropped, and counted."""
+    def enqueue_droppable(self, job: Job, size_bytes: int = 0) -> None:
+        """Add a job; if the queue is full the oldest droppable job is dropped, and counted.
+
+        Args:
+            job: To be done.
+            size_bytes: Of what it holds; where such jobs become too large together, the oldest of them are dropped.
+        """
         with self._changed:
             while self._droppable >= self._capacity:
                 self._drop_oldest()
-                self.dropped += 1
-        self._add(_Waiting(job, droppable=True))
+            while size_bytes and 0 < self._waiting_bytes() > MAX_WAITING_BYTES - size_bytes:
+                self._drop_oldest(least_bytes=1)
+        self._add(_Waiting(job, droppable=True, size_bytes=size_bytes))
 
     def clear(self) -> int:
         """Drop the droppable jobs that wait; return how many (they do not count as dropped)."""
@@ -106,10 +115,15 @@ class Worker:
             self._droppable += job.droppable
             self._changed.notify_all()
 
-    def _drop_oldest(self) -> None:
-        index = next(number for number, job in enumerate(self._jobs) if job.droppable)
+    def _waiting_bytes(self) -> int:
+        return sum(job.size_bytes for job in self._jobs)
+
+    def _drop_oldest(self, least_bytes: int = 0) -> None:
+        jobs = enumerate(self._jobs)
+        index = next(number for number, job in jobs if job.droppable and job.size_bytes >= least_bytes)
         del self._jobs[index]
         self._droppable -= 1
+        self.dropped += 1
 
     def _work(self) -> None:
         while (job := self._next()) is not None:

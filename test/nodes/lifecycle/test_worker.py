@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
+from sfr_loc_map.nodes.lifecycle.worker import MAX_WAITING_BYTES, Overload, Worker
 
 
 class Held:
@@ -45,6 +45,15 @@ def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[boo
     assert held.worker.waiting == len(kept)
     assert held.worker.dropped == sum(kinds) - len(kept)
     assert held.finish() == expected
+
+
+def test_of_what_is_large_the_oldest_is_dropped_and_nothing_that_is_small() -> None:
+    held = Held(Overload.EVERY_PAIR, 100)
+    third = MAX_WAITING_BYTES // 3
+    for number, size in enumerate((third, 0, third, 0, third, third, 0, 2 * third, 2 * MAX_WAITING_BYTES, 1, 0)):
+        held.worker.enqueue_droppable(lambda number=number: held.done.append(number), size)
+    assert held.worker.dropped == 6
+    assert held.finish() == [1, 3, 6, 9, 10]  # 8, larger than all room, waited alone until 9 came
 
 
 def test_a_fault_is_reported_and_the_next_job_is_done() -> None:
