@@ -89,9 +89,7 @@ def _processor_s(pid: int) -> float:
 
 
 def start(config: Path, out: Path, stderr: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
-    # a shell that runs the tests in its background has them ignore Ctrl-C
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    code += "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
+    code = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
     command = [sys.executable, "-c", code, "simulate", str(config), str(out), "--workers", "2"]
     return subprocess.Popen(command, stderr=stderr)
 
