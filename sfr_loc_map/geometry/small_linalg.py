@@ -95,6 +95,22 @@ def inverse(matrix: FloatArray) -> FloatArray:
 
 
 @jit_fast_ir_inline
+def fill_inverse_3(s: FloatArray, out: FloatArray) -> None:
+    """Fill out `(3, 3)` with the inverse of a symmetric positive definite matrix, without arrays.
+
+    With `A` the first 2 x 2, `b` the rest of the last column and `d` its end, `e = A^-1 b` and `r = d - b^T e` it is
+    `A^-1 + e e^T / r`, `-e / r`, `1 / r`.
+    """
+    det = s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1]
+    a00, a01, a11 = s[1, 1] / det, -s[0, 1] / det, s[0, 0] / det
+    e0, e1 = a00 * s[0, 2] + a01 * s[1, 2], a01 * s[0, 2] + a11 * s[1, 2]
+    last = 1.0 / (s[2, 2] - s[0, 2] * e0 - s[1, 2] * e1)
+    out[0, 0], out[0, 1], out[1, 1] = a00 + last * e0 * e0, a01 + last * e0 * e1, a11 + last * e1 * e1
+    out[0, 2], out[1, 2], out[2, 2] = -last * e0, -last * e1, last
+    out[1, 0], out[2, 0], out[2, 1] = out[0, 1], out[0, 2], out[1, 2]
+
+
+@jit_fast_ir_inline
 def fill_inverse_4(s: FloatArray, out: FloatArray) -> None:
     """Fill out `(4, 4)` with the inverse of a symmetric positive definite matrix, by blocks of 2 x 2, without arrays.
 

@@ -19,13 +19,11 @@ class Projection(NamedTuple):
     Attributes:
         uv: `(4,)` pixels.
         by_target: `(4, 6)` derivative by position and rotation of the target camera.
-        by_host: `(4, 6)` by those of the host camera.
         by_landmark: `(4, 3)` by host pixel u, v and inverse depth.
     """
 
     uv: FloatArray
     by_target: FloatArray
-    by_host: FloatArray
     by_landmark: FloatArray
 
 
@@ -55,7 +53,19 @@ def intrinsics(camera: StereoCamera) -> Intrinsics:
 @jit_fast_ir_inline
 def new_projection() -> Projection:
     """Return a projection to be filled."""
-    return Projection(np.zeros(4), np.zeros((4, 6)), np.zeros((4, 6)), np.zeros((4, 3)))
+    return Projection(np.zeros(4), np.zeros((4, 6)), np.zeros((4, 3)))
+
+
+@jit_fast_ir_inline
+def linearise_in_host(landmark: FloatArray, camera: Intrinsics, out: Projection) -> None:
+    """Project a landmark, `(3,)` u, v, px, and inverse depth, 1/m, into its own pair; `by_target` stays as it is."""
+    uv, j_mark, per_depth = out.uv, out.by_landmark, camera.focal[0] * camera.baseline_m
+    for i in range(4):
+        uv[i] = landmark[i % 2]
+        for b in range(3):
+            j_mark[i, b] = 1.0 if b == i % 2 else 0.0
+    uv[2] -= per_depth * landmark[2]
+    j_mark[2, 2] = -per_depth
 
 
 @jit_fast_ir_inline
@@ -83,7 +93,7 @@ def linearise_landmark(
     x = (r_cw[0, 0] * wx + r_cw[1, 0] * wy + r_cw[2, 0] * wz) / z
     y = (r_cw[0, 1] * wx + r_cw[1, 1] * wy + r_cw[2, 1] * wz) / z
     focal, centre, baseline = camera.focal, camera.centre, camera.baseline_m
-    uv, j_pose, j_host, j_mark = out.uv, out.by_target, out.by_host, out.by_landmark
+    uv, j_pose, j_mark = out.uv, out.by_target, out.by_landmark
     for i in range(4):
         axis = i % 2
         f = focal[axis] / z
@@ -96,8 +106,6 @@ def linearise_landmark(
         j_pose[i, 0], j_pose[i, 1], j_pose[i, 2] = -inverse_depth * a, -inverse_depth * b, -inverse_depth * c
         # rotating the camera by theta rotates the point by -theta: d y = R_wc [w]x theta
         j_pose[i, 3], j_pose[i, 4], j_pose[i, 5] = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
-        j_host[i, 0], j_host[i, 1], j_host[i, 2] = inverse_depth * a, inverse_depth * b, inverse_depth * c
-        j_host[i, 3], j_host[i, 4], j_host[i, 5] = c * ty - b * tz, a * tz - c * tx, b * tx - a * ty
         j_mark[i, 0] = (a * r_wh[0, 0] + b * r_wh[1, 0] + c * r_wh[2, 0]) / focal[0]
         j_mark[i, 1] = (a * r_wh[0, 1] + b * r_wh[1, 1] + c * r_wh[2, 1]) / focal[1]
         j_mark[i, 2] = a * bx + b * by + c * bz

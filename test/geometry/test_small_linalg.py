@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from sfr_loc_map.geometry.small_linalg import cholesky, fill_inverse_4, inverse, retract, solve
+from sfr_loc_map.geometry.small_linalg import cholesky, fill_inverse_3, fill_inverse_4, inverse, retract, solve
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -35,6 +35,17 @@ def test_inverse_of_4_x_4_is_that_of_numpy(seed: int, unobserved: float) -> None
     out = np.full((4, 4), np.nan)
     fill_inverse_4(matrix, out)
     np.testing.assert_allclose(out, np.linalg.inv(matrix), rtol=1e-6, atol=1e-12)
+
+
+@settings(max_examples=50)
+@given(SEEDS, st.sampled_from([1e-6, 1.0, 1e6]))
+def test_inverse_of_3_x_3_is_that_of_numpy(seed: int, unit: float) -> None:
+    """The last unknown may have another unit."""
+    scale = np.array([1.0, 1.0, unit])
+    matrix = positive_definite(seed, 3) * np.outer(scale, scale)
+    out = np.full((3, 3), np.nan)
+    fill_inverse_3(matrix, out)
+    np.testing.assert_allclose(out * np.outer(scale, scale), np.linalg.inv(positive_definite(seed, 3)), rtol=1e-9)
 
 
 def test_the_right_hand_side_is_not_changed() -> None:

@@ -8,12 +8,18 @@ from numba import njit
 
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.projection import Projection, intrinsics, linearise_landmark, new_projection
+from sfr_loc_map.localisation.projection import (
+    Projection,
+    intrinsics,
+    linearise_in_host,
+    linearise_landmark,
+    new_projection,
+)
 
 CAMERA = StereoCamera(400.0, 420.0, 256.0, 240.0, 0.15)
 STEP = 1e-6
-TARGET, HOST, LANDMARK, UNKNOWNS = 0, 6, 12, 15
-"""Unknowns: the poses of target and host, the landmark."""
+TARGET, LANDMARK, UNKNOWNS = 0, 6, 9
+"""Unknowns: the pose of the target, the landmark."""
 
 
 @njit
@@ -23,14 +29,11 @@ def _project(target, host, landmark, out):  # noqa: ANN001, ANN202
 
 
 def project(unknowns: np.ndarray, poses: list[Pose], landmark: np.ndarray) -> tuple[float, Projection]:
-    """Project with poses retracted by `unknowns[TARGET:LANDMARK]` and the landmark moved by the rest."""
-    moved = []
-    for pose, first in zip(poses, (TARGET, HOST), strict=True):
-        change = unknowns[first : first + 6]
-        moved.append(Pose(matrix_from_rotvec(change[3:]) @ pose.rotation, pose.position + change[:3]))
-    out = new_projection()
-    host = Poses(moved[1].rotation[None].copy(), moved[1].position[None].copy())
-    return _project(moved[0], host, landmark + unknowns[LANDMARK:], out), out
+    """Project with the target retracted by `unknowns[TARGET:LANDMARK]` and the landmark moved by the rest."""
+    (pose, host), change, out = poses, unknowns[TARGET:LANDMARK], new_projection()
+    target = Pose(matrix_from_rotvec(change[3:]) @ pose.rotation, pose.position + change[:3])
+    hosts = Poses(host.rotation[None].copy(), host.position[None].copy())
+    return _project(target, hosts, landmark + unknowns[LANDMARK:], out), out
 
 
 def scene(seed: int) -> tuple[list[Pose], np.ndarray]:
@@ -60,6 +63,18 @@ def test_pixels_are_those_of_the_point_in_both_cameras(seed: int) -> None:
     u, v = CAMERA.fx * point[0] / point[2] + CAMERA.cx, CAMERA.fy * point[1] / point[2] + CAMERA.cy
     np.testing.assert_allclose(out.uv, [u, v, u - CAMERA.fx * CAMERA.baseline_m / point[2], v], atol=1e-9)
     assert depth == pytest.approx(point[2] * landmark[2])
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1))
+def test_in_its_own_pair_a_landmark_is_projected_as_in_any(seed: int) -> None:
+    (_, host), landmark = scene(seed)
+    _, expected = project(np.zeros(UNKNOWNS), [host, host], landmark)
+    found = new_projection()
+    linearise_in_host(landmark, intrinsics(CAMERA), found)
+    np.testing.assert_allclose(found.uv, expected.uv, atol=1e-9)
+    np.testing.assert_allclose(found.by_landmark, expected.by_landmark, atol=1e-9)
+    assert not found.by_target.any()
 
 
 def test_behind_the_camera_nothing_is_filled() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.geometry.small_linalg import retract
-from sfr_loc_map.localisation.backend.linearisation import BundleProblem, linearise
+from sfr_loc_map.localisation.backend.linearisation import BundleProblem, landmark_steps, linearise
 
 
 class OffsetEstimate(NamedTuple):
@@ -102,14 +102,14 @@ def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> BundleAdjus
         keyframes = problem.keyframes
         system, rhs, blocks = linearise(problem)
         information = system[:-1, :-1] + prior.information
-        update = np.linalg.solve(information, rhs[:-1] + prior.rhs(keyframes))
-        landmark_rhs, covariance = blocks.rhs - blocks.coupling[:, :, :-1] @ update, blocks.covariance
+        update = np.asarray(np.linalg.solve(information, rhs[:-1] + prior.rhs(keyframes)), dtype=np.float64)
+        landmarks, covariance = problem.uv_inverse_depth + landmark_steps(problem, blocks, update), blocks.covariance
         del blocks  # the largest arrays of a keyframe: those of the next iteration take their place
         step = update.reshape(-1, 6)
         rotations = [retract(old, *angles) for old, angles in zip(keyframes.rotations, step[:, 3:], strict=True)]
         problem = problem._replace(
             keyframes=Poses(np.stack(rotations), keyframes.positions + step[:, :3]),
-            uv_inverse_depth=problem.uv_inverse_depth + np.einsum("nij,nj->ni", covariance, landmark_rhs),
+            uv_inverse_depth=landmarks,
         )
         if np.abs(update).max() < 1e-6:
             break
@@ -124,7 +124,7 @@ def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> BundleAdjus
 
 def marginalise_oldest(problem: BundleProblem, prior: Prior) -> Prior:
     """Return the prior of all keyframes but the oldest: what it, its landmarks and the old prior say of the others."""
-    system, vector, _ = linearise(problem, only_host=0)
+    system, vector, _ = linearise(problem.landmarks(problem.host == 0))
     h = system[:-1, :-1] + prior.information
     g = vector[:-1] + prior.rhs(problem.keyframes)
     gain = np.linalg.solve(h[:6, :6], h[:6, 6:]).T

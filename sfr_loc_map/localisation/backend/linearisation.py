@@ -2,6 +2,10 @@
 
 A landmark is a host pixel and its inverse depth: a stereo measurement is linear in it, and it may be infinitely far.
 Landmarks are eliminated by the Schur complement (Triggs et al. 2000).
+
+Where a landmark appears depends on the motion between its host and the other keyframe alone. So the landmarks of each
+host are linearised and eliminated by these motions, half as many unknowns as the poses of both; what is left, one small
+system a host, is then taken to the poses.
 """
 
 from __future__ import annotations
@@ -10,16 +14,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.small_linalg import inverse
+from sfr_loc_map.geometry.small_linalg import fill_inverse_3
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
+from sfr_loc_map.localisation.backend.keyframe_motions import motions_by_poses, system_of_poses
 from sfr_loc_map.localisation.parallel import both
-from sfr_loc_map.localisation.projection import Intrinsics, Projection, intrinsics, linearise_landmark, new_projection
+from sfr_loc_map.localisation.projection import (
+    Intrinsics,
+    Projection,
+    intrinsics,
+    linearise_in_host,
+    linearise_landmark,
+    new_projection,
+)
 
 KERNEL_CHI2 = 6.0
 """Squared Mahalanobis residual of a position at which its weight has fallen to a quarter (Geman-McClure)."""
-ALL_HOSTS = -1
 
 
 class BundleProblem(NamedTuple):
@@ -41,6 +52,15 @@ class BundleProblem(NamedTuple):
     variance: FloatArray
     camera: StereoCamera
 
+    def landmarks(self, which: slice | Mask) -> BundleProblem:
+        """Return the problem of some of the landmarks."""
+        return self._replace(
+            host=self.host[which],
+            uv_inverse_depth=self.uv_inverse_depth[which],
+            observations=self.observations[which],
+            variance=self.variance[which],
+        )
+
 
 class LandmarkBlocks(NamedTuple):
     """What the elimination of N landmarks leaves, for S other unknowns.
@@ -48,7 +68,7 @@ class LandmarkBlocks(NamedTuple):
     Attributes:
         covariance: `(N, 3, 3)` of each landmark given the other unknowns.
         rhs: `(N, 3)` right-hand side.
-        coupling: `(N, 3, S)` to the other unknowns.
+        coupling: `(N, 3, S)` to the motions of the keyframes against the landmark's host, and to the offset.
     """
 
     covariance: FloatArray
@@ -57,7 +77,7 @@ class LandmarkBlocks(NamedTuple):
 
 
 class _System(NamedTuple):
-    """Upper half of the normal matrix `(S, S)` of poses and right-image offset, and right-hand side `(S,)`."""
+    """Upper half of a normal matrix `(S, S)` of motions and right-image offset, and right-hand side `(S,)`."""
 
     information: FloatArray
     rhs: FloatArray
@@ -83,7 +103,7 @@ class _Residual(NamedTuple):
 
 
 class _Workspace(NamedTuple):
-    """Arrays that all landmarks share: residual `(2,)`, weighted Jacobian `(2, 3)`, columns `(S,)`, ray `(3,)`.
+    """Arrays that all landmarks share: residual `(2,)`, weighted Jacobian `(2, 3)`, keyframes `(K,)`, ray `(3,)`.
 
     `reduced` `(3, S)` is a landmark's covariance times its coupling. What is read from an array the compiler takes as
     it is: scalars in place of `residual` and `weighted` would be summed in another order.
@@ -92,7 +112,7 @@ class _Workspace(NamedTuple):
     projection: Projection
     residual: FloatArray
     weighted: FloatArray
-    columns: IntArray
+    keyframes: IntArray
     reduced: FloatArray
     ray: FloatArray
 
@@ -122,151 +142,140 @@ def _add_to_landmark(r: _Residual, j: FloatArray, weighted: FloatArray, own: _La
 
 
 @jit_fast_ir_inline
-def _add_offset(
-    r: _Residual, projection: Projection, k: int, hk: int, h: FloatArray, coupling: FloatArray
-) -> tuple[float, float]:
+def _add_offset(r: _Residual, j_mark: FloatArray, coupling: FloatArray, last: int) -> tuple[float, float]:
     """Add a right position to the coupling of the right-image offset; return the offset's information and rhs."""
-    i, last, residual = r.row, len(h) - 1, r.px
-    j_pose, j_host, j_mark = projection.by_target, projection.by_host, projection.by_landmark
+    i, residual = r.row, r.px
     p, q = r.weight * r.uu, r.weight * r.uv
     for b in range(3):
         coupling[b, last] += p * j_mark[i, b] + q * j_mark[i + 1, b]
-    if k != hk:
-        for b in range(6):
-            h[6 * k + b, last] += p * j_pose[i, b] + q * j_pose[i + 1, b]
-            h[6 * hk + b, last] += p * j_host[i, b] + q * j_host[i + 1, b]
     return p, p * residual[0] + q * residual[1]
 
 
 @jit_fast_ir_inline
-def _add_pose_row(
-    r: _Residual, a: int, j: FloatArray, k: int, j_mark: FloatArray, system: _System, coupling: FloatArray
-) -> tuple[float, float]:
-    """Add a position to the terms of unknown a of keyframe k alone; return its weighted Jacobian by that unknown."""
+def _add_motion(r: _Residual, projection: Projection, k: int, system: _System, coupling: FloatArray) -> None:
+    """Add a position to the terms of the motion of keyframe k."""
     i, h, g, residual = r.row, system.information, system.rhs, r.px
-    p, q = r.weight * j[i, a], r.weight * j[i + 1, a]
-    p, q = r.uu * p + r.uv * q, r.uv * p + r.vv * q
-    g[6 * k + a] += p * residual[0] + q * residual[1]
-    for b in range(3):
-        coupling[b, 6 * k + a] += p * j_mark[i, b] + q * j_mark[i + 1, b]
-    for b in range(a, 6):
-        h[6 * k + a, 6 * k + b] += p * j[i, b] + q * j[i + 1, b]
-    return p, q
-
-
-@jit_fast_ir_inline
-def _add_poses(r: _Residual, projection: Projection, k: int, hk: int, system: _System, coupling: FloatArray) -> None:
-    """Add a position to the terms of the target keyframe k and the host keyframe hk."""
-    j_pose, j_host, j_mark = projection.by_target, projection.by_host, projection.by_landmark
-    i, h = r.row, system.information
+    j, j_mark, first, last = projection.by_target, projection.by_landmark, 6 * k, len(g) - 1
     for a in range(6):
-        _add_pose_row(r, a, j_pose, k, j_mark, system, coupling)
-        p, q = _add_pose_row(r, a, j_host, hk, j_mark, system, coupling)
-        for b in range(6):
-            h[6 * hk + a, 6 * k + b] += p * j_pose[i, b] + q * j_pose[i + 1, b]
-
-
-@jit_fast_ir_inline
-def _add_columns(columns: IntArray, used: int, k: int) -> int:
-    """Append the columns of keyframe k; return the number of columns."""
-    for a in range(6):
-        columns[used + a] = 6 * k + a
-    return used + 6
+        p, q = r.weight * j[i, a], r.weight * j[i + 1, a]
+        p, q = r.uu * p + r.uv * q, r.uv * p + r.vv * q
+        g[first + a] += p * residual[0] + q * residual[1]
+        for b in range(3):
+            coupling[b, first + a] += p * j_mark[i, b] + q * j_mark[i + 1, b]
+        for b in range(a, 6):
+            h[first + a, first + b] += p * j[i, b] + q * j[i + 1, b]
+        if i == 2:
+            h[first + a, last] += p
 
 
 @jit_fast_ir_inline
 def _add_landmark(
     problem: BundleProblem, n: int, camera: Intrinsics, system: _System, own: _LandmarkBlock, work: _Workspace
 ) -> tuple[int, float, float]:
-    """Add all observations of a landmark; return its number of columns, and the offset's information and rhs."""
-    observed, ray = problem.observations, work.ray
-    keyframes, projection, columns, hk = problem.keyframes, work.projection, work.columns, problem.host[n]
-    landmarks, coupling, h = problem.uv_inverse_depth, own.coupling, system.information
+    """Add all observations of a landmark; return how many keyframes but its host see it, and the offset's terms."""
+    observed, ray, seen_by = problem.observations, work.ray, work.keyframes
+    keyframes, projection, hk = problem.keyframes, work.projection, problem.host[n]
+    landmarks, coupling = problem.uv_inverse_depth, own.coupling
     rotations, positions = keyframes.rotations, keyframes.positions
     ray[0], ray[1] = (
         (landmarks[n, 0] - camera.centre[0]) / camera.focal[0],
         (landmarks[n, 1] - camera.centre[1]) / camera.focal[1],
     )
-    used = _add_columns(columns, 0, hk)
-    offset_information, offset_rhs = 0.0, 0.0
+    count, offset_information, offset_rhs = 0, 0.0, 0.0
     for k in range(observed.shape[1]):
         left, right = not np.isnan(observed[n, k, 0]), not np.isnan(observed[n, k, 2])
         if not (left or right):
             continue
-        pose = Pose(rotations[k], positions[k])
-        if linearise_landmark(pose, keyframes, hk, ray, landmarks[n, 2], camera, projection) <= 0.0:
-            continue
-        if k != hk:
-            used = _add_columns(columns, used, k)
+        if k == hk:
+            linearise_in_host(landmarks[n], camera, projection)
+        else:
+            pose = Pose(rotations[k], positions[k])
+            if linearise_landmark(pose, keyframes, hk, ray, landmarks[n, 2], camera, projection) <= 0.0:
+                continue
+            seen_by[count] = k
+            count += 1
         for side in range(2):
             if not (left if side == 0 else right):
                 continue
             r = _residual(problem, n, k, side, work)
             _add_to_landmark(r, projection.by_landmark, work.weighted, own)
             if side == 1:
-                p, q = _add_offset(r, projection, k, hk, h, coupling)
+                p, q = _add_offset(r, projection.by_landmark, coupling, len(system.rhs) - 1)
                 offset_information += p
                 offset_rhs += q
             if k != hk:  # the host observes its landmarks where they are, wherever it is
-                _add_poses(r, projection, k, hk, system, coupling)
-    return used, offset_information, offset_rhs
+                _add_motion(r, projection, k, system, coupling)
+    return count, offset_information, offset_rhs
 
 
 @jit_fast_ir_inline
-def _eliminate(
-    li: FloatArray, own: _LandmarkBlock, used: int, columns: IntArray, reduced: FloatArray, system: _System
-) -> None:
-    """Subtract what the elimination of a landmark of covariance `li` leaves, in its first `used` columns."""
+def _eliminate(li: FloatArray, own: _LandmarkBlock, count: int, work: _Workspace, system: _System) -> None:
+    """Subtract what the elimination of a landmark of covariance `li` leaves, for the keyframes that see it."""
     h, g, rhs, coupling = system.information, system.rhs, own.rhs, own.coupling
-    for m in range(used):
-        a = columns[m]
+    seen_by, reduced, last = work.keyframes, work.reduced, len(g) - 1
+    for m in range(count):
+        first = 6 * seen_by[m]
         for i in range(3):
-            reduced[i, a] = li[i, 0] * coupling[0, a] + li[i, 1] * coupling[1, a] + li[i, 2] * coupling[2, a]
-    for m in range(used):
-        a = columns[m]
-        g[a] -= reduced[0, a] * rhs[0] + reduced[1, a] * rhs[1] + reduced[2, a] * rhs[2]
-        for o in range(m, used):
-            b = columns[o]
-            h[a, b] -= coupling[0, a] * reduced[0, b] + coupling[1, a] * reduced[1, b] + coupling[2, a] * reduced[2, b]
+            for a in range(first, first + 6):
+                reduced[i, a] = li[i, 0] * coupling[0, a] + li[i, 1] * coupling[1, a] + li[i, 2] * coupling[2, a]
+    for i in range(3):
+        reduced[i, last] = li[i, 0] * coupling[0, last] + li[i, 1] * coupling[1, last] + li[i, 2] * coupling[2, last]
+    for m in range(count):
+        first = 6 * seen_by[m]
+        for a in range(first, first + 6):
+            p, q, r = coupling[0, a], coupling[1, a], coupling[2, a]
+            g[a] -= reduced[0, a] * rhs[0] + reduced[1, a] * rhs[1] + reduced[2, a] * rhs[2]
+            h[a, last] -= p * reduced[0, last] + q * reduced[1, last] + r * reduced[2, last]
+            for o in range(m, count):
+                for b in range(6 * seen_by[o], 6 * seen_by[o] + 6):
+                    h[a, b] -= p * reduced[0, b] + q * reduced[1, b] + r * reduced[2, b]
+    for i in range(3):
+        g[last] -= reduced[i, last] * rhs[i]
+        h[last, last] -= reduced[i, last] * coupling[i, last]
 
 
 @jit_fast
-def _linearise(problem: BundleProblem, only_host: int, blocks: LandmarkBlocks) -> tuple[FloatArray, FloatArray]:
+def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArray, FloatArray]:
     """Linearise landmarks and eliminate them; fill their blocks.
 
     Returns:
-        Upper half of the reduced normal matrix `(6 K + 1, 6 K + 1)` and its right-hand side `(6 K + 1,)`.
+        Upper half of the reduced normal matrix `(K, 6 K + 1, 6 K + 1)` of each host's landmarks, and its right-hand
+        side `(K, 6 K + 1)`; the lower half means nothing.
     """
-    last = 6 * problem.observations.shape[1]
-    size = last + 1
-    h, g = np.zeros((size, size)), np.zeros(size)
+    keyframes = problem.observations.shape[1]
+    size = 6 * keyframes + 1
+    h, g = np.zeros((keyframes, size, size)), np.zeros((keyframes, size))
     covariance, rhs, coupling, host = blocks.covariance, blocks.rhs, blocks.coupling, problem.host
     covariance[:], rhs[:], coupling[:] = 0.0, 0.0, 0.0
     projection, camera = new_projection(), intrinsics(problem.camera)
-    columns, reduced = np.zeros(size, np.int64), np.zeros((3, size))
-    work = _Workspace(projection, np.zeros(2), np.zeros((2, 3)), columns, reduced, np.ones(3))
-    system = _System(h, g)
+    seen_by, reduced = np.zeros(keyframes, np.int64), np.zeros((3, size))
+    work = _Workspace(projection, np.zeros(2), np.zeros((2, 3)), seen_by, reduced, np.ones(3))
+    own_information = np.empty((3, 3))
     for n in range(len(host)):
-        if only_host >= 0 and host[n] != only_host:
-            continue
-        own = _LandmarkBlock(np.zeros((3, 3)), rhs[n], coupling[n])
-        own.information[2, 2] = 1e-6  # an unobserved landmark stays where it is
-        used, offset_information, offset_rhs = _add_landmark(problem, n, camera, system, own, work)
-        li = inverse(own.information)
+        own = _LandmarkBlock(own_information, rhs[n], coupling[n])
         for i in range(3):
             for j in range(3):
-                covariance[n, i, j] = li[i, j]
-        if used == 6:  # only the host observes it
+                own_information[i, j] = 1e-6 if i == j else 0.0  # an unobserved landmark stays where it is
+        system = _System(h[host[n]], g[host[n]])
+        count, offset_information, offset_rhs = _add_landmark(problem, n, camera, system, own, work)
+        fill_inverse_3(own.information, covariance[n])
+        if count == 0:  # only the host observes it
             continue
-        columns[used] = last
-        h[last, last] += offset_information
-        g[last] += offset_rhs
-        _eliminate(li, own, used + 1, columns, reduced, system)
+        system.information[size - 1, size - 1] += offset_information
+        system.rhs[size - 1] += offset_rhs
+        _eliminate(covariance[n], own, count, work, system)
     return h, g
 
 
-def linearise(problem: BundleProblem, only_host: int = ALL_HOSTS) -> tuple[FloatArray, FloatArray, LandmarkBlocks]:
-    """Linearise landmarks and eliminate them, each half in a thread of its own.
+def landmark_steps(problem: BundleProblem, blocks: LandmarkBlocks, update: FloatArray) -> FloatArray:
+    """Return the changes `(N, 3)` of landmarks that belong to a change `(6 K,)` of the poses."""
+    motions = motions_by_poses(problem.keyframes)[:, :-1, :-1] @ update
+    rhs = blocks.rhs - np.einsum("nij,nj->ni", blocks.coupling[:, :, :-1], motions[problem.host])
+    return np.asarray(np.einsum("nij,nj->ni", blocks.covariance, rhs))
+
+
+def linearise(problem: BundleProblem) -> tuple[FloatArray, FloatArray, LandmarkBlocks]:
+    """Linearise landmarks and eliminate them, halves of the work in two threads.
 
     The unknowns are the poses (position and rotation about the world's axes) and, last, by how many pixels all
     positions in right images lie too far right: a calibration error that no single landmark shows, but all of them
@@ -274,7 +283,6 @@ def linearise(problem: BundleProblem, only_host: int = ALL_HOSTS) -> tuple[Float
 
     Args:
         problem: K keyframes and N landmarks.
-        only_host: Take only the landmarks of this keyframe.
 
     Returns:
         Reduced normal matrix `(6 K + 1, 6 K + 1)`, its right-hand side `(6 K + 1,)`, and the blocks of the landmarks.
@@ -283,14 +291,9 @@ def linearise(problem: BundleProblem, only_host: int = ALL_HOSTS) -> tuple[Float
     blocks = LandmarkBlocks(np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3, size)))
 
     def part(which: slice) -> tuple[FloatArray, FloatArray]:
-        some = problem._replace(
-            host=problem.host[which],
-            uv_inverse_depth=problem.uv_inverse_depth[which],
-            observations=problem.observations[which],
-            variance=problem.variance[which],
-        )
-        return _linearise(some, only_host, LandmarkBlocks(*(array[which] for array in blocks)))
+        return _linearise(problem.landmarks(which), LandmarkBlocks(*(array[which] for array in blocks)))
 
-    first, second = both(part, (slice(count // 2),), (slice(count // 2, None),))
-    upper = first[0] + second[0]
-    return upper + np.triu(upper, 1).T, first[1] + second[1], blocks
+    seen = np.cumsum(np.count_nonzero(np.isfinite(problem.observations[:, :, 0]), axis=1))
+    middle = int(np.searchsorted(seen, seen[-1] // 2)) if count else 0  # old landmarks have been seen more often
+    first, second = both(part, (slice(middle),), (slice(middle, None),))
+    return *system_of_poses(first[0] + second[0], first[1] + second[1], problem.keyframes), blocks

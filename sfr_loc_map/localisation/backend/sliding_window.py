@@ -245,7 +245,8 @@ class SlidingWindow:
 
     def shift_right_observations(self, columns: float) -> None:
         """Move all right positions as by a yaw of the right camera, by `columns` pixels at the image centre."""
-        self.observations = self.observations.shifted_right(columns, self._camera)
+        if columns != 0.0:
+            self.observations = self.observations.shifted_right(columns, self._camera)
 
     def _problem(self) -> BundleProblem:
         hosted, seen = self.hosted, self.observations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -13,7 +14,7 @@ from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.geometry.median import median
 from sfr_loc_map.localisation.frontend.homography import LocalPlanes
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
-from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, Templates, cut_patches, templates_of
+from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, Templates, cut_patches, templates_of, together
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
 BORDER = HALF + 4
@@ -48,18 +49,6 @@ class HostPatches:
         fine = Templates(np.zeros((0, 3, SIDE * SIDE), np.float32), np.zeros((0, 6)))
         return cls(np.zeros((0, 2)), fine, (np.zeros((1, 1), np.float32),) * (LEVELS - 1))
 
-    def level(self, number: int, rows: NDArray[np.intp]) -> Templates:
-        """Return the templates of some landmarks at a pyramid level."""
-        if number == 0:
-            return self.fine.subset(rows)
-        image, margin = self.coarse[number - 1], COARSE_HALF + 2
-        small = (self.uv[rows] + 0.5) / 2.0**number - 0.5
-        last = np.array(image.shape[::-1]) - 1 - margin
-        inside = np.all((small >= margin) & (small <= last), axis=1)
-        cut = cut_patches(image, np.clip(small, margin, last), COARSE_HALF)
-        cut[~inside] = 0.0  # no texture: never in view
-        return templates_of(cut)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
@@ -82,10 +71,24 @@ class Patches:
         """Return the templates of the patches of a pyramid level."""
         if number not in self._copies:
             ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
-            parts = zip(self.hosted, ends, np.split(self.rows, np.searchsorted(self.rows, ends[1:-1])), strict=False)
-            templates = [host.level(number, rows - end) for host, end, rows in parts]
-            self._copies[number] = Templates(*map(np.concatenate, zip(*templates, strict=True)))
+            split = np.split(self.rows, np.searchsorted(self.rows, ends[1:-1]))
+            parts = [(host, rows - end) for host, end, rows in zip(self.hosted, ends, split, strict=False)]
+            copied = together([(host.fine, rows) for host, rows in parts]) if number == 0 else _cut(number, parts)
+            self._copies[number] = copied
         return self._copies[number]
+
+
+def _cut(number: int, parts: Sequence[tuple[HostPatches, NDArray[np.intp]]]) -> Templates:
+    """Return the templates of some landmarks of each host at a pyramid level from 1 on."""
+    images, margin = [host.coarse[number - 1] for host, _ in parts], COARSE_HALF + 2
+    small = (np.concatenate([host.uv[rows] for host, rows in parts]) + 0.5) / 2.0**number - 0.5
+    last = np.max([image.shape[::-1] for image in images], axis=0) - 1 - margin  # a host of none has a small image
+    inside = np.all((small >= margin) & (small <= last), axis=1)
+    places = np.split(np.clip(small, margin, last), np.cumsum([len(rows) for _, rows in parts])[:-1])
+    cut = [cut_patches(image, uv, COARSE_HALF) for image, uv in zip(images, places, strict=True)]
+    patches = np.concatenate(cut)
+    patches[~inside] = 0.0  # no texture: never in view
+    return templates_of(patches)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,19 @@ class Templates(NamedTuple):
     def subset(self, kept: Mask | NDArray[np.intp]) -> Templates:
         """Return some of them, a mask `(N,)` or rows."""
         return Templates(self.values[kept], self.moments[kept])
+
+
+def together(parts: Sequence[tuple[Templates, NDArray[np.intp]]]) -> Templates:
+    """Return some rows of several templates one after the other, copied once."""
+    count, size = sum(len(rows) for _, rows in parts), parts[-1][0].values.shape[2]
+    values, moments = np.empty((count, 3, size), np.float32), np.empty((count, 6))
+    first = 0
+    for templates, rows in parts:
+        place = slice(first, first + len(rows))
+        np.take(templates.values, rows, axis=0, out=values[place], mode="clip")  # by "raise" it would copy twice
+        moments[place] = templates.moments[rows]
+        first += len(rows)
+    return Templates(values, moments)
 
 
 class PatchPixels(NamedTuple):

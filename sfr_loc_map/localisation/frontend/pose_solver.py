@@ -73,7 +73,6 @@ class _Work(NamedTuple):
     """Workspaces of one landmark: covariance `(4, 4)` of its residual, and its projection but for the Jacobian."""
 
     covariance: FloatArray
-    by_host: FloatArray
     by_landmark: FloatArray
     uv: FloatArray
 
@@ -122,13 +121,13 @@ def _linearise(
     hosts, rays, rho = landmarks.hosts, landmarks.rays, landmarks.inverse_depth
     landmark_covariance, observed, variance = landmarks.covariance, observations.uv, observations.variance
     whitening, jacobians, residuals, chi2 = out.whitening, out.jacobians, out.residuals, out.chi2_per_dof
-    s, by_host, by_landmark, uv = work.covariance, work.by_host, work.by_landmark, work.uv
+    s, by_landmark, uv = work.covariance, work.by_landmark, work.uv
     for n in range(len(rho)):
         chi2[n] = np.nan
         left, right = not np.isnan(observed[n, 0]), not np.isnan(observed[n, 2])
         if not (left or right):
             continue
-        projection = Projection(uv, jacobians[n], by_host, by_landmark)
+        projection = Projection(uv, jacobians[n], by_landmark)
         z = linearise_landmark(pose, hosts, n, rays[n], rho[n], camera, projection)
         if z <= 0.0:
             continue
@@ -197,7 +196,7 @@ def solve_pose(
         np.zeros((count, 4, 4)), np.zeros((count, 4, 6)), np.zeros((count, 4)), np.full(count, np.nan)
     )
     h, g = np.zeros((6, 6)), np.zeros(6)
-    work, weighted = _Work(np.zeros((4, 4)), np.zeros((4, 6)), np.zeros((4, 3)), np.zeros(4)), np.zeros((4, 6))
+    work, weighted = _Work(np.zeros((4, 4)), np.zeros((4, 3)), np.zeros(4)), np.zeros((4, 6))
     for iteration in range(iterations):
         pose, is_first = Pose(rotation, position), iteration == 0
         _linearise(pose, landmarks, observations, in_arrays, is_first, linearised, work)

@@ -172,3 +172,24 @@ def test_landmarks_in_the_host_alone_say_nothing_of_poses() -> None:
     h, g, _ = linearise(base._replace(observations=observations))
     assert not h.any()
     assert not g.any()
+
+
+def test_a_landmark_that_is_not_observed_stays_where_it_is() -> None:
+    base, prior = problem(7), known_first_pose()
+    prior = Prior(prior.information, prior.information_vector, base.keyframes)
+    rest = adjust(base.landmarks(slice(1, None)), prior, 1)
+    observations = base.observations.copy()
+    observations[0] = np.nan
+    result = adjust(base._replace(observations=observations), prior, 1)
+    np.testing.assert_array_equal(result.uv_inverse_depth[0], base.uv_inverse_depth[0])
+    np.testing.assert_allclose(result.keyframes.positions, rest.keyframes.positions, atol=1e-12)
+
+
+def test_without_landmarks_the_prior_decides() -> None:
+    base, prior = problem(8), known_first_pose()
+    none = base.landmarks(slice(0, 0))
+    found_h, found_g, _ = linearise(none)
+    assert not found_h.any()
+    assert not found_g.any()
+    kept = Prior(prior.information + np.eye(6 * KEYFRAMES), prior.information_vector, base.keyframes)
+    np.testing.assert_allclose(adjust(none, kept, 1).keyframes.positions, base.keyframes.positions, atol=1e-12)
