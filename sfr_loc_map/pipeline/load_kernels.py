@@ -7,11 +7,15 @@ is run beside, and what it left in the cache is loaded.
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
 
 from numba.core import event
 
@@ -29,21 +33,55 @@ def say_on_stderr(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def _always() -> bool:
-    return True
-
-
-def load_kernels(part: str, say: Say = say_on_stderr, is_wanted: Callable[[], bool] = _always) -> None:
+def load_kernels(part: str, say: Say = say_on_stderr, is_wanted: Callable[[], bool] | None = None) -> None:
     """Load all kernels of a part, so that no later call pays for it.
+
+    A signal that would be an exception is one after a kernel is loaded, not within.
 
     Args:
         part: One of `compile_kernels.PARTS`.
         say: Called with each line of progress where kernels are compiled.
-        is_wanted: Becomes false where the program is to end and no exception says so, as in a ROS node.
+        is_wanted: Becomes false where the program is to end and no exception says so, as in a ROS node; the handlers of
+            signals are left alone then.
 
     Raises:
         KeyboardInterrupt: If kernels had to be compiled, and are wanted no more.
     """
+    if is_wanted is not None:
+        _load(part, say, is_wanted)
+        return
+    with _signals_deferred() as is_wanted:
+        _load(part, say, is_wanted)
+
+
+@contextmanager
+def _signals_deferred() -> Iterator[Callable[[], bool]]:
+    """Call Python's handlers of SIGINT and SIGTERM afterwards; yield what tells whether there was no such signal.
+
+    An exception of theirs would be lost in what C calls back: numba loads compiled code in such a call, and then calls
+    a kernel that is not there.
+    """
+    received: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+
+    before: dict[int, Callable[[int, FrameType | None], Any]] = {}
+    if threading.current_thread() is threading.main_thread():  # no other may set handlers, or runs them
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if callable(handler := signal.getsignal(number)):
+                before[number] = handler
+                signal.signal(number, note)
+    try:
+        yield lambda: not received
+    finally:
+        for changed, handler in before.items():
+            signal.signal(changed, handler)
+        if received:
+            before[received[0]](received[0], None)
+
+
+def _load(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
     with _ONE_AT_A_TIME:  # the listeners hear all threads
         with event.install_listener(COMPILE, _Refusal()):
             try:

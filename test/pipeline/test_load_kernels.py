@@ -1,9 +1,12 @@
 import contextlib
 import itertools
+import os
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from types import FrameType
 from typing import cast
 
 import numpy as np
@@ -93,6 +96,32 @@ def test_threads_of_a_part_compile_nothing_here_either(monkeypatch: pytest.Monke
     monkeypatch.setattr("sfr_loc_map.pipeline.load_kernels._compile_beside", beside)
     load_kernels("tiny", lambda line: None)
     assert len(kernels[0].signatures) == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_an_exception_after_kernels_are_loaded_not_within(
+    monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    """In what C calls back while it loads a kernel the exception would be lost, and the kernel not there."""
+    done: list[str] = []
+
+    def part() -> None:
+        os.kill(os.getpid(), number)
+        done.append("loaded")
+
+    def interrupt(received: int, frame: FrameType | None) -> None:
+        done.append(signal.Signals(received).name)
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(cast(dict[str, Callable[[], None]], PARTS), "tiny", part)
+    before = signal.signal(number, interrupt)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            load_kernels("tiny", done.append)
+        assert done == ["loaded", number.name]
+        assert signal.getsignal(number) is interrupt
+    finally:
+        signal.signal(number, before)
 
 
 def test_nobody_waits_for_kernels_that_are_wanted_no_more(monkeypatch: pytest.MonkeyPatch) -> None:

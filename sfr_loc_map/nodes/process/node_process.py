@@ -13,6 +13,7 @@ from typing import IO
 
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import NodeError
+from sfr_loc_map.nodes.process.shared_segments import remove_ownerless, segment_locks
 
 SUPERVISOR_VARIABLE = "SFR_SUPERVISOR_PID"
 """Tells a process which process started it and must not be outlived; see `end_with_supervisor`."""
@@ -42,6 +43,7 @@ class NodeProcess:
         self._environment = dict(environment)
         self._log = None if folder is None else folder / f"{self.name}.log"
         self._popen: subprocess.Popen[bytes] | None = None
+        self._segment_locks: set[Path] = set()
 
     def start(self) -> None:
         """Start it, for the first time or again.
@@ -127,6 +129,16 @@ class NodeProcess:
         if self._popen is not None:
             self._popen.kill()
             self._popen.wait()
+
+    def note_segments(self) -> None:
+        """Note which segments of shared memory are its own, while it runs."""
+        if self._popen is not None and self.is_running:
+            self._segment_locks.update(segment_locks(self._popen.pid))
+
+    def remove_segments(self) -> None:
+        """Remove the noted segments that it has left, as a process does that crashes or is killed."""
+        remove_ownerless(self._segment_locks)
+        self._segment_locks.clear()
 
 
 def end_with_supervisor() -> None:

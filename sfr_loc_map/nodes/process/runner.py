@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import FrameType
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -17,6 +18,7 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
 from sfr_loc_map.nodes.process.ros_start import start_ros
+from sfr_loc_map.nodes.process.start import SIGNALS
 from sfr_loc_map.printable import one_line
 
 
@@ -33,10 +35,12 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         Exit code: 0, or 2 where the node cannot start or cannot go on (one line on standard error says why).
     """
     node: Node | None = None
+    handler = _SignalHandler()
     try:
         environment.prepare()
         end_with_supervisor()
         start_ros(sys.argv if arguments is None else arguments)
+        handler.has_ros_started = True
         executor = SingleThreadedExecutor()
         node = _make(factory)
         executor.add_node(node)
@@ -63,6 +67,23 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
     return 0
 
 
+class _SignalHandler:
+    """Handles SIGINT and SIGTERM in Python: once ROS has started, its own handlers shut it down, and that is enough.
+
+    An exception out of nowhere would be lost in what C calls back: numba loads compiled code in such a call, and then
+    calls a kernel that is not there.
+    """
+
+    def __init__(self) -> None:
+        self.has_ros_started = False
+        for number in SIGNALS:
+            signal.signal(number, self)
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if not self.has_ros_started:
+            raise KeyboardInterrupt
+
+
 def _make(factory: Callable[[], Node]) -> Node:
     try:
         node = factory()
@@ -79,7 +100,7 @@ def _make(factory: Callable[[], Node]) -> Node:
 
 
 def _ignore_signals() -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 

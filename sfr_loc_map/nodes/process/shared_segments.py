@@ -1,7 +1,7 @@
-"""Shared-memory segments of Fast DDS that a node which had to be killed leaves behind.
+"""Shared-memory segments of Fast DDS that a node which crashed or had to be killed leaves behind.
 
 A process holds the lock file of each of its own segments open and locked while it lives, and only maps those of others.
-Which segments are its own is therefore known before it is killed, and a lock that is free afterwards says that nobody
+Which segments are its own is therefore known while it lives, and a lock that is free afterwards says that nobody
 writes to the segment any more; who still maps it keeps it. Port files are shared by processes, and left alone.
 """
 

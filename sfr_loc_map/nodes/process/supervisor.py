@@ -13,7 +13,6 @@ from typing import Any
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.node_process import NodeProcess
-from sfr_loc_map.nodes.process.shared_segments import remove_ownerless, segment_locks
 
 TASKS = ("localisation", "mapping", "monitor")
 EVERYTHING = "all"
@@ -68,6 +67,7 @@ class Supervisor:
             NodeError: If one has ended; says how, with its last log line.
         """
         for process in self.processes.values():
+            process.note_segments()
             if process.exit_code is not None:
                 raise NodeError(f"{process.ending}: {process.last_log_line}; correct that and start again")
 
@@ -82,10 +82,12 @@ class Supervisor:
         """
         endings = []
         for process in self.processes.values():
+            process.note_segments()
             if process.exit_code in (0, CANNOT_START):
                 self.check()
             if process.exit_code is not None:
                 endings.append(process.ending)
+                process.remove_segments()
                 process.start()
         return endings
 
@@ -93,18 +95,18 @@ class Supervisor:
 def end_processes(processes: Sequence[NodeProcess]) -> None:
     """End processes together: SIGINT, then SIGTERM, then SIGKILL; returns when none is left.
 
-    What a killed process leaves in shared memory is removed for it.
+    What a process that crashed or was killed has left in shared memory is removed for it.
     """
     for number, timeout_s in ESCALATION:
         running = [process for process in processes if process.is_running]
-        killed = running if number is signal.SIGKILL else []
-        locks = [lock for process in killed for lock in segment_locks(process.popen.pid)]
         for process in running:
+            process.note_segments()
             process.send(number)
         deadline = time.monotonic() + timeout_s
         for process in running:
             process.wait(deadline - time.monotonic())
-        remove_ownerless(locks)
+    for process in processes:
+        process.remove_segments()
 
 
 @contextmanager

@@ -50,10 +50,14 @@ def test_killed_nodes_are_named_or_restarted_hung_ones_are_killed_and_none_is_le
         assert supervisor.restart_crashed() == []
         monitor, mapping = supervisor.processes.values()
         first, before = monitor.popen, monitor.text.count("listens to")
+        left = segment_locks(first.pid)
         monitor.kill()
+        assert left
+        assert all(path.exists() for path in left)
         with pytest.raises(NodeError, match="monitor_node was killed by SIGKILL"):
             supervisor.check()
         assert supervisor.restart_crashed() == ["monitor_node was killed by SIGKILL"]
+        assert not any(path.exists() for path in left)
         supervisor.check()
         assert monitor.popen.pid != first.pid
         wait_until(lambda: monitor.text.count("listens to") == before + 1, "restart of the monitor")
