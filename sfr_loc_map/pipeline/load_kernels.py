@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from types import FrameType
 from typing import Any
 
@@ -36,21 +36,18 @@ def say_on_stderr(line: str) -> None:
 def load_kernels(part: str, say: Say = say_on_stderr, is_wanted: Callable[[], bool] | None = None) -> None:
     """Load all kernels of a part, so that no later call pays for it.
 
-    A signal that would be an exception is one after a kernel is loaded, not within.
+    SIGINT and SIGTERM, where Python handles them, take effect when that is done.
 
     Args:
         part: One of `compile_kernels.PARTS`.
         say: Called with each line of progress where kernels are compiled.
-        is_wanted: Becomes false where the program is to end and no exception says so, as in a ROS node; the handlers of
-            signals are left alone then.
+        is_wanted: Becomes false where the program is to end and no exception says so, as in a ROS node. Where it is
+            given, the handlers of signals are left as they are.
 
     Raises:
         KeyboardInterrupt: If kernels had to be compiled, and are wanted no more.
     """
-    if is_wanted is not None:
-        _load(part, say, is_wanted)
-        return
-    with _signals_deferred() as is_wanted:
+    with _signals_deferred() if is_wanted is None else nullcontext(is_wanted) as is_wanted:
         _load(part, say, is_wanted)
 
 
@@ -58,8 +55,8 @@ def load_kernels(part: str, say: Say = say_on_stderr, is_wanted: Callable[[], bo
 def _signals_deferred() -> Iterator[Callable[[], bool]]:
     """Call Python's handlers of SIGINT and SIGTERM afterwards; yield what tells whether there was no such signal.
 
-    An exception of theirs would be lost in what C calls back: numba loads compiled code in such a call, and then calls
-    a kernel that is not there.
+    numba loads compiled code in a callback from C. An exception of a handler there is discarded, and numba then calls a
+    kernel that is not loaded (SIGSEGV).
     """
     received: list[int] = []
 

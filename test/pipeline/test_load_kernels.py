@@ -102,7 +102,7 @@ def test_threads_of_a_part_compile_nothing_here_either(monkeypatch: pytest.Monke
 def test_a_signal_is_an_exception_after_kernels_are_loaded_not_within(
     monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    """In what C calls back while it loads a kernel the exception would be lost, and the kernel not there."""
+    """In the callback from C that loads a kernel an exception would be discarded, and the kernel not be loaded."""
     done: list[str] = []
 
     def part() -> None:

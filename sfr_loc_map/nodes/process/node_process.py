@@ -131,12 +131,12 @@ class NodeProcess:
             self._popen.wait()
 
     def note_segments(self) -> None:
-        """Note which segments of shared memory are its own, while it runs."""
-        if self._popen is not None and self.is_running:
-            self._segment_locks.update(segment_locks(self._popen.pid))
+        """Note which segments of shared memory are its own; only a process that runs tells that."""
+        if self.is_running:
+            self._segment_locks.update(segment_locks(self.popen.pid))
 
     def remove_segments(self) -> None:
-        """Remove the noted segments that it has left, as a process does that crashes or is killed."""
+        """Remove those of the noted segments that it has left: it has crashed or was killed."""
         remove_ownerless(self._segment_locks)
         self._segment_locks.clear()
 

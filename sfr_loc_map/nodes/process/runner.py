@@ -68,10 +68,10 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
 
 
 class _SignalHandler:
-    """Handles SIGINT and SIGTERM in Python: once ROS has started, its own handlers shut it down, and that is enough.
+    """Raises KeyboardInterrupt on SIGINT and SIGTERM until ROS has started; then the handlers of ROS shut it down.
 
-    An exception out of nowhere would be lost in what C calls back: numba loads compiled code in such a call, and then
-    calls a kernel that is not there.
+    An exception would no longer be safe: numba loads compiled code in a callback from C, where an exception is
+    discarded, and then calls a kernel that is not loaded (SIGSEGV).
     """
 
     def __init__(self) -> None:

@@ -67,9 +67,13 @@ class Supervisor:
             NodeError: If one has ended; says how, with its last log line.
         """
         for process in self.processes.values():
-            process.note_segments()
             if process.exit_code is not None:
                 raise NodeError(f"{process.ending}: {process.last_log_line}; correct that and start again")
+
+    def note_segments(self) -> None:
+        """Note the shared memory of all nodes, so that it can be removed if they crash."""
+        for process in self.processes.values():
+            process.note_segments()
 
     def restart_crashed(self) -> list[str]:
         """Start the nodes again that have crashed.
@@ -82,7 +86,6 @@ class Supervisor:
         """
         endings = []
         for process in self.processes.values():
-            process.note_segments()
             if process.exit_code in (0, CANNOT_START):
                 self.check()
             if process.exit_code is not None:
@@ -193,6 +196,7 @@ def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str
                 supervisor.start(node, arguments)
             while True:
                 time.sleep(WATCH_S)
+                supervisor.note_segments()
                 if not respawn:
                     supervisor.check()
                     continue

@@ -88,6 +88,7 @@ def _wait_until_ready(page: LivePage | None, node: ReplayNode, player: Player, s
     if page is not None and not node.wait_for_page(page):
         say("the page is not connected yet: what is played before is missing there")
     player.wait_until_ready()
+    node.supervisor.note_segments()
 
 
 @contextmanager

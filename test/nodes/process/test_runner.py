@@ -114,7 +114,7 @@ sys.exit(run(Slow))
 
 @pytest.mark.parametrize("number", [SIGINT, SIGTERM])
 def test_a_signal_while_the_node_is_configured_ends_it_cleanly(tmp_path: Path, number: int) -> None:
-    """An exception in the middle could be lost within C, and what is half made then be used."""
+    """No exception in the middle: in a callback from C it would be discarded, and what is half made be used."""
     script = tmp_path / "managed.py"
     script.write_text(MANAGED, encoding="utf-8")
     with Process(tmp_path / "node.log", str(script)) as node:

@@ -51,6 +51,7 @@ def test_killed_nodes_are_named_or_restarted_hung_ones_are_killed_and_none_is_le
         monitor, mapping = supervisor.processes.values()
         first, before = monitor.popen, monitor.text.count("listens to")
         left = segment_locks(first.pid)
+        supervisor.note_segments()
         monitor.kill()
         assert left
         assert all(path.exists() for path in left)
