@@ -122,7 +122,6 @@ setup(
             "nbclient>=0.10,<0.12",  # BSD-3
             "pandas>=2.2,<4",  # BSD-3; for the test of to_pandas
             "pre-commit>=4,<6",  # MIT
-            "radon>=6,<7",  # MIT; complexity of functions, for a test
             "ruff>=0.8,<0.18",
             "scipy-stubs",
             "types-PyYAML",

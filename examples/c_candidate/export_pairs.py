@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-import sfr_loc_map.io.registry as registry
+from sfr_loc_map.io import registry
 from sfr_loc_map.methods.workers.c_library import rig_struct
 
 source, target = Path(sys.argv[1]), Path(sys.argv[2])

@@ -47,8 +47,8 @@ def load_kernels(part: str, say: Say = say_on_stderr, is_wanted: Callable[[], bo
     Raises:
         KeyboardInterrupt: If kernels had to be compiled, and are wanted no more.
     """
-    with _signals_deferred() if is_wanted is None else nullcontext(is_wanted) as is_wanted:
-        _load(part, say, is_wanted)
+    with _signals_deferred() if is_wanted is None else nullcontext(is_wanted) as goes_on:
+        _load(part, say, goes_on)
 
 
 @contextmanager

@@ -152,8 +152,7 @@ def hazards(shares: NDArray[np.float32], step_share: NDArray[np.float32], footpr
                 if 0 <= i < rows and 0 <= j < columns and step_share[i, j] > largest:
                     largest = step_share[i, j]
             own = shares[row, column]
-            if own > largest:
-                largest = own
+            largest = max(largest, own)
             if largest >= 1.0:
                 hazard[row, column] = HAZARD
             elif not np.isnan(own):
