@@ -80,7 +80,8 @@ setup(
     install_requires=[
         "setuptools",
         "jinja2>=3.1,<4",  # BSD-3
-        "lazy-loader>=0.4,<1",  # BSD-3; a package's face costs nothing until a name of it is used
+        "lazy-loader>=0.4,<1",  # BSD-3; a public name costs nothing until it is used
+        "msgspec>=0.19,<0.23",  # BSD-3; records to and from JSON
         "numba>=0.64,<0.70",  # BSD-2
         "numpy>=1.26,<3",  # BSD-3
         "opencv-python-headless>=4.10,<5",  # Apache-2.0
