@@ -104,13 +104,8 @@ def score() -> str:
 
 
 def _record(record: type) -> str:
-    text = inspect.cleandoc(record.__doc__ or "")
-    head, _, listed = text.partition("Attributes:")
-    docs = {
-        found[1]: " ".join(found[2].split())
-        for found in re.finditer(r"^ +(\w+): (.*?)(?=^ {4}\w+: |\Z)", listed, re.MULTILINE | re.DOTALL)
-    }
-    lines = [f"## {record.__name__}\n", _prose(head) + "\n"]
+    docs = _field_docs(record)
+    lines = [f"## {record.__name__}\n", _prose(inspect.cleandoc(record.__doc__ or "")) + "\n"]
     for item in dataclasses.fields(record):
         hint = get_type_hints(record, include_extras=True)[item.name]
         key, inline = item.name, False
@@ -121,6 +116,21 @@ def _record(record: type) -> str:
         place = "its keys stand in this object" if inline else _type_name(hint)
         lines.append(f"`{key}`\n: {_prose(docs.get(item.name, ''))} ({place})\n")
     return "\n".join(lines)
+
+
+def _field_docs(record: type) -> dict[str, str]:
+    """Return the comments `#:` beside or above the fields of a record."""
+    docs: dict[str, str] = {}
+    for kind in record.__mro__[:-1]:
+        above: list[str] = []
+        for line in inspect.getsource(kind).splitlines():
+            code, _, comment = line.partition("#: ")
+            above.append(comment)
+            if found := re.match(r" {4}(\w+): ", code):
+                docs[found[1]] = " ".join(filter(None, above))
+            if code.strip():
+                above = []
+    return docs
 
 
 def _records_in(hint: Any) -> list[type]:  # noqa: ANN401 - any annotation

@@ -21,7 +21,7 @@ from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.io.hashing import hash_arrays
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.config import aligned_error_config, score_config
-from sfr_loc_map.metrics.verdicts.limits import Limits, load_limits, parse_limits
+from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
 from sfr_loc_map.pipeline.call_stats import CallStats, stats_of
 from sfr_loc_map.pipeline.score_inputs import (
     ScoreInputs,
@@ -30,8 +30,7 @@ from sfr_loc_map.pipeline.score_inputs import (
     load_map_truth,
     said_fused,
 )
-from sfr_loc_map.pipeline.scored_drive import Correction, ScoredDrive
-from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, converted_run, load_run, score_run
+from sfr_loc_map.pipeline.scoring import Correction, Run, ScoredCloud, ScoredDrive, converted_run, load_run, score_run
 
 Estimate = PathLike | base.Trajectory | cloud_base.PointCloud
 Truth = PathLike | base.Trajectory | Source

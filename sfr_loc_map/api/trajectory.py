@@ -21,9 +21,9 @@ from sfr_loc_map.geometry import trajectory as base
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.metrics.aligned_error import curves_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.records.method_record import MethodRecord
-from sfr_loc_map.metrics.trajectory.path_curves import curves_of
+from sfr_loc_map.metrics.method_record import MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.evo_export import save_evo_result
 from sfr_loc_map.pipeline.offline import save_stats

@@ -11,7 +11,7 @@ from sfr_loc_map.bench.figures import JsonObject
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.metrics.config import MapScoreConfig
-from sfr_loc_map.metrics.statistics.running_statistics import sample_statistic
+from sfr_loc_map.metrics.statistics import sample_statistic
 
 OCCLUSION_PX = 1.0
 """A pixel is occluded in the right image where a surface nearer by more than this disparity covers its partner."""

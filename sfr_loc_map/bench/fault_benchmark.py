@@ -17,9 +17,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory.association import Estimates
-from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.offline import localise, start_pose, trajectory_of
 from sfr_loc_map.pipeline.perturb import FaultyLoc
 from sfr_loc_map.simulation.faults import Fault, parse_fault

@@ -17,9 +17,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper, PairMap
-from sfr_loc_map.metrics.cloud.cloud_coverage import pixel_coverage
-from sfr_loc_map.metrics.cloud.cloud_error import point_errors
-from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth, truths_of
+from sfr_loc_map.metrics.cloud_error import PairTruth, pixel_coverage, point_errors, truths_of
 from sfr_loc_map.pipeline.perturb import FaultyNav
 from sfr_loc_map.simulation.faults import Fault, parse_fault
 

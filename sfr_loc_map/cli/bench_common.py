@@ -15,7 +15,7 @@ app.callback(invoke_without_command=True)(help_without_command)
 def present(result: dict[str, Any], json_path: str | None, markdown_path: Path | None = None) -> None:
     """Print tables, reference methods left out and failures; write JSON and Markdown; `--json -` prints JSON alone."""
     from sfr_loc_map.bench.tables import benchmark_tables
-    from sfr_loc_map.metrics.records.json_records import json_line
+    from sfr_loc_map.metrics.score_json import json_line
     from sfr_loc_map.tables.markdown import to_markdown
 
     tables = benchmark_tables(result)

@@ -9,7 +9,7 @@ import typer
 from sfr_loc_map.errors import ConfigError
 
 if TYPE_CHECKING:
-    from sfr_loc_map.pipeline.scored_drive import Correction
+    from sfr_loc_map.pipeline.scoring import Correction
 
 ConventionOption = Annotated[
     list[str] | None,
@@ -38,7 +38,7 @@ def read_correction(convention: list[str] | None, apply_diagnosis: bool, *, has_
         ConfigError: If a setting is none, or there are no poses.
     """
     from sfr_loc_map.geometry.pose_convention import PoseConvention
-    from sfr_loc_map.pipeline.scored_drive import Correction
+    from sfr_loc_map.pipeline.scoring import Correction
 
     correction = Correction(PoseConvention.parse(convention or ()), apply_diagnosis)
     if not has_poses and correction != Correction():

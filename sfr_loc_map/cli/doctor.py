@@ -16,7 +16,7 @@ from sfr_loc_map.cli.verdict import LenientOption, not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
 if TYPE_CHECKING:
-    from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis
+    from sfr_loc_map.metrics.convention import Diagnosis
     from sfr_loc_map.pipeline.doctor.observation import Observation
     from sfr_loc_map.tables.table import Table
 
@@ -142,8 +142,8 @@ def _gives_extrinsics(config: Path | None) -> bool:
 
 def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bool) -> None:
     from sfr_loc_map.metrics.config import ScoreConfig
-    from sfr_loc_map.metrics.convention.disagreement import MIN_POSES
-    from sfr_loc_map.metrics.records.json_records import to_plain
+    from sfr_loc_map.metrics.convention import MIN_POSES
+    from sfr_loc_map.metrics.score_json import to_plain
     from sfr_loc_map.pipeline.scoring import diagnose_files
 
     diagnosis = diagnose_files(estimate, truth, ScoreConfig())

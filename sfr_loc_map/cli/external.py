@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.nodes.replay.external_options import ExternalOptions
     from sfr_loc_map.nodes.replay.results import ReplayResults
     from sfr_loc_map.pipeline.external_run import ExternalRun
-    from sfr_loc_map.pipeline.scored_drive import Correction
+    from sfr_loc_map.pipeline.scoring import Correction
 
 TASKS = ("localisation", "mapping")
 METHODS = ("sfr", "external")
@@ -122,7 +122,8 @@ def _task(source: Source, external: str | None, method: str) -> str | None:
 
 def external_run_of(results: ReplayResults, correction: Correction) -> ExternalRun | None:
     """Return what is known of the external node of a replay, None without one; name what was wrong."""
-    from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
+    from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
+    from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore
     from sfr_loc_map.pipeline.external_run import ExternalRun
 
     node, book = results.observed, results.answers

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.live.config import LiveConfig
     from sfr_loc_map.live.hub import Hub
     from sfr_loc_map.metrics.config import ScoreConfig
-    from sfr_loc_map.metrics.verdicts.limits import Limits
+    from sfr_loc_map.metrics.limits import Limits
 
 
 @dataclass(frozen=True, slots=True)

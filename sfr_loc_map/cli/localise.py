@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.localisation.estimate import PoseEstimate
     from sfr_loc_map.localisation.start_pose import StartPose
     from sfr_loc_map.methods.method import Method, MethodLimits
-    from sfr_loc_map.metrics.score import MethodRecord
+    from sfr_loc_map.metrics.method_record import MethodRecord
     from sfr_loc_map.pipeline.call_record import CallRecord
 
 R = TypeVar("R")

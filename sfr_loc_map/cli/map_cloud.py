@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import NavSequence
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.methods.method import MethodLimits
-    from sfr_loc_map.metrics.score import MethodRecord
+    from sfr_loc_map.metrics.method_record import MethodRecord
     from sfr_loc_map.pipeline.offline import MapRun, Progress
 
     MapSource = Callable[[NavSequence, Progress], tuple[MapRun, MethodRecord]]

@@ -11,7 +11,7 @@ from sfr_loc_map.errors import ConfigError, FailedVerdictError
 
 if TYPE_CHECKING:
     from sfr_loc_map.methods.method import Method, MethodLimits, MethodTask
-    from sfr_loc_map.metrics.score import MethodRecord
+    from sfr_loc_map.metrics.method_record import MethodRecord
     from sfr_loc_map.pipeline.call_record import CallRecord
 
 OURS = "sfr"

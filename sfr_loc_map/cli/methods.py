@@ -25,7 +25,7 @@ def methods(
     """List the methods under test with their versions; a class or a C library needs no entry here."""
     from sfr_loc_map.methods.header import header_folder
     from sfr_loc_map.methods.registry import listed_methods
-    from sfr_loc_map.metrics.records.json_records import json_line
+    from sfr_loc_map.metrics.score_json import json_line
     from sfr_loc_map.tables.table import Cell, Column, Table
 
     if include_dir:

@@ -47,11 +47,11 @@ from sfr_loc_map.printable import printable
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.localisation.start_pose import StartPose
+    from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.metrics.score import Score
-    from sfr_loc_map.metrics.verdicts.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
-    from sfr_loc_map.pipeline.scored_drive import Correction
+    from sfr_loc_map.pipeline.scoring import Correction
 
 
 OutOption = Annotated[

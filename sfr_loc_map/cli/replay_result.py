@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.nodes.replay.results import ReplayResults
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
-    from sfr_loc_map.pipeline.scored_drive import Correction
+    from sfr_loc_map.pipeline.scoring import Correction
 
 
 def check_answers(results: ReplayResults, options: ReplayOptions) -> None:

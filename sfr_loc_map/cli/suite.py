@@ -191,7 +191,7 @@ def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: 
         InputError: If a task failed or a source could not be read.
         NotJudgedError: If a limit could not be judged, and `lenient` is not given.
     """
-    from sfr_loc_map.metrics.modes import VerdictState
+    from sfr_loc_map.metrics.config import VerdictState
     from sfr_loc_map.suite.tables import suite_tables
 
     show(json.dumps(summary.to_dict(), allow_nan=False) + "\n", json_path, suite_tables(summary))

@@ -13,9 +13,9 @@ from sfr_loc_map.errors import FailedVerdictError, NotJudgedError
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
-    from sfr_loc_map.metrics.condition import Condition
+    from sfr_loc_map.metrics.config import Condition
+    from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.metrics.score import Score, Verdict
-    from sfr_loc_map.metrics.verdicts.limits import Limits
 
 LenientOption = Annotated[
     bool, typer.Option("--lenient", help="Exit 0 rather than 3 where something could not be judged.")
@@ -29,8 +29,8 @@ def read_limits(path: Path | None, conditions: Sequence[str] | None) -> tuple[Li
         ConfigError: If the limits cannot be read.
         MetricsError: If a condition is not valid.
     """
-    from sfr_loc_map.metrics.condition import Condition
-    from sfr_loc_map.metrics.verdicts.limits import load_limits
+    from sfr_loc_map.metrics.config import Condition
+    from sfr_loc_map.metrics.limits import load_limits
 
     limits = load_limits(path) if path is not None else None
     return limits, (*map(Condition.parse, conditions or ()), *(limits.conditions if limits is not None else ()))
@@ -51,7 +51,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
         FailedVerdictError: If a limit was missed.
         NotJudgedError: If something that was asked for could not be judged.
     """
-    from sfr_loc_map.metrics.verdicts.not_judged import reasons_not_judged
+    from sfr_loc_map.metrics.limits import reasons_not_judged
 
     if score.failed and (score.contradiction is None or lenient):
         missed = ", ".join(map(_missed, score.failed))
@@ -66,8 +66,8 @@ def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, len
         MetricsError: If a condition is not valid.
         NotJudgedError: If the drive never meets one, and `lenient` is not given.
     """
-    from sfr_loc_map.metrics.condition import Condition
-    from sfr_loc_map.metrics.verdicts.not_judged import conditions_beyond
+    from sfr_loc_map.metrics.config import Condition
+    from sfr_loc_map.metrics.limits import conditions_beyond
 
     parsed = [Condition.parse(text) for text in conditions]
     if truth is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sfr_loc_map.metrics.modes import CallKind, VerdictState
+from sfr_loc_map.metrics.config import CallKind, VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.map_tables import map_error
 from sfr_loc_map.report.score_cells import keyed_conditions

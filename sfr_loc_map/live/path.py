@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_normalised
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.live.updates import PoseSample, Track
-from sfr_loc_map.metrics.condition import Condition, ConditionKind
+from sfr_loc_map.metrics.config import Condition, ConditionKind
 from sfr_loc_map.pipeline.online.stamp_order import jumped_back
 
 MAX_ROWS = 4000

@@ -9,7 +9,7 @@ from typing import Any
 from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.live.live_table import live_table
-from sfr_loc_map.metrics.condition import Condition
+from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, to_dict
 from sfr_loc_map.report.overall import Overall, overall_of

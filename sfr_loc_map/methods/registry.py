@@ -13,7 +13,7 @@ from sfr_loc_map.bounded_input import parse_yaml
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.methods.method import OURS, Method, MethodTask
-from sfr_loc_map.metrics.records.method_record import MethodKind, MethodRecord
+from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
 
 GROUPS = {MethodTask.LOCALISE: "sfr_loc_map.localisers", MethodTask.MAP: "sfr_loc_map.mappers"}
 """Groups of entry points by which other packages add methods: `name = package.module:Class`."""

@@ -1,10 +1,10 @@
-from .condition import Condition as Condition
-from .condition import ConditionKind as ConditionKind
-from .modes import AssociationMode as AssociationMode
-from .modes import CallKind as CallKind
-from .modes import CloudKind as CloudKind
-from .modes import Rebase as Rebase
-from .modes import VerdictState as VerdictState
+from .config import AssociationMode as AssociationMode
+from .config import CallKind as CallKind
+from .config import CloudKind as CloudKind
+from .config import Condition as Condition
+from .config import ConditionKind as ConditionKind
+from .config import Rebase as Rebase
+from .config import VerdictState as VerdictState
 from .score import MapScore as MapScore
 from .score import MemoryScore as MemoryScore
 from .score import Provenance as Provenance

@@ -16,22 +16,28 @@ import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.modes import CallKind
-from sfr_loc_map.metrics.records.json_records import Key, to_plain
-from sfr_loc_map.metrics.records.score_details import SubTrajectoryRows
-from sfr_loc_map.metrics.same_data import check_same_data, sub_trajectories_of
-from sfr_loc_map.metrics.score import CallScore, Interval, MapScore, MethodRecord, PeakMemory, SampleStatistic, Score
-from sfr_loc_map.metrics.statistics.multiple_comparisons import holm
-from sfr_loc_map.metrics.statistics.quantiles import student_quantile, student_share
-from sfr_loc_map.metrics.statistics.running_statistics import norm
-from sfr_loc_map.metrics.trajectory.confidence import (
+from sfr_loc_map.metrics.confidence import (
     MIN_FREEDOM,
     MIN_INDEPENDENT,
     WIDENING,
     blocks_share,
     resampled_figures,
 )
+from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.method_record import MethodRecord
+from sfr_loc_map.metrics.score import (
+    CallScore,
+    InputFile,
+    Interval,
+    Key,
+    MapScore,
+    PeakMemory,
+    SampleStatistic,
+    Score,
+    SubTrajectoryRows,
+)
+from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.statistics import holm, norm, student_quantile, student_share
 
 SCHEMA = "sfr-compare/1"
 FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
@@ -275,3 +281,60 @@ def _mean_plus_3sigma(errors: FloatArray) -> float | None:
     if len(errors) < 2:
         return None
     return norm(errors.mean(axis=0)) + 3.0 * norm(errors.std(axis=0, ddof=1))
+
+
+TRUTH_ROLES = ("truth", "map_truth")
+"""Names of inputs in the provenance that must be alike."""
+
+
+def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
+    """Check that two scores were made with the same truth.
+
+    Args:
+        first: A score.
+        other: Another one.
+        names: Their names, for the message.
+
+    Raises:
+        MetricsError: If not.
+    """
+    for role in TRUTH_ROLES:
+        mine, theirs = _input(first, role), _input(other, role)
+        if mine is not None and theirs is not None and not _alike(mine, theirs):
+            raise MetricsError(
+                f"different data: the {role.replace('_', ' ')} of '{names[0]}' is '{mine.path}', that of '{names[1]}' "
+                f"is '{theirs.path}', and their values differ; compare scores of the same data"
+            )
+    if _stamps_differ(first, other):
+        raise MetricsError(
+            f"different data: '{names[0]}' and '{names[1]}' have no sub-trajectory of the same stamps; compare scores "
+            "of the same data"
+        )
+
+
+def sub_trajectories_of(score: Score) -> tuple[SubTrajectoryRows, ...]:
+    """Return the sub-trajectories of each condition of a score, empty if it has none."""
+    details = None if score.details is None else score.details.trajectory
+    return () if details is None else details.sub_trajectories
+
+
+def _input(score: Score, role: str) -> InputFile | None:
+    return None if score.provenance is None else score.provenance.inputs.get(role)
+
+
+def _alike(mine: InputFile, theirs: InputFile) -> bool:
+    """Compare the values, or the files of scores that do not have the hash of the values."""
+    if mine.data_sha256 is None or theirs.data_sha256 is None:
+        return mine.sha256 == theirs.sha256
+    return mine.data_sha256 == theirs.data_sha256
+
+
+def _stamps_differ(first: Score, other: Score) -> bool:
+    """Tell whether both have sub-trajectories of a common condition, and none of them has the same stamps."""
+    theirs = {part.condition: part for part in sub_trajectories_of(other) if part.start_stamp_ns}
+    mine = [part for part in sub_trajectories_of(first) if part.start_stamp_ns and part.condition in theirs]
+    return bool(mine) and not any(_spans(part) & _spans(theirs[part.condition]) for part in mine)
+
+
+def _spans(part: SubTrajectoryRows) -> set[tuple[int, int]]:
+    return set(zip(part.start_stamp_ns, part.end_stamp_ns, strict=True))

@@ -3,190 +3,702 @@
 Numbers in brackets are clauses of the specification; docs/metrics.md has the rules in full. N is the start of a
 sub-trajectory, N+x its end, n the number of sub-trajectories or values. None is a figure that is undefined (too few
 values); a part that is absent is None as well, or empty. `metrics.score_json` writes and reads the JSON, in which every
-field stands under its own name unless an annotation says otherwise.
+field stands under its own name unless an annotation says otherwise. The comments at the fields are the reference of the
+JSON (docs/reference/score.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from enum import StrEnum
+from typing import Annotated, Any, cast
 
-from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.modes import VerdictState
-from sfr_loc_map.metrics.records.aligned_records import AlignedError, AlignedErrors, Alignment, ErrorStatistics
-from sfr_loc_map.metrics.records.call_records import (
-    CallScore,
-    MemoryScore,
-    PeakMemory,
-    StageTime,
-    TargetScore,
-    TimingScore,
-)
-from sfr_loc_map.metrics.records.external_record import AnswerCounts, ConventionRecord, ExternalScore, ProcessUsage
-from sfr_loc_map.metrics.records.json_records import Inline, Key
-from sfr_loc_map.metrics.records.map_records import (
-    DisparityStatistic,
-    MapScore,
-    PairScore,
-    PointErrorScore,
-    RangeScore,
-    SigmaNees,
-)
-from sfr_loc_map.metrics.records.method_record import FindingRecord, MethodKind, MethodRecord
-from sfr_loc_map.metrics.records.score_details import Details
-from sfr_loc_map.metrics.records.statistic_records import Interval, IntervalStatistic, SampleStatistic, Statistic
-from sfr_loc_map.metrics.records.trajectory_records import (
-    AssociationCounts,
-    AssociationScore,
-    ConditionScore,
-    DistanceScore,
-    ErrorComponents,
-    NeesPart,
-    NeesScore,
-    TrajectoryScore,
-)
+from sfr_loc_map.metrics.config import AssociationMode, CallKind, CloudKind, Condition, Rebase, VerdictState
+from sfr_loc_map.metrics.method_record import FindingRecord, MethodRecord
 
-__all__ = [
-    "AlignedError",
-    "AlignedErrors",
-    "Alignment",
-    "AnswerCounts",
-    "AssociationCounts",
-    "AssociationScore",
-    "CallScore",
-    "ConditionScore",
-    "ConventionRecord",
-    "DisparityStatistic",
-    "DistanceScore",
-    "ErrorComponents",
-    "ErrorStatistics",
-    "ExternalScore",
-    "FindingRecord",
-    "InputFile",
-    "Interval",
-    "IntervalStatistic",
-    "MapScore",
-    "MemoryScore",
-    "MethodKind",
-    "MethodRecord",
-    "NeesPart",
-    "NeesScore",
-    "PairScore",
-    "PeakMemory",
-    "PointErrorScore",
-    "ProcessUsage",
-    "Provenance",
-    "RangeScore",
-    "SampleStatistic",
-    "Score",
-    "SigmaNees",
-    "StageTime",
-    "Statistic",
-    "TargetScore",
-    "TimingScore",
-    "TrajectoryScore",
-    "Verdict",
-]
+Interval = tuple[float, float]
+"""Lower and upper bound of a 95 % interval."""
+Column = tuple[float | None, ...]
+"""One entry a row; None where a value is undefined."""
+Integers = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """Annotation: the key of a field in JSON, where it is not the field's name."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Inline:
+    """Annotation: the keys of a field stand in its owner's object, after a prefix; all absent: the field is None."""
+
+    prefix: str = ""
+
+
+class Columns:
+    """Base of records whose tuples are the columns of one table; columns with a default may be empty."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        """Check that the columns are of one length.
+
+        Raises:
+            ValueError: If not.
+        """
+        lengths = {
+            item.name: len(value)
+            for item in fields(cast(Any, self))
+            if isinstance(value := getattr(self, item.name), tuple) and (value or item.default is MISSING)
+        }
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f"its columns differ in length: {lengths}")
+
+
+# ---- what is said of many values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Statistic:
+    """Mean and scatter of one error."""
+
+    mean: float | None  #: Sum of the values over n; of a vector the norm of the mean vector [4.1.3].
+    #: `sqrt(sum (e_i - mean)^2 / (n - 1))`; of a vector the norm of the sigmas of its axes [4.1.3].
+    sigma: float | None
+    mean_plus_3sigma: float | None  #: `|mean| + 3 sigma`.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IntervalStatistic(Statistic):
+    """Mean and scatter of one error over sub-trajectories, with the interval of their sum."""
+
+    #: 95 % interval of mean + 3 sigma by circular block bootstrap; see `metrics.confidence`.
+    mean_plus_3sigma_ci95: Interval | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SampleStatistic:
+    """Mean, scatter and percentiles of a set of single values."""
+
+    count: int  #: Number of values n.
+    mean: float | None  #: `sum e_i / n`.
+    sigma: float | None  #: `sqrt(sum (e_i - mean)^2 / (n - 1))` [4.1.3].
+    mean_plus_3sigma: float | None  #: `mean + 3 sigma`.
+    p50: float | None  #: Median, interpolated linearly between values.
+    p95: float | None  #: 95th percentile, alike.
+
+
+# ---- trajectory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NeesPart:
+    """Normalised estimation error squared of some components (Bar-Shalom, Li, Kirubarajan 2001, section 5.4)."""
+
+    mean: float | None  #: `sum e_i^T Q_i^-1 e_i / n`, Q the covariance of the end given the start.
+    expected: float  #: Number of components: the mean of an honest covariance.
+    #: 2.5 % and 97.5 % points of chi-square with `expected n` degrees of freedom, over n.
+    interval95: Interval | None
+    consistent: bool | None  #: Whether the mean lies in it.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NeesScore:
+    """Whether the published covariance is honest; over sub-trajectories that share no frame."""
+
+    count: int  #: Sub-trajectories with a usable covariance.
+    not_usable: int  #: Sub-trajectories over which the covariance did not grow, so that it cannot be tested.
+    #: Of those counted, how many were judged by the covariances of the steps between; the others by the growth of the
+    #: published covariance.
+    from_steps: int = 0
+    pose: NeesPart  #: Position and attitude, 6 components.
+    position: NeesPart  #: 3 components.
+    attitude: NeesPart  #: 3 components.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorComponents:
+    """The position error by directions, m, means with their signs."""
+
+    x_m: Statistic  #: Along x of DS.
+    y_m: Statistic  #: Along y of DS.
+    z_m: Statistic  #: Along z of DS.
+    along_m: Statistic  #: Along the horizontal direction of the true displacement from N to N+x.
+    cross_m: Statistic  #: To the left of it.
+    vertical_m: Statistic  #: Along z of DS.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConditionScore:
+    """The errors over the sub-trajectories of one condition [4.1.1, 4.1.2, 4.2.3]."""
+
+    count: int  #: Number of sub-trajectories n.
+    condition: Condition  #: What ends a sub-trajectory [4.1.1].
+    spacing_frames: int  #: Frames from one start to the next.
+    #: What is taken from the estimate at N: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)` (pose), or
+    #: only the position offset at N is taken away (position) [4.1.2].
+    rebase: Rebase
+    #: Position error in DS, estimate less truth: norm of the mean vector, norm of the sigmas [4.2.3.1].
+    position_m: IntervalStatistic
+    #: `2 atan2(|v|, |w|)` of the rotation (v, w) between estimate and truth, never negative [4.2.3.2].
+    attitude_deg: IntervalStatistic
+    #: Heading of the RB x-axis, estimate less truth, in (-180, 180]; mean with its sign [4.2.3.3].
+    heading_deg: IntervalStatistic
+    overlap: float  #: Starts within one sub-trajectory on average; n / overlap of them are independent.
+    nees: NeesScore | None  #: Consistency of the covariance, None where none was published.
+    components: ErrorComponents  #: Position error by directions.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DistanceScore:
+    """The errors over sub-trajectories of one length, for the error against distance."""
+
+    distance_m: float  #: Length of the sub-trajectories.
+    count: int  #: Their number.
+    position_m: Statistic  #: As in `ConditionScore`.
+    attitude_deg: Statistic  #: As in `ConditionScore`.
+    heading_deg: Statistic  #: As in `ConditionScore`.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssociationCounts:
+    """What became of the poses given."""
+
+    estimate_poses: int = 0  #: Estimates given.
+    truth_poses: int = 0  #: True poses given.
+    estimate_duplicates: int = 0  #: Estimates left out because a later one has the same stamp.
+    truth_duplicates: int = 0  #: The same of the truth.
+    estimate_unordered: int = 0  #: Estimates that came after one with a later stamp (sorted, not left out).
+    truth_unordered: int = 0  #: The same of the truth.
+    late: int = 0  #: Poses that a live score of versions before 0.3 left out because they came too late.
+    exact: int = 0  #: Frames whose stamps are equal.
+    near: int = 0  #: Frames whose stamps differ within the tolerance.
+    interpolated: int = 0  #: Frames with interpolated truth.
+    lost: int = 0  #: Frames at which the localiser was lost.
+    degraded: int = 0  #: Frames at which it gave a pose that it has a reason to doubt.
+    largest_difference_ns: int = 0  #: Of stamps of one frame.
+    largest_gap_ns: int = 0  #: Of the truth interpolated.
+
+    @property
+    def matched(self) -> int:
+        """Number of frames."""
+        return self.exact + self.near + self.interpolated
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssociationScore:
+    """How estimates found their truth."""
+
+    counts: Annotated[AssociationCounts, Inline()]  #: What became of the poses.
+    mode: Annotated[AssociationMode, Key("truth")]  #: How it was done.
+    tolerance_s: float  #: Stamps this close are the same.
+    max_gap_s: float  #: Longest gap of the truth that is interpolated.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrajectoryScore:
+    """The errors of a trajectory."""
+
+    first: Annotated[ConditionScore, Inline()]  #: Score of the first condition.
+    matched: int  #: Frames: poses of the truth that have an estimate.
+    estimate_poses: int  #: Estimates given.
+    lost: int  #: Frames at which the localiser was lost: they count like any other.
+    degraded: int = 0  #: Frames at which it gave a pose that it has a reason to doubt: they count like any other.
+    path_length_m: float  #: Length of the truth's path over the frames.
+    duration_s: float | None  #: From the first to the last frame.
+    #: Starts that waited for their end through too many others: none since every pose is kept.
+    discarded_starts: Annotated[int, Key("starts_given_up")] = 0
+    association: AssociationScore  #: How estimates found their truth.
+    #: Scores of all conditions if there are more than one, otherwise empty; see `conditions`.
+    several: Annotated[tuple[ConditionScore, ...], Key("conditions")] = ()
+    by_distance: tuple[DistanceScore, ...]  #: Error against distance.
+
+    @property
+    def conditions(self) -> tuple[ConditionScore, ...]:
+        """Scores of all conditions, in the order of the settings."""
+        return self.several or (self.first,)
+
+    def of(self, condition: Condition) -> ConditionScore | None:
+        """Return the score of a condition, None if it was not scored."""
+        return next((item for item in self.conditions if item.condition == condition), None)
+
+
+# ---- ape and rpe: errors as other tools give them, beside the figures of the specification
+
+
+class Alignment(StrEnum):
+    """How the estimate is aligned with the truth before it is compared."""
+
+    NONE = "none"
+    ORIGIN = "origin"
+    """By the first pose: `T_gt(0) inv(T_est(0))`."""
+    SE3 = "se3"
+    """By the rotation and translation of least squares of the positions (Umeyama 1991)."""
+    SIM3 = "sim3"
+    """The same with a scale."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorStatistics:
+    """What is said of single errors e_i that are never negative."""
+
+    rmse: float | None  #: `sqrt(sum e_i^2 / n)`.
+    mean: float | None  #: `sum e_i / n`.
+    median: float | None  #: Interpolated between the two in the middle.
+    std: float | None  #: `sqrt(sum (e_i - mean)^2 / n)`: over n, not n - 1.
+    min: float | None  #: Smallest.
+    max: float | None  #: Largest.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignmentTransform:
+    """What was applied to the estimate: `p -> scale R p + t`."""
+
+    scale: float  #: Factor of the positions, 1 except for sim3.
+    quat_xyzw: tuple[float, ...]  #: Rotation R, scalar last.
+    translation_m: tuple[float, ...]  #: t.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignedError:
+    """One error of a trajectory as other tools give it."""
+
+    description: str  #: Metric, alignment and association in one line.
+    alignment: Alignment  #: How the estimate was aligned.
+    association: str  #: How poses of estimate and truth were paired.
+    max_difference_s: float  #: Longest difference of the stamps of a pair.
+    delta: Condition | None = None  #: From one pose of a relative error to the other; None of an absolute error.
+    count: int  #: Number of errors n.
+    unit: str  #: Unit of the errors beside it: `m`.
+    translation: Annotated[ErrorStatistics, Inline()]  #: Of the positions, m.
+    rotation_deg: ErrorStatistics  #: Of the attitudes, deg.
+    transform: AlignmentTransform | None = None  #: The alignment; None for `none`.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignedErrors:
+    """Both."""
+
+    ape: AlignedError  #: Absolute pose error (APE; of positions ATE): estimate against truth after the alignment.
+    rpe: AlignedError  #: Relative pose error (RPE): motion of the estimate against that of the truth.
+
+
+# ---- map
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DisparityStatistic:
+    """The disparity errors that the depth errors amount to, `f b / Z - f b / Z_true`, px."""
+
+    mean: float | None  #: With its sign.
+    sigma: float | None  #: With Bessel's correction.
+    p50_abs: float | None  #: Median of the absolute values.
+    p95_abs: float | None  #: 95th percentile of the absolute values.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SigmaNees:
+    """Whether the sigma of map points is honest: squares of (error along the ray / sigma), one point of each block."""
+
+    count: int  #: Points n.
+    mean: float  #: `sum (e_i / sigma_i)^2 / n`.
+    median: float  #: Of the squares: the bulk, without the gross errors.
+    expected: float  #: Mean of an honest sigma.
+    expected_median: float  #: Median of chi-square with one degree of freedom.
+    interval95: Interval  #: 2.5 % and 97.5 % points of chi-square with n degrees of freedom, over n.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeScore:
+    """The point errors whose true range lies in [from_m, to_m)."""
+
+    from_m: float  #: Nearest true range.
+    to_m: float  #: Farthest true range, itself not included.
+    coverage: float | None  #: As in `MapScore`, of this range.
+    point_error_m: Annotated[SampleStatistic, Inline()]  #: As in `PointErrorScore`.
+    disparity_error_px: DisparityStatistic  #: As in `PointErrorScore`.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairScore:
+    """The points of one pair."""
+
+    pair: int  #: Number of the pair.
+    coverage: float | None  #: As in `MapScore`, of this pair.
+    point_error_m: SampleStatistic  #: As in `PointErrorScore`.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointErrorScore:
+    """The errors of points against the surface that their pixels see [4.3.4]."""
+
+    points_without_truth: int  #: Points whose pixel has no truth (sky): not counted below.
+    point_error_m: SampleStatistic  #: `|truth - estimate|` of every point whose pixel has a truth [4.3.4].
+    disparity_error_px: DisparityStatistic  #: The same as an error of the disparity.
+    sigma_nees: SigmaNees | None  #: Consistency of the points' sigma, None where there are fewer than two.
+    by_range: tuple[RangeScore, ...]  #: By range of the truth from the left optical centre.
+    by_pair: tuple[PairScore, ...]  #: By pair.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapScore:
+    """The errors and the coverage of a cloud."""
+
+    pairs: int  #: Mapping pairs of the truth.
+    points: int  #: Points of the cloud.
+    cloud: CloudKind | None = None  #: Whether it is fused; None where the points' pixels are not known.
+    #: Single pairs: of the left pixels whose truth lies in the scored range the share that has a point. Fused: the
+    #: share of those true points with a point nearer than two pixel footprints, `2 Z / f`.
+    coverage: float | None
+    coverage_range_m: tuple[float, float]  #: Scored range [low, high).
+    #: Whether the points' pixels are not known, so that only the nearest true points can be compared.
+    nearest_only: bool
+    #: Errors against the surface that the pixels see; None where they are not known.
+    errors: Annotated[PointErrorScore | None, Inline()] = None
+    #: Distance to the nearest true point, which reads low; None where pixels are known.
+    nearest_distance_m: SampleStatistic | None = None
+
+
+# ---- calls
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageTime(SampleStatistic):
+    """The times of one stage over the calls that had it, s."""
+
+    max: float  #: Longest.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallScore(SampleStatistic):
+    """The wall-clock times of all calls of one kind, s [4.2.1]."""
+
+    p99: float | None  #: 99th percentile.
+    max: float | None  #: Longest.
+    first: float | None  #: The first call, which may load or compile.
+    max_after_first: float | None  #: Longest of the others.
+    clock: str  #: Clock they were measured with; a host time is never a time of the target.
+    #: Times of the stages of a call by name, where the calls tell them.
+    stages: Mapping[str, StageTime] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimingScore:
+    """The times of calls by kind [4.2.1]; None where there was none."""
+
+    localisation: Annotated[CallScore | None, Key("localisation_s")] = None  #: Pairs localised.
+    mapping: Annotated[CallScore | None, Key("mapping_s")] = None  #: Pairs mapped.
+    fusion: Annotated[CallScore | None, Key("fusion_s")] = None  #: Sets fused.
+
+    def of(self, kind: CallKind) -> CallScore | None:
+        """Return the times of the calls of a kind."""
+        return cast(CallScore | None, getattr(self, kind))
+
+    def kinds(self) -> Iterator[tuple[CallKind, CallScore]]:
+        """Yield the kinds of which there were calls."""
+        for kind in CallKind:
+            if (calls := self.of(kind)) is not None:
+                yield kind, calls
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PeakMemory:
+    """The memory of calls of one kind [4.2.2]; None where it was not measured."""
+
+    peak_bytes: int | None  #: Largest high-water mark of resident memory of all calls.
+    above_idle_bytes: int | None  #: The same above the idle process.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MemoryScore:
+    """The memory of calls by kind [4.2.2]; None where there was none."""
+
+    localisation: Annotated[PeakMemory | None, Inline("localisation_")] = None  #: Pairs localised.
+    mapping: Annotated[PeakMemory | None, Inline("mapping_")] = None  #: Pairs mapped.
+    fusion: Annotated[PeakMemory | None, Inline("fusion_")] = None  #: Sets fused.
+    method: str | None = None  #: How it was measured; None if nothing was.
+
+    def of(self, kind: CallKind) -> PeakMemory | None:
+        """Return the memory of the calls of a kind."""
+        return cast(PeakMemory | None, getattr(self, kind))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetScore:
+    """Calls that were measured elsewhere, apart from those of this host [4.3.1, 4.3.2]."""
+
+    name: str  #: Name of the target.
+    timing: TimingScore  #: Times.
+    memory: MemoryScore  #: Memory, without kinds and method where it was not measured.
+
+
+# ---- external nodes and conversions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnswerCounts:
+    """What became of the pairs that were published to an external node, and of what it published."""
+
+    pairs: int = 0  #: Pairs published to it.
+    answered: int = 0  #: Pairs with a usable answer of their stamp.
+    missing: int = 0  #: Pairs without one.
+    late: int = 0  #: Answers that came after their time to answer.
+    doubled: int = 0  #: Answers of a stamp that had been answered.
+    other_stamp: int = 0  #: Answers whose stamp is that of no pair; poses among them count by interpolation.
+    other_frame: int = 0  #: Answers left out because they name other frames.
+    #: Answers left out because they are none: numbers that are not finite, no unit quaternion, a cloud without x, y, z.
+    not_usable: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessUsage:
+    """What the processes of an external node took, seen from outside."""
+
+    cpu_s: float  #: Processor time of all of them, user and system, s.
+    peak_rss_bytes: int  #: Largest sum of their resident memory.
+    processes: int  #: Largest number of them.
+    method: str  #: How it was measured.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExternalScore:
+    """How an external node behaved."""
+
+    task: str  #: `localisation` or `mapping`.
+    topic: str  #: What it published on.
+    frames: str  #: Frames that its answers name: `parent` or `parent -> child`.
+    answers: AnswerCounts  #: What became of pairs and answers.
+    #: From publishing the last image of a pair to the receipt of its answer: transport, waiting and processing
+    #: together. It is not a time per call. None without an answer.
+    latency_s: StageTime | None
+    process: ProcessUsage | None = None  #: CPU and memory of its processes, None where they were not watched.
+    ended: str = ""  #: How its process ended during the run; empty where it ran on, or was not started here.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConventionRecord:
+    """How the poses were converted before they were scored."""
+
+    declared: tuple[str, ...] = ()  #: Settings that the user gave, `NAME=VALUE`.
+    diagnosed: str | None = None  #: Setting that the diagnosis found and the user had applied; None without.
+    fitted: bool = False  #: Whether numbers of it were fitted to the truth, which flatters the figures.
+    sentence: str | None = None  #: What the diagnosis says is wrong; None without.
+
+
+# ---- details: the series that figures are drawn from, as columns, thinned to bounded size
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallHistogram:
+    """A histogram of the times of calls with logarithmic bins."""
+
+    edges_s: tuple[float, ...]  #: Edges of the bins, one more than counts; empty if there was no call.
+    counts: Integers  #: Calls in each bin.
+
+    def __post_init__(self) -> None:
+        """Check that there is one more edge than there are bins.
+
+        Raises:
+            ValueError: If not.
+        """
+        if self.counts and len(self.edges_s) != len(self.counts) + 1:
+            raise ValueError(f"{len(self.counts)} counts with {len(self.edges_s)} edges: one edge more is needed")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallSeries(Columns):
+    """The calls in order; of many the slowest of each block."""
+
+    slowest_of: int  #: Calls of a block.
+    stamp_ns: Integers  #: Stamp of the pair.
+    processing_time_s: Column  #: Wall-clock time.
+    peak_rss_bytes: Column  #: Peak resident memory.
+    state: tuple[str, ...]  #: What the call said.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallFigures:
+    """What the figures of the calls of one kind are drawn from."""
+
+    histogram: CallHistogram  #: Of the times.
+    series: CallSeries  #: Times and memory by call.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallDetails:
+    """The figures of calls by kind; None where there was none."""
+
+    localisation: CallFigures | None = None  #: Pairs localised.
+    mapping: CallFigures | None = None  #: Pairs mapped.
+    fusion: CallFigures | None = None  #: Sets fused.
+
+    def of(self, kind: CallKind) -> CallFigures | None:
+        """Return the figures of the calls of a kind."""
+        return cast(CallFigures | None, getattr(self, kind))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PathRows(Columns):
+    """Every n-th frame of the trajectory; metres, DS."""
+
+    every: int  #: n.
+    stamp_ns: Integers  #: Stamps.
+    travelled_m: Column  #: Length of the truth's path up to the frame.
+    truth_x_m: Column  #: True position.
+    truth_y_m: Column  #: True position.
+    truth_z_m: Column  #: True position.
+    estimate_x_m: Column  #: Estimated position.
+    estimate_y_m: Column  #: Estimated position.
+    estimate_z_m: Column  #: Estimated position.
+    lost: tuple[bool, ...]  #: Whether the localiser was lost.
+    degraded: tuple[bool, ...] = ()  #: Whether it had a reason to doubt the pose; empty in scores that do not know.
+    sigma_x_m: Column = ()  #: Sigma of x by the covariance published; empty where none was.
+    sigma_y_m: Column = ()  #: Sigma of y.
+    sigma_z_m: Column = ()  #: Sigma of z.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubTrajectoryRows(Columns):
+    """Every n-th sub-trajectory of one condition."""
+
+    condition: Condition  #: What ends them.
+    every: int  #: n.
+    start_frame: Integers  #: Number of the first frame.
+    end_frame: Integers  #: Number of the last frame.
+    start_stamp_ns: Integers  #: Stamp of the first frame.
+    end_stamp_ns: Integers  #: Stamp of the last frame.
+    x_m: Column  #: Position error, DS.
+    y_m: Column  #: Position error, DS.
+    z_m: Column  #: Position error, DS.
+    attitude_deg: Column  #: Attitude error.
+    heading_deg: Column  #: Heading error, with its sign.
+    along_m: Column  #: Position error along the true displacement.
+    cross_m: Column  #: Position error to the left of it.
+    vertical_m: Column  #: Position error along z of DS.
+    travelled_m: Column  #: Length of the truth's path from start to end.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrajectoryDetails:
+    """What the figures of the trajectory are drawn from."""
+
+    path: PathRows  #: Frames.
+    sub_trajectories: tuple[SubTrajectoryRows, ...]  #: One for each condition.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointRows(Columns):
+    """Every n-th point of the cloud that has a truth."""
+
+    x_m: Column  #: Position in LM.
+    y_m: Column  #: Position in LM.
+    z_m: Column  #: Position in LM.
+    error_m: Column  #: Distance from the truth.
+    range_m: Column  #: Distance of the truth from the left optical centre.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorImage:
+    """The mean point error of blocks of pixels of one pair."""
+
+    pair: int  #: Number of the pair.
+    block_px: int  #: Pixels of a block each way.
+    #: Rows of blocks, tenths of a millimetre, -1 where there is no point.
+    error: Annotated[tuple[Integers, ...], Key("error_0p1mm")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Triangulation:
+    """The numbers of the law of triangulation, error = Z^2 d / (f b) for a disparity error d."""
+
+    focal_px: float  #: Focal length f.
+    baseline_m: float  #: Baseline b.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapDetails:
+    """What the figures of the map are drawn from."""
+
+    cloud: PointRows  #: Points.
+    error_images: tuple[ErrorImage, ...]  #: One for each pair.
+    triangulation: Triangulation  #: Of the first pair's rig.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Details:
+    """What figures are drawn from, as far as it is there."""
+
+    calls: CallDetails | None = None  #: Times and memory.
+    trajectory: TrajectoryDetails | None = None  #: Trajectory.
+    map: MapDetails | None = None  #: Map.
+
+
+# ---- the whole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """The verdict on one limit.
+    """The verdict on one limit."""
 
-    Attributes:
-        metric: Name of the figure as in the limits file, after `target ` for one of the target.
-        limit: Upper bound, of `coverage_min` the lower one, in the unit of the name.
-        value: The figure, None where it is undefined.
-        ci95: Its 95 % interval, None where it has none.
-        condition: Condition of the sub-trajectories, None outside the trajectory.
-        count: Number of values the figure is made of, None where it is not made of many.
-        state: Pass if `|value| <= limit`, of `coverage_min` if `value >= limit`.
-        certain: Whether the interval lies on one side of the limit, None where there is no interval.
-    """
-
-    metric: str
-    limit: float
-    value: float | None
-    ci95: Interval | None
-    condition: Condition | None = None
-    count: int | None
+    metric: str  #: Name of the figure as in the limits file, after `target ` for one of the target.
+    limit: float  #: Upper bound, of `coverage_min` the lower one, in the unit of the name.
+    value: float | None  #: The figure, None where it is undefined.
+    ci95: Interval | None  #: Its 95 % interval, None where it has none.
+    condition: Condition | None = None  #: Condition of the sub-trajectories, None outside the trajectory.
+    count: int | None  #: Number of values the figure is made of, None where it is not made of many.
+    #: Pass if `|value| <= limit`, of `coverage_min` if `value >= limit`.
     state: Annotated[VerdictState, Key("verdict")]
+    #: Whether the interval lies on one side of the limit, None where there is no interval.
     certain: bool | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputFile:
-    """An input of the score.
+    """An input of the score."""
 
-    Attributes:
-        path: As given.
-        sha256: Hash of the content.
-        data_sha256: Of a truth the hash of its values, whatever file they were read from; None of other inputs.
-    """
-
-    path: str
-    sha256: str
+    path: str  #: As given.
+    sha256: str  #: Hash of the content.
+    #: Of a truth the hash of its values, whatever file they were read from; None of other inputs.
     data_sha256: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What the score was made of.
+    """What the score was made of."""
 
-    Attributes:
-        version: Of this suite.
-        inputs: Files by role.
-        configuration: Settings in force.
-        host: Machine, system and Python.
-        time: When it was made, ISO 8601.
-    """
-
-    version: str
-    inputs: Mapping[str, InputFile] = field(default_factory=dict)
-    configuration: Mapping[str, object] = field(default_factory=dict)
-    host: Mapping[str, str] = field(default_factory=dict)
-    time: str | None = None
+    version: str  #: Of this suite.
+    inputs: Mapping[str, InputFile] = field(default_factory=dict)  #: Files by role.
+    configuration: Mapping[str, object] = field(default_factory=dict)  #: Settings in force.
+    host: Mapping[str, str] = field(default_factory=dict)  #: Machine, system and Python.
+    time: str | None = None  #: When it was made, ISO 8601.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """The whole score; parts that are absent are None or empty.
+    """The whole score; parts that are absent are None or empty."""
 
-    Attributes:
-        method: Whose figures these are; None where nobody has said so.
-        findings: What that method did wrong, one for each kind.
-        external: How an external node behaved; None where there was none.
-        convention: How the poses were converted before they were scored; None where they were not.
-        trajectory: Errors of the trajectory.
-        aligned: Absolute and relative error (`ape`, `rpe`) of the trajectory; None where no alignment was asked for.
-        map: Errors of the map.
-        timing: Times of the calls on this host.
-        memory: Memory of the calls on this host.
-        target: Calls that were measured elsewhere.
-        verdicts: One for each limit, in the order of the limits.
-        warnings: One line for each.
-        contradiction: The convention mismatch by which estimate and truth contradict each other, so that the figures
-            of the trajectory judge nothing; None where there is none.
-        provenance: What it was made of.
-        details: What figures are drawn from.
-    """
-
-    method: MethodRecord | None = None
-    findings: tuple[FindingRecord, ...] = ()
-    external: ExternalScore | None = None
+    method: MethodRecord | None = None  #: Whose figures these are; None where nobody has said so.
+    findings: tuple[FindingRecord, ...] = ()  #: What that method did wrong, one for each kind.
+    external: ExternalScore | None = None  #: How an external node behaved; None where there was none.
+    #: How the poses were converted before they were scored; None where they were not.
     convention: ConventionRecord | None = None
-    trajectory: TrajectoryScore | None = None
+    trajectory: TrajectoryScore | None = None  #: Errors of the trajectory.
+    #: Absolute and relative error (`ape`, `rpe`) of the trajectory; None where no alignment was asked for.
     aligned: Annotated[AlignedErrors | None, Inline()] = None
-    map: MapScore | None = None
-    timing: TimingScore | None = None
-    memory: MemoryScore | None = None
-    target: TargetScore | None = None
-    verdicts: tuple[Verdict, ...]
-    warnings: tuple[str, ...] = ()
+    map: MapScore | None = None  #: Errors of the map.
+    timing: TimingScore | None = None  #: Times of the calls on this host.
+    memory: MemoryScore | None = None  #: Memory of the calls on this host.
+    target: TargetScore | None = None  #: Calls that were measured elsewhere.
+    verdicts: tuple[Verdict, ...]  #: One for each limit, in the order of the limits.
+    warnings: tuple[str, ...] = ()  #: One line for each.
+    #: The convention mismatch by which estimate and truth contradict each other, so that the figures of the trajectory
+    #: judge nothing; None where there is none.
     contradiction: str | None = None
-    provenance: Provenance | None = None
-    details: Details | None = None
+    provenance: Provenance | None = None  #: What it was made of.
+    details: Details | None = None  #: What figures are drawn from.
 
     @property
     def failed(self) -> tuple[Verdict, ...]:

@@ -1,15 +1,188 @@
-"""The score as JSON: one schema for files, for topics and for the report, which is made from it alone."""
+"""Records as JSON and back: one schema for files, for topics and for the report, which is made from it alone.
+
+The type of a field is the only declaration. A field is written under its own name or the one given by `Key`; a field
+annotated with `Inline` is written into the object of its owner. A field whose default is None or empty is left out
+while it has that value, every other field is always written, None as null. A field with any default may be absent:
+files of versions that did not have it are read. Numbers that are not finite are undefined: null. A class with methods
+`to_plain` and `from_plain` writes and reads itself; `object` stands for any JSON. msgspec checks the values.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import difflib
+import json
+import math
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from enum import StrEnum
+from functools import cache
+from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.records.json_records import RecordError, from_plain, plain_json_line, to_plain
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score import Inline, Key, Score
 
+T = TypeVar("T")
 SCHEMA = "sfr-score/1"
+MAX_NUMBER, MAX_WHOLE = 1e100, 2**63
+"""Largest numbers: squares and sums of the first stay finite, the other is that of 64 bits."""
+
+
+class RecordError(ValueError):
+    """A JSON value is not what its type says; the message names the place."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    """How one field is written and read."""
+
+    name: str
+    key: str
+    kind: Any
+    prefix: str | None
+    """Prefix of the keys of an inlined record, None of other fields."""
+    left_out_if_empty: bool
+    has_default: bool
+
+    def names(self) -> list[str]:
+        """Return its keys in the owner's object."""
+        if self.prefix is None:
+            return [self.key]
+        record = next(part for part in (self.kind, *get_args(self.kind)) if is_dataclass(part))
+        return [self.prefix + key for item in _fields_of(cast(Any, record)) for key in item.names()]
+
+
+@cache
+def _fields_of(record: type) -> tuple[_Field, ...]:
+    found = []
+    hints = get_type_hints(record, include_extras=True)
+    for item in fields(record):
+        kind, *notes = get_args(hints[item.name]) if get_origin(hints[item.name]) is Annotated else [hints[item.name]]
+        key = next((note.name for note in notes if isinstance(note, Key)), item.name)
+        prefix = next((note.prefix for note in notes if isinstance(note, Inline)), None)
+        omitted = item.default is None or item.default == () or item.default_factory is not MISSING
+        found.append(_Field(item.name, key, kind, prefix, omitted, omitted or item.default is not MISSING))
+    return tuple(found)
+
+
+def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
+    """Return a record as JSON values: dicts, lists, numbers, words."""
+    if value is None or isinstance(value, (str, bool, int)):
+        return value.value if isinstance(value, StrEnum) else value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: to_plain(item) for key, item in value.items()}
+    if isinstance(value, Sequence):
+        return [item if type(item) is int else to_plain(item) for item in value]
+    if hasattr(value, "to_plain"):
+        return value.to_plain()
+    plain: dict[str, Any] = {}
+    for item in _fields_of(cast(Any, type(value))):
+        part = getattr(value, item.name)
+        if item.left_out_if_empty and (part is None or (isinstance(part, (tuple, Mapping)) and not part)):
+            continue
+        if item.prefix is None:
+            plain[item.key] = to_plain(part)
+        else:
+            plain |= {item.prefix + key: inner for key, inner in to_plain(part).items()}
+    return plain
+
+
+def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lists of them
+    """Return the JSON of a record in one line; numbers in the shortest form that reads back to the same bits."""
+    return _line(to_plain(value))
+
+
+def _line(plain: Any) -> str:  # noqa: ANN401 - JSON values
+    return json.dumps(plain, allow_nan=False, separators=(",", ":")) + "\n"
+
+
+def from_plain(kind: type[T], value: object, place: str = "") -> T:
+    """Return the record of JSON values.
+
+    Args:
+        kind: Class of the record.
+        value: JSON values.
+        place: What the value is called in messages.
+
+    Raises:
+        RecordError: If a key is missing or unknown or a value is of another type; one line.
+    """
+    return cast(T, _read(kind, value, place))
+
+
+def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type expression and a value of it
+    origin, parts = get_origin(kind), get_args(kind)
+    if kind is object:
+        return value
+    if origin in (Union, types.UnionType):
+        undefined = value is None or (isinstance(value, float) and not math.isfinite(value))
+        return None if undefined else _read(next(part for part in parts if part is not types.NoneType), value, place)
+    if hasattr(kind, "from_plain"):
+        try:
+            return kind.from_plain(value)
+        except ValueError as error:
+            raise RecordError(f"{place}: {error}") from error
+    if is_dataclass(kind):
+        return _read_record(cast(type, kind), value, place)
+    if origin is not None and issubclass(origin, Mapping) and isinstance(value, Mapping):
+        return {key: _read(parts[1], item, f"{place}.{key}" if place else key) for key, item in value.items()}
+    if origin is tuple and is_dataclass(parts[0]) and isinstance(value, list):
+        return tuple(_read(parts[0], item, place) for item in value)
+    import msgspec  # what writes alone starts without it
+
+    try:
+        return msgspec.convert(_sensible(value), kind)
+    except ValueError as error:  # msgspec's is one
+        text = repr(value)
+        found = text if len(text) <= 40 else type(value).__name__
+        raise RecordError(f"{place or 'it'} is {found}: {error}") from error
+
+
+def _read_record(kind: type, content: Any, place: str) -> Any:  # noqa: ANN401 - of the class given
+    if not isinstance(content, Mapping):
+        raise RecordError(f"{place or 'it'} is {type(content).__name__}: an object is needed")
+    items, chosen = _fields_of(cast(Any, kind)), {}
+    known = [key for item in items for key in item.names()]
+    for key in content:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+            raise RecordError(f"{place or 'it'} has an unknown key '{key}' ({hint})")
+    for item in items:
+        present = [key for key in item.names() if key in content]
+        if not present and item.has_default:
+            continue
+        if item.prefix is not None:
+            inner = {key.removeprefix(item.prefix): content[key] for key in present}
+            chosen[item.name] = _read(item.kind, inner, place)
+        elif not present:
+            raise RecordError(f"{place or 'it'} has no '{item.key}'")
+        else:
+            chosen[item.name] = _read(item.kind, content[item.key], f"{place}.{item.key}" if place else item.key)
+    try:
+        return kind(**chosen)
+    except ValueError as error:
+        raise RecordError(f"{place or 'it'}: {error}") from error
+
+
+def _sensible(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
+    """Return values in which what is not finite is undefined.
+
+    Raises:
+        ValueError: If a number is too large.
+    """
+    if isinstance(value, list | tuple):
+        return [_sensible(item) for item in value]
+    if isinstance(value, float):
+        if abs(value) > MAX_NUMBER and math.isfinite(value):
+            raise ValueError(f"a number of at most {MAX_NUMBER:g} is needed")
+        return value if math.isfinite(value) else None
+    if isinstance(value, int) and not -MAX_WHOLE <= value < MAX_WHOLE:
+        raise ValueError("a whole number of 64 bits is needed")
+    return value
 
 
 def to_dict(score: Score) -> dict[str, Any]:
@@ -19,7 +192,7 @@ def to_dict(score: Score) -> dict[str, Any]:
 
 def to_json(score: Score) -> str:
     """Return the score as text; numbers in the shortest form that reads back to the same bits."""
-    return plain_json_line(to_dict(score))
+    return _line(to_dict(score))
 
 
 def from_dict(content: object, origin: str = "score") -> Score:
@@ -34,20 +207,14 @@ def from_dict(content: object, origin: str = "score") -> Score:
     """
     found = content.get("schema") if isinstance(content, dict) else type(content).__name__
     if not isinstance(content, dict) or found != SCHEMA:
-        raise InputError(
-            f"{origin} is not a score: sought schema {SCHEMA}, found {_one_line(found)}; "
-            "give the JSON of sfr score --json"
-        )
-    try:
-        return from_plain(Score, {key: value for key, value in content.items() if key != "schema"})
-    except RecordError as error:
-        problem = _one_line(error)
-        raise InputError(f"{origin} is not as {SCHEMA} says: {problem}; give the JSON of sfr score --json") from error
-
-
-def _one_line(text: object) -> str:
-    """Return a text with which a stranger's keys cannot break the line."""
-    return " ".join(str(text).split())
+        problem = f"is not a score: sought schema {SCHEMA}, found {found}"
+    else:
+        try:
+            return from_plain(Score, {key: value for key, value in content.items() if key != "schema"})
+        except RecordError as error:
+            problem = f"is not as {SCHEMA} says: {error}"
+    # a stranger's keys cannot break the line
+    raise InputError(f"{origin} {' '.join(problem.split())}; give the JSON of sfr score --json")
 
 
 def from_json(text: str, origin: str = "score") -> Score:

@@ -22,8 +22,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
-from sfr_loc_map.metrics.calls.resources import CallUsage
-from sfr_loc_map.metrics.modes import MappingState
+from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.resources import CallUsage
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter
 from sfr_loc_map.nodes.diagnostics.key_values import Level
 from sfr_loc_map.nodes.input.config import StereoInputConfig

@@ -11,7 +11,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.io.bag import Bag, Topic
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.trajectory.relative_covariance import STEP_SIZE
+from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.pipeline.call_status import call_of
 
 DIAGNOSTICS: Final = "diagnostic_msgs/msg/DiagnosticArray"

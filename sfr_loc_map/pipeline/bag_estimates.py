@@ -10,7 +10,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag import ODOMETRY, TF, Bag
 from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajectory
-from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates, lost_by_covariance
+from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.pipeline.bag_calls import read_calls
 
 

@@ -15,9 +15,9 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.io.text_numbers import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.calls.resource_score import Calls, stage_of
-from sfr_loc_map.metrics.modes import MappingState
-from sfr_loc_map.metrics.records.method_record import FindingKind, FindingRecord, MethodKind, MethodRecord
+from sfr_loc_map.metrics.calls import Calls, stage_of
+from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.method_record import FindingKind, FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 UPPER = np.triu_indices(6)

@@ -10,8 +10,8 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.modes import MappingState
-from sfr_loc_map.metrics.trajectory.relative_covariance import STEP_SIZE
+from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 MAX_CALL_S = 1e6

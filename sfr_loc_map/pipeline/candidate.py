@@ -15,8 +15,8 @@ from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper, MapperCall
 from sfr_loc_map.methods.method import Method, MethodLimits
-from sfr_loc_map.metrics.modes import MappingState
-from sfr_loc_map.metrics.records.method_record import MethodRecord
+from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.method_record import MethodRecord
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.offline import MapRun, Progress
 

@@ -13,8 +13,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.evo_result import evo_result_bytes
 from sfr_loc_map.io.trajectory_file import trajectory_text
+from sfr_loc_map.metrics.aligned_error import absolute_errors, aligned_errors, aligned_poses
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.trajectory.aligned_error import absolute_errors, aligned_errors, aligned_poses
 
 
 def save_evo_result(

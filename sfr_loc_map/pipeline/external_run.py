@@ -11,12 +11,13 @@ import numpy as np
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.convention.estimate_convention import converted_estimates
-from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord
-from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates, lost_by_covariance
+from sfr_loc_map.metrics.convention import converted_estimates
+from sfr_loc_map.metrics.method_record import FindingRecord, MethodRecord
+from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore
 from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.scored_drive import Correction, ScoredDrive, corrected
+from sfr_loc_map.pipeline.scoring import Correction, ScoredDrive, corrected
 
 
 @dataclass(frozen=True, slots=True, eq=False)

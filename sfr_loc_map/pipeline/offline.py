@@ -24,9 +24,9 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
-from sfr_loc_map.metrics.calls.resources import CallMeter
-from sfr_loc_map.metrics.modes import MappingState
-from sfr_loc_map.metrics.records.method_record import MethodRecord
+from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.method_record import MethodRecord
+from sfr_loc_map.metrics.resources import CallMeter
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import COVARIANCE_NAMES, METHOD_NAMES, STEP_NAMES, UPPER
 from sfr_loc_map.pipeline.load_kernels import load_kernels

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.metrics.aligned_error import Curve, curves_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.trajectory.path_curves import Curve, curves_of
 from sfr_loc_map.pipeline.score_inputs import load_drive, load_estimates, load_truth
 
 

@@ -18,18 +18,16 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.methods.method import MethodTask
 from sfr_loc_map.methods.registry import record_of_ours
-from sfr_loc_map.metrics.cloud.cloud_truth import truths_of
-from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.modes import CallKind
+from sfr_loc_map.metrics.cloud_error import truths_of
+from sfr_loc_map.metrics.config import CallKind, ScoreConfig
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
 from sfr_loc_map.pipeline.offline import save_stats
 from sfr_loc_map.pipeline.score_inputs import ScoreInputs, camera_rig, load_estimates
-from sfr_loc_map.pipeline.scored_drive import ScoredDrive
-from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, score_run
+from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoredDrive, score_run
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,10 +20,10 @@ from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.hashing import hash_path
 from sfr_loc_map.io.trajectory_formats import FOREIGN, LoadedTrajectory, read_trajectory_file
-from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth, truths_of
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score import InputFile, Provenance
-from sfr_loc_map.metrics.trajectory.association import Estimates
 from sfr_loc_map.pipeline.call_stats import CallStats
 
 if TYPE_CHECKING:

@@ -6,29 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from sfr_loc_map.geometry.pose_convention import PoseConvention
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.io.hashing import hash_arrays
-from sfr_loc_map.metrics.build import ScoreParts, build_score
-from sfr_loc_map.metrics.calls.external_calls import with_external
-from sfr_loc_map.metrics.calls.resource_score import ScoredCalls, score_calls, score_target
-from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap, score_map, score_nearest
-from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
-from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.config import AlignedErrorConfig, ScoreConfig
-from sfr_loc_map.metrics.convention.convention_diagnosis import Diagnosis
-from sfr_loc_map.metrics.records.method_record import MethodKind
-from sfr_loc_map.metrics.score import (
-    ConventionRecord,
-    ExternalScore,
-    FindingRecord,
-    MemoryScore,
-    MethodRecord,
-    Score,
-    TimingScore,
-)
-from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors
-from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
-from sfr_loc_map.metrics.verdicts.limits import Limits
+from sfr_loc_map.metrics.aligned_error import aligned_errors
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.calls import ScoredCalls, score_calls, score_target, with_external
+from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map, score_nearest
+from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig
+from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
+from sfr_loc_map.metrics.limits import Limits, build_score
+from sfr_loc_map.metrics.method_record import FindingRecord, MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MemoryScore, Score, TimingScore
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.score_inputs import (
     ScoreInputs,
@@ -38,14 +31,95 @@ from sfr_loc_map.pipeline.score_inputs import (
     load_scored_cloud,
     provenance,
 )
-from sfr_loc_map.pipeline.scored_drive import (
-    Correction,
-    ScoredDrive,
-    applied_text,
-    convention_mismatch,
-    corrected,
-    diagnosis_of,
-)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoredDrive:
+    """Estimated poses and their truth.
+
+    Attributes:
+        estimates: Estimated poses of RB in DS.
+        truth: True poses of RB in DS.
+        rig: Rig of the localisation cameras, None where it is not known.
+    """
+
+    estimates: Estimates
+    truth: Trajectory
+    rig: StereoRig | None
+
+    @property
+    def T_rb_left(self) -> Transform | None:
+        """Extrinsics of the left camera, None where they are not known."""
+        return None if self.rig is None or self.rig.T_rb_sb is None else self.rig.T_rb_left
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """How an estimate is converted to poses of RB in DS before it is scored.
+
+    Attributes:
+        declared: What the user says of its convention.
+        apply_diagnosis: Whether the mismatch that the diagnosis finds then is corrected as well.
+    """
+
+    declared: PoseConvention = field(default_factory=PoseConvention)
+    apply_diagnosis: bool = False
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether anything is to be converted."""
+        return self.apply_diagnosis or bool(self.declared.settings)
+
+
+def corrected(
+    drive: ScoredDrive, correction: Correction, config: ScoreConfig
+) -> tuple[ScoredDrive, ConventionRecord | None]:
+    """Return a drive as its convention says, and what was done; None where nothing was.
+
+    Args:
+        drive: Estimated poses as they were written.
+        correction: How they are converted.
+        config: Settings.
+
+    Raises:
+        ConfigError: If a frame is declared that the rig does not tell.
+        MetricsError: If the world frame cannot be aligned.
+    """
+    done = ConventionRecord(declared=correction.declared.settings)
+    if done.declared:
+        drive = _converted(drive, correction.declared)
+    found = diagnosis_of(drive, config).found if correction.apply_diagnosis else None
+    if found is not None and found.setting:
+        drive = _converted(drive, PoseConvention.parse([found.setting]))
+        done = replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
+    return drive, None if done == ConventionRecord() else done
+
+
+def _converted(drive: ScoredDrive, convention: PoseConvention) -> ScoredDrive:
+    T_rb_child = convention.T_rb_child(drive.rig)
+    return replace(drive, estimates=converted_estimates(drive.estimates, convention, T_rb_child, drive.truth))
+
+
+def applied_text(convention: ConventionRecord | None) -> tuple[str, ...]:
+    """Return the warning that a diagnosis was applied, empty where none was."""
+    if convention is None or convention.diagnosed is None:
+        return ()
+    fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
+    return (f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}",)
+
+
+def convention_mismatch(drive: ScoredDrive, config: ScoreConfig) -> str | None:
+    """Return in one line which convention mismatch explains the errors, None if none does."""
+    found = diagnosis_of(drive, config).found
+    if found is None:
+        return None
+    remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
+    return f"{found.sentence} ({remedy}sfr doctor EST TRUTH tells more)"
+
+
+def diagnosis_of(drive: ScoredDrive, config: ScoreConfig) -> Diagnosis:
+    """Return which single convention mismatch explains how a drive disagrees with its truth."""
+    return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.T_rb_left)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,23 +184,27 @@ def score_run(
     config = with_conditions(config, limits)
     drive, cloud = run.drive, run.cloud
     mismatch = None if drive is None else convention_mismatch(drive, config)
-    parts = ScoreParts(
-        calls=_calls(run),
-        target=None if run.target is None else score_target(run.target.calls, run.inputs.target_name),
-        trajectory=None if drive is None else score_trajectory(drive.estimates, drive.truth, config.trajectory),
-        aligned=None
-        if drive is None or aligned is None
-        else aligned_errors(drive.estimates.trajectory, drive.truth, aligned),
-        warnings=(*applied_text(run.convention), *(() if mismatch is None else (mismatch,))),
-        contradiction=mismatch,
-        map=None if cloud is None else score_cloud(cloud, config),
-        provenance=provenance(run.inputs, config, _truth_hashes(run), run.in_memory),
+    rest = Score(
         method=run.method or _method(run.stats),
         findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
         external=run.external,
         convention=run.convention,
+        aligned=None
+        if drive is None or aligned is None
+        else aligned_errors(drive.estimates.trajectory, drive.truth, aligned),
+        target=None if run.target is None else score_target(run.target.calls, run.inputs.target_name),
+        verdicts=(),
+        warnings=(*applied_text(run.convention), *(() if mismatch is None else (mismatch,))),
+        contradiction=mismatch,
+        provenance=provenance(run.inputs, config, _truth_hashes(run), run.in_memory),
     )
-    return build_score(parts, limits)
+    return build_score(
+        rest,
+        limits,
+        trajectory=None if drive is None else score_trajectory(drive.estimates, drive.truth, config.trajectory),
+        map=None if cloud is None else score_cloud(cloud, config),
+        calls=_calls(run),
+    )
 
 
 def _calls(run: Run) -> list[ScoredCalls]:

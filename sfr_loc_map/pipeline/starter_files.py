@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from sfr_loc_map.config import to_yaml_lines
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.verdicts.limited_figures import COVERAGE_MIN, LimitPart
-from sfr_loc_map.metrics.verdicts.limits import NAMES
+from sfr_loc_map.metrics.limits import COVERAGE_MIN, NAMES, LimitPart
 
 _ACTIVE = {
     "position_mean_plus_3sigma_m": ("0.1", "2 % of the distance"),

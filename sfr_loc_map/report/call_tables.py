@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.modes import CallKind
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import MemoryScore, Score, TimingScore
 from sfr_loc_map.report.score_cells import figure
 from sfr_loc_map.report.terms import terms

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from sfr_loc_map.metrics.modes import CallKind
-from sfr_loc_map.metrics.records.score_details import CallHistogram, CallSeries
-from sfr_loc_map.metrics.score import CallScore, Score
+from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.score import CallHistogram, CallScore, CallSeries, Score
 from sfr_loc_map.report.call_tables import HOST, clock_text, target_name
 from sfr_loc_map.report.plots import Plot, Trace, axis, line, log_axis, marks, scaled, seconds_since
 from sfr_loc_map.tables.numbers import MIB

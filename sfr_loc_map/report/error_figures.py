@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from sfr_loc_map.metrics.records.score_details import Column
-from sfr_loc_map.metrics.score import Score, Statistic
+from sfr_loc_map.metrics.score import Column, Score, Statistic
 from sfr_loc_map.report.growth_figure import growth_figure
 from sfr_loc_map.report.plots import Plot, Trace, axis, band, error_scale, largest, line, marks, scaled
 from sfr_loc_map.report.sub_trajectories import TRACE_BACK, Part, error_sizes, parts_of, traces_to

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.condition import ConditionKind
+from sfr_loc_map.metrics.config import ConditionKind
 from sfr_loc_map.metrics.score import ConditionScore, Score
 from sfr_loc_map.report.plots import Plot, Trace, axis, error_scale, largest, line, log_axis, marks, scaled
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 
-from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.score_tables import limit_name, limit_unit
 from sfr_loc_map.report.sub_trajectories import Part, error_sizes, parts_of

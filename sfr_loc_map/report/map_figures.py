@@ -6,8 +6,15 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from sfr_loc_map.metrics.records.score_details import Column, ErrorImage, PointRows, Triangulation
-from sfr_loc_map.metrics.score import PointErrorScore, RangeScore, Score
+from sfr_loc_map.metrics.score import (
+    Column,
+    ErrorImage,
+    PointErrorScore,
+    PointRows,
+    RangeScore,
+    Score,
+    Triangulation,
+)
 from sfr_loc_map.report.plots import Plot, Trace, axis, line, log_axis, marks, scaled
 
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)

@@ -9,9 +9,8 @@ import math
 import re
 from collections.abc import Sequence
 
-from sfr_loc_map.metrics.modes import CallKind
-from sfr_loc_map.metrics.records.score_details import PathRows
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.score import PathRows, Score
 from sfr_loc_map.report.map_tables import map_error
 from sfr_loc_map.report.plots import Column, Plot, Trace, axis, error_scale, largest, line, log_axis, marks, scaled
 

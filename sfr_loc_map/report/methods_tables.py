@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sfr_loc_map.metrics.modes import CallKind
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import IntervalStatistic, MapScore, RangeScore, Score
 from sfr_loc_map.report.map_tables import map_error
 from sfr_loc_map.report.method_tables import UNTOLD, convention_text

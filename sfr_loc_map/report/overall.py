@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.tables.html import OPEN_CLASS, VERDICT_CLASSES
 from sfr_loc_map.tables.table import OPEN_ICON, VERDICT_ICONS

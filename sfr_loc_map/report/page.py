@@ -17,10 +17,9 @@ from sfr_loc_map import __version__
 from sfr_loc_map.bounded_input import MAX_JSON_BYTES, read_text
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.modes import VerdictState
-from sfr_loc_map.metrics.records.json_records import to_plain
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_json
+from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.cost_figures import cost_figures
 from sfr_loc_map.report.error_figures import error_figures
 from sfr_loc_map.report.look_first import LookFirst, look_first

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.trajectory.path_curves import Curve
+from sfr_loc_map.metrics.aligned_error import Curve
 from sfr_loc_map.printable import printable
 from sfr_loc_map.report.plotly_figure import PALETTE, to_figure
 from sfr_loc_map.report.plots import Plot, Trace, axis, error_scale, line, scaled

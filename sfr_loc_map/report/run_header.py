@@ -7,7 +7,8 @@ from pathlib import PurePath
 
 from sfr_loc_map.config import flatten
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.score import MethodRecord, Provenance, Score
+from sfr_loc_map.metrics.method_record import MethodRecord
+from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.tables.numbers import UNKNOWN, number
 
 TRUTH_ROLES = ("truth", "map_truth")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from sfr_loc_map.metrics.modes import CallKind
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.aligned_table import aligned_table
 from sfr_loc_map.report.call_tables import (

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.metrics.records.score_details import PathRows, SubTrajectoryRows
-from sfr_loc_map.metrics.score import ConditionScore, Score
+from sfr_loc_map.metrics.score import ConditionScore, PathRows, Score, SubTrajectoryRows
 
 TRACE_BACK = (
     "sub-trajectory over %{customdata[0]}<br>frames %{customdata[1]} to %{customdata[2]}<br>"

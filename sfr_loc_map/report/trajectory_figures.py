@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sfr_loc_map.metrics.records.score_details import PathRows
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score import PathRows, Score
 from sfr_loc_map.report.plots import Column, Plot, Trace, axis, error_scale, largest, line, marks, scaled
 from sfr_loc_map.report.sub_trajectories import TRACE_BACK, Part, error_sizes, parts_of, sizes, traces_to
 

@@ -10,9 +10,9 @@ import numpy as np
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.metrics.records.json_records import to_plain
 from sfr_loc_map.metrics.score import Interval
-from sfr_loc_map.metrics.statistics.multiple_comparisons import holm
+from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.statistics import holm
 from sfr_loc_map.suite.figure_table import FigureKind, FigureName, by_pairing, figures_of
 from sfr_loc_map.suite.groups import Drive
 from sfr_loc_map.suite.pooling import drawn_weights

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.metrics.records.json_records import from_plain, to_plain
+from sfr_loc_map.metrics.score_json import from_plain, to_plain
 from sfr_loc_map.suite.claim import execute_once
 from sfr_loc_map.suite.execution import MESSAGE_LENGTH, TRIES, Attempt, Bounds, Cause, Outcome, execute
 from sfr_loc_map.suite.runner import OnOutcome

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from sfr_loc_map.metrics.records.json_records import to_plain
+from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.fork_server import ForkServer, ForkServerError
 from sfr_loc_map.suite.host import host_share
 from sfr_loc_map.suite.process_tree import resident_bytes

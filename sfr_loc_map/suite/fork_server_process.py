@@ -21,9 +21,9 @@ from typing import Any
 from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory.association import Estimates
-from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.suite import task_process, task_run
 from sfr_loc_map.suite.process_tree import descendants
 

@@ -6,12 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.config import Condition, VerdictState
+from sfr_loc_map.metrics.limits import COVERAGE_MIN, Limit, LimitPart, Limits, figure_of
 from sfr_loc_map.metrics.score import ConditionScore, Interval, Score, TrajectoryScore
-from sfr_loc_map.metrics.verdicts.limited_figures import COVERAGE_MIN, LimitPart
-from sfr_loc_map.metrics.verdicts.limits import Limit, Limits
-from sfr_loc_map.metrics.verdicts.verdicts import figure_of
 from sfr_loc_map.suite.pooling import PooledCondition, pool
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.metrics.records.json_records import to_plain
 from sfr_loc_map.metrics.score import Interval
+from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.comparison import DriveRatio, log_ratios, ratio_interval
 from sfr_loc_map.suite.figure_table import FigureKind, FigureName
 from sfr_loc_map.suite.sign_flip import sign_flip_p, smallest_p

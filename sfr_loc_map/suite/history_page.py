@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis, marks
 from sfr_loc_map.suite.comparison_tables import history_tables

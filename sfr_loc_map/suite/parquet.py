@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.records.json_records import to_plain
+from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.groups import Drive
 from sfr_loc_map.suite.summary import Summary
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.condition import Condition
+from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score import ConditionScore, IntervalStatistic, Statistic
-from sfr_loc_map.metrics.statistics.quantiles import student_quantile
+from sfr_loc_map.metrics.statistics import student_quantile
 
 MIN_DRIVES = 5
 """With fewer drives there is no interval."""

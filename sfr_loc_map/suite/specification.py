@@ -36,8 +36,8 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.method import MethodTask
-from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.verdicts.limits import parse_limits
+from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.suite.method import METHOD_KEYS, suite_method
 from sfr_loc_map.suite.remote import is_remote

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.records.json_records import RecordError, from_plain, json_line, to_plain
+from sfr_loc_map.metrics.score_json import RecordError, from_plain, json_line, to_plain
 from sfr_loc_map.suite.claim import RESULTS, RUNNING, write_result
 from sfr_loc_map.suite.execution import Attempt, Outcome
 from sfr_loc_map.suite.fingerprint import FileStamp, SourceFacts, inspect_source

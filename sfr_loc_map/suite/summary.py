@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from sfr_loc_map import __version__
-from sfr_loc_map.metrics.modes import VerdictState
-from sfr_loc_map.metrics.records.json_records import to_plain
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.limits import COVERAGE_MIN, Limits, parse_limits, verdicts
 from sfr_loc_map.metrics.score import Score, Verdict
-from sfr_loc_map.metrics.score_json import from_json
-from sfr_loc_map.metrics.verdicts.limited_figures import COVERAGE_MIN
-from sfr_loc_map.metrics.verdicts.limits import Limits, parse_limits
-from sfr_loc_map.metrics.verdicts.verdicts import verdicts
+from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.suite.groups import Drive, Group, groups_of
 from sfr_loc_map.suite.plan import Refusal
 from sfr_loc_map.suite.store import Entry, Failure, Store

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from sfr_loc_map.metrics.records.json_records import to_plain
+from sfr_loc_map.metrics.score_json import to_plain
 
 KEY_LENGTH = 32
 """Hexadecimal digits of a key: two of 10^9 results agree by chance with a probability of 10^-21."""

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.metrics.records.json_records import from_plain
+from sfr_loc_map.metrics.score_json import from_plain
 from sfr_loc_map.suite.task import Task
 
 BAD_INPUT = 2

@@ -21,13 +21,11 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.method import MethodLimits, MethodTask
 from sfr_loc_map.methods.registry import record_of_ours
-from sfr_loc_map.metrics.cloud.cloud_truth import truths_of
+from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.records.json_records import to_plain
+from sfr_loc_map.metrics.limits import parse_limits, verdicts
 from sfr_loc_map.metrics.score import Provenance, Score
-from sfr_loc_map.metrics.score_json import from_json
-from sfr_loc_map.metrics.verdicts.limits import parse_limits
-from sfr_loc_map.metrics.verdicts.verdicts import verdicts
+from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.pipeline.call_stats import load_call_stats
 from sfr_loc_map.pipeline.candidate import localise_with, map_pairs_with
 from sfr_loc_map.pipeline.offline import localise, map_pairs, save_stats, start_pose, trajectory_of

@@ -9,8 +9,7 @@ from made_scene import NAV_RIG, nav_pair
 from sfr_loc_map.bench.disparity_accuracy import TrueDisparity, disparity_accuracy, visible_in_both
 from sfr_loc_map.bench.mapping_benchmark import true_disparity
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
-from sfr_loc_map.metrics.cloud.cloud_error import score_map
-from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
+from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig
 
 

@@ -16,7 +16,7 @@ from sfr_loc_map.cli.next_step import AFTER
 from sfr_loc_map.config import flatten, parameters
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.verdicts.limits import NAMES, load_limits
+from sfr_loc_map.metrics.limits import NAMES, load_limits
 
 TUM = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(40))
 

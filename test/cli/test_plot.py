@@ -12,8 +12,8 @@ from cli_result import Sfr
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.trajectory_formats import read_trajectory_file, write_trajectory_file
+from sfr_loc_map.metrics.aligned_error import curves_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.trajectory.path_curves import curves_of
 from sfr_loc_map.report.path_figure import path_plot
 
 

@@ -11,7 +11,7 @@ from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.live.path import LivePath
 from sfr_loc_map.live.updates import PoseSample, Track
-from sfr_loc_map.metrics.condition import Condition
+from sfr_loc_map.metrics.config import Condition
 
 MAX_ROWS = 50
 STEP_NS = NS_PER_S // 10

@@ -13,10 +13,9 @@ from trajectory_pairs import PAIRS, TENTHS, drifted
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.aligned_error import aligned_errors, nearest_pairs, umeyama
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.score import AlignedError
-from sfr_loc_map.metrics.trajectory.aligned_error import aligned_errors, nearest_pairs
-from sfr_loc_map.metrics.trajectory.umeyama import umeyama
 
 GOLDEN = json.loads((Path(__file__).parent / "evo_golden.json").read_text())
 

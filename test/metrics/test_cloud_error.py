@@ -8,10 +8,10 @@ from map_scenes import RIG, cloud_of, wall
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics.cloud.cloud_error import score_map, score_nearest
+from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
 from sfr_loc_map.metrics.config import MapScoreConfig
-from sfr_loc_map.metrics.records.json_records import to_plain
 from sfr_loc_map.metrics.score import MapScore, PointErrorScore
+from sfr_loc_map.metrics.score_json import to_plain
 
 CONFIG = MapScoreConfig()
 

@@ -6,20 +6,20 @@ import pytest
 from random_drives import drive, rows, trajectory
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.build import ScoreParts, build_score
-from sfr_loc_map.metrics.calls.timing import HOST_CLOCK, call_score
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
 from sfr_loc_map.metrics.comparison import Comparison, compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import build_score
 from sfr_loc_map.metrics.score import MapScore, Score, TimingScore
-from sfr_loc_map.metrics.trajectory.association import Estimates
-from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=5", "time=3"))
 
 
 def score(estimate: Any, truth: Any, config: TrajectoryScoreConfig = CONFIG) -> Score:
     scored = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)
-    return build_score(ScoreParts(trajectory=scored))
+    return build_score(Score(verdicts=()), trajectory=scored)
 
 
 def estimates(seed: int, noises: tuple[float, ...], count: int = 800) -> tuple[Any, list[Any]]:

@@ -10,12 +10,9 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.metrics.association import Estimates, associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.convention.convention_diagnosis import diagnose
-from sfr_loc_map.metrics.convention.convention_hypotheses import OPTICAL_IN_RB
-from sfr_loc_map.metrics.convention.disagreement import case_of, disagreement
-from sfr_loc_map.metrics.convention.estimate_convention import converted_estimates
-from sfr_loc_map.metrics.trajectory.association import Estimates, associate
+from sfr_loc_map.metrics.convention import OPTICAL_IN_RB, converted_estimates, diagnose, disagreement
 
 CAMERA = Transform(Rotation.from_euler("y", 20, degrees=True).as_matrix() @ OPTICAL_IN_RB, np.array([0.45, 0.12, 0.30]))
 Poses = tuple[Any, Any, Any]
@@ -151,9 +148,9 @@ def test_the_setting_that_is_named_corrects_it(mistake: Callable[[Poses], Poses]
     convention = PoseConvention.parse([diagnosis.found.setting])
     corrected = converted_estimates(Estimates.of(wrong), convention, convention.T_rb_child(None), true).trajectory
     frames = associate(Estimates.of(corrected), true, config)[0]
-    case = case_of((frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat))
+    after = disagreement((frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat))
     left, tolerance = diagnosis.found.disagreement, 0.2 if name == "time offset" else 1e-6
-    assert disagreement(case, case.estimate) == pytest.approx(left, rel=tolerance)
+    assert after == pytest.approx(left, rel=tolerance)
     if name == "time offset":
         assert corrected.stamps_ns.tolist() == estimate[0].tolist()
 

@@ -8,8 +8,8 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.convention.estimate_convention import converted_estimates
-from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates
+from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.convention import converted_estimates
 
 T_RB_CAMERA = Transform(Rotation.from_euler("xyz", [-1.2, 0.4, -1.6]).as_matrix(), np.array([0.45, 0.12, 0.8]))
 WORLD = Transform(Rotation.from_euler("xyz", [0.7, -0.2, 2.0]).as_matrix(), np.array([3.0, 9.0, -1.0]))

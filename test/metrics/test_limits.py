@@ -7,9 +7,18 @@ import pytest
 
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics.calls.timing import HOST_CLOCK, call_score
-from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.modes import AssociationMode, Rebase
+from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
+from sfr_loc_map.metrics.config import AssociationMode, Condition, Rebase
+from sfr_loc_map.metrics.limits import (
+    NAMES,
+    Figure,
+    Limit,
+    LimitPart,
+    figure_of,
+    load_limits,
+    parse_limits,
+    verdicts,
+)
 from sfr_loc_map.metrics.score import (
     AssociationCounts,
     AssociationScore,
@@ -25,9 +34,6 @@ from sfr_loc_map.metrics.score import (
     TimingScore,
     TrajectoryScore,
 )
-from sfr_loc_map.metrics.verdicts.limited_figures import Figure, LimitPart
-from sfr_loc_map.metrics.verdicts.limits import NAMES, Limit, load_limits, parse_limits
-from sfr_loc_map.metrics.verdicts.verdicts import figure_of, verdicts
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "limits_example.yaml"
 

@@ -2,9 +2,11 @@
 
 import json
 import math
+import re
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, is_dataclass
 from enum import StrEnum
+from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
@@ -13,16 +15,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.condition import Condition, ConditionKind
-from sfr_loc_map.metrics.modes import AssociationMode, Rebase
-from sfr_loc_map.metrics.records.columns import Columns
-from sfr_loc_map.metrics.records.json_records import Inline
-from sfr_loc_map.metrics.records.score_details import CallHistogram
+from sfr_loc_map.metrics import method_record
+from sfr_loc_map.metrics import score as score_module
+from sfr_loc_map.metrics.config import AssociationMode, Condition, ConditionKind, Rebase
 from sfr_loc_map.metrics.score import (
     AssociationCounts,
     AssociationScore,
+    CallHistogram,
+    Columns,
     ConditionScore,
     ErrorComponents,
+    Inline,
     IntervalStatistic,
     MapScore,
     MemoryScore,
@@ -175,20 +178,20 @@ def changed(path: str, value: Any) -> dict[str, Any]:
         ("trajectry", {}, "unknown key 'trajectry' .did you mean 'trajectory'"),
         ("trajectory.position_m.men", 1.0, "trajectory.position_m has an unknown key 'men' .did you mean 'mean'"),
         ("trajectory.count", MISSING, "trajectory has no 'count'"),
-        ("trajectory.count", 3.5, "trajectory.count is 3.5: a whole number"),
-        ("trajectory.count", True, "trajectory.count is True: a whole number"),
-        ("trajectory.rebase", "heading", "trajectory.rebase is 'heading': one of pose, position"),
+        ("trajectory.count", 3.5, "trajectory.count is 3.5: Expected `int`"),
+        ("trajectory.count", True, "trajectory.count is True: Expected `int`"),
+        ("trajectory.rebase", "heading", "trajectory.rebase is 'heading': Invalid enum value"),
         ("trajectory.condition", {"metres": 5}, "trajectory.condition: a condition such as"),
         ("trajectory.condition", {"distance_m": -5}, "trajectory.condition: distance = -5.0 ends no"),
         ("trajectory.condition", {"distance_m": math.inf}, "trajectory.condition"),
-        ("trajectory.overlap", None, "trajectory.overlap is None: a number"),
-        ("trajectory.overlap", 10**400, "trajectory.overlap is int: a number of at most 1e.100"),
-        ("trajectory.position_m.mean_plus_3sigma_ci95", [1.0], "ci95 is .1.0.: a list of 2"),
-        ("trajectory.by_distance", {}, "trajectory.by_distance is {}: a list"),
-        ("trajectory.association.exact", "2", "trajectory.association.exact is '2': a whole number"),
+        ("trajectory.overlap", None, "trajectory.overlap is None: Expected `float`"),
+        ("trajectory.overlap", 10**400, "trajectory.overlap is int: a whole number of 64 bits"),
+        ("trajectory.position_m.mean_plus_3sigma_ci95", [1.0], "ci95 is .1.0.: Expected `array` of length 2"),
+        ("trajectory.by_distance", {}, "trajectory.by_distance is {}: Expected `array`"),
+        ("trajectory.association.exact", "2", "trajectory.association.exact is '2': Expected `int`"),
         ("verdicts", MISSING, "it has no 'verdicts'"),
         ("memory", [], "memory is .*: an object is needed"),
-        ("memory.method", 5, "memory.method is 5: a text"),
+        ("memory.method", 5, "memory.method is 5: Expected `str`"),
     ],
 )
 def test_malformed_scores_are_refused_with_the_place(path: str, value: Any, words: str) -> None:
@@ -222,20 +225,13 @@ def test_numbers_that_are_not_finite_are_undefined() -> None:
 
 
 def test_every_field_is_explained() -> None:
-    seen: set[type] = set()
-
-    def visit(kind: Any) -> None:
-        for part in get_args(kind):
-            visit(part)
-        if is_dataclass(kind) and kind not in seen:
-            seen.add(kind)  # type: ignore[arg-type]
-            text = "".join(base.__doc__ or "" for base in kind.__mro__)  # type: ignore[union-attr]
-            assert not [item.name for item in fields(kind) if f"{item.name}:" not in text], kind
-            for hint in get_type_hints(kind).values():
-                visit(hint)
-
-    visit(Score)
-    assert len(seen) > 30
+    texts = [Path(module.__file__).read_text() for module in (score_module, method_record)]
+    source = (texts[0].partition("# ----")[2] + texts[1]).splitlines()
+    fields_found = [
+        k for k, line in enumerate(source) if re.match(r"    \w+: \w", line) and "(" not in line.split(":")[0]
+    ]
+    assert len(fields_found) > 150
+    assert not [source[k] for k in fields_found if "#: " not in source[k] and "    #: " not in source[k - 1]]
 
 
 CALLS = {"slowest_of": 1, "stamp_ns": [1], "processing_time_s": [0.1], "peak_rss_bytes": [None], "state": ["tracking"]}
@@ -246,7 +242,10 @@ CALLS = {"slowest_of": 1, "stamp_ns": [1], "processing_time_s": [0.1], "peak_rss
     [
         ({"histogram": {"edges_s": [], "counts": []}, "series": CALLS | {"state": []}}, "series: its columns differ"),
         ({"histogram": {"edges_s": [1.0], "counts": [1]}, "series": CALLS}, "histogram: 1 counts with 1 edges"),
-        ({"histogram": {"edges_s": [1e308, 2.0], "counts": [1]}, "series": CALLS}, "edges_s is 1e.308: a number of at"),
+        (
+            {"histogram": {"edges_s": [1e308, 2.0], "counts": [1]}, "series": CALLS},
+            "edges_s is .1e.308, 2.0.: a number of at",
+        ),
         ({"histogram": {"edges_s": [], "counts": []}, "series": CALLS | {"stamp_ns": [2**63]}}, "whole number of 64"),
     ],
 )

@@ -5,15 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.modes import AssociationMode
-from sfr_loc_map.metrics.trajectory.stamp_matching import (
-    bracketed,
-    count_unordered,
-    decide_mode,
-    match_stamps,
-    unique_rows,
-)
+from sfr_loc_map.metrics.association import bracketed, count_unordered, decide_mode, match_stamps, unique_rows
+from sfr_loc_map.metrics.config import AssociationMode
 
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
 
@@ -65,8 +58,9 @@ def test_estimates_between_true_poses_are_bracketed() -> None:
         (np.arange(100) * 10, np.arange(100) * 10 + 3, AssociationMode.INTERPOLATE),
         (np.arange(100) * 10, np.arange(25) * 40, AssociationMode.MATCH),
         (np.arange(0), np.arange(5), AssociationMode.MATCH),
+        (np.array([7]), np.arange(5) * 10, AssociationMode.INTERPOLATE),
     ],
 )
 def test_the_first_stamps_decide_the_mode(est: np.ndarray, gt: np.ndarray, mode: AssociationMode) -> None:
-    assert decide_mode(est, gt, AssociationConfig(tolerance_s=0.0)) is mode
-    assert decide_mode(est, gt, AssociationConfig(truth="interpolate")) is AssociationMode.INTERPOLATE
+    assert decide_mode(est, gt, AssociationMode.AUTO, 0) is mode
+    assert decide_mode(est, gt, AssociationMode.INTERPOLATE, 0) is AssociationMode.INTERPOLATE

@@ -1,62 +1,34 @@
-"""Statistics of endless series against numpy."""
+"""Statistics against numpy, quantiles against printed tables and SciPy."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from scipy import stats
 
-from sfr_loc_map.metrics.statistics.running_statistics import (
-    Decimated,
-    Moments,
-    RowQueue,
+from sfr_loc_map.metrics.statistics import (
+    chi2_quantile,
     column,
+    moments,
     norm,
     sample_statistic,
+    statistic,
+    student_quantile,
+    student_share,
 )
 
 
+@pytest.mark.clause("4.1.3")
 @pytest.mark.parametrize("offset", [0.0, 1e9])
 def test_moments_are_those_of_numpy_however_large_the_mean(offset: float) -> None:
     values = np.random.default_rng(1).normal(0, 1, (1000, 3)) * [1, 2, 3] + offset
-    moments = Moments(3)
-    moments.push(values)
-    assert moments.count == 1000
-    assert moments.mean == pytest.approx(values.mean(axis=0), rel=1e-12)
-    assert moments.sigma == pytest.approx((values - offset).std(axis=0, ddof=1), rel=1e-6 if offset else 1e-12)
-
-
-@settings(max_examples=30)
-@given(st.lists(st.integers(0, 40), max_size=10))
-def test_portions_do_not_change_a_bit(portions: list[int]) -> None:
-    values = np.random.default_rng(2).normal(5, 1, (sum(portions), 2))
-    whole, parts = Moments(2), Moments(2)
-    thinned, thinned_parts = Decimated(2, 16), Decimated(2, 16)
-    whole.push(values)
-    thinned.push(values)
-    at = 0
-    for size in portions:
-        parts.push(values[at : at + size])
-        thinned_parts.push(values[at : at + size])
-        at += size
-    assert np.array_equal(whole.mean, parts.mean)
-    assert (whole.sigma is None) == (sum(portions) < 2)
-    assert whole.sigma is None or np.array_equal(whole.sigma, parts.sigma)
-    assert np.array_equal(thinned.rows, thinned_parts.rows)
-    assert np.array_equal(thinned.rows, values[:: thinned.step])
-    assert len(thinned.rows) <= 16
-
-
-def test_a_queue_gives_back_what_was_put_in() -> None:
-    queue, kept, rng = RowQueue(), np.empty((0, 2)), np.random.default_rng(3)
-    for _ in range(200):
-        rows = rng.normal(size=(rng.integers(0, 30), 2))
-        queue.append(value=rows, number=np.arange(len(rows)))
-        kept = np.concatenate((kept, rows))
-        count = int(rng.integers(0, len(kept) + 1))
-        queue.drop(count)
-        kept = kept[count:]
-        assert np.array_equal(queue["value"], kept)
-        assert len(queue) == len(kept)
+    mean, squares = moments(values)
+    sigmas = (values - offset).std(axis=0, ddof=1)
+    assert mean == pytest.approx(values.mean(axis=0), rel=1e-12)
+    got = statistic(1000, mean, squares)
+    assert got.mean == pytest.approx(np.linalg.norm(values.mean(axis=0)), rel=1e-12)
+    assert got.sigma == pytest.approx(np.linalg.norm(sigmas), rel=1e-6 if offset else 1e-12)
+    signed = statistic(1000, -mean[:1], squares[:1])
+    assert signed.mean == -mean[0]
+    assert signed.mean_plus_3sigma == pytest.approx(abs(mean[0]) + 3 * sigmas[0], rel=1e-6)
 
 
 @pytest.mark.clause("4.1.3")
@@ -72,3 +44,19 @@ def test_norm_and_columns() -> None:
     assert norm(np.array([2.0, 3.0, 6.0])) == 7.0
     assert column(np.array([1.23456789012, np.nan, np.inf])) == (1.23456789, None, None)
     assert column(np.array([1.23456789012]), None) == (1.23456789012,)
+
+
+def test_values_of_printed_tables() -> None:
+    """Abramowitz and Stegun, tables 26.8 and 26.10."""
+    assert chi2_quantile(0.95, 1) == pytest.approx(3.84146, abs=5e-6)
+    assert chi2_quantile(0.975, 6) == pytest.approx(14.4494, abs=5e-5)
+    assert student_quantile(0.975, 10) == pytest.approx(2.228, abs=5e-4)
+    assert student_quantile(0.975, 1) == pytest.approx(12.706, abs=5e-4)
+
+
+@pytest.mark.parametrize("share", [0.025, 0.5, 0.975])
+@pytest.mark.parametrize("freedom", [1.0, 2.5, 300.0, 1e6])
+def test_quantiles_are_those_of_the_library(share: float, freedom: float) -> None:
+    assert chi2_quantile(share, freedom) == stats.chi2.ppf(share, freedom)
+    assert student_quantile(share, freedom) == stats.t.ppf(share, freedom)
+    assert student_share(student_quantile(share, freedom), freedom) == pytest.approx(share)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.metrics.trajectory.trajectory_error import (
+from sfr_loc_map.metrics.trajectory_error import (
     ErrorColumn,
     PoseRows,
     heading_rad,
@@ -35,7 +35,7 @@ def poses(seed: int, spread: float) -> PoseRows:
 def test_errors_are_those_of_the_definition(spread: float, whole_pose: bool) -> None:
     rows = poses(3, spread)
     starts, ends = np.arange(0, 30), np.arange(30, 60)
-    got = sub_trajectory_errors(rows, starts, rows, ends, whole_pose)
+    got = sub_trajectory_errors(rows, starts, ends, whole_pose)
     for k, (i, j) in enumerate(zip(starts, ends, strict=True)):
         gt_i, gt_j, est_i, est_j = (
             Rotation.from_quat(q) for q in (rows.gt_quat[i], rows.gt_quat[j], rows.est_quat[i], rows.est_quat[j])
@@ -68,7 +68,7 @@ def test_errors_do_not_depend_on_the_world_frame_of_the_estimate() -> None:
         est_quat=(world * Rotation.from_quat(rows.est_quat)).as_quat(),
     )
     starts, ends = np.arange(0, 30), np.arange(30, 60)
-    whole = [sub_trajectory_errors(each, starts, each, ends, True) for each in (rows, moved)]
+    whole = [sub_trajectory_errors(each, starts, ends, True) for each in (rows, moved)]
     assert whole[0] == pytest.approx(whole[1], abs=1e-10)
 
 
@@ -76,7 +76,7 @@ def test_without_a_horizontal_displacement_the_heading_is_the_direction() -> Non
     yaw = np.array([0.0, 0.0, math.sin(0.4), math.cos(0.4)])
     still, up = np.zeros((2, 3)), np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 5.0]])
     rows = PoseRows(still, np.tile(yaw, (2, 1)), up, np.tile(yaw, (2, 1)), np.zeros((2, 2)))
-    got = sub_trajectory_errors(rows, np.array([0]), rows, np.array([1]), True)[0]
+    got = sub_trajectory_errors(rows, np.array([0]), np.array([1]), True)[0]
     assert got[ErrorColumn.ALONG] == pytest.approx(math.cos(0.8) + 2.0 * math.sin(0.8))
     assert got[ErrorColumn.CROSS] == pytest.approx(2.0 * math.cos(0.8) - math.sin(0.8))
 

@@ -1,6 +1,5 @@
 import math
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 import pytest
@@ -8,10 +7,9 @@ import reference
 from random_drives import Poses, drive, rows, spoilt, trajectory
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.config import AssociationConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory.association import Estimates, associate, associate_in_portions
-from sfr_loc_map.metrics.trajectory.trajectory_score import TrajectoryScorer, score_trajectory
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 CONDITIONS = (("distance", 5.0), ("distance", 0.3), ("time", 3.0), ("frames", 17))
 
@@ -165,65 +163,3 @@ def test_interval_lies_around_the_figure_and_needs_enough() -> None:
     short = rows(truth, slice(0, 24)), rows(estimate, slice(0, 24))
     few = score_trajectory(Estimates.of(trajectory(short[1])), trajectory(short[0]), TrajectoryScoreConfig())
     assert few.score.first.position_m.mean_plus_3sigma_ci95 is None
-
-
-def test_portions_do_not_matter() -> None:
-    """The figures have the same bits however many frames come at a time."""
-    truth, estimate = drive(22, 5000)
-    config = TrajectoryScoreConfig(conditions=("distance=5", "time=3"), spacing=1)
-    frames, counts, mode = associate(Estimates.of(trajectory(estimate)), trajectory(truth), config.association)
-    whole, parts = TrajectoryScorer(config), TrajectoryScorer(config)
-    whole.push(frames)
-    for first in range(0, 5000, 137):
-        parts.push(frames.rows(slice(first, first + 137)))
-    assert whole.result(counts, mode) == parts.result(counts, mode)
-
-
-def test_rows_are_put_side_by_side_in_portions_as_at_once() -> None:
-    """Rows out of order, twice and without a partner: each portion is that part of all frames."""
-    truth, estimate = (trajectory(poses) for poses in drive(23, 300))
-    order = np.random.default_rng(0).integers(0, 300, 400)
-    estimate = Trajectory(estimate.stamps_ns[order], estimate.positions[order], estimate.quats_xyzw[order])
-    given = Estimates.of(estimate, lost=order % 3 == 0), truth, AssociationConfig(truth="match")
-    whole, counts, _ = associate(*given)
-    assert 100 < len(whole) == counts.matched < 300
-    portions, counts_again, _ = associate_in_portions(*given, 70)
-    assert counts_again == counts
-    parts = list(portions)
-    assert [len(part) for part in parts[:-1]] == [70] * (len(parts) - 1)
-    for name in ("stamps_ns", "gt_pos", "gt_quat", "est_pos", "est_quat", "lost"):
-        assert np.array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)), name
-
-
-def test_starts_that_wait_too_long_are_discarded_whatever_the_portions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A long stop: starts from before and within it end after more than 40 others, the last ones within it do not."""
-    monkeypatch.setattr("sfr_loc_map.metrics.trajectory.condition_scorer.MAX_WAITING_STARTS", 40)
-    monkeypatch.setattr("sfr_loc_map.metrics.trajectory.condition_scorer.MAX_WAITING_BRIEF", 25)
-    stand, speed = slice(200, 400), np.full(600, 0.25)
-    speed[stand] = 0.0
-    stamps, position, quat = np.arange(600) * 100_000_000, np.cumsum(speed), np.tile([0.0, 0.0, 0.0, 1.0], (600, 1))
-    truth = trajectory((stamps, np.column_stack((position, 0 * position, 0 * position)), quat))
-    config = TrajectoryScoreConfig(conditions=("distance=2",), spacing=1)
-    frames, counts, mode = associate(Estimates.of(truth), truth, config.association)
-    results = []
-    for portion in (600, 137, 1):
-        score = TrajectoryScorer(config)
-        for first in range(0, 600, portion):
-            score.push(frames.rows(slice(first, first + portion)))
-        results.append(score.result(counts, mode))
-    assert results[0] == results[1] == results[2]
-    got = results[0].score
-    spans = {start: end - start for start, end in _ends(position, 2.0).items()}
-    assert got.discarded_starts == sum(span > 40 for span in spans.values()) > 0
-    assert got.first.count == sum(span <= 40 for span in spans.values())
-
-
-def _ends(path: Any, distance: float) -> dict[int, int]:
-    """Return the end of each start that has one, looked for in the plainest way."""
-    found = {}
-    for start in range(len(path)):
-        for end in range(start + 1, len(path)):
-            if path[end] - path[start] >= distance - 1e-9:
-                found[start] = end
-                break
-    return found

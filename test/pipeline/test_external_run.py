@@ -10,16 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.calls.external_calls import NODE_CLOCK, with_external
-from sfr_loc_map.metrics.calls.resource_score import ScoredCalls, score_calls
+from sfr_loc_map.metrics.calls import NODE_CLOCK, ScoredCalls, score_calls, with_external
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.records.call_records import MemoryScore, TimingScore
-from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, ProcessUsage
+from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MemoryScore, ProcessUsage, TimingScore
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
 from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
 from sfr_loc_map.pipeline.offline import save_stats
-from sfr_loc_map.pipeline.scored_drive import Correction
+from sfr_loc_map.pipeline.scoring import Correction
 
 USAGE = ProcessUsage(cpu_s=1.0, peak_rss_bytes=5_000, processes=2, method="as seen from outside")
 NODE = ExternalScore(task="localisation", topic="odom", frames="a -> b", answers=AnswerCounts(), latency_s=None)

@@ -16,11 +16,10 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.modes import MappingState
-from sfr_loc_map.metrics.records.method_record import FindingKind, MethodKind, MethodRecord
+from sfr_loc_map.metrics.association import lost_by_covariance
+from sfr_loc_map.metrics.config import MappingState, ScoreConfig
+from sfr_loc_map.metrics.method_record import FindingKind, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score_json import from_json, to_json
-from sfr_loc_map.metrics.trajectory.association import lost_by_covariance
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.call_stats import load_call_stats
 from sfr_loc_map.pipeline.offline import save_stats

@@ -9,16 +9,14 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.metrics.build import ScoreParts, build_score
-from sfr_loc_map.metrics.calls.resource_score import Calls, score_calls
-from sfr_loc_map.metrics.cloud.cloud_error import score_map
-from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.calls import Calls, score_calls
+from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import build_score, parse_limits
 from sfr_loc_map.metrics.score import InputFile, Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict
-from sfr_loc_map.metrics.trajectory.association import Estimates
-from sfr_loc_map.metrics.trajectory.trajectory_score import score_trajectory
-from sfr_loc_map.metrics.verdicts.limits import parse_limits
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 START_NS = 1_700_000_000_123_456_789
 LIMITS = {
@@ -97,18 +95,21 @@ def whole_score(frames: int = 300, side: int = 96, pairs: int = 2, conditions: i
     named = (*(f"distance={value}" for value in (5, 2, 10, 20, 1)[: conditions - 1]), "distance=500")
     estimates, truth = drive(frames)
     points, truths = cloud(side, pairs)
-    parts = ScoreParts(
+    return build_score(
+        Score(
+            verdicts=(),
+            provenance=Provenance(
+                version="0.1.0",
+                inputs={"estimate": InputFile(path=HOSTILE, sha256="0" * 64)},
+                configuration={"unknown": None},
+                time="2024-02-29T12:00:00+00:00",
+            ),
+        ),
+        parse_limits(LIMITS, "test"),
         trajectory=score_trajectory(estimates, truth, TrajectoryScoreConfig(conditions=named)),
         map=score_map(points, truths, MapScoreConfig()),
         calls=[score_calls(calls(frames, pairs))],
-        provenance=Provenance(
-            version="0.1.0",
-            inputs={"estimate": InputFile(path=HOSTILE, sha256="0" * 64)},
-            configuration={"unknown": None},
-            time="2024-02-29T12:00:00+00:00",
-        ),
     )
-    return build_score(parts, parse_limits(LIMITS, "test"))
 
 
 def json_of(score: Score) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 from made_scores import whole_score
 
-from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.modes import VerdictState
-from sfr_loc_map.metrics.score import InputFile, MethodKind, MethodRecord, Provenance, Score, Verdict
+from sfr_loc_map.metrics.config import Condition, VerdictState
+from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import InputFile, Provenance, Score, Verdict
 from sfr_loc_map.report.look_first import MOST, LookFirst, look_first
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.run_header import data_set_name, run_facts

@@ -11,15 +11,8 @@ from made_scores import HOSTILE, whole_score
 from typer.testing import CliRunner
 
 from sfr_loc_map.cli.main import app
-from sfr_loc_map.metrics.score import (
-    AnswerCounts,
-    ExternalScore,
-    MapScore,
-    MethodKind,
-    MethodRecord,
-    Score,
-    StageTime,
-)
+from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MapScore, Score, StageTime
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.report.methods_figures import methods_figures, plain
 from sfr_loc_map.report.methods_tables import methods_tables

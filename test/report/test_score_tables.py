@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 from made_scores import HOSTILE, dig, json_of, whole_score
 
-from sfr_loc_map.metrics.condition import Condition
-from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.score import (
     Interval,
     IntervalStatistic,

@@ -27,8 +27,8 @@ from sfr_loc_map.live.updates import (
     Update,
 )
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.limits import Limits, parse_limits
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.metrics.verdicts.limits import Limits, parse_limits
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import yaml
 
-from sfr_loc_map.metrics.records.json_records import to_plain
+from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.claim import write_result
 from sfr_loc_map.suite.execution import Outcome
 from sfr_loc_map.suite.plan import make_plan

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from sfr_loc_map.metrics.statistics.multiple_comparisons import holm
+from sfr_loc_map.metrics.statistics import holm
 from sfr_loc_map.suite.sign_flip import EXACT_DRIVES, sign_flip_p
 
 

@@ -29,8 +29,8 @@ from sfr_loc_map.live.updates import (
     View,
 )
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.metrics.verdicts.limits import Limits
 from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
 
 TICK_S = 0.05

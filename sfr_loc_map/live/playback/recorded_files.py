@@ -23,9 +23,9 @@ from sfr_loc_map.live.playback.recording import MAPPING_NODE, RecordedMap, Recor
 from sfr_loc_map.live.report_view import MAX_REPORT_CHARACTERS
 from sfr_loc_map.live.updates import Status, StatusKind
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.modes import MappingState
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score_json import SCHEMA
-from sfr_loc_map.metrics.trajectory.association import Estimates
 from sfr_loc_map.pipeline.call_stats import STEP_NAMES, load_call_stats
 from sfr_loc_map.pipeline.call_status import STATISTIC, TaskRecord, call_of
 from sfr_loc_map.pipeline.replay import ReplayFiles

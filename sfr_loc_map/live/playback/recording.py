@@ -19,8 +19,8 @@ from sfr_loc_map.live.cloud_truth import CloudTruth
 from sfr_loc_map.live.elevation import grid_of_cloud
 from sfr_loc_map.live.media import cloud_sample
 from sfr_loc_map.live.updates import CloudSample, ElevationSample, PoseSample, Status, StatusKind, Track
-from sfr_loc_map.metrics.cloud.cloud_error import ScoredMap
-from sfr_loc_map.metrics.trajectory.association import UPPER, Estimates
+from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.cloud_error import ScoredMap
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
 

@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.calls.resources import CallMeter, CallUsage
+from sfr_loc_map.metrics.resources import CallMeter, CallUsage
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.pipeline.call_status import STATISTIC, TaskRecord, call_of

@@ -7,7 +7,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from sfr_loc_map.metrics.modes import VerdictState
+from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.nodes.diagnostics.key_values import Level, Value, status_msg
 
 PARTS = ("trajectory", "map", "timing", "memory")

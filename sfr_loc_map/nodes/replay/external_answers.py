@@ -17,8 +17,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.metrics.convention.estimate_convention import world_at_first_pose
-from sfr_loc_map.metrics.trajectory.association import Estimates
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.convention import world_at_first_pose
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg, cloud_msg, points_from_msg
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, pose_msg

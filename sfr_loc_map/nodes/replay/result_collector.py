@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.metrics.modes import MappingState
+from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC as DIAGNOSTICS
 from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, values_of

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.modes import MappingState
+from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import ProcessUsage
 from sfr_loc_map.nodes.replay.external_options import ExternalOptions
 from sfr_loc_map.pipeline.call_record import CallRecord

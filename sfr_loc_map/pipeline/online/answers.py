@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sfr_loc_map.metrics.calls.timing import stage_time
-from sfr_loc_map.metrics.records.method_record import FindingKind, FindingRecord
+from sfr_loc_map.metrics.calls import stage_time
+from sfr_loc_map.metrics.method_record import FindingKind, FindingRecord
 from sfr_loc_map.metrics.score import AnswerCounts, StageTime
 
 MAX_IN_A_ROW = 10

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.calls.resource_score import Calls, stage_of
+from sfr_loc_map.metrics.calls import Calls, stage_of
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 MAX_STATES, MAX_STAGES = 100, 16

@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
+from sfr_loc_map.metrics.cloud_error import PairTruth
 from sfr_loc_map.pipeline.call_record import CallRecord
 from sfr_loc_map.pipeline.online.pair_sets import PairSet, PairSets
 

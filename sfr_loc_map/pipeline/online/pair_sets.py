@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.metrics.modes import MappingState
+from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.pipeline.call_record import CallRecord
 
 

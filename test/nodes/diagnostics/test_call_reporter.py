@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import deserialize_message, serialize_message
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.calls.resources import CallUsage
+from sfr_loc_map.metrics.resources import CallUsage
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter, task_record
 from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, status_msg, values_of
 

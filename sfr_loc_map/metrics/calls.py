@@ -1,4 +1,4 @@
-"""Time and memory of all calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2]."""
+"""Time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2]."""
 
 from __future__ import annotations
 
@@ -10,12 +10,80 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.metrics.calls.resources import METHOD, METHOD_UNAVAILABLE
-from sfr_loc_map.metrics.calls.timing import HOST_CLOCK, call_histogram, call_score, stage_time
-from sfr_loc_map.metrics.modes import CallKind, MappingState
-from sfr_loc_map.metrics.records.score_details import CallDetails, CallFigures, CallSeries
-from sfr_loc_map.metrics.score import MemoryScore, PeakMemory, StageTime, TargetScore, TimingScore
-from sfr_loc_map.metrics.statistics.running_statistics import column, integers
+from sfr_loc_map.metrics.config import CallKind, MappingState
+from sfr_loc_map.metrics.resources import METHOD, METHOD_UNAVAILABLE
+from sfr_loc_map.metrics.score import (
+    CallDetails,
+    CallFigures,
+    CallHistogram,
+    CallScore,
+    CallSeries,
+    ExternalScore,
+    MemoryScore,
+    PeakMemory,
+    StageTime,
+    TargetScore,
+    TimingScore,
+)
+from sfr_loc_map.metrics.statistics import column, integers, sample_statistic
+
+HOST_CLOCK = "host monotonic"
+HISTOGRAM_BINS = 40
+
+
+def call_score(seconds: FloatArray, clock: str, stages: Mapping[str, StageTime] | None = None) -> CallScore:
+    """Return the figures of all calls, the first apart as well, since it may load or compile.
+
+    Args:
+        seconds: `(N,)` seconds of each call in order; NaN (not measured) is left out.
+        clock: Clock they were measured with; a host time is never shown under another name.
+        stages: Times of the stages of the calls.
+    """
+    known = seconds[np.isfinite(seconds)]
+    plain = sample_statistic(known)
+    return CallScore(
+        count=plain.count,
+        mean=plain.mean,
+        sigma=plain.sigma,
+        mean_plus_3sigma=plain.mean_plus_3sigma,
+        p50=plain.p50,
+        p95=plain.p95,
+        p99=float(np.percentile(known, 99.0)) if len(known) else None,
+        max=float(known.max()) if len(known) else None,
+        first=float(known[0]) if len(known) else None,
+        max_after_first=float(known[1:].max()) if len(known) > 1 else None,
+        clock=clock,
+        stages=stages or {},
+    )
+
+
+def stage_time(seconds: FloatArray) -> StageTime | None:
+    """Return the figures of one stage over the calls that had it; None if none had."""
+    known = seconds[np.isfinite(seconds)]
+    if not len(known):
+        return None
+    plain = sample_statistic(known)
+    return StageTime(
+        count=plain.count,
+        mean=plain.mean,
+        sigma=plain.sigma,
+        mean_plus_3sigma=plain.mean_plus_3sigma,
+        p50=plain.p50,
+        p95=plain.p95,
+        max=float(known.max()),
+    )
+
+
+def call_histogram(seconds: FloatArray) -> CallHistogram:
+    """Return a histogram of the times with logarithmic bins."""
+    known = seconds[np.isfinite(seconds) & (seconds > 0)]
+    if not len(known):
+        return CallHistogram(edges_s=(), counts=())
+    low, high = float(known.min()), float(known.max())
+    edges = np.geomspace(low, max(high, low * 1.01) * (1 + 1e-9), HISTOGRAM_BINS + 1)
+    edges[0] = low
+    return CallHistogram(edges_s=tuple(edges.tolist()), counts=integers(np.histogram(known, edges)[0]))
+
 
 KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingState.FUSED: CallKind.FUSION}
 """Kind of call by its state; all other states are those of the localiser."""
@@ -154,3 +222,31 @@ def _figures(calls: Calls, mine: Rows) -> CallFigures:
         state=tuple(calls.states[row] for row in chosen),
     )
     return CallFigures(histogram=call_histogram(calls.seconds[mine]), series=series)
+
+
+NODE_CLOCK = "as the node reports (/diagnostics)"
+
+
+def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
+    """Return scored calls with the clock of an external node's own times, and the memory of its processes.
+
+    Its latency is not among them: it is not a time per call.
+    """
+    kind = CallKind(node.task)
+    calls = scored.timing.of(kind)
+    timing = (
+        scored.timing if calls is None else replace(scored.timing, **{kind.value: replace(calls, clock=NODE_CLOCK)})
+    )
+    return replace(scored, timing=timing, memory=_memory(scored.memory, kind, node))
+
+
+def _memory(memory: MemoryScore, kind: CallKind, node: ExternalScore) -> MemoryScore:
+    told = memory.of(kind)
+    if node.process is None or (told is not None and told.peak_bytes is not None):
+        return memory
+    others = [peaks for other in CallKind if other is not kind and (peaks := memory.of(other)) is not None]
+    peaks = PeakMemory(peak_bytes=node.process.peak_rss_bytes, above_idle_bytes=None)
+    method = f"{kind}: {node.process.method}"
+    if any(item.peak_bytes is not None for item in others):
+        method += f"; others: {memory.method}"
+    return replace(memory, **{kind.value: peaks}, method=method)

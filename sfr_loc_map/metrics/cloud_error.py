@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +12,131 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.metrics.cloud.cloud_coverage import footprint_coverage, pixel_coverage
-from sfr_loc_map.metrics.cloud.cloud_truth import PairTruth
-from sfr_loc_map.metrics.config import MapScoreConfig
-from sfr_loc_map.metrics.modes import CloudKind
-from sfr_loc_map.metrics.records.score_details import ErrorImage, MapDetails, PointRows, Triangulation
-from sfr_loc_map.metrics.score import DisparityStatistic, MapScore, PairScore, PointErrorScore, RangeScore, SigmaNees
-from sfr_loc_map.metrics.statistics.quantiles import chi2_quantile
-from sfr_loc_map.metrics.statistics.running_statistics import column, sample_statistic
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
+from sfr_loc_map.metrics.score import (
+    DisparityStatistic,
+    ErrorImage,
+    MapDetails,
+    MapScore,
+    PairScore,
+    PointErrorScore,
+    PointRows,
+    RangeScore,
+    SigmaNees,
+    Triangulation,
+)
+from sfr_loc_map.metrics.statistics import chi2_quantile, column, sample_statistic
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairTruth:
+    """The truth of one pair.
+
+    Attributes:
+        points: `(H, W, 3)` float32, metres, LM; NaN where none.
+        T_lm_left: Takes points in the left optical frame to LM.
+        rig: Rig of the images.
+    """
+
+    points: NDArray[np.float32]
+    T_lm_left: Transform
+    rig: StereoRig
+
+    def __post_init__(self) -> None:
+        """Check the size.
+
+        Raises:
+            MetricsError: If the truth is not of the rig's size.
+        """
+        if self.points.shape != (self.rig.height, self.rig.width, 3):
+            raise MetricsError(
+                f"truth of a mapping pair is {self.points.shape}: ({self.rig.height}, {self.rig.width}, 3) is needed"
+            )
+
+    @classmethod
+    def of(cls, pair: PosedStereoPair, rig: StereoRig) -> PairTruth | None:
+        """Return the truth of a pair, None if the source has none."""
+        if pair.truth is None:
+            return None
+        return cls(pair.truth, pair.T_lm_navsb @ rig.T_sb_left, rig)
+
+    def ranges_m(self) -> FloatArray:
+        """Return the distance `(H, W)` of each true point from the left optical centre; NaN where none."""
+        offset = self.points - self.T_lm_left.translation
+        return np.asarray(np.sqrt(np.einsum("ijk,ijk->ij", offset, offset)))
+
+    def depths_m(self, points: NDArray[np.floating]) -> FloatArray:
+        """Return the depth `(...)` along the left optical axis of points `(..., 3)` in LM."""
+        return np.asarray((points - self.T_lm_left.translation) @ self.T_lm_left.rotation[:, 2])
+
+
+def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTruth]:
+    """Return the truth of every pair of a set.
+
+    Raises:
+        MetricsError: If a pair has none.
+    """
+    truths = [PairTruth.of(pair, rig) for pair in pairs]
+    without = [str(pair.pair.stamp_ns) for pair, truth in zip(pairs, truths, strict=True) if truth is None]
+    if without or not truths:
+        raise MetricsError(
+            f"a map score needs the truth of every pair: none for {', '.join(without) or 'any (no pair at all)'}; "
+            "give a source with truth"
+        )
+    return [truth for truth in truths if truth is not None]
+
+
+FOOTPRINTS = 2.0
+BATCH = 262144
+
+
+def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[Mask]:
+    """Return for each pair which pixels `(H, W)` have a point."""
+    covered = []
+    for number, truth in enumerate(truths):
+        image = np.zeros(truth.points.shape[:2], np.bool_)
+        mine = cloud.pair == number
+        image[cloud.v[mine], cloud.u[mine]] = True
+        covered.append(image)
+    return covered
+
+
+def footprint_coverage(
+    cloud: PointCloud, truths: Sequence[PairTruth], ranges: Sequence[FloatArray], farthest_m: float
+) -> list[Mask]:
+    """Return for each pair which true points `(H, W)` up to a range have a cloud point within two footprints."""
+    from scipy.spatial import cKDTree  # slow to import, and a node seldom needs it
+
+    tree = cKDTree(cloud.xyz.astype(np.float64), balanced_tree=False, compact_nodes=False) if len(cloud) else None
+    covered = []
+    for number, (truth, distance) in enumerate(zip(truths, ranges, strict=True)):
+        image = np.zeros(distance.shape, np.bool_)
+        radius = FOOTPRINTS * truth.depths_m(truth.points) / truth.rig.fx
+        mine = np.flatnonzero(cloud.pair == number)
+        v, u = cloud.v[mine], cloud.u[mine]
+        own = np.sqrt(np.square(cloud.xyz[mine].astype(np.float64) - truth.points[v, u]).sum(axis=1))
+        image[v[own < radius[v, u]], u[own < radius[v, u]]] = True  # spares most of the search
+        rows, columns = np.nonzero((distance <= farthest_m) & ~image)
+        if tree is not None:
+            image[rows, columns] = _near(tree, truth.points[rows, columns].astype(np.float64), radius[rows, columns])
+        covered.append(image)
+    return covered
+
+
+def _near(tree: cKDTree, points: FloatArray, radius: FloatArray) -> NDArray[np.bool_]:
+    order = np.argsort(radius, kind="stable")
+    near = np.zeros(len(points), np.bool_)
+    for first in range(0, len(order), BATCH):
+        batch = order[first : first + BATCH]
+        distance, _ = tree.query(points[batch], distance_upper_bound=float(radius[batch[-1]]), workers=-1)
+        near[batch] = distance < radius[batch]
+    return near
+
 
 NEES_BLOCK_PX = 32
 """One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""

@@ -19,6 +19,7 @@ How often the interval holds the true value is measured by test/metrics/interval
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,10 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.score import Interval
-from sfr_loc_map.metrics.statistics.quantiles import student_quantile
+from sfr_loc_map.metrics.statistics import student_quantile
 
 MAX_BLOCKS = 512
-"""Sums are kept for at most so many stretches of consecutive values; a stretch grows by doubling."""
+"""Sums are taken over at most so many stretches of consecutive values; a stretch grows by doubling."""
 RESAMPLES = 1000
 SEED = 20240229
 WIDENING = 1.1
@@ -41,48 +42,39 @@ MIN_INDEPENDENT = 2.0
 """With fewer independent sub-trajectories there is no interval."""
 
 
-class BlockSums:
-    """Sums over consecutive stretches of an endless series, in bounded memory.
+class BlockSums(NamedTuple):
+    """Sums over consecutive stretches of a series.
 
-    A row is count, sums and sums of squares of the columns.
+    Attributes:
+        rows: `(G, 1 + 2 columns)` count, sums and sums of squares of the columns; the last stretch may be shorter.
+        size: Values of a full stretch.
     """
 
-    def __init__(self, columns: int) -> None:
-        self._rows = np.zeros((MAX_BLOCKS, 1 + 2 * columns))
-        self._state = np.array([0, 1], np.int64)  # rows in use, values of a full row
-
-    def push(self, values: FloatArray) -> None:
-        """Add rows `(M, columns)`."""
-        _push_blocks(self._rows, self._state, values)
-
-    @property
-    def rows(self) -> FloatArray:
-        """Sums `(G, 1 + 2 columns)`; the last stretch may be shorter."""
-        return self._rows[: self._state[0]]
-
-    @property
-    def size(self) -> int:
-        """Values of a full stretch."""
-        return int(self._state[1])
+    rows: FloatArray
+    size: int
 
 
 @jit
-def _push_blocks(rows: FloatArray, state: NDArray[np.int64], values: FloatArray) -> None:
+def block_sums(values: FloatArray) -> BlockSums:
+    """Return the sums of a series `(N, columns)`."""
     columns = values.shape[1]
+    rows = np.zeros((MAX_BLOCKS, 1 + 2 * columns))
+    used, size = 0, 1
     for i in range(len(values)):
-        if state[0] == 0 or rows[state[0] - 1, 0] >= state[1]:
-            if state[0] == len(rows):
+        if used == 0 or rows[used - 1, 0] >= size:
+            if used == len(rows):
                 for k in range(len(rows) // 2):
                     rows[k] = rows[2 * k] + rows[2 * k + 1]
                 rows[len(rows) // 2 :] = 0.0
-                state[0] = len(rows) // 2
-                state[1] *= 2
-            state[0] += 1
-        row = state[0] - 1
+                used = len(rows) // 2
+                size *= 2
+            used += 1
+        row = used - 1
         rows[row, 0] += 1.0
         for k in range(columns):
             rows[row, 1 + k] += values[i, k]
             rows[row, 1 + columns + k] += values[i, k] * values[i, k]
+    return BlockSums(rows[:used], size)
 
 
 def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned: bool) -> Interval | None:
@@ -97,7 +89,12 @@ def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned
     Returns:
         Lower and upper bound; None where there are too few independent values.
     """
-    counts, sums, squares = _parts(stretches.rows, columns)
+    width = (stretches.rows.shape[1] - 1) // 2
+    counts, sums, squares = (
+        stretches.rows[:, 0],
+        stretches.rows[:, 1 : 1 + width][:, columns],
+        stretches.rows[:, 1 + width :][:, columns],
+    )
     count = float(counts.sum())
     independent = count / max(overlap, 1.0)
     if count < 2 or independent < MIN_INDEPENDENT:
@@ -123,11 +120,6 @@ def interval95(stretches: BlockSums, columns: slice, overlap: float, *, unsigned
     widening = WIDENING_UNSIGNED if unsigned else WIDENING
     factor = float(np.exp(widening * student_quantile(0.975, freedom) * error / centre))
     return centre / factor, centre * factor
-
-
-def _parts(rows: FloatArray, columns: slice) -> tuple[FloatArray, FloatArray, FloatArray]:
-    width = (rows.shape[1] - 1) // 2
-    return rows[:, 0], rows[:, 1 : 1 + width][:, columns], rows[:, 1 + width :][:, columns]
 
 
 def blocks_share(overlap: float, block: float) -> float:

@@ -77,40 +77,37 @@ X, Y, Z, ATTITUDE, HEADING, ALONG, CROSS, VERTICAL, TRAVELLED = map(int, ErrorCo
 
 
 @jit
-def sub_trajectory_errors(
-    start: PoseRows, starts: IntArray, end: PoseRows, ends: IntArray, whole_pose: bool
-) -> FloatArray:
+def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, whole_pose: bool) -> FloatArray:
     """Return the errors `(M, 9)` of sub-trajectories; `ErrorColumn` names them.
 
     Row by row, so that the bits of a row do not depend on how many are computed at once.
 
     Args:
-        start: Poses among which the starts are.
-        starts: `(M,)` their rows.
-        end: Poses among which the ends are.
-        ends: `(M,)` their rows.
+        poses: Poses among which the starts and ends are.
+        starts: `(M,)` rows of the starts.
+        ends: `(M,)` rows of the ends.
         whole_pose: Re-base the whole pose; False for the position only.
     """
     out = np.empty((len(starts), 9))
     for m in range(len(starts)):
         i, j = starts[m], ends[m]
-        true_move = row_difference(end.gt_pos, j, start.gt_pos, i)
-        move = row_difference(end.est_pos, j, start.est_pos, i)
-        attitude = row_quat(end.est_quat, j)
+        true_move = row_difference(poses.gt_pos, j, poses.gt_pos, i)
+        move = row_difference(poses.est_pos, j, poses.est_pos, i)
+        attitude = row_quat(poses.est_quat, j)
         if whole_pose:
-            correction = product(row_quat(start.gt_quat, i), conjugate(row_quat(start.est_quat, i)))
+            correction = product(row_quat(poses.gt_quat, i), conjugate(row_quat(poses.est_quat, i)))
             move = rotated(correction, move)
             attitude = product(correction, attitude)
         error = (move[0] - true_move[0], move[1] - true_move[1], move[2] - true_move[2])
-        turn = product(conjugate(row_quat(end.gt_quat, j)), attitude)
+        turn = product(conjugate(row_quat(poses.gt_quat, j)), attitude)
         sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-        true_heading = heading_rad(row_quat(end.gt_quat, j))
+        true_heading = heading_rad(row_quat(poses.gt_quat, j))
         horizontal = np.sqrt(true_move[0] * true_move[0] + true_move[1] * true_move[1])
         if horizontal >= MIN_DIRECTION_M:
             east, north = true_move[0] / horizontal, true_move[1] / horizontal
         else:
             east, north = np.cos(true_heading), np.sin(true_heading)
-        path = (end.lengths[j, 0] - start.lengths[i, 0]) + (end.lengths[j, 1] - start.lengths[i, 1])
+        path = (poses.lengths[j, 0] - poses.lengths[i, 0]) + (poses.lengths[j, 1] - poses.lengths[i, 1])
         out[m, X], out[m, Y], out[m, Z] = error[0], error[1], error[2]
         out[m, ATTITUDE] = np.degrees(2.0 * np.arctan2(sine, abs(turn[3])))
         out[m, HEADING] = wrapped_deg(np.degrees(heading_rad(attitude) - true_heading))

@@ -11,6 +11,8 @@ counts.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -28,17 +30,15 @@ from sfr_loc_map.geometry.rotation import (
     quat_rotate,
 )
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.condition import Condition, ConditionKind
-from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.records.aligned_records import (
+from sfr_loc_map.metrics.association import unique_rows
+from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
+from sfr_loc_map.metrics.score import (
     AlignedError,
     AlignedErrors,
     Alignment,
     AlignmentTransform,
     ErrorStatistics,
 )
-from sfr_loc_map.metrics.trajectory.stamp_matching import unique_rows
-from sfr_loc_map.metrics.trajectory.umeyama import Similarity, umeyama
 
 Pairs = NDArray[np.intp]
 UMEYAMA = {
@@ -256,3 +256,99 @@ def _statistics(errors: FloatArray) -> ErrorStatistics:
         min=float(np.min(errors)),
         max=float(np.max(errors)),
     )
+
+
+class Similarity(NamedTuple):
+    """`p -> scale R p + t`."""
+
+    scale: float
+    rotation: FloatArray
+    translation: FloatArray
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Take points `(N, 3)` along."""
+        return np.asarray((self.scale * points) @ self.rotation.T + self.translation)
+
+
+def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Similarity:
+    """Return the similarity that takes points nearest to their targets: `min sum |target - (s R p + t)|^2`.
+
+    Args:
+        points: `(N, 3)`, metres.
+        targets: `(N, 3)`, metres.
+        with_scale: Whether the scale is estimated; otherwise it is 1.
+
+    Raises:
+        MetricsError: If the points lie on a line or in one place, so that no rotation follows from them.
+    """
+    mean_p, mean_t = points.mean(axis=0), targets.mean(axis=0)
+    p, t = points - mean_p, targets - mean_t
+    covariance = t.T @ p / len(points)  # equation 38
+    u, singular, vt = np.linalg.svd(covariance)
+    if np.count_nonzero(singular > np.finfo(np.float64).eps) < 2:
+        raise MetricsError(
+            f"{len(points)} positions on a line or in one place have no alignment by least squares: use --align origin"
+        )
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt)) or 1.0])  # equation 43
+    rotation = (u * signs) @ vt  # equation 40
+    scale = float((singular * signs).sum() / np.square(p).sum(axis=1).mean()) if with_scale else 1.0  # equation 42
+    return Similarity(scale, rotation, mean_t - scale * (rotation @ mean_p))  # equation 41
+
+
+MOST_POINTS = 5000
+"""Poses of a path that are drawn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """One path.
+
+    Attributes:
+        name: Its name.
+        seconds: `(N,)` since the first stamp of all.
+        positions: `(N, 3)`, m.
+        error_m: `(N,)` distance to the truth, None of the truth and without one.
+        is_truth: Whether it is the truth.
+    """
+
+    name: str
+    seconds: FloatArray
+    positions: FloatArray
+    error_m: FloatArray | None = None
+    is_truth: bool = False
+
+
+def curves_of(
+    trajectories: Mapping[str, Trajectory], truth: Trajectory | None, config: AlignedErrorConfig
+) -> list[Curve]:
+    """Return trajectories as curves; with a truth it comes first, and each is aligned with it.
+
+    Raises:
+        MetricsError: If one has no pose, or no stamps near those of the truth.
+    """
+    given = [poses for poses in (*trajectories.values(), truth) if poses is not None and len(poses)]
+    if len(given) < len(trajectories) + (truth is not None) or not given:
+        raise MetricsError("a trajectory without poses cannot be drawn: leave it out")
+    begin = min(int(poses.stamps_ns.min()) for poses in given)
+    if truth is None:
+        return [_curve(name, poses.stamps_ns, poses.positions, begin) for name, poses in trajectories.items()]
+    curves = [_curve("truth", truth.stamps_ns, truth.positions, begin, is_truth=True)]
+    for name, poses in trajectories.items():
+        paired = aligned_poses(poses, truth, config)
+        error_m = absolute_errors(paired).translation_m
+        curves.append(_curve(name, paired.stamps_ns, paired.estimate.positions, begin, error_m))
+    return curves
+
+
+def _curve(
+    name: str,
+    stamps_ns: IntArray,
+    positions: FloatArray,
+    begin_ns: int,
+    error_m: FloatArray | None = None,
+    *,
+    is_truth: bool = False,
+) -> Curve:
+    every = slice(None, None, max(1, -(-len(stamps_ns) // MOST_POINTS)))
+    seconds = ((stamps_ns[every] - begin_ns) / NS_PER_S).astype(np.float64)
+    return Curve(name, seconds, positions[every], None if error_m is None else error_m[every], is_truth)

@@ -52,36 +52,22 @@ class FindingKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MethodRecord:
-    """The software that made the estimate or the cloud.
+    """The software that made the estimate or the cloud."""
 
-    Attributes:
-        name: Its name.
-        version: As it says itself, None where it does not.
-        kind: How it is reached.
-        sha256: Hash of the file that it was loaded from; None where it is not one file.
-    """
-
-    name: str
-    version: str | None
-    kind: MethodKind
-    sha256: str | None = None
+    name: str  #: Its name.
+    version: str | None  #: As it says itself, None where it does not.
+    kind: MethodKind  #: How it is reached.
+    sha256: str | None = None  #: Hash of the file that it was loaded from; None where it is not one file.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FindingRecord:
-    """Calls of a method with one kind of fault.
+    """Calls of a method with one kind of fault."""
 
-    Attributes:
-        kind: What it did wrong.
-        count: Number of calls.
-        first_stamp_ns: Stamp of the first of them.
-        text: What is known of the first, in one line.
-    """
-
-    kind: FindingKind
-    count: int
-    first_stamp_ns: int | None
-    text: str
+    kind: FindingKind  #: What it did wrong.
+    count: int  #: Number of calls.
+    first_stamp_ns: int | None  #: Stamp of the first of them.
+    text: str  #: What is known of the first, in one line.
 
     def __str__(self) -> str:
         """Say it in one line."""

@@ -1,0 +1,231 @@
+"""Which estimate belongs to which truth: one to one, on integer nanoseconds.
+
+Definitions (docs/metrics.md says why):
+
+- Both are sorted by stamp, stably. Of several poses with one stamp the last given counts; the others are left out.
+- `match`: an estimate belongs to the truth of the same stamp; an estimate left over to the nearest truth left over
+  within the tolerance. Frames are the truth's poses that have an estimate.
+- `interpolate`: as `match`, and an estimate still left over gets truth interpolated at its own stamp (position
+  linearly, attitude along the shortest rotation) if the true poses around it are not farther apart than allowed.
+- `auto`: looks at the first stamps, until both have 16 in their common span; `match` if a quarter of the rarer kind
+  coincide, `interpolate` otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
+from sfr_loc_map.metrics.score import AssociationCounts
+
+Rows = NDArray[np.intp]
+UPPER = np.triu_indices(6)
+"""Places of the upper triangle of a 6 x 6 covariance, row by row."""
+COVARIANCE_SIZE = len(UPPER[0])
+AUTO_STAMPS = 16
+"""Stamps of each kind in the common span that `auto` looks at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimates:
+    """Estimated poses with what is known about each.
+
+    Attributes:
+        trajectory: Estimated poses of RB in DS, in any order.
+        lost: `(N,)` bool, pose was repeated because the localiser was lost.
+        degraded: `(N,)` bool, the localiser had a reason to doubt the pose.
+        covariance: `(N, 21)` float64, upper triangle of the covariance, ROS order (m^2, rad^2), NaN where not known;
+            None if it is known of none.
+        steps: `(N, 27)` float64, step to each pose (see `metrics.consistency`), NaN where not known; None if it is
+            known of none.
+    """
+
+    trajectory: Trajectory
+    lost: Mask
+    degraded: Mask
+    covariance: FloatArray | None
+    steps: FloatArray | None = None
+
+    @classmethod
+    def of(
+        cls,
+        trajectory: Trajectory,
+        lost: Mask | None = None,
+        degraded: Mask | None = None,
+        covariance: FloatArray | None = None,
+        steps: FloatArray | None = None,
+    ) -> Estimates:
+        """Return estimates, by default none of them lost or degraded and without covariances.
+
+        Raises:
+            MetricsError: If the numbers of rows differ.
+        """
+        count = len(trajectory)
+        nowhere = np.zeros(count, np.bool_)
+        lost, degraded = (nowhere if flags is None else np.asarray(flags, np.bool_) for flags in (lost, degraded))
+        shape = (count, COVARIANCE_SIZE) if covariance is None else covariance.shape
+        if {lost.shape, degraded.shape} != {(count,)} or shape != (count, COVARIANCE_SIZE):
+            raise MetricsError(
+                f"{count} estimates need as many flags and covariances of {COVARIANCE_SIZE} numbers: "
+                f"got {lost.shape}, {degraded.shape} and {shape}"
+            )
+        return cls(trajectory, lost, degraded, covariance, steps)
+
+
+def lost_by_covariance(covariance: FloatArray) -> Mask:
+    """Tell for which covariances `(N, 21)` the pose is not known: 9999 on the whole diagonal."""
+    diagonal = np.flatnonzero(UPPER[0] == UPPER[1])
+    return np.asarray((covariance[:, diagonal] >= LOST_VARIANCE).all(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """Estimated and true poses side by side, in time order; quaternions are of unit length.
+
+    Attributes:
+        stamps_ns: `(N,)` int64, of the truth, or of the estimate where the truth is interpolated.
+        gt_pos: `(N, 3)` float64, metres, DS.
+        gt_quat: `(N, 4)` float64, RB in DS, scalar last.
+        est_pos: `(N, 3)` float64, metres, DS.
+        est_quat: `(N, 4)` float64.
+        est_rows: `(N,)` which of the estimates each is.
+    """
+
+    stamps_ns: IntArray
+    gt_pos: FloatArray
+    gt_quat: FloatArray
+    est_pos: FloatArray
+    est_quat: FloatArray
+    est_rows: Rows
+
+
+def associate(
+    estimates: Estimates, truth: Trajectory, config: AssociationConfig
+) -> tuple[Frames, AssociationCounts, AssociationMode]:
+    """Return the frames, what became of every pose, and how it was done: match or interpolate."""
+    estimate = estimates.trajectory
+    est_rows, gt_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
+    est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
+    tolerance = round(config.tolerance_s * NS_PER_S)
+    mode = decide_mode(est_stamps, gt_stamps, AssociationMode(config.truth), tolerance)
+    partner = match_stamps(est_stamps, gt_stamps, tolerance)
+    matched = np.flatnonzero(partner >= 0)
+    est, gt = est_rows[matched], gt_rows[partner[matched]]
+    stamps, positions, quats = truth.stamps_ns[gt], truth.positions[gt], unit_quats(truth.quats_xyzw[gt])
+    difference = np.abs(estimate.stamps_ns[est] - stamps)
+    gaps = np.empty(0, np.int64)
+    if mode is AssociationMode.INTERPOLATE:
+        between, after = bracketed(est_stamps, gt_stamps, partner, round(config.max_gap_s * NS_PER_S))
+        alone, before, later = est_rows[between], gt_rows[after - 1], gt_rows[after]
+        gaps = truth.stamps_ns[later] - truth.stamps_ns[before]
+        share = (estimate.stamps_ns[alone] - truth.stamps_ns[before]) / gaps
+        move = truth.positions[later] - truth.positions[before]
+        turned = slerp(unit_quats(truth.quats_xyzw[before]), unit_quats(truth.quats_xyzw[later]), share)
+        stamps = np.concatenate((stamps, estimate.stamps_ns[alone]))
+        positions = np.concatenate((positions, truth.positions[before] + share[:, None] * move))
+        quats, est = np.concatenate((quats, turned)), np.concatenate((est, alone))
+        order = np.argsort(stamps, kind="stable")
+        stamps, positions, quats, est = stamps[order], positions[order], quats[order], est[order]
+    counts = AssociationCounts(
+        estimate_poses=len(estimate),
+        truth_poses=len(truth),
+        estimate_duplicates=len(estimate) - len(est_rows),
+        truth_duplicates=len(truth) - len(gt_rows),
+        estimate_unordered=count_unordered(estimate.stamps_ns),
+        truth_unordered=count_unordered(truth.stamps_ns),
+        exact=int(np.count_nonzero(difference == 0)),
+        near=int(np.count_nonzero(difference)),
+        interpolated=len(gaps),
+        lost=int(np.count_nonzero(estimates.lost[est])),
+        degraded=int(np.count_nonzero(estimates.degraded[est])),
+        largest_difference_ns=int(difference.max(initial=0)),
+        largest_gap_ns=int(gaps.max(initial=0)),
+    )
+    est_quat = unit_quats(estimate.quats_xyzw[est])
+    return Frames(stamps, positions, quats, estimate.positions[est], est_quat, est), counts, mode
+
+
+def unique_rows(stamps_ns: IntArray) -> Rows:
+    """Return the rows in order of their stamps; of rows with one stamp the last."""
+    if len(stamps_ns) > 1 and not np.all(stamps_ns[1:] > stamps_ns[:-1]):
+        order = np.argsort(stamps_ns, kind="stable")
+        ordered = stamps_ns[order]
+        return np.asarray(order[np.append(ordered[1:] != ordered[:-1], True)])
+    return np.arange(len(stamps_ns), dtype=np.intp)
+
+
+def count_unordered(stamps_ns: IntArray) -> int:
+    """Return how many stamps are earlier than one before them."""
+    if len(stamps_ns) < 2:
+        return 0
+    return int(np.count_nonzero(stamps_ns[1:] < np.maximum.accumulate(stamps_ns)[:-1]))
+
+
+def decide_mode(est_stamps: IntArray, gt_stamps: IntArray, chosen: AssociationMode, tolerance: int) -> AssociationMode:
+    """Return `match` or `interpolate` from stamps in order and without duplicates; the tolerance is in nanoseconds."""
+    if chosen is not AssociationMode.AUTO:
+        return chosen
+    if not len(est_stamps) or not len(gt_stamps):
+        return AssociationMode.MATCH
+    low = max(est_stamps[0], gt_stamps[0]) - tolerance
+    est, gt = est_stamps[np.searchsorted(est_stamps, low) :], gt_stamps[np.searchsorted(gt_stamps, low) :]
+    if not len(est) or not len(gt):
+        return AssociationMode.MATCH
+    until = max(est[min(AUTO_STAMPS, len(est)) - 1], gt[min(AUTO_STAMPS, len(gt)) - 1])
+    until = min(until, est[-1], gt[-1]) + tolerance
+    est, gt = est[est <= until], gt[gt <= until]
+    if not len(est) or not len(gt):  # the few stamps of one kind lie between two of the other
+        return AssociationMode.INTERPOLATE
+    together = np.count_nonzero(_nearest(est, gt)[1] <= tolerance)
+    coincide = 4 * together >= min(len(est), len(gt))
+    return AssociationMode.MATCH if coincide else AssociationMode.INTERPOLATE
+
+
+def match_stamps(est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> Rows:
+    """Return for each estimate the index of its truth, or -1; each truth is used once.
+
+    Equal stamps first; then each estimate left over takes the nearest truth left over (the earlier of two); if several
+    would take one truth, the nearest of them (the earliest of equals) does.
+    """
+    partner = np.full(len(est_stamps), -1, dtype=np.intp)
+    if not len(est_stamps) or not len(gt_stamps):
+        return partner
+    index = np.minimum(np.searchsorted(gt_stamps, est_stamps), len(gt_stamps) - 1)
+    equal = gt_stamps[index] == est_stamps
+    partner[equal] = index[equal]
+    free_est = np.flatnonzero(~equal)
+    free_gt = np.setdiff1d(np.arange(len(gt_stamps)), index[equal], assume_unique=True) if len(free_est) else free_est
+    if tolerance and len(free_est) and len(free_gt):
+        nearest, difference = _nearest(est_stamps[free_est], gt_stamps[free_gt])
+        candidates = np.flatnonzero(difference <= tolerance)
+        candidates = candidates[np.argsort(difference[candidates], kind="stable")]
+        _, first = np.unique(nearest[candidates], return_index=True)
+        chosen = candidates[first]
+        partner[free_est[chosen]] = free_gt[nearest[chosen]]
+    return partner
+
+
+def bracketed(est_stamps: IntArray, gt_stamps: IntArray, partner: Rows, max_gap: int) -> tuple[Rows, Rows]:
+    """Return the estimates between two true poses at most `max_gap` apart, and the index of the later of both."""
+    left_over = np.flatnonzero(partner < 0)
+    after = np.searchsorted(gt_stamps, est_stamps[left_over])
+    inside = (after > 0) & (after < len(gt_stamps))
+    left_over, after = left_over[inside], after[inside]
+    near = gt_stamps[after] - gt_stamps[after - 1] <= max_gap
+    return left_over[near], after[near]
+
+
+def _nearest(stamps: IntArray, among: IntArray) -> tuple[Rows, IntArray]:
+    """Return the index of the nearest of `among` (sorted, not empty) for each stamp, and the distance."""
+    after = np.minimum(np.searchsorted(among, stamps), len(among) - 1)
+    before = np.maximum(after - 1, 0)
+    to_before, to_after = np.abs(stamps - among[before]), np.abs(among[after] - stamps)
+    return np.where(to_before <= to_after, before, after), np.minimum(to_before, to_after)

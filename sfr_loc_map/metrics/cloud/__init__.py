@@ -1,1 +1,0 @@
-"""Errors and coverage of a point cloud against what each pixel sees."""

@@ -1,0 +1,219 @@
+"""Is the covariance honest? Normalised estimation error squared (NEES) of sub-trajectories.
+
+The covariance that odometry publishes is of the pose since its start, so two poses of one run share most of it. What
+happened between them is compared with Q, the covariance of the end given the start.
+
+Q comes from the covariances of the steps between them. A step is the motion since the pose before, with a covariance
+that is independent from step to step and a vector: one standard deviation of the error that all steps have alike. An
+error of a pose moves what comes after it, by F of `geometry.transform.propagated_covariance`, so with both sums taken
+to the origin of DS, C of `F S F^T` and G of `F g`,
+
+    Q(i, j) = F(p_j) (C_j - C_i + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T
+
+is the covariance of pose j given pose i. The sums take one addition a pose, whatever is compared later.
+
+Where the steps are not known, Q is what the published covariance grew by: with `F = [[I, -[dp]x], [0, I]]`, dp the
+estimated displacement, an error of the start's pose moves the end by F, and the growth is `Q = P_end - F P_start F^T`;
+it is not usable where the covariance shrank, as when a calibration was learnt.
+
+If Q is honest, `e^T Q^-1 e` has a chi-square distribution with 6 degrees of freedom, e the error of position and
+attitude (fixed axes of DS) over the sub-trajectory. Only sub-trajectories that share no frame are taken, so that n of
+them are independent, and their mean lies between the 2.5 % and 97.5 % points of chi-square with 6 n degrees, over n,
+in 95 % of all cases (Bar-Shalom, Li, Kirubarajan 2001, section 5.4).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from sfr_loc_map.constants import LOST_VARIANCE
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.quaternion_kernels import Quat, rotated, row_quat, unit_quats
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
+from sfr_loc_map.geometry.small_linalg import copy_row
+from sfr_loc_map.geometry.transform import propagated_covariance, propagation
+from sfr_loc_map.jit import jit, jit_inline
+from sfr_loc_map.metrics.association import UPPER, Estimates, Frames, unique_rows
+from sfr_loc_map.metrics.score import NeesPart, NeesScore
+from sfr_loc_map.metrics.statistics import chi2_quantile
+
+PARTS = (slice(0, 6), slice(0, 3), slice(3, 6))
+"""Pose, position, attitude."""
+STEP_SIZE: Final = 27
+"""Numbers of a step: upper triangle of its covariance, then the systematic vector."""
+SUM_SIZE: Final = 43
+"""Numbers of the sums: covariance, systematic vector, number of poses whose step is not known."""
+AXES: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def sums_of_steps(estimates: Estimates, frames: Frames) -> FloatArray | None:
+    """Return the sums `(N, 43)` of the steps up to each frame; None where no step is known."""
+    if estimates.steps is None or estimates.covariance is None:
+        return None
+    poses = estimates.trajectory
+    rows = unique_rows(poses.stamps_ns)
+    positions, quats = np.ascontiguousarray(poses.positions[rows]), unit_quats(poses.quats_xyzw[rows])
+    sums = accumulated(estimates.steps[rows], estimates.lost[rows], positions, quats)
+    return np.asarray(sums[np.searchsorted(poses.stamps_ns[rows], poses.stamps_ns[frames.est_rows])])
+
+
+def nees_score(
+    frames: Frames, covariances: FloatArray, sums: FloatArray | None, starts: IntArray, ends: IntArray
+) -> NeesScore | None:
+    """Return the mean NEES of sub-trajectories and its interval; None where no covariance is known.
+
+    Args:
+        frames: All frames.
+        covariances: `(E, 21)` of all estimates, NaN where not known.
+        sums: See `sums_of_steps`.
+        starts: `(M,)` frames, going up.
+        ends: `(M,)` frames.
+    """
+    totals = np.zeros(len(PARTS))
+    count = from_steps = not_usable = free_from = 0
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        if start < free_from:
+            continue
+        before, after = (_matrix(covariances[frames.est_rows[frame]]) for frame in (start, end))
+        if not all(np.isfinite(matrix).all() and np.diag(matrix).max() < LOST_VARIANCE for matrix in (before, after)):
+            continue
+        free_from = end
+        growth = None if sums is None else relative_covariance(sums[start], sums[end], frames.est_pos[end])
+        known = growth is not None
+        if growth is None:
+            growth = after - propagated_covariance(before, frames.est_pos[end] - frames.est_pos[start])
+            growth = 0.5 * (growth + growth.T)
+        error = relative_error(frames, start, end)
+        try:
+            whitened = [np.linalg.solve(np.linalg.cholesky(growth[part, part]), error[part]) for part in PARTS]
+        except np.linalg.LinAlgError:
+            not_usable += 1
+            continue
+        totals += [float(values @ values) for values in whitened]
+        count += 1
+        from_steps += known
+    if not count and not not_usable:
+        return None
+    parts = []
+    for total, part in zip(totals.tolist(), PARTS, strict=True):
+        degrees = part.stop - part.start
+        if not count:
+            parts.append(NeesPart(mean=None, expected=float(degrees), interval95=None, consistent=None))
+            continue
+        mean = total / count
+        low, high = (chi2_quantile(p, degrees * count) / count for p in (0.025, 0.975))
+        inside = low <= mean <= high
+        parts.append(NeesPart(mean=mean, expected=float(degrees), interval95=(low, high), consistent=inside))
+    pose, position, attitude = parts
+    return NeesScore(
+        count=count, not_usable=not_usable, from_steps=from_steps, pose=pose, position=position, attitude=attitude
+    )
+
+
+def relative_error(frames: Frames, start: int, end: int) -> FloatArray:
+    """Return the error `(6,)` of position (m) and attitude (rad) over a sub-trajectory, in the estimate's DS."""
+    to_estimate = quat_multiply(frames.est_quat[start], quat_conjugate(frames.gt_quat[start]))
+    true_move = quat_rotate(to_estimate, frames.gt_pos[end] - frames.gt_pos[start])
+    position = (frames.est_pos[end] - frames.est_pos[start]) - true_move
+    true_quat = quat_multiply(to_estimate, frames.gt_quat[end])
+    turn = quat_normalised(quat_multiply(frames.est_quat[end], quat_conjugate(true_quat)))
+    turn = -turn if turn[3] < 0 else turn
+    sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+    scale = 2.0 if sine < 1e-9 else 2.0 * np.arctan2(sine, turn[3]) / sine
+    return np.concatenate((position, scale * turn[:3]))
+
+
+def relative_covariance(start: FloatArray, end: FloatArray, position: FloatArray) -> FloatArray | None:
+    """Return the covariance `(6, 6)` of a pose given another one, None where a step between is not known.
+
+    Args:
+        start: `(43,)` sums at the earlier pose.
+        end: `(43,)` at the later one.
+        position: `(3,)` of the later one.
+    """
+    between = end - start
+    if between[42] > 0.0:
+        return None
+    carried = propagation(position)
+    systematic = carried @ between[36:42]
+    covariance = carried @ between[:36].reshape(6, 6) @ carried.T + np.outer(systematic, systematic)
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def _matrix(triangle: FloatArray) -> FloatArray:
+    matrix = np.empty((6, 6))
+    matrix[UPPER] = triangle
+    matrix.T[UPPER] = triangle
+    return matrix
+
+
+@jit
+def accumulated(steps: FloatArray, lost: Mask, positions: FloatArray, quats: FloatArray) -> FloatArray:
+    """Return the sums `(N, 43)` at poses in the order of their stamps.
+
+    Args:
+        steps: `(N, 27)` step to each, NaN where not known.
+        lost: `(N,)` poses that repeat the one before: they have no step.
+        positions: `(N, 3)` metres, DS.
+        quats: `(N, 4)` of unit length.
+    """
+    result = np.empty((len(steps), 43))
+    total, before = np.zeros(43), np.array([[0.0, 0.0, 0.0, 1.0]])
+    step, carried = np.empty((6, 6)), np.zeros((6, 6))
+    for k in range(len(steps)):
+        if not lost[k]:
+            if _is_finite(steps, k):
+                _unpack(steps, k, step)
+                _to_origin(row_quat(before, 0), positions[k], carried)
+                _add(total, carried, step, steps[k])
+            else:
+                total[42] += 1.0
+        copy_row(quats[k], before[0])
+        copy_row(total, result[k])
+    return result
+
+
+@jit_inline
+def _is_finite(steps: FloatArray, k: int) -> bool:
+    """Tell whether a row has finite values only; `.all()` would load the compiler's parts with the kernel."""
+    for value in steps[k]:  # noqa: SIM110 - numba has no generators here
+        if not np.isfinite(value):
+            return False
+    return True
+
+
+@jit
+def _unpack(steps: FloatArray, k: int, step: FloatArray) -> None:
+    column = 0
+    for i in range(6):
+        for j in range(i, 6):
+            step[i, j] = step[j, i] = steps[k, column]
+            column += 1
+
+
+@jit
+def _to_origin(attitude: Quat, position: FloatArray, carried: FloatArray) -> None:
+    """Write the matrix that takes an error at a position, in the axes of RB before, to the origin of DS."""
+    x, y, z = position[0], position[1], position[2]
+    for j in range(3):
+        a, b, c = rotated(attitude, AXES[j])
+        carried[0, j], carried[1, j], carried[2, j] = a, b, c
+        carried[3, j + 3], carried[4, j + 3], carried[5, j + 3] = a, b, c
+        carried[0, j + 3], carried[1, j + 3], carried[2, j + 3] = y * c - z * b, z * a - x * c, x * b - y * a
+
+
+@jit
+def _add(total: FloatArray, carried: FloatArray, step: FloatArray, row: FloatArray) -> None:
+    for i in range(6):
+        for j in range(6):
+            value = 0.0
+            for a in range(6):
+                for b in range(6):
+                    value += carried[i, a] * step[a, b] * carried[j, b]
+            total[6 * i + j] += value
+        systematic = 0.0
+        for a in range(6):
+            systematic += carried[i, a] * row[21 + a]
+        total[36 + i] += systematic

@@ -1,0 +1,465 @@
+"""Which single convention mismatch would explain that an estimate and the truth disagree? And its correction.
+
+Each is undone in turn and the disagreement measured again. One is named only if undoing it leaves a half or less of the
+disagreement (a third, if numbers are fitted to undo it); a pair that agrees is never far from the best it can be,
+whatever is undone, and nothing is named.
+
+The disagreement is that whatever the placing of the world frame: the mean over sub-trajectories of the position error
+as a share of the path and the attitude error in radians, root of the sum of squares, re-based by the whole pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Annotated
+
+import numpy as np
+
+from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted, lever_arms
+from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY as OPTICAL_IN_RB
+from sfr_loc_map.geometry.quaternion_kernels import row_difference, slerp, unit_quats
+from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix, quat_multiply, quat_rotate
+from sfr_loc_map.geometry.small_linalg import copy_row
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform, propagation
+from sfr_loc_map.jit import jit
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
+from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.score import Key
+from sfr_loc_map.metrics.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
+
+GAIN = 2.0
+"""Undoing a mismatch must make the disagreement this many times smaller."""
+GAIN_FITTED = 3.0
+"""The same where numbers were fitted to undo it."""
+AGREES = 1e-3
+"""A disagreement below this (a thousandth of the path, or 0.06 degrees) needs no explanation."""
+EXPLAINED = 0.25
+"""What is left must be less than this (a quarter of the path, or 14 degrees)."""
+SIMPLER = 2.0
+"""A mismatch with fitted numbers must explain this many times more than one without."""
+MAX_POSES = 20_000
+MIN_POSES = 8
+SUB_TRAJECTORIES = 400
+MIN_LEVER_M = 0.05
+MAX_TILT_DEG = 60.0
+OFFSET_STEPS = 200
+AS_GOOD = 1.1
+"""An offset to the stamps of the truth themselves is taken for the best one if it is this near to it."""
+STAMP_NOISE_NS = 1_000
+LOOKS_WRONG = "the estimate looks wrong:"
+
+Poses = tuple[FloatArray, FloatArray]
+"""Positions `(N, 3)` and unit quaternions `(N, 4)`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hypothesis:
+    """One convention mismatch and what undoing it does.
+
+    Attributes:
+        mismatch: Short name.
+        sentence: What is wrong with the estimate, and what to do.
+        disagreement: What is left when it is undone.
+        fitted: Whether numbers were fitted to undo it.
+        setting: What corrects it as `NAME=VALUE` of `PoseConvention`; empty where none does.
+    """
+
+    mismatch: Annotated[str, Key("mistake")]
+    sentence: str
+    disagreement: float
+    fitted: bool = False
+    setting: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Diagnosis:
+    """What was found.
+
+    Attributes:
+        disagreement: As the estimate stands; None where estimate and truth have no stamp in common.
+        hypotheses: All mismatches looked into, the best explanation first.
+        found: The mismatch that explains the disagreement, None if none does or there is nothing to explain.
+    """
+
+    disagreement: float | None
+    hypotheses: Annotated[tuple[Hypothesis, ...], Key("suspicions")]
+    found: Hypothesis | None
+
+
+def diagnose(
+    estimate: Trajectory, truth: Trajectory, config: AssociationConfig, T_rb_left: Transform | None = None
+) -> Diagnosis:
+    """Find the single convention mismatch that explains how estimate and truth disagree.
+
+    Args:
+        estimate: Estimated poses of RB in DS.
+        truth: True poses of RB in DS.
+        config: How estimates find their truth.
+        T_rb_left: Extrinsics of the left camera, where they are known.
+    """
+    step = max(1, len(estimate) // MAX_POSES)
+    rows = unique_rows(estimate.stamps_ns)[::step]
+    estimate = Trajectory(estimate.stamps_ns[rows], estimate.positions[rows], estimate.quats_xyzw[rows])
+    frames = associate(Estimates.of(estimate), truth, config)[0]
+    hypotheses: list[Hypothesis] = []
+    before = None
+    if len(frames.stamps_ns) >= MIN_POSES:
+        true, found = (frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat)
+        before = disagreement(true, found)
+        for mismatch, setting, sentence, fitted, undone in _each_undone(true, found, T_rb_left):
+            text, left = f"{LOOKS_WRONG} {sentence}", disagreement(true, undone)
+            hypotheses.append(
+                Hypothesis(mismatch=mismatch, sentence=text, disagreement=left, fitted=fitted, setting=setting)
+            )
+    hypotheses += _time_offset(estimate, truth, before)
+    hypotheses.sort(key=lambda item: item.disagreement)
+    if before is not None and before < AGREES:
+        return Diagnosis(disagreement=before, hypotheses=tuple(hypotheses), found=None)
+    most = np.inf if before is None else before
+    possible = [
+        item
+        for item in hypotheses
+        if item.disagreement <= min(EXPLAINED, most / (GAIN_FITTED if item.fitted else GAIN))
+    ]
+    plain = [item for item in possible if not item.fitted]
+    best = next(iter(possible), None)
+    if best is not None and plain and plain[0].disagreement <= SIMPLER * best.disagreement:
+        best = plain[0]
+    return Diagnosis(disagreement=before, hypotheses=tuple(hypotheses), found=best)
+
+
+def disagreement(truth: Poses, estimate: Poses) -> float:
+    """Return the disagreement of estimated poses with the truth, both in time order."""
+    starts, ends = _sub_trajectories(len(truth[0]))
+    no_length = np.zeros((len(truth[0]), 2))
+    poses = PoseRows(*truth, np.ascontiguousarray(estimate[0]), np.ascontiguousarray(estimate[1]), no_length)
+    errors = sub_trajectory_errors(poses, starts, ends, True)
+    until = _travelled(np.ascontiguousarray(truth[0]))
+    lengths = until[ends] - until[starts]
+    lengths = np.maximum(lengths, max(0.1 * float(lengths.mean()), 1e-9))  # never much less than the mean
+    position = np.sqrt(np.square(errors[:, :3]).sum(axis=1)) / lengths
+    return float(np.mean(np.sqrt(np.square(position) + np.square(np.radians(errors[:, ErrorColumn.ATTITUDE])))))
+
+
+@lru_cache(maxsize=8)
+def _sub_trajectories(count: int) -> tuple[IntArray, IntArray]:
+    """Return the starts and ends of sub-trajectories of an eighth of so many poses."""
+    span = max(2, count // 8)
+    starts = np.unique(np.linspace(0, count - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
+    return starts, starts + span
+
+
+def _each_undone(
+    truth: Poses, estimate: Poses, T_rb_left: Transform | None
+) -> Iterator[tuple[str, str, str, bool, Poses]]:
+    """Yield each mismatch: name, setting that corrects it, sentence, whether numbers are fitted, and it undone."""
+    p, q = estimate
+    for name, setting, sentence, undone in (
+        (
+            "conjugated quaternion",
+            "quaternion=conjugated",
+            "its attitudes are conjugated (att_q_DsToRb written as the orientation of RB in DS): conjugate them",
+            (p, quat_conjugate(q)),
+        ),
+        (
+            "scalar first",
+            "quaternion=wxyz",
+            "its quaternions are written scalar first (w x y z): write them scalar last (x y z w)",
+            (p, q[:, [1, 2, 3, 0]]),
+        ),
+        (
+            "inverted poses",
+            "inverse=true",
+            "its poses are inverted (DS in RB in place of RB in DS): invert them",
+            (-quat_rotate(quat_conjugate(q), p), quat_conjugate(q)),
+        ),
+        (
+            "optical axes",
+            "frame=rb_optical",
+            "its attitudes are those of the optical axes (x right, y down, z forward) in place of RB: "
+            "rotate them to RB",
+            (p, quat_multiply(q, quat_from_matrix(OPTICAL_IN_RB.T))),
+        ),
+        (
+            "millimetres",
+            "metres_per_unit=0.001",
+            "its positions are in millimetres: write metres",
+            (p * 1e-3, q),
+        ),
+        (
+            "kilometres",
+            "metres_per_unit=1000",
+            "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres",
+            (p * 1e3, q),
+        ),
+        (
+            "swapped left and right images",
+            "",
+            "it moves backwards where the truth moves forwards: the left and right images are swapped",
+            (-p, q),
+        ),
+        (
+            "mirrored left and right",
+            "mirrored=true",
+            "left and right are mirrored (y points right): negate y, and x and z of the quaternions",
+            (p * MIRROR, q * np.array([-1.0, 1.0, -1.0, 1.0])),
+        ),
+    ):
+        yield name, setting, sentence, False, undone
+
+    # another frame of the rover: rotation known or presumed, position known or fitted
+    camera, remedy = "it is the pose of the left camera in place of RB", "transform it by the extrinsics of the camera"
+    if T_rb_left is not None:
+        of_rb = _extrinsics(np.eye(3), T_rb_left.translation)
+        for rotation, axes, setting in (
+            (T_rb_left.rotation, "optical axes", "frame=left_optical"),
+            (np.eye(3), "axes of RB", of_rb),
+        ):
+            undone = _moved(estimate, rotation, T_rb_left.translation)
+            yield "left camera", setting, f"{camera} ({axes}): {remedy}", False, undone
+    for rotation, axes in (
+        (np.eye(3), "axes of RB"),
+        (OPTICAL_IN_RB, "optical axes"),
+        (_fitted_rotation(truth, estimate), "tilted optical axes"),
+    ):
+        lever = _fitted_lever(truth, (p, quat_multiply(q, quat_from_matrix(rotation.T))))
+        cosine = quat_from_matrix(rotation @ OPTICAL_IN_RB.T)[3]
+        tilt = float(np.degrees(2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))))
+        if float(np.sqrt(lever @ lever)) < MIN_LEVER_M or (axes.startswith("tilted") and tilt > MAX_TILT_DEG):
+            continue
+        position = ", ".join(f"{value:.2f}" for value in lever)
+        sentence = f"{camera} or of another point ({axes}, at {position} m in RB): {remedy}"
+        yield "left camera", _extrinsics(rotation, lever), sentence, True, _moved(estimate, rotation, lever)
+
+
+def _extrinsics(rotation: FloatArray, position: FloatArray) -> str:
+    """Return the setting for poses of a frame at `rotation`, `position` in RB."""
+    numbers = (*position.tolist(), *quat_from_matrix(rotation).tolist())
+    return "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
+
+
+def _moved(estimate: Poses, rotation: FloatArray, lever: FloatArray) -> Poses:
+    """Return the poses of RB of estimates of a frame at `rotation`, `lever` in RB."""
+    quats = quat_multiply(estimate[1], quat_from_matrix(rotation.T))
+    return estimate[0] - quat_rotate(quats, np.broadcast_to(lever, estimate[0].shape)), quats
+
+
+def _motions(poses: Poses) -> tuple[FloatArray, FloatArray]:
+    """Return rotations `(M, 3, 3)` and displacements `(M, 3)` of the sub-trajectories, in the frame of the start."""
+    starts, ends = _sub_trajectories(len(poses[0]))
+    start, end = poses[1][starts], poses[1][ends]
+    move = quat_rotate(quat_conjugate(start), poses[0][ends] - poses[0][starts])
+    return matrix_from_quat(quat_multiply(quat_conjugate(start), end)), move
+
+
+def _fitted_lever(truth: Poses, rotated: Poses) -> FloatArray:
+    """Return the position `(3,)` in RB of the point whose poses are given: its displacements differ by `R l - l`."""
+    turn, move = _motions(truth)
+    _, seen = _motions(rotated)
+    matrix = (turn - np.eye(3)).reshape(-1, 3)
+    return np.asarray(np.linalg.lstsq(matrix, (seen - move).ravel(), rcond=1e-3)[0])
+
+
+def _fitted_rotation(truth: Poses, estimate: Poses) -> FloatArray:
+    """Return the rotation `(3, 3)` of the estimated frame on the rover: it takes directions of motion to the true ones.
+
+    Axes of rotation and directions of displacement, weighted by their size (Kabsch 1976).
+    """
+    pairs = []
+    for poses in (truth, estimate):
+        turn, move = _motions(poses)
+        quats = quat_from_matrix(turn)
+        size = float(np.sqrt(np.square(move).sum(axis=1).mean())) or 1.0
+        pairs.append(np.concatenate((quats[:, :3], move / size)))
+    u, _, vt = np.linalg.svd(pairs[0].T @ pairs[1])
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+
+
+def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
+    """Yield the mismatch of a clock offset: truth is interpolated at shifted stamps and the best shift searched."""
+    rows = unique_rows(truth.stamps_ns)
+    truth = Trajectory(truth.stamps_ns[rows], truth.positions[rows], truth.quats_xyzw[rows])
+    if min(len(estimate), len(truth)) < MIN_POSES:
+        return
+    step = int(np.median(np.diff(estimate.stamps_ns)))
+    base = 0 if before is not None else int(truth.stamps_ns[0] - estimate.stamps_ns[0])
+    reach = max(20 * step, 2 * NS_PER_S)
+    best, least = base, np.inf
+    while reach >= max(step // 500, 1000):
+        for shift in np.linspace(best - reach, best + reach, OFFSET_STEPS + 1).astype(np.int64).tolist():
+            value = _shifted(estimate, truth, shift)
+            if value < least:
+                best, least = shift, value
+        reach = reach * 4 // OFFSET_STEPS
+    if np.isfinite(least):
+        same = best + _to_nearest_stamps(estimate, truth, best)
+        best = same if _shifted(estimate, truth, same) <= AS_GOOD * least else best
+        sentence = f"{LOOKS_WRONG} its stamps are {best / NS_PER_S:+.3f} s off, add this to them"
+        yield Hypothesis(
+            mismatch="time offset",
+            sentence=sentence,
+            disagreement=least,
+            fitted=True,
+            setting=f"time_offset_ns={best}",
+        )
+
+
+def _to_nearest_stamps(estimate: Trajectory, truth: Trajectory, shift: int) -> int:
+    """Return what takes shifted stamps to the nearest of the truth, 0 where most are not as far from one."""
+    stamps = estimate.stamps_ns + shift
+    after = np.clip(np.searchsorted(truth.stamps_ns, stamps), 1, len(truth) - 1)
+    around = np.stack((truth.stamps_ns[after - 1] - stamps, truth.stamps_ns[after] - stamps))
+    left = around[np.abs(around).argmin(axis=0), np.arange(len(stamps))]
+    middle = int(np.median(left))
+    near = np.abs(left - middle) <= STAMP_NOISE_NS
+    return middle if near.mean() > 0.5 else 0
+
+
+def _shifted(estimate: Trajectory, truth: Trajectory, shift: int) -> float:
+    """Return the disagreement if the estimate's stamps are moved; infinite where less than half have a truth."""
+    first, last = np.searchsorted(estimate.stamps_ns, truth.stamps_ns[[0, -1]] - shift).tolist()
+    if last - first < max(MIN_POSES, len(estimate) // 2):
+        return float("inf")
+    chosen = slice(first, last, max(1, (last - first) // 800))
+    stamps = estimate.stamps_ns[chosen] + shift
+    positions, before, after, share = _around(truth.stamps_ns, truth.positions, truth.quats_xyzw, stamps)
+    quats = slerp(unit_quats(before), unit_quats(after), share)
+    return disagreement((positions, quats), (estimate.positions[chosen], unit_quats(estimate.quats_xyzw[chosen])))
+
+
+def converted_estimates(
+    estimates: Estimates, convention: PoseConvention, T_rb_child: Transform, truth: Trajectory | None
+) -> Estimates:
+    """Return estimates as poses of RB in DS.
+
+    A covariance is carried along; where poses are inverted or mirrored it is left out. Steps (`step_cov`) are motions
+    of RB: they stay only where nothing but the world frame or the stamps differ.
+
+    Args:
+        estimates: As they were written.
+        convention: In what they differ.
+        T_rb_child: Pose in RB of the frame they are of.
+        truth: True poses, for a world frame that is aligned at the first pose; None: the first pose is the identity.
+
+    Raises:
+        MetricsError: If no pose has a true pose to align the world frame with.
+        GeometryError: If what comes out are no poses.
+    """
+    poses = converted(estimates.trajectory, convention, T_rb_child)
+    covariance = None if convention.inverse or convention.mirrored else estimates.covariance
+    if covariance is not None:
+        covariance = _converted_covariance(covariance, convention, lever_arms(poses, T_rb_child))
+    plain = convention == PoseConvention(world=convention.world, time_offset_ns=convention.time_offset_ns)
+    result = replace(estimates, trajectory=poses, covariance=covariance, steps=estimates.steps if plain else None)
+    if convention.world != FIRST_POSE:
+        return result
+    T_ds_world = world_at_first_pose(result, truth)
+    if covariance is not None:
+        covariance = _rotated_covariance(covariance, T_ds_world.rotation)
+    return replace(result, trajectory=aligned(poses, T_ds_world), covariance=covariance)
+
+
+def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:
+    """Return `T_ds_world` that takes the first pose that is not lost and has a true pose to it.
+
+    Args:
+        estimates: Poses of RB in their world frame.
+        truth: True poses, None: the first pose is the identity.
+
+    Raises:
+        MetricsError: If no pose has a true pose.
+    """
+    if truth is None:
+        if not len(estimates.trajectory):
+            raise MetricsError("there is no pose to align the world frame at: give an estimate with poses")
+        return estimates.trajectory.pose(0).inverse()
+    frames = associate(estimates, truth, AssociationConfig())[0]
+    known = np.flatnonzero(~estimates.lost[frames.est_rows])
+    if not len(known):
+        raise MetricsError("no pose has a true pose to align the world frame with: check the stamps, or world=ds")
+    first = int(known[0])
+    true = Transform.from_quat(frames.gt_pos[first], frames.gt_quat[first])
+    return true @ Transform.from_quat(frames.est_pos[first], frames.est_quat[first]).inverse()
+
+
+def _converted_covariance(covariance: FloatArray, convention: PoseConvention, arms: FloatArray) -> FloatArray:
+    """Return covariances `(N, 21)` in metres, of RB in place of a frame from which RB lies at `arms` `(N, 3)`."""
+    if convention.metres_per_unit == 1.0 and not convention.of_another_frame:
+        return covariance
+    unit = np.diag([convention.metres_per_unit] * 3 + [1.0] * 3)
+    carry = np.array([propagation(arm) @ unit for arm in arms]).reshape(-1, 6, 6)
+    return _upper(carry @ _full(covariance) @ carry.transpose(0, 2, 1))
+
+
+def _rotated_covariance(covariance: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Return covariances `(N, 21)` in axes that `rotation` `(3, 3)` turns theirs into."""
+    turn = np.kron(np.eye(2), rotation)
+    return _upper(turn @ _full(covariance) @ turn.T)
+
+
+def _full(covariance: FloatArray) -> FloatArray:
+    full = np.empty((len(covariance), 6, 6))
+    full[:, UPPER[0], UPPER[1]] = full[:, UPPER[1], UPPER[0]] = covariance
+    return full
+
+
+def _upper(full: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(full[:, UPPER[0], UPPER[1]]).reshape(-1, COVARIANCE_SIZE)
+
+
+@jit
+def _travelled(positions: FloatArray) -> FloatArray:
+    """Return the path length `(N,)` up to each position `(N, 3)`."""
+    until = np.zeros(len(positions))
+    for i in range(1, len(positions)):
+        x, y, z = row_difference(positions, i, positions, i - 1)
+        until[i] = until[i - 1] + np.sqrt(x * x + y * y + z * z)
+    return until
+
+
+@jit
+def _around(
+    stamps: IntArray, positions: FloatArray, quats: FloatArray, wanted: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return interpolated positions `(M, 3)`, the quaternions `(M, 4)` before and after, and the share of the latter.
+
+    Args:
+        stamps: `(N,)` in order.
+        positions: `(N, 3)`, metres.
+        quats: `(N, 4)`.
+        wanted: `(M,)` stamps in order, from the first to before the last; mostly evenly spaced.
+    """
+    found, share = np.empty((len(wanted), 3)), np.empty(len(wanted))
+    before, after = np.empty((len(wanted), 4)), np.empty((len(wanted), 4))
+    row, rows = 1, 0
+    for i in range(len(wanted)):
+        guess = min(row + rows, len(stamps) - 1)
+        if not stamps[guess - 1] <= wanted[i] < stamps[guess]:
+            guess = _first_later(stamps, wanted[i])
+        row, rows = guess, guess - row
+        begin = stamps[row - 1]
+        share[i] = (wanted[i] - begin) / (stamps[row] - begin)
+        for k in range(3):
+            found[i, k] = positions[row - 1, k] + share[i] * (positions[row, k] - positions[row - 1, k])
+        copy_row(quats[row - 1], before[i])
+        copy_row(quats[row], after[i])
+    return found, before, after, share
+
+
+@jit
+def _first_later(stamps: IntArray, wanted: int) -> int:
+    """Return the row of the first stamp after a stamp."""
+    low, high = 0, len(stamps)
+    while low < high:
+        middle = (low + high) // 2
+        if stamps[middle] <= wanted:
+            low = middle + 1
+        else:
+            high = middle
+    return low

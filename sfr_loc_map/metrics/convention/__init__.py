@@ -1,1 +1,0 @@
-"""Which single convention mismatch explains that estimate and truth disagree."""

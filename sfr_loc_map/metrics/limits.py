@@ -1,0 +1,427 @@
+"""Limits of a requirements file; `metrics.verdicts` judges by them.
+
+The file is YAML. Every key names figure and unit; limits are upper bounds, except `coverage_min`. All parts are
+optional; nothing is limited unless the file says so.
+
+    minimum_count: 2                      # fewer values than this: "not enough data"
+    trajectory:                           # a list: one entry for each condition
+      - condition: distance=5
+        position_mean_plus_3sigma_m: 0.1  # {position}_{mean,sigma,mean_plus_3sigma}_m
+        attitude_mean_plus_3sigma_deg: 1  # {attitude,heading}_{mean,sigma,mean_plus_3sigma}_deg
+    map:                                  # point_error_{mean,sigma,mean_plus_3sigma,p50,p95}_m, coverage_min
+      coverage_min: 0.8
+    timing:                               # {localisation,mapping,fusion}_{mean,mean_plus_3sigma,p50,p95,p99,max}_s
+      localisation_p95_s: 0.5
+    memory:                               # {localisation,mapping}_{peak,above_idle}_bytes
+      mapping_peak_bytes: 1000000000
+    target:                               # the keys of timing and memory, for calls measured on the target
+      localisation_p95_s: 2.0
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import reduce
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.config import load_yaml
+from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.errors import ConfigError, MetricsError
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, VerdictState
+from sfr_loc_map.metrics.score import (
+    CallScore,
+    ConditionScore,
+    Details,
+    Interval,
+    IntervalStatistic,
+    MapScore,
+    MemoryScore,
+    PeakMemory,
+    SampleStatistic,
+    Score,
+    TimingScore,
+    TrajectoryScore,
+    Verdict,
+)
+
+if TYPE_CHECKING:  # limits are read without what computes figures
+    from sfr_loc_map.metrics.calls import ScoredCalls
+    from sfr_loc_map.metrics.cloud_error import ScoredMap
+    from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory
+
+
+class LimitPart(StrEnum):
+    """Part of the score that limits are on; the parts of a limits file."""
+
+    TRAJECTORY = "trajectory"
+    MAP = "map"
+    TIMING = "timing"
+    MEMORY = "memory"
+    TARGET = "target"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure of the score.
+
+    Attributes:
+        value: The figure, None where it is undefined or absent.
+        count: Number of values it is made of, None where it is not made of many.
+        interval: Its 95 % interval, None where it has none.
+    """
+
+    value: float | None = None
+    count: int | None = None
+    interval: Interval | None = None
+
+
+COVERAGE_MIN = "coverage_min"
+"""The one limit that is a lower bound."""
+
+_ERRORS: Mapping[str, Callable[[ConditionScore], IntervalStatistic]] = {
+    "position_{}_m": lambda score: score.position_m,
+    "attitude_{}_deg": lambda score: score.attitude_deg,
+    "heading_{}_deg": lambda score: score.heading_deg,
+}
+_STATISTICS: Mapping[str, Callable[[IntervalStatistic], tuple[float | None, Interval | None]]] = {
+    "mean": lambda error: (error.mean, None),
+    "sigma": lambda error: (error.sigma, None),
+    "mean_plus_3sigma": lambda error: (error.mean_plus_3sigma, error.mean_plus_3sigma_ci95),
+}
+_POINT_STATISTICS: Mapping[str, Callable[[SampleStatistic], float | None]] = {
+    "mean": lambda error: error.mean,
+    "sigma": lambda error: error.sigma,
+    "mean_plus_3sigma": lambda error: error.mean_plus_3sigma,
+    "p50": lambda error: error.p50,
+    "p95": lambda error: error.p95,
+}
+_TIMES: Mapping[str, Callable[[CallScore], float | None]] = {
+    "mean": lambda calls: calls.mean,
+    "mean_plus_3sigma": lambda calls: calls.mean_plus_3sigma,
+    "p50": lambda calls: calls.p50,
+    "p95": lambda calls: calls.p95,
+    "p99": lambda calls: calls.p99,
+    "max": lambda calls: calls.max,
+}
+_PEAKS: Mapping[str, Callable[[PeakMemory], int | None]] = {
+    "peak": lambda peaks: peaks.peak_bytes,
+    "above_idle": lambda peaks: peaks.above_idle_bytes,
+}
+
+
+def _of_condition(error: str, statistic: str) -> Callable[[ConditionScore], Figure]:
+    def figure(score: ConditionScore) -> Figure:
+        value, interval = _STATISTICS[statistic](_ERRORS[error](score))
+        return Figure(value, score.count, interval)
+
+    return figure
+
+
+def _of_points(statistic: str) -> Callable[[MapScore], Figure]:
+    def figure(score: MapScore) -> Figure:
+        if score.errors is None:
+            return Figure()
+        return Figure(_POINT_STATISTICS[statistic](score.errors.point_error_m), score.errors.point_error_m.count)
+
+    return figure
+
+
+def _of_calls(kind: CallKind, statistic: str) -> Callable[[TimingScore], Figure]:
+    def figure(score: TimingScore) -> Figure:
+        calls = score.of(kind)
+        return Figure() if calls is None else Figure(_TIMES[statistic](calls), calls.count)
+
+    return figure
+
+
+def _of_memory(kind: CallKind, peak: str) -> Callable[[MemoryScore], Figure]:
+    def figure(score: MemoryScore) -> Figure:
+        peaks = score.of(kind)
+        return Figure() if peaks is None else Figure(_PEAKS[peak](peaks))
+
+    return figure
+
+
+TRAJECTORY_FIGURES = {
+    error.format(statistic): _of_condition(error, statistic) for error in _ERRORS for statistic in _STATISTICS
+}
+MAP_FIGURES: dict[str, Callable[[MapScore], Figure]] = {
+    **{f"point_error_{statistic}_m": _of_points(statistic) for statistic in _POINT_STATISTICS},
+    COVERAGE_MIN: lambda score: Figure(score.coverage),
+}
+TIMING_FIGURES = {f"{kind}_{statistic}_s": _of_calls(kind, statistic) for kind in CallKind for statistic in _TIMES}
+MEMORY_FIGURES = {
+    f"{kind}_{peak}_bytes": _of_memory(kind, peak)
+    for kind in (CallKind.LOCALISATION, CallKind.MAPPING)
+    for peak in _PEAKS
+}
+
+
+NAMES: Mapping[LimitPart, Collection[str]] = {
+    LimitPart.TRAJECTORY: TRAJECTORY_FIGURES,
+    LimitPart.MAP: MAP_FIGURES,
+    LimitPart.TIMING: TIMING_FIGURES,
+    LimitPart.MEMORY: MEMORY_FIGURES,
+    LimitPart.TARGET: [*TIMING_FIGURES, *MEMORY_FIGURES],
+}
+"""Names of the figures that each part of the file limits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One limit.
+
+    Attributes:
+        part: Part of the score.
+        key: Its key in the file.
+        limit: Bound in the unit of the key.
+        condition: Condition of the sub-trajectories; None outside `trajectory`.
+    """
+
+    part: LimitPart
+    key: str
+    limit: float
+    condition: Condition | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """All limits of a file.
+
+    Attributes:
+        limits: In the order of the file.
+        minimum_count: Fewer values than this are not enough for a verdict.
+    """
+
+    limits: tuple[Limit, ...]
+    minimum_count: int = 2
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """Conditions that are limited, each once."""
+        return list(dict.fromkeys(item.condition for item in self.limits if item.condition is not None))
+
+
+def load_limits(path: Path) -> Limits:
+    """Read a limits file.
+
+    Raises:
+        ConfigError: If it cannot be read or a key or value is not valid; one line.
+    """
+    return parse_limits(load_yaml(path), str(path))
+
+
+def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
+    """Return the limits of a mapping as in the file.
+
+    Args:
+        content: The mapping.
+        origin: Where it comes from, for messages.
+
+    Raises:
+        ConfigError: If a key or value is not valid.
+    """
+    _check_keys(content, ("minimum_count", *LimitPart), origin)
+    minimum = content.get("minimum_count", 2)
+    if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
+        raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is needed")
+    entries = content.get("trajectory", [])
+    if not isinstance(entries, list):
+        raise ConfigError(
+            f"{origin}: 'trajectory' must be a list with one entry for each condition ('- condition: ...')"
+        )
+    limits: list[Limit] = []
+    for number, entry in enumerate(entries, 1):
+        limits += _trajectory_limits(entry, f"{origin}: trajectory entry {number}")
+    for part in LimitPart:
+        if part is not LimitPart.TRAJECTORY:
+            limits += _limits_of(part, content.get(part, {}), f"{origin}: '{part}'", None)
+    if not limits:
+        raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitPart)}")
+    return Limits(tuple(limits), minimum)
+
+
+def _trajectory_limits(entry: object, origin: str) -> list[Limit]:
+    if not isinstance(entry, Mapping) or not isinstance(entry.get("condition"), str):
+        raise ConfigError(f"{origin}: needs 'condition', such as distance=5, and limits beside it")
+    try:
+        condition = Condition.parse(entry["condition"])
+    except MetricsError as error:
+        raise ConfigError(f"{origin}: {error}") from error
+    rest = {key: value for key, value in entry.items() if key != "condition"}
+    return _limits_of(LimitPart.TRAJECTORY, rest, origin, condition)
+
+
+def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition | None) -> list[Limit]:
+    if not isinstance(block, Mapping):
+        raise ConfigError(f"{origin}: a mapping of names to limits is needed, found {type(block).__name__}")
+    _check_keys(block, NAMES[part], origin)
+    for key, value in block.items():
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number or not 0 <= value < float("inf"):
+            raise ConfigError(f"{origin}: '{key}' is {value!r}: a number >= 0 is needed, in the unit of its name")
+    return [Limit(part, key, float(value), condition) for key, value in block.items()]
+
+
+def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -> None:
+    for key in block:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
+            raise ConfigError(f"{origin}: unknown key '{key}' ({hint})")
+
+
+def build_score(
+    rest: Score,
+    limits: Limits | None = None,
+    *,
+    trajectory: ScoredTrajectory | None = None,
+    map: ScoredMap | None = None,
+    calls: Sequence[ScoredCalls] = (),
+) -> Score:
+    """Return a score with its figures, what they are drawn from, and the verdicts on them.
+
+    Args:
+        rest: All other parts.
+        limits: Limits to judge by.
+        trajectory: Of an estimate.
+        map: Of a cloud.
+        calls: Of one or several sources of calls, on this host; of a kind that several have the last counts.
+    """
+    made = reduce(lambda first, second: first.merged(second), calls) if calls else None
+    details = Details(
+        calls=None if made is None else made.details,
+        trajectory=None if trajectory is None else trajectory.details,
+        map=None if map is None else map.details,
+    )
+    score = replace(
+        rest,
+        trajectory=None if trajectory is None else trajectory.score,
+        map=None if map is None else map.score,
+        timing=made.timing if made is not None and any(made.timing.kinds()) else None,
+        memory=None if made is None or made.memory == MemoryScore() else made.memory,
+        details=None if details == Details() else details,
+    )
+    return score if limits is None else replace(score, verdicts=verdicts(limits, score))
+
+
+def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:
+    """Return the verdict on each limit: pass, fail, or not enough data.
+
+    A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign. `certain` tells
+    whether the 95 % interval lies on one side of the limit, None where there is no interval.
+    """
+    return tuple(_verdict(limit, limits.minimum_count, figure_of(limit, score)) for limit in limits.limits)
+
+
+def figure_of(limit: Limit, score: Score) -> Figure:
+    """Return the figure that a limit is on."""
+    if limit.part is LimitPart.TRAJECTORY:
+        assert limit.condition is not None
+        part = None if score.trajectory is None else score.trajectory.of(limit.condition)
+        return Figure() if part is None else TRAJECTORY_FIGURES[limit.key](part)
+    if limit.part is LimitPart.MAP:
+        return Figure() if score.map is None else MAP_FIGURES[limit.key](score.map)
+    timing, memory = score.timing, score.memory
+    if limit.part is LimitPart.TARGET:
+        timing, memory = (None, None) if score.target is None else (score.target.timing, score.target.memory)
+    if limit.key in TIMING_FIGURES:
+        return TIMING_FIGURES[limit.key](timing or TimingScore())
+    return MEMORY_FIGURES[limit.key](memory or MemoryScore())
+
+
+def _verdict(limit: Limit, minimum: int, figure: Figure) -> Verdict:
+    value, count, interval = figure.value, figure.count, figure.interval
+    lower_bound, certain = limit.key == COVERAGE_MIN, None
+    if value is None or (count is not None and count < minimum):
+        state = VerdictState.NOT_ENOUGH_DATA
+    else:
+        met = value >= limit.limit if lower_bound else abs(value) <= limit.limit
+        state = VerdictState.PASS if met else VerdictState.FAIL
+        certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
+    return Verdict(
+        metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
+        limit=limit.limit,
+        value=value,
+        ci95=interval,
+        condition=limit.condition,
+        count=count,
+        state=state,
+        certain=certain,
+    )
+
+
+class _Extent(NamedTuple):
+    """How long a drive is."""
+
+    frames: int
+    path_length_m: float
+    duration_s: float
+
+
+def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple[str, ...]:
+    """Return why something could not be judged, one phrase for each reason; empty if all was judged.
+
+    Args:
+        score: The score.
+        asked: Conditions that the user named, in options or limits; those of the default settings count only where
+            the user named none.
+    """
+    if score.contradiction is not None:
+        return (score.contradiction,)
+    unmet = _unmet(score.trajectory, asked) if score.trajectory is not None else {}
+    errors = None if score.map is None else score.map.errors
+    no_truth = errors is not None and not errors.point_error_m.count
+    limits = [item for item in score.verdicts if item.state is VerdictState.NOT_ENOUGH_DATA]
+    return (
+        *unmet.values(),
+        *(["map: no point of the cloud has a true point"] if no_truth else []),
+        *(_no_data(item) for item in limits if item.condition not in unmet),
+    )
+
+
+def _unmet(trajectory: TrajectoryScore, asked: Collection[Condition]) -> dict[Condition | None, str]:
+    """Return the reasons of the conditions that the drive never meets."""
+    return {
+        part.condition: _reason(
+            part.condition, _Extent(trajectory.matched, trajectory.path_length_m, trajectory.duration_s or 0.0)
+        )
+        for part in trajectory.conditions
+        if not part.count and (not asked or part.condition in asked)
+    }
+
+
+def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> tuple[str, ...]:
+    """Return why a drive with this truth never meets some conditions, to be said before the work is done."""
+    steps = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)
+    duration_s = float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0
+    extent = _Extent(len(truth), float(steps.sum()), duration_s)
+    longest = {
+        ConditionKind.DISTANCE: extent.path_length_m,
+        ConditionKind.TIME: extent.duration_s,
+        ConditionKind.FRAMES: float(extent.frames - 1),
+    }
+    return tuple(_reason(item, extent) for item in conditions if item.value > longest[item.kind])
+
+
+def _reason(condition: Condition, extent: _Extent) -> str:
+    """Return how long the drive is in the unit of a condition that it never meets."""
+    texts = {
+        ConditionKind.DISTANCE: f"the drive is {extent.path_length_m:.1f} m long",
+        ConditionKind.TIME: f"the drive lasts {extent.duration_s:.1f} s",
+        ConditionKind.FRAMES: f"the drive has {extent.frames} frames",
+    }
+    one = "one pose of the estimate has a true pose, at least two are needed"
+    return f"condition {condition.kind}={condition.value:g}: {texts[condition.kind] if extent.frames > 1 else one}"
+
+
+def _no_data(item: Verdict) -> str:
+    condition = "" if item.condition is None else f" over {item.condition.label}"
+    return f"limit {item.metric}{condition}: " + (f"only {item.count} values" if item.count else "no data")

@@ -1,1 +1,0 @@
-"""Statistics that do not depend on how values came in, and quantiles."""

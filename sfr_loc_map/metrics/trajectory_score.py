@@ -1,0 +1,274 @@
+"""The trajectory score: sub-trajectories of each condition, their errors, and what is said of them [4.1, 4.2.3].
+
+The same function scores a file and a live run; test/metrics/reference.py says it once more in a hundred lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.association import Estimates, Frames, associate
+from sfr_loc_map.metrics.confidence import block_sums, interval95
+from sfr_loc_map.metrics.config import Condition, ConditionKind, Rebase, TrajectoryScoreConfig
+from sfr_loc_map.metrics.consistency import nees_score, sums_of_steps
+from sfr_loc_map.metrics.score import (
+    AssociationScore,
+    Column,
+    ConditionScore,
+    DistanceScore,
+    ErrorComponents,
+    IntervalStatistic,
+    NeesScore,
+    PathRows,
+    SubTrajectoryRows,
+    TrajectoryDetails,
+    TrajectoryScore,
+)
+from sfr_loc_map.metrics.statistics import column, integers, moments, statistic
+from sfr_loc_map.metrics.sub_trajectories import KINDS, Progress, find_ends, path_lengths
+from sfr_loc_map.metrics.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
+
+POSITION, ATTITUDE, HEADING = slice(0, 3), slice(3, 4), slice(4, 5)
+"""Columns of the errors that the figures of the score are made of."""
+INTERVAL_COLUMNS = 5
+PATH_ROWS, DETAIL_ROWS = 2000, 1000
+"""Frames, and sub-trajectories of each condition, that are kept for figures."""
+POSITION_VARIANCES = [0, 6, 11]
+"""Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
+DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+"""Distances of the error against distance travelled."""
+DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
+"""Their starts are at least this many frames apart, whatever the spacing of the conditions; beyond the base in
+proportion to the distance: the more sub-trajectories overlap, the less one more says."""
+DISTANCES_MAX_STARTS = 5000
+"""A sub-trajectory of theirs through more starts than this is left out: the rover stood."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredTrajectory:
+    """What the trajectory adds to the score.
+
+    Attributes:
+        score: The part `trajectory`.
+        details: What figures are drawn from, None if it is not wanted.
+    """
+
+    score: TrajectoryScore
+    details: TrajectoryDetails | None
+
+
+def score_trajectory(
+    estimates: Estimates,
+    truth: Trajectory,
+    config: TrajectoryScoreConfig,
+    *,
+    details: bool = True,
+    under_way: bool = False,
+) -> ScoredTrajectory:
+    """Return the score of a trajectory.
+
+    Args:
+        estimates: Estimated poses of RB in DS, in any order.
+        truth: True poses of RB in DS, in any order.
+        config: Settings.
+        details: Whether what figures are drawn from is wanted.
+        under_way: Whether the run goes on, so that estimates without a truth are no error.
+
+    Raises:
+        MetricsError: If no estimate has a truth, or a condition is not valid.
+    """
+    conditions = [Condition.parse(text) for text in config.conditions]
+    if not conditions:
+        raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
+    frames, counts, mode = associate(estimates, truth, config.association)
+    if not counts.matched and not under_way:
+        raise MetricsError(_nothing_in_common(estimates.trajectory, truth))
+    lengths = path_lengths(frames.gt_pos)
+    poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths)
+    progress, whole_pose = Progress(frames.stamps_ns, lengths), config.rebase == Rebase.POSE
+    sums = sums_of_steps(estimates, frames)
+
+    scores, rows = [], []
+    for condition in conditions:
+        starts, ends = _sub_trajectories(progress, condition, config.spacing)
+        errors = sub_trajectory_errors(poses, starts, ends, whole_pose)
+        nees = None
+        if estimates.covariance is not None:
+            nees = nees_score(frames, estimates.covariance, sums, starts, ends)
+        scores.append(_condition_score(condition, config, errors, ends - starts, nees))
+        if details:
+            rows.append(_sub_trajectory_rows(condition, errors, frames.stamps_ns, starts, ends))
+
+    by_distance = []
+    for metres in DISTANCES_M:
+        spacing = max(config.spacing, round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0)))
+        starts, ends = _sub_trajectories(progress, Condition(ConditionKind.DISTANCE, metres), spacing)
+        short = ends - starts <= DISTANCES_MAX_STARTS * spacing
+        if not short.any():
+            continue
+        mean, squares = moments(sub_trajectory_errors(poses, starts[short], ends[short], whole_pose))
+        count = int(np.count_nonzero(short))
+        position, attitude, heading = (
+            statistic(count, mean[columns], squares[columns]) for columns in (POSITION, ATTITUDE, HEADING)
+        )
+        by_distance.append(
+            DistanceScore(
+                distance_m=metres, count=count, position_m=position, attitude_deg=attitude, heading_deg=heading
+            )
+        )
+
+    stamps_ns = frames.stamps_ns
+    score = TrajectoryScore(
+        first=scores[0],
+        matched=counts.matched,
+        estimate_poses=counts.estimate_poses,
+        lost=counts.lost,
+        degraded=counts.degraded,
+        path_length_m=float(lengths[-1, 0] + lengths[-1, 1]) if len(lengths) else 0.0,
+        duration_s=int(stamps_ns[-1] - stamps_ns[0]) / NS_PER_S if len(stamps_ns) else None,
+        association=AssociationScore(
+            counts=counts,
+            mode=mode,
+            tolerance_s=config.association.tolerance_s,
+            max_gap_s=config.association.max_gap_s,
+        ),
+        several=tuple(scores) if len(scores) > 1 else (),
+        by_distance=tuple(by_distance),
+    )
+    if not details:
+        return ScoredTrajectory(score, None)
+    path = _path_rows(estimates, frames, lengths)
+    return ScoredTrajectory(score, TrajectoryDetails(path=path, sub_trajectories=tuple(rows)))
+
+
+def _sub_trajectories(progress: Progress, condition: Condition, spacing: int) -> tuple[IntArray, IntArray]:
+    """Return first and last frames of the sub-trajectories of a condition."""
+    count = len(progress.stamps_ns)
+    starts = np.arange(0, count, spacing)
+    ends = find_ends(starts, progress, KINDS[condition.kind], condition.threshold)
+    met = ends < count
+    return starts[met], ends[met]
+
+
+def _condition_score(
+    condition: Condition, config: TrajectoryScoreConfig, errors: FloatArray, frames: IntArray, nees: NeesScore | None
+) -> ConditionScore:
+    """Return the figures of errors `(M, 9)` over so many frames each."""
+    count = len(errors)
+    mean, squares = moments(errors)
+    stretches = block_sums(errors[:, :INTERVAL_COLUMNS])
+    overlap = int(np.sum(-(-frames // config.spacing))) / max(count, 1)
+
+    def figure(columns: slice, *, unsigned: bool = False) -> IntervalStatistic:
+        plain = statistic(count, mean[columns], squares[columns])
+        return IntervalStatistic(
+            mean=plain.mean,
+            sigma=plain.sigma,
+            mean_plus_3sigma=plain.mean_plus_3sigma,
+            mean_plus_3sigma_ci95=interval95(stretches, columns, overlap, unsigned=unsigned),
+        )
+
+    x, y, z, along, cross, vertical = (
+        statistic(count, mean[[index]], squares[[index]])
+        for index in (
+            ErrorColumn.X,
+            ErrorColumn.Y,
+            ErrorColumn.Z,
+            ErrorColumn.ALONG,
+            ErrorColumn.CROSS,
+            ErrorColumn.VERTICAL,
+        )
+    )
+    return ConditionScore(
+        count=count,
+        condition=condition,
+        spacing_frames=config.spacing,
+        rebase=Rebase(config.rebase),
+        position_m=figure(POSITION),
+        attitude_deg=figure(ATTITUDE, unsigned=True),
+        heading_deg=figure(HEADING),
+        overlap=overlap,
+        nees=nees,
+        components=ErrorComponents(x_m=x, y_m=y, z_m=z, along_m=along, cross_m=cross, vertical_m=vertical),
+    )
+
+
+def _every(count: int, limit: int) -> int:
+    """Return the smallest power of two n for which every n-th of so many rows are at most the limit."""
+    every = 1
+    while -(-count // every) > limit:
+        every *= 2
+    return every
+
+
+def _sub_trajectory_rows(
+    condition: Condition, errors: FloatArray, stamps_ns: IntArray, starts: IntArray, ends: IntArray
+) -> SubTrajectoryRows:
+    every = _every(len(errors), DETAIL_ROWS)
+    starts, ends = starts[::every], ends[::every]
+    columns = [column(values) for values in errors[::every].T]
+    return SubTrajectoryRows(
+        condition=condition,
+        every=every,
+        start_frame=integers(starts),
+        end_frame=integers(ends),
+        start_stamp_ns=integers(stamps_ns[starts]),
+        end_stamp_ns=integers(stamps_ns[ends]),
+        x_m=columns[ErrorColumn.X],
+        y_m=columns[ErrorColumn.Y],
+        z_m=columns[ErrorColumn.Z],
+        attitude_deg=columns[ErrorColumn.ATTITUDE],
+        heading_deg=columns[ErrorColumn.HEADING],
+        along_m=columns[ErrorColumn.ALONG],
+        cross_m=columns[ErrorColumn.CROSS],
+        vertical_m=columns[ErrorColumn.VERTICAL],
+        travelled_m=columns[ErrorColumn.TRAVELLED],
+    )
+
+
+def _path_rows(estimates: Estimates, frames: Frames, lengths: FloatArray) -> PathRows:
+    every = _every(len(lengths), PATH_ROWS)
+    rows = frames.est_rows[::every]
+    truth, estimate = ([column(values) for values in poses[::every].T] for poses in (frames.gt_pos, frames.est_pos))
+    sigmas: list[Column] = [(), (), ()]
+    if estimates.covariance is not None:
+        variances = estimates.covariance[rows][:, POSITION_VARIANCES]
+        if np.isfinite(deviations := np.sqrt(np.where(variances >= 0.0, variances, np.nan))).any():
+            sigmas = [column(values) for values in deviations.T]
+    return PathRows(
+        every=every,
+        stamp_ns=integers(frames.stamps_ns[::every]),
+        travelled_m=column(lengths[::every, 0] + lengths[::every, 1]),
+        truth_x_m=truth[0],
+        truth_y_m=truth[1],
+        truth_z_m=truth[2],
+        estimate_x_m=estimate[0],
+        estimate_y_m=estimate[1],
+        estimate_z_m=estimate[2],
+        lost=tuple(estimates.lost[rows].tolist()),
+        degraded=tuple(estimates.degraded[rows].tolist()),
+        sigma_x_m=sigmas[0],
+        sigma_y_m=sigmas[1],
+        sigma_z_m=sigmas[2],
+    )
+
+
+def _nothing_in_common(estimate: Trajectory, truth: Trajectory) -> str:
+    spans = []
+    for name, poses in (("the estimate", estimate), ("the truth", truth)):
+        ends = (
+            f" from {poses.stamps_ns.min() / NS_PER_S:.3f} s to {poses.stamps_ns.max() / NS_PER_S:.3f} s"
+            if len(poses)
+            else ""
+        )
+        spans.append(f"{name} has {len(poses)} poses{ends}")
+    return (
+        f"no estimate has a truth at its stamp: {', '.join(spans)}; give trajectories of the same drive and clock "
+        "(sfr doctor finds a clock that is off)"
+    )

@@ -1,1 +1,0 @@
-"""Limits of a requirements file and the verdicts on them."""

@@ -1,0 +1,108 @@
+"""Time and memory of calls: by hand, told apart by kind, under the name of their clock."""
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.metrics.calls import (
+    HOST_CLOCK,
+    Calls,
+    ScoredCalls,
+    call_histogram,
+    call_score,
+    score_calls,
+    score_target,
+    stage_of,
+)
+from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.score import MemoryScore, PeakMemory
+
+
+def calls(
+    states: list[str], seconds: list[float] | np.ndarray, peak: list[float] | None = None, **stages: list[float]
+) -> Calls:
+    """Calls; memory is not measured unless it is given."""
+    peaks = np.full(len(states), np.nan) if peak is None else np.array(peak)
+    named = {name: np.array(values) for name, values in stages.items()}
+    return Calls(np.arange(len(states)), np.array(seconds), states, peaks, peaks / 10.0, named)
+
+
+@pytest.mark.clause("4.2.1")
+def test_figures_by_hand() -> None:
+    got = call_score(np.array([5.0, 1.0, 2.0, 3.0, np.nan]), HOST_CLOCK)
+    assert got.count == 4
+    assert got.mean == pytest.approx(2.75)
+    assert got.sigma == pytest.approx(np.sqrt(8.75 / 3))
+    assert got.mean_plus_3sigma == pytest.approx(2.75 + 3 * np.sqrt(8.75 / 3))
+    assert (got.p50, got.max, got.first, got.max_after_first) == (2.5, 5.0, 5.0, 3.0)
+    assert got.clock == "host monotonic"
+    assert call_score(np.empty(0), HOST_CLOCK).mean is None
+    one = call_score(np.array([0.5]), HOST_CLOCK)
+    assert (one.mean, one.sigma, one.mean_plus_3sigma, one.max_after_first) == (0.5, None, None, None)
+
+
+def test_histogram_counts_every_call() -> None:
+    histogram = call_histogram(np.random.default_rng(0).lognormal(-4, 1, 500))
+    assert sum(histogram.counts) == 500
+    assert len(histogram.edges_s) == len(histogram.counts) + 1
+    assert sum(call_histogram(np.array([0.01])).counts) == 1
+
+
+@pytest.mark.clause("4.2.1", "4.3.1", "4.2.2", "4.3.2")
+def test_localisation_mapping_and_fusion_are_told_apart() -> None:
+    states = ["initialising", "tracking", "mapped", "mapped", "fused"]
+    got = score_calls(calls(states, [1.0, 2.0, 3.0, 4.0, 5.0], [10.0, 30.0, 20.0, np.nan, 5.0]))
+    timing, memory = dict(got.timing.kinds()), got.memory
+    assert timing[CallKind.LOCALISATION].mean == 1.5
+    assert timing[CallKind.MAPPING].max == 4.0
+    assert timing[CallKind.FUSION].count == 1
+    assert memory.localisation == PeakMemory(peak_bytes=30, above_idle_bytes=3)
+    assert memory.mapping == PeakMemory(peak_bytes=20, above_idle_bytes=2)
+    unknown = score_calls(calls(["tracking", "lost"], [1.0, 1.0])).memory
+    assert unknown.localisation == PeakMemory(peak_bytes=None, above_idle_bytes=None)
+    assert unknown.mapping is None
+    assert unknown.method is not None
+    assert unknown.method.startswith("not measured")
+
+
+def test_stages_are_summed_up_over_the_calls_that_had_them() -> None:
+    states = ["tracking", "tracking", "lost", "mapped"]
+    made = calls(states, [1.0] * 4, align=[1.0, 3.0, np.nan, 100.0], never=[np.nan] * 4)
+    timing = dict(score_calls(made).timing.kinds())
+    found = timing[CallKind.LOCALISATION].stages
+    assert found.keys() == {"align"}
+    assert (found["align"].count, found["align"].mean, found["align"].max) == (2, 2.0, 3.0)
+    assert timing[CallKind.MAPPING].stages["align"].mean == 100.0
+    named = {"stage_align_s": "align", "align_s": None, "stage__s": None, "stage_x": None}
+    assert {name: stage_of(name) for name in named} == named
+
+
+def test_long_series_keep_their_peaks() -> None:
+    seconds = np.full(50_000, 0.01)
+    seconds[12_345] = 9.0
+    details = score_calls(calls(["tracking"] * 50_000, seconds)).details
+    assert details is not None
+    assert details.localisation is not None
+    series = details.localisation.series
+    assert len(series.stamp_ns) <= 2000
+    assert max(value for value in series.processing_time_s if value is not None) == pytest.approx(9.0)
+
+
+def test_calls_of_several_files_are_merged_by_kind() -> None:
+    def scored(state: str, seconds: float) -> ScoredCalls:
+        return score_calls(calls([state], [seconds]))
+
+    both = scored("tracking", 1.0).merged(scored("mapped", 2.0))
+    assert [(kind, each.mean) for kind, each in both.timing.kinds()] == [("localisation", 1.0), ("mapping", 2.0)]
+    assert both.details is not None
+    assert None not in (both.details.localisation, both.details.mapping)
+    again = dict(both.merged(scored("mapped", 3.0)).timing.kinds())
+    assert again[CallKind.MAPPING].mean == 3.0, "the later file counts"
+
+
+@pytest.mark.clause("4.2.1", "4.2.2")
+def test_a_target_stands_under_its_own_name() -> None:
+    unmeasured = score_target(calls([""], [1.0]), "GR740")
+    assert unmeasured.timing.localisation is not None
+    assert unmeasured.timing.localisation.clock == "GR740"
+    assert unmeasured.memory == MemoryScore()
+    assert score_target(calls([""], [1.0], [7.0]), "GR740").memory.method == "as measured on GR740"
