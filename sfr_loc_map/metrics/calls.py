@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.score import (
     TargetScore,
     TimingScore,
 )
-from sfr_loc_map.metrics.statistics import column, integers, sample_statistic
+from sfr_loc_map.metrics.statistics import column, sample_statistic
 
 HOST_CLOCK = "host monotonic"
 HISTOGRAM_BINS = 40
@@ -82,7 +82,7 @@ def call_histogram(seconds: FloatArray) -> CallHistogram:
     low, high = float(known.min()), float(known.max())
     edges = np.geomspace(low, max(high, low * 1.01) * (1 + 1e-9), HISTOGRAM_BINS + 1)
     edges[0] = low
-    return CallHistogram(edges_s=tuple(edges.tolist()), counts=integers(np.histogram(known, edges)[0]))
+    return CallHistogram(edges_s=tuple(edges.tolist()), counts=tuple(np.histogram(known, edges)[0].tolist()))
 
 
 KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingState.FUSED: CallKind.FUSION}
@@ -216,7 +216,7 @@ def _figures(calls: Calls, mine: Rows) -> CallFigures:
         chosen.append(rows[np.argmax(np.nan_to_num(calls.seconds[rows], nan=-1.0))])
     series = CallSeries(
         slowest_of=block,
-        stamp_ns=integers(calls.stamps_ns[chosen]),
+        stamp_ns=tuple(calls.stamps_ns[chosen].tolist()),
         processing_time_s=column(calls.seconds[chosen], None),
         peak_rss_bytes=column(calls.peak_bytes[chosen], None),
         state=tuple(calls.states[row] for row in chosen),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -94,6 +93,16 @@ class Condition:
     kind: ConditionKind
     value: float
 
+    def __post_init__(self) -> None:
+        """Check the value.
+
+        Raises:
+            ValueError: If it ends no sub-trajectory.
+        """
+        whole = self.kind is not ConditionKind.FRAMES or self.value % 1.0 == 0.0  # NaN of what is not finite is not 0
+        if not whole or not 0 < self.value <= MAX_VALUE:
+            raise ValueError(f"{self.kind} = {self.value} ends no sub-trajectory")
+
     @classmethod
     def parse(cls, text: str) -> Condition:
         """Return the condition of a text such as `distance=5`, `time=60` or `frames=100`.
@@ -103,7 +112,7 @@ class Condition:
         """
         kind, _, number = text.partition("=")
         try:
-            return cls._checked(ConditionKind(kind), float(number))
+            return cls(ConditionKind(kind), float(number))
         except ValueError as error:
             raise MetricsError(
                 f"'{text}' is not a condition: give distance=METRES, time=SECONDS or frames=NUMBER, > 0, "
@@ -121,15 +130,8 @@ class Condition:
             if isinstance(value, Mapping) and list(value) == [kind.key]:
                 number = value[kind.key]
                 if isinstance(number, (int, float)) and not isinstance(number, bool):
-                    return cls._checked(kind, float(number))
+                    return cls(kind, float(number))
         raise ValueError('a condition such as {"distance_m": 5.0} is needed')
-
-    @classmethod
-    def _checked(cls, kind: ConditionKind, value: float) -> Condition:
-        whole = kind is not ConditionKind.FRAMES or value == math.floor(value) if math.isfinite(value) else False
-        if not whole or not 0 < value <= MAX_VALUE:
-            raise ValueError(f"{kind} = {value} ends no sub-trajectory")
-        return cls(kind, value)
 
     def to_plain(self) -> dict[str, float | int]:
         """Return it as in the JSON of the score: `{"distance_m": 5.0}`."""

@@ -48,14 +48,12 @@ SUM_SIZE: Final = 43
 AXES: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-def sums_of_steps(estimates: Estimates, frames: Frames) -> FloatArray | None:
-    """Return the sums `(N, 43)` of the steps up to each frame; None where no step is known."""
-    if estimates.steps is None or estimates.covariance is None:
-        return None
+def sums_of_steps(estimates: Estimates, steps: FloatArray, frames: Frames) -> FloatArray:
+    """Return the sums `(N, 43)` of the steps `(E, 27)` of the estimates up to each frame."""
     poses = estimates.trajectory
     rows = unique_rows(poses.stamps_ns)
     positions, quats = np.ascontiguousarray(poses.positions[rows]), unit_quats(poses.quats_xyzw[rows])
-    sums = accumulated(estimates.steps[rows], estimates.lost[rows], positions, quats)
+    sums = accumulated(steps[rows], estimates.lost[rows], positions, quats)
     return np.asarray(sums[np.searchsorted(poses.stamps_ns[rows], poses.stamps_ns[frames.est_rows])])
 
 

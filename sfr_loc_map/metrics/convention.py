@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from operator import attrgetter
 from typing import Annotated
 
 import numpy as np
@@ -118,7 +119,7 @@ def diagnose(
                 Hypothesis(mismatch=mismatch, sentence=text, disagreement=left, fitted=fitted, setting=setting)
             )
     hypotheses += _time_offset(estimate, truth, before)
-    hypotheses.sort(key=lambda item: item.disagreement)
+    hypotheses.sort(key=attrgetter("disagreement"))
     if before is not None and before < AGREES:
         return Diagnosis(disagreement=before, hypotheses=tuple(hypotheses), found=None)
     most = np.inf if before is None else before
@@ -216,38 +217,44 @@ def _each_undone(
     # another frame of the rover: rotation known or presumed, position known or fitted
     camera, remedy = "it is the pose of the left camera in place of RB", "transform it by the extrinsics of the camera"
     if T_rb_left is not None:
-        of_rb = _extrinsics(np.eye(3), T_rb_left.translation)
-        for rotation, axes, setting in (
-            (T_rb_left.rotation, "optical axes", "frame=left_optical"),
-            (np.eye(3), "axes of RB", of_rb),
-        ):
-            undone = _moved(estimate, rotation, T_rb_left.translation)
-            yield "left camera", setting, f"{camera} ({axes}): {remedy}", False, undone
+        undone, _ = _of_rb(estimate, T_rb_left.rotation, T_rb_left.translation)
+        yield "left camera", "frame=left_optical", f"{camera} (optical axes): {remedy}", False, undone
+        undone, setting = _of_rb(estimate, np.eye(3), T_rb_left.translation)
+        yield "left camera", setting, f"{camera} (axes of RB): {remedy}", False, undone
+    # the rotation that takes directions of motion to the true ones (Kabsch 1976): axes of rotation and directions of
+    # displacement, weighted by their size
+    true_turn, true_move = _motions(truth)
+    directions = []
+    for turn, move in ((true_turn, true_move), _motions(estimate)):
+        size = float(np.sqrt(np.square(move).sum(axis=1).mean())) or 1.0
+        directions.append(np.concatenate((quat_from_matrix(turn)[:, :3], move / size)))
+    u, _, vt = np.linalg.svd(directions[0].T @ directions[1])
+    fitted = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     for rotation, axes in (
         (np.eye(3), "axes of RB"),
         (OPTICAL_IN_RB, "optical axes"),
-        (_fitted_rotation(truth, estimate), "tilted optical axes"),
+        (fitted, "tilted optical axes"),
     ):
-        lever = _fitted_lever(truth, (p, quat_multiply(q, quat_from_matrix(rotation.T))))
+        # the point whose poses are given: its displacements differ by `R l - l`
+        _, seen = _motions((p, quat_multiply(q, quat_from_matrix(rotation.T))))
+        matrix = (true_turn - np.eye(3)).reshape(-1, 3)
+        lever = np.asarray(np.linalg.lstsq(matrix, (seen - true_move).ravel(), rcond=1e-3)[0])
         cosine = quat_from_matrix(rotation @ OPTICAL_IN_RB.T)[3]
         tilt = float(np.degrees(2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))))
         if float(np.sqrt(lever @ lever)) < MIN_LEVER_M or (axes.startswith("tilted") and tilt > MAX_TILT_DEG):
             continue
         position = ", ".join(f"{value:.2f}" for value in lever)
+        undone, setting = _of_rb(estimate, rotation, lever)
         sentence = f"{camera} or of another point ({axes}, at {position} m in RB): {remedy}"
-        yield "left camera", _extrinsics(rotation, lever), sentence, True, _moved(estimate, rotation, lever)
+        yield "left camera", setting, sentence, True, undone
 
 
-def _extrinsics(rotation: FloatArray, position: FloatArray) -> str:
-    """Return the setting for poses of a frame at `rotation`, `position` in RB."""
-    numbers = (*position.tolist(), *quat_from_matrix(rotation).tolist())
-    return "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
-
-
-def _moved(estimate: Poses, rotation: FloatArray, lever: FloatArray) -> Poses:
-    """Return the poses of RB of estimates of a frame at `rotation`, `lever` in RB."""
+def _of_rb(estimate: Poses, rotation: FloatArray, lever: FloatArray) -> tuple[Poses, str]:
+    """Return the poses of RB of estimates of a frame at `rotation`, `lever` in RB, and the setting for it."""
     quats = quat_multiply(estimate[1], quat_from_matrix(rotation.T))
-    return estimate[0] - quat_rotate(quats, np.broadcast_to(lever, estimate[0].shape)), quats
+    numbers = (*lever.tolist(), *quat_from_matrix(rotation).tolist())
+    setting = "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
+    return (estimate[0] - quat_rotate(quats, np.broadcast_to(lever, estimate[0].shape)), quats), setting
 
 
 def _motions(poses: Poses) -> tuple[FloatArray, FloatArray]:
@@ -256,29 +263,6 @@ def _motions(poses: Poses) -> tuple[FloatArray, FloatArray]:
     start, end = poses[1][starts], poses[1][ends]
     move = quat_rotate(quat_conjugate(start), poses[0][ends] - poses[0][starts])
     return matrix_from_quat(quat_multiply(quat_conjugate(start), end)), move
-
-
-def _fitted_lever(truth: Poses, rotated: Poses) -> FloatArray:
-    """Return the position `(3,)` in RB of the point whose poses are given: its displacements differ by `R l - l`."""
-    turn, move = _motions(truth)
-    _, seen = _motions(rotated)
-    matrix = (turn - np.eye(3)).reshape(-1, 3)
-    return np.asarray(np.linalg.lstsq(matrix, (seen - move).ravel(), rcond=1e-3)[0])
-
-
-def _fitted_rotation(truth: Poses, estimate: Poses) -> FloatArray:
-    """Return the rotation `(3, 3)` of the estimated frame on the rover: it takes directions of motion to the true ones.
-
-    Axes of rotation and directions of displacement, weighted by their size (Kabsch 1976).
-    """
-    pairs = []
-    for poses in (truth, estimate):
-        turn, move = _motions(poses)
-        quats = quat_from_matrix(turn)
-        size = float(np.sqrt(np.square(move).sum(axis=1).mean())) or 1.0
-        pairs.append(np.concatenate((quats[:, :3], move / size)))
-    u, _, vt = np.linalg.svd(pairs[0].T @ pairs[1])
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
 
 
 def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
@@ -298,7 +282,13 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
                 best, least = shift, value
         reach = reach * 4 // OFFSET_STEPS
     if np.isfinite(least):
-        same = best + _to_nearest_stamps(estimate, truth, best)
+        # what takes the shifted stamps to the nearest of the truth, 0 where most are not as far from one
+        stamps = estimate.stamps_ns + best
+        after = np.clip(np.searchsorted(truth.stamps_ns, stamps), 1, len(truth.stamps_ns) - 1)
+        around = np.stack((truth.stamps_ns[after - 1] - stamps, truth.stamps_ns[after] - stamps))
+        left = around[np.abs(around).argmin(axis=0), np.arange(len(stamps))]
+        middle = int(np.median(left))
+        same = best + (middle if (np.abs(left - middle) <= STAMP_NOISE_NS).mean() > 0.5 else 0)
         best = same if _shifted(estimate, truth, same) <= AS_GOOD * least else best
         sentence = f"{LOOKS_WRONG} its stamps are {best / NS_PER_S:+.3f} s off, add this to them"
         yield Hypothesis(
@@ -308,17 +298,6 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
             fitted=True,
             setting=f"time_offset_ns={best}",
         )
-
-
-def _to_nearest_stamps(estimate: Trajectory, truth: Trajectory, shift: int) -> int:
-    """Return what takes shifted stamps to the nearest of the truth, 0 where most are not as far from one."""
-    stamps = estimate.stamps_ns + shift
-    after = np.clip(np.searchsorted(truth.stamps_ns, stamps), 1, len(truth) - 1)
-    around = np.stack((truth.stamps_ns[after - 1] - stamps, truth.stamps_ns[after] - stamps))
-    left = around[np.abs(around).argmin(axis=0), np.arange(len(stamps))]
-    middle = int(np.median(left))
-    near = np.abs(left - middle) <= STAMP_NOISE_NS
-    return middle if near.mean() > 0.5 else 0
 
 
 def _shifted(estimate: Trajectory, truth: Trajectory, shift: int) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit
-from sfr_loc_map.metrics.score import Column, Integers, SampleStatistic, Statistic
+from sfr_loc_map.metrics.score import Column, SampleStatistic, Statistic
 
 
 @jit
@@ -71,11 +71,6 @@ def column(values: FloatArray, digits: int | None = 9) -> Column:
     exact = values.tolist()
     rounded = exact if digits is None else [round(value, digits) for value in exact]
     return tuple(value if math.isfinite(value) else None for value in rounded)
-
-
-def integers(values: NDArray[np.integer]) -> Integers:
-    """Return whole numbers for figures."""
-    return tuple(values.tolist())
 
 
 def chi2_quantile(share: float, freedom: float) -> float:

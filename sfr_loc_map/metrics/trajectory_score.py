@@ -30,7 +30,7 @@ from sfr_loc_map.metrics.score import (
     TrajectoryDetails,
     TrajectoryScore,
 )
-from sfr_loc_map.metrics.statistics import column, integers, moments, statistic
+from sfr_loc_map.metrics.statistics import column, moments, statistic
 from sfr_loc_map.metrics.sub_trajectories import KINDS, Progress, find_ends, path_lengths
 from sfr_loc_map.metrics.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
 
@@ -87,12 +87,14 @@ def score_trajectory(
     if not conditions:
         raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
     frames, counts, mode = associate(estimates, truth, config.association)
-    if not counts.matched and not under_way:
+    if not len(frames.stamps_ns) and not under_way:
         raise MetricsError(_nothing_in_common(estimates.trajectory, truth))
     lengths = path_lengths(frames.gt_pos)
     poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths)
     progress, whole_pose = Progress(frames.stamps_ns, lengths), config.rebase == Rebase.POSE
-    sums = sums_of_steps(estimates, frames)
+    sums = None
+    if estimates.steps is not None and estimates.covariance is not None:
+        sums = sums_of_steps(estimates, estimates.steps, frames)
 
     scores, rows = [], []
     for condition in conditions:
@@ -216,10 +218,10 @@ def _sub_trajectory_rows(
     return SubTrajectoryRows(
         condition=condition,
         every=every,
-        start_frame=integers(starts),
-        end_frame=integers(ends),
-        start_stamp_ns=integers(stamps_ns[starts]),
-        end_stamp_ns=integers(stamps_ns[ends]),
+        start_frame=tuple(starts.tolist()),
+        end_frame=tuple(ends.tolist()),
+        start_stamp_ns=tuple(stamps_ns[starts].tolist()),
+        end_stamp_ns=tuple(stamps_ns[ends].tolist()),
         x_m=columns[ErrorColumn.X],
         y_m=columns[ErrorColumn.Y],
         z_m=columns[ErrorColumn.Z],
@@ -243,7 +245,7 @@ def _path_rows(estimates: Estimates, frames: Frames, lengths: FloatArray) -> Pat
             sigmas = [column(values) for values in deviations.T]
     return PathRows(
         every=every,
-        stamp_ns=integers(frames.stamps_ns[::every]),
+        stamp_ns=tuple(frames.stamps_ns[::every].tolist()),
         travelled_m=column(lengths[::every, 0] + lengths[::every, 1]),
         truth_x_m=truth[0],
         truth_y_m=truth[1],

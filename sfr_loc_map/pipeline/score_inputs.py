@@ -91,28 +91,26 @@ def load_drive(estimate: Path | Trajectory, truth: Path | Trajectory, stats: Seq
     Raises:
         InputError: If there are none, or poses without stamps are not as many as the other ones.
     """
-    true_poses = _loaded_truth(truth)
+    if not isinstance(truth, Path):
+        true_poses = LoadedTrajectory.of(Path(IN_MEMORY), truth)
+    elif _holds_source(truth):
+        true_poses = LoadedTrajectory.of(truth, load_truth(truth))
+    else:
+        true_poses = read_trajectory_file(truth, "truth")
     if isinstance(estimate, Path) and is_bag(estimate):
         estimates = _bag_estimates(estimate)
         true_poses = true_poses.with_stamps_of(LoadedTrajectory.of(estimate, estimates.trajectory))
-        return LoadedDrive(estimates, true_poses.trajectory, _notes(true_poses))
-    read = read_trajectory_file(estimate) if isinstance(estimate, Path) else _in_memory(estimate)
-    read, true_poses = read.with_stamps_of(true_poses), true_poses.with_stamps_of(read)
-    return LoadedDrive(estimates_of(read.trajectory, stats), true_poses.trajectory, _notes(read, true_poses))
-
-
-def _loaded_truth(truth: Path | Trajectory) -> LoadedTrajectory:
-    if not isinstance(truth, Path):
-        return _in_memory(truth)
-    return LoadedTrajectory.of(truth, load_truth(truth)) if _holds_source(truth) else read_truth(truth)
-
-
-def _in_memory(poses: Trajectory) -> LoadedTrajectory:
-    return LoadedTrajectory.of(Path(IN_MEMORY), poses)
-
-
-def _notes(*loaded: LoadedTrajectory) -> tuple[str, ...]:
-    return tuple(item.text for item in loaded if item.format in FOREIGN)
+        loaded = [true_poses]
+    else:
+        read = (
+            read_trajectory_file(estimate)
+            if isinstance(estimate, Path)
+            else LoadedTrajectory.of(Path(IN_MEMORY), estimate)
+        )
+        read, true_poses = read.with_stamps_of(true_poses), true_poses.with_stamps_of(read)
+        estimates, loaded = estimates_of(read.trajectory, stats), [read, true_poses]
+    notes = tuple(item.text for item in loaded if item.format in FOREIGN)
+    return LoadedDrive(estimates, true_poses.trajectory, notes)
 
 
 def _holds_source(path: Path) -> bool:
@@ -153,15 +151,6 @@ def _open_source(path: Path) -> Source:
     return open_source(path)
 
 
-def read_truth(path: Path) -> LoadedTrajectory:
-    """Read true poses from a trajectory file.
-
-    Raises:
-        InputError: If there are none.
-    """
-    return read_trajectory_file(path, "truth")
-
-
 def load_truth(path: Path) -> Trajectory:
     """Read true poses of RB in DS from a trajectory file, a bag or a data set folder.
 
@@ -169,7 +158,7 @@ def load_truth(path: Path) -> Trajectory:
         InputError: If there are none.
     """
     if not _holds_source(path):
-        return read_truth(path).trajectory
+        return read_trajectory_file(path, "truth").trajectory
     if is_bag(path):
         from sfr_loc_map.pipeline.bag_estimates import bag_truth
 
@@ -272,26 +261,28 @@ def provenance(
         data: Hash of the values of inputs by role (`truth`, `map_truth`).
         in_memory: Hash of inputs that are no file, by role.
     """
-    named = {"estimate": inputs.estimate, "truth": inputs.truth, "cloud": inputs.cloud, "map_truth": inputs.map_truth}
-    named["target"] = inputs.target
-    named |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
-    files = {name: _input_file(name, path, data.get(name)) for name, path in named.items() if path is not None}
-    values = {
-        name: InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
-        for name, sha256 in (in_memory or {}).items()
+    named = {
+        "estimate": inputs.estimate,
+        "truth": inputs.truth,
+        "cloud": inputs.cloud,
+        "map_truth": inputs.map_truth,
+        "target": inputs.target,
+        **{f"stats_{number}": path for number, path in enumerate(inputs.stats)},
     }
+    files = {}
+    for name, path in named.items():
+        if path is None:
+            continue
+        if name == "truth" and path.is_dir() and not is_bag(path):  # of the folder only the trajectory counts
+            found = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
+            path = found[0] if found else path
+        files[name] = InputFile(path=str(path), sha256=hash_path(path), data_sha256=data.get(name))
+    for name, sha256 in (in_memory or {}).items():
+        files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
     return Provenance(
         version=__version__,
-        inputs=files | values,
+        inputs=files,
         configuration=flatten(config),
         host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )
-
-
-def _input_file(name: str, path: Path, data_sha256: str | None) -> InputFile:
-    """Return name and hash of an input; of a data set folder that gives a true trajectory only that file counts."""
-    if name == "truth" and path.is_dir() and not is_bag(path):
-        found = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
-        path = found[0] if found else path
-    return InputFile(path=str(path), sha256=hash_path(path), data_sha256=data_sha256)

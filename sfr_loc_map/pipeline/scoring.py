@@ -9,13 +9,12 @@ from pathlib import Path
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.io.hashing import hash_arrays
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, score_calls, score_target, with_external
-from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map, score_nearest
+from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
 from sfr_loc_map.metrics.limits import Limits, build_score
@@ -46,11 +45,6 @@ class ScoredDrive:
     estimates: Estimates
     truth: Trajectory
     rig: StereoRig | None
-
-    @property
-    def T_rb_left(self) -> Transform | None:
-        """Extrinsics of the left camera, None where they are not known."""
-        return None if self.rig is None or self.rig.T_rb_sb is None else self.rig.T_rb_left
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +82,7 @@ def corrected(
     done = ConventionRecord(declared=correction.declared.settings)
     if done.declared:
         drive = _converted(drive, correction.declared)
-    found = diagnosis_of(drive, config).found if correction.apply_diagnosis else None
+    found = _diagnosis(drive, config).found if correction.apply_diagnosis else None
     if found is not None and found.setting:
         drive = _converted(drive, PoseConvention.parse([found.setting]))
         done = replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
@@ -100,26 +94,10 @@ def _converted(drive: ScoredDrive, convention: PoseConvention) -> ScoredDrive:
     return replace(drive, estimates=converted_estimates(drive.estimates, convention, T_rb_child, drive.truth))
 
 
-def applied_text(convention: ConventionRecord | None) -> tuple[str, ...]:
-    """Return the warning that a diagnosis was applied, empty where none was."""
-    if convention is None or convention.diagnosed is None:
-        return ()
-    fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
-    return (f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}",)
-
-
-def convention_mismatch(drive: ScoredDrive, config: ScoreConfig) -> str | None:
-    """Return in one line which convention mismatch explains the errors, None if none does."""
-    found = diagnosis_of(drive, config).found
-    if found is None:
-        return None
-    remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
-    return f"{found.sentence} ({remedy}sfr doctor EST TRUTH tells more)"
-
-
-def diagnosis_of(drive: ScoredDrive, config: ScoreConfig) -> Diagnosis:
+def _diagnosis(drive: ScoredDrive, config: ScoreConfig) -> Diagnosis:
     """Return which single convention mismatch explains how a drive disagrees with its truth."""
-    return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.T_rb_left)
+    T_rb_left = None if drive.rig is None or drive.rig.T_rb_sb is None else drive.rig.T_rb_left
+    return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, T_rb_left)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,56 +159,50 @@ def score_run(
         MetricsError: If estimate and truth, or cloud and truth, do not fit.
         InputError: If an input cannot be read for its hash.
     """
-    config = with_conditions(config, limits)
-    drive, cloud = run.drive, run.cloud
-    mismatch = None if drive is None else convention_mismatch(drive, config)
+    if limits is not None:
+        config = _with_conditions(config, limits)
+    drive, cloud, convention = run.drive, run.cloud, run.convention
+    trajectory, aligned_parts, scored_map, contradiction = None, None, None, None
+    warnings: list[str] = []
+    data = {}  # a folder and the bag it was converted to have the same truth
+    if convention is not None and convention.diagnosed is not None:
+        fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
+        warnings += [f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}"]
+    if drive is not None:
+        data["truth"] = hash_arrays((drive.truth.stamps_ns, drive.truth.positions))
+        if (found := _diagnosis(drive, config).found) is not None:
+            remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
+            contradiction = f"{found.sentence} ({remedy}sfr doctor EST TRUTH tells more)"
+            warnings += [contradiction]
+        trajectory = score_trajectory(drive.estimates, drive.truth, config.trajectory)
+        if aligned is not None:
+            aligned_parts = aligned_errors(drive.estimates.trajectory, drive.truth, aligned)
+    if cloud is not None:
+        data["map_truth"] = hash_arrays(truth.points for truth in cloud.truths)
+        scored_map = (
+            score_nearest(cloud.loaded.xyz, cloud.truths, config.map)
+            if cloud.loaded.cloud is None
+            else score_map(cloud.loaded.cloud, cloud.truths, config.map)
+        )
+    calls = [score_calls(item.calls) for item in run.stats]
+    if run.external is not None:
+        nothing_told = ScoredCalls(TimingScore(), MemoryScore(), None)
+        calls = [with_external(item, run.external) for item in calls or [nothing_told]]
+    named = [item.method for item in run.stats if item.method is not None]
+    others = [method for method in named if method.kind is not MethodKind.BUILT_IN]  # beside ours it is under test
     rest = Score(
-        method=run.method or _method(run.stats),
+        method=run.method or next(iter([*others, *named]), None),
         findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
         external=run.external,
-        convention=run.convention,
-        aligned=None
-        if drive is None or aligned is None
-        else aligned_errors(drive.estimates.trajectory, drive.truth, aligned),
+        convention=convention,
+        aligned=aligned_parts,
         target=None if run.target is None else score_target(run.target.calls, run.inputs.target_name),
         verdicts=(),
-        warnings=(*applied_text(run.convention), *(() if mismatch is None else (mismatch,))),
-        contradiction=mismatch,
-        provenance=provenance(run.inputs, config, _truth_hashes(run), run.in_memory),
+        warnings=tuple(warnings),
+        contradiction=contradiction,
+        provenance=provenance(run.inputs, config, data, run.in_memory),
     )
-    return build_score(
-        rest,
-        limits,
-        trajectory=None if drive is None else score_trajectory(drive.estimates, drive.truth, config.trajectory),
-        map=None if cloud is None else score_cloud(cloud, config),
-        calls=_calls(run),
-    )
-
-
-def _calls(run: Run) -> list[ScoredCalls]:
-    """Return the scored calls; those of an external node with what is known of it from outside."""
-    calls = [score_calls(item.calls) for item in run.stats]
-    if run.external is None:
-        return calls
-    nothing_told = ScoredCalls(TimingScore(), MemoryScore(), None)
-    return [with_external(item, run.external) for item in calls or [nothing_told]]
-
-
-def _method(stats: Sequence[CallStats]) -> MethodRecord | None:
-    """Return the method that the calls name; beside ours it is the other one that is under test."""
-    named = [item.method for item in stats if item.method is not None]
-    foreign = [method for method in named if method.kind is not MethodKind.BUILT_IN]
-    return next(iter([*foreign, *named]), None)
-
-
-def _truth_hashes(run: Run) -> dict[str, str]:
-    """Return the hash of the values of each truth: a folder and the bag it was converted to have the same."""
-    hashes = {}
-    if run.drive is not None:
-        hashes["truth"] = hash_arrays((run.drive.truth.stamps_ns, run.drive.truth.positions))
-    if run.cloud is not None:
-        hashes["map_truth"] = hash_arrays(truth.points for truth in run.cloud.truths)
-    return hashes
+    return build_score(rest, limits, trajectory=trajectory, map=scored_map, calls=calls)
 
 
 def score_files(
@@ -253,7 +225,10 @@ def score_files(
     Raises:
         SfrError: If a file cannot be read, or nothing can be scored.
     """
-    return score_run(converted_run(load_run(inputs, fused), config, correction), config, limits)
+    run = load_run(inputs, fused)
+    if correction is not None:
+        run = converted_run(run, config, correction)
+    return score_run(run, config, limits)
 
 
 def converted_run(run: Run, config: ScoreConfig, correction: Correction | None) -> Run:
@@ -304,20 +279,11 @@ def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosi
         InputError: If a file cannot be read.
     """
     read = load_drive(estimate, truth)
-    return diagnosis_of(ScoredDrive(read.estimates, read.truth, camera_rig(truth)), config)
+    return _diagnosis(ScoredDrive(read.estimates, read.truth, camera_rig(truth)), config)
 
 
-def score_cloud(cloud: ScoredCloud, config: ScoreConfig) -> ScoredMap:
-    """Return the map's score of a cloud, by pixels where it has them."""
-    if cloud.loaded.cloud is None:
-        return score_nearest(cloud.loaded.xyz, cloud.truths, config.map)
-    return score_map(cloud.loaded.cloud, cloud.truths, config.map)
-
-
-def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
+def _with_conditions(config: ScoreConfig, limits: Limits) -> ScoreConfig:
     """Return the settings with the conditions that the limits name added at the end."""
-    if limits is None:
-        return config
     present = [Condition.parse(text) for text in config.trajectory.conditions]
     missing = tuple(c.setting for c in limits.conditions if c not in present)
     conditions = (*config.trajectory.conditions, *missing)
