@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import TypeVar
 
 import numpy as np
@@ -28,7 +28,16 @@ from sfr_loc_map.metrics.score import (
 from sfr_loc_map.metrics.statistics import column, sample_statistic
 
 HOST_CLOCK = "host monotonic"
+NODE_CLOCK = "as the node reports (/diagnostics)"
 HISTOGRAM_BINS = 40
+KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingState.FUSED: CallKind.FUSION}
+"""Kind of call by its state; all other states are those of the localiser."""
+SERIES_ROWS = 2000
+"""Calls of each kind that are kept for figures."""
+Part = TypeVar("Part", TimingScore, MemoryScore, CallDetails)
+Rows = NDArray[np.intp]
+STAGE_PREFIX, STAGE_SUFFIX = "stage_", "_s"
+"""What surrounds the name of a stage among the figures of a call."""
 
 
 def call_score(seconds: FloatArray, clock: str, stages: Mapping[str, StageTime] | None = None) -> CallScore:
@@ -40,14 +49,8 @@ def call_score(seconds: FloatArray, clock: str, stages: Mapping[str, StageTime] 
         stages: Times of the stages of the calls.
     """
     known = seconds[np.isfinite(seconds)]
-    plain = sample_statistic(known)
     return CallScore(
-        count=plain.count,
-        mean=plain.mean,
-        sigma=plain.sigma,
-        mean_plus_3sigma=plain.mean_plus_3sigma,
-        p50=plain.p50,
-        p95=plain.p95,
+        **asdict(sample_statistic(known)),
         p99=float(np.percentile(known, 99.0)) if len(known) else None,
         max=float(known.max()) if len(known) else None,
         first=float(known[0]) if len(known) else None,
@@ -62,16 +65,7 @@ def stage_time(seconds: FloatArray) -> StageTime | None:
     known = seconds[np.isfinite(seconds)]
     if not len(known):
         return None
-    plain = sample_statistic(known)
-    return StageTime(
-        count=plain.count,
-        mean=plain.mean,
-        sigma=plain.sigma,
-        mean_plus_3sigma=plain.mean_plus_3sigma,
-        p50=plain.p50,
-        p95=plain.p95,
-        max=float(known.max()),
-    )
+    return StageTime(**asdict(sample_statistic(known)), max=float(known.max()))
 
 
 def call_histogram(seconds: FloatArray) -> CallHistogram:
@@ -83,16 +77,6 @@ def call_histogram(seconds: FloatArray) -> CallHistogram:
     edges = np.geomspace(low, max(high, low * 1.01) * (1 + 1e-9), HISTOGRAM_BINS + 1)
     edges[0] = low
     return CallHistogram(edges_s=tuple(edges.tolist()), counts=tuple(np.histogram(known, edges)[0].tolist()))
-
-
-KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingState.FUSED: CallKind.FUSION}
-"""Kind of call by its state; all other states are those of the localiser."""
-SERIES_ROWS = 2000
-"""Calls of each kind that are kept for figures."""
-Part = TypeVar("Part", TimingScore, MemoryScore, CallDetails)
-Rows = NDArray[np.intp]
-STAGE_PREFIX, STAGE_SUFFIX = "stage_", "_s"
-"""What surrounds the name of a stage among the figures of a call."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,17 +137,26 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
         details: Whether what figures are drawn from is wanted.
     """
     kinds = np.array([KINDS.get(state, CallKind.LOCALISATION) for state in calls.states], dtype=object)
-    rows = {kind: np.flatnonzero(kinds == kind) for kind in CallKind}
-    made = {kind: mine for kind, mine in rows.items() if len(mine)}
-    timed = {kind: mine for kind, mine in made.items() if np.isfinite(calls.seconds[mine]).any()}
-    timing = {kind.value: call_score(calls.seconds[mine], clock, _stages(calls, mine)) for kind, mine in timed.items()}
-    drawn = CallDetails(**{kind.value: _figures(calls, mine) for kind, mine in made.items()}) if details else None
-    return ScoredCalls(TimingScore(**timing), _memory_score(calls, made), drawn)
-
-
-def _memory_score(calls: Calls, rows: Mapping[CallKind, Rows]) -> MemoryScore:
-    peaks = {kind.value: _peaks(calls, mine) for kind, mine in rows.items()}
-    return MemoryScore(**peaks, method=METHOD if any(map(_measured, peaks.values())) else METHOD_UNAVAILABLE)
+    timing, peaks, drawn = {}, {}, {}
+    for kind in CallKind:
+        rows = np.flatnonzero(kinds == kind)
+        if not len(rows):
+            continue
+        seconds = calls.seconds[rows]
+        if np.isfinite(seconds).any():
+            times = {name: stage_time(values[rows]) for name, values in sorted(calls.stage_s.items())}
+            stages = {name: time for name, time in times.items() if time is not None}
+            timing[kind.value] = call_score(seconds, clock, stages)
+        peak, above_idle = (
+            int(known.max()) if len(known := values[rows][np.isfinite(values[rows])]) else None
+            for values in (calls.peak_bytes, calls.above_idle_bytes)
+        )
+        peaks[kind.value] = PeakMemory(peak_bytes=peak, above_idle_bytes=above_idle)
+        if details:
+            drawn[kind.value] = _figures(calls, rows)
+    method = METHOD if any(map(_measured, peaks.values())) else METHOD_UNAVAILABLE
+    memory = MemoryScore(**peaks, method=method)
+    return ScoredCalls(TimingScore(**timing), memory, CallDetails(**drawn) if details else None)
 
 
 def score_target(calls: Calls, name: str) -> TargetScore:
@@ -191,22 +184,6 @@ def stage_of(figure: str) -> str | None:
     return figure.removeprefix(STAGE_PREFIX).removesuffix(STAGE_SUFFIX) or None if is_stage else None
 
 
-def _stages(calls: Calls, mine: Rows) -> dict[str, StageTime]:
-    """Return the times of the stages over the calls that had them."""
-    times = {name: stage_time(seconds[mine]) for name, seconds in sorted(calls.stage_s.items())}
-    return {name: time for name, time in times.items() if time is not None}
-
-
-def _peaks(calls: Calls, mine: Rows) -> PeakMemory:
-    peak, above_idle = (_largest(values[mine]) for values in (calls.peak_bytes, calls.above_idle_bytes))
-    return PeakMemory(peak_bytes=peak, above_idle_bytes=above_idle)
-
-
-def _largest(values: FloatArray) -> int | None:
-    known = values[np.isfinite(values)]
-    return int(known.max()) if len(known) else None
-
-
 def _figures(calls: Calls, mine: Rows) -> CallFigures:
     """Return the calls for figures; of many calls the slowest of each block, so that no peak is hidden."""
     block = max(1, -(-len(mine) // SERIES_ROWS))
@@ -224,29 +201,21 @@ def _figures(calls: Calls, mine: Rows) -> CallFigures:
     return CallFigures(histogram=call_histogram(calls.seconds[mine]), series=series)
 
 
-NODE_CLOCK = "as the node reports (/diagnostics)"
-
-
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     """Return scored calls with the clock of an external node's own times, and the memory of its processes.
 
     Its latency is not among them: it is not a time per call.
     """
     kind = CallKind(node.task)
-    calls = scored.timing.of(kind)
-    timing = (
-        scored.timing if calls is None else replace(scored.timing, **{kind.value: replace(calls, clock=NODE_CLOCK)})
-    )
-    return replace(scored, timing=timing, memory=_memory(scored.memory, kind, node))
-
-
-def _memory(memory: MemoryScore, kind: CallKind, node: ExternalScore) -> MemoryScore:
+    timing, memory = scored.timing, scored.memory
+    if (calls := timing.of(kind)) is not None:
+        timing = replace(timing, **{kind.value: replace(calls, clock=NODE_CLOCK)})
     told = memory.of(kind)
-    if node.process is None or (told is not None and told.peak_bytes is not None):
-        return memory
-    others = [peaks for other in CallKind if other is not kind and (peaks := memory.of(other)) is not None]
-    peaks = PeakMemory(peak_bytes=node.process.peak_rss_bytes, above_idle_bytes=None)
-    method = f"{kind}: {node.process.method}"
-    if any(item.peak_bytes is not None for item in others):
-        method += f"; others: {memory.method}"
-    return replace(memory, **{kind.value: peaks}, method=method)
+    if node.process is not None and (told is None or told.peak_bytes is None):
+        others = [peaks for other in CallKind if other is not kind and (peaks := memory.of(other)) is not None]
+        method = f"{kind}: {node.process.method}"
+        if any(item.peak_bytes is not None for item in others):
+            method += f"; others: {memory.method}"
+        peaks = PeakMemory(peak_bytes=node.process.peak_rss_bytes, above_idle_bytes=None)
+        memory = replace(memory, **{kind.value: peaks}, method=method)
+    return replace(scored, timing=timing, memory=memory)

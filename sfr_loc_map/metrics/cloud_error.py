@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,6 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
 from sfr_loc_map.metrics.score import (
     DisparityStatistic,
@@ -31,6 +27,14 @@ from sfr_loc_map.metrics.score import (
     Triangulation,
 )
 from sfr_loc_map.metrics.statistics import chi2_quantile, column, sample_statistic
+
+FOOTPRINTS = 2.0
+"""A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f."""
+BATCH = 262144
+NEES_BLOCK_PX = 32
+"""One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""
+IMAGE_WIDTH = 128
+CLOUD_ROWS = 8000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,10 +95,6 @@ def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTrut
     return [truth for truth in truths if truth is not None]
 
 
-FOOTPRINTS = 2.0
-BATCH = 262144
-
-
 def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[Mask]:
     """Return for each pair which pixels `(H, W)` have a point."""
     covered = []
@@ -121,27 +121,17 @@ def footprint_coverage(
         v, u = cloud.v[mine], cloud.u[mine]
         own = np.sqrt(np.square(cloud.xyz[mine].astype(np.float64) - truth.points[v, u]).sum(axis=1))
         image[v[own < radius[v, u]], u[own < radius[v, u]]] = True  # spares most of the search
-        rows, columns = np.nonzero((distance <= farthest_m) & ~image)
-        if tree is not None:
-            image[rows, columns] = _near(tree, truth.points[rows, columns].astype(np.float64), radius[rows, columns])
         covered.append(image)
+        if tree is None:
+            continue
+        rows, columns = np.nonzero((distance <= farthest_m) & ~image)
+        points, within = truth.points[rows, columns].astype(np.float64), radius[rows, columns]
+        order = np.argsort(within, kind="stable")
+        for first in range(0, len(order), BATCH):
+            batch = order[first : first + BATCH]
+            near, _ = tree.query(points[batch], distance_upper_bound=float(within[batch[-1]]), workers=-1)
+            image[rows[batch], columns[batch]] = near < within[batch]
     return covered
-
-
-def _near(tree: cKDTree, points: FloatArray, radius: FloatArray) -> NDArray[np.bool_]:
-    order = np.argsort(radius, kind="stable")
-    near = np.zeros(len(points), np.bool_)
-    for first in range(0, len(order), BATCH):
-        batch = order[first : first + BATCH]
-        distance, _ = tree.query(points[batch], distance_upper_bound=float(radius[batch[-1]]), workers=-1)
-        near[batch] = distance < radius[batch]
-    return near
-
-
-NEES_BLOCK_PX = 32
-"""One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""
-IMAGE_WIDTH = 128
-CLOUD_ROWS = 8000
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,13 +214,34 @@ def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreCo
         covered = footprint_coverage(cloud, truths, ranges, max(config.scored_to_m, *config.range_edges_m))
     else:
         covered = pixel_coverage(cloud, truths)
+    bins = []
+    for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
+        which = (errors.range_m >= low) & (errors.range_m < high)
+        bins.append(
+            RangeScore(
+                from_m=low,
+                to_m=high,
+                coverage=_coverage(covered, ranges, low, high),
+                point_error_m=sample_statistic(errors.error_m[which]),
+                disparity_error_px=_disparity(errors.disparity_px[which]),
+            )
+        )
+    numbers = cloud.pair[errors.index]
+    by_pair = [
+        PairScore(
+            pair=number,
+            coverage=_coverage([image], [distance], config.scored_from_m, config.scored_to_m),
+            point_error_m=sample_statistic(errors.error_m[numbers == number]),
+        )
+        for number, (image, distance) in enumerate(zip(covered, ranges, strict=True))
+    ]
     by_pixels = PointErrorScore(
         points_without_truth=len(cloud) - len(errors.index),
         point_error_m=sample_statistic(errors.error_m),
         disparity_error_px=_disparity(errors.disparity_px),
         sigma_nees=_consistency(cloud, errors),
-        by_range=_by_range(errors, covered, ranges, config),
-        by_pair=_by_pair(cloud, errors, covered, ranges, config),
+        by_range=tuple(bins),
+        by_pair=tuple(by_pair),
     )
     score = MapScore(
         pairs=len(truths),
@@ -254,7 +265,9 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
     true = [truth.points[np.isfinite(truth.points).all(axis=2)] for truth in truths]
     tree = cKDTree(np.concatenate(true).astype(np.float64), balanced_tree=False, compact_nodes=False)
     distance = np.asarray(tree.query(np.asarray(xyz, np.float64), workers=-1)[0])
-    cloud = _without_pixels(xyz)
+    records = np.zeros(len(xyz), PointCloud.dtype())
+    records["x"], records["y"], records["z"], records["pair"] = (*np.asarray(xyz).T, 255)  # of no pair
+    cloud = PointCloud.from_structured(records)
     ranges = [truth.ranges_m() for truth in truths]
     covered = footprint_coverage(cloud, truths, ranges, config.scored_to_m)
     score = MapScore(
@@ -266,15 +279,6 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
         nearest_distance_m=sample_statistic(distance),
     )
     return ScoredMap(score, None)
-
-
-def _without_pixels(xyz: NDArray[np.floating]) -> PointCloud:
-    """Return a cloud whose points belong to no pair."""
-    records = np.zeros(len(xyz), PointCloud.dtype())
-    for axis, name in enumerate("xyz"):
-        records[name] = xyz[:, axis]
-    records["pair"] = 255
-    return PointCloud.from_structured(records)
 
 
 def _check_pixels(cloud: PointCloud, truths: Sequence[PairTruth]) -> None:
@@ -300,42 +304,6 @@ def _coverage(covered: Sequence[Mask], ranges: Sequence[FloatArray], low: float,
     total = sum(int(np.count_nonzero(which)) for which in inside)
     have = sum(int(np.count_nonzero(image[which])) for image, which in zip(covered, inside, strict=True))
     return have / total if total else None
-
-
-def _by_range(
-    errors: PointErrors, covered: Sequence[Mask], ranges: Sequence[FloatArray], config: MapScoreConfig
-) -> tuple[RangeScore, ...]:
-    bins = []
-    for low, high in zip(config.range_edges_m, config.range_edges_m[1:], strict=False):
-        which = (errors.range_m >= low) & (errors.range_m < high)
-        bins.append(
-            RangeScore(
-                from_m=low,
-                to_m=high,
-                coverage=_coverage(covered, ranges, low, high),
-                point_error_m=sample_statistic(errors.error_m[which]),
-                disparity_error_px=_disparity(errors.disparity_px[which]),
-            )
-        )
-    return tuple(bins)
-
-
-def _by_pair(
-    cloud: PointCloud,
-    errors: PointErrors,
-    covered: Sequence[Mask],
-    ranges: Sequence[FloatArray],
-    config: MapScoreConfig,
-) -> tuple[PairScore, ...]:
-    numbers = cloud.pair[errors.index]
-    return tuple(
-        PairScore(
-            pair=number,
-            coverage=_coverage([image], [distance], config.scored_from_m, config.scored_to_m),
-            point_error_m=sample_statistic(errors.error_m[numbers == number]),
-        )
-        for number, (image, distance) in enumerate(zip(covered, ranges, strict=True))
-    )
 
 
 def _disparity(error_px: FloatArray) -> DisparityStatistic:

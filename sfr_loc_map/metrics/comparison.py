@@ -7,10 +7,10 @@ blocks (circular block bootstrap, as for the interval of one figure, see `metric
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -23,16 +23,11 @@ from sfr_loc_map.metrics.confidence import (
     blocks_share,
     resampled_figures,
 )
-from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.method_record import MethodRecord
 from sfr_loc_map.metrics.score import (
-    CallScore,
-    InputFile,
     Interval,
     Key,
-    MapScore,
-    PeakMemory,
-    SampleStatistic,
     Score,
     SubTrajectoryRows,
 )
@@ -126,44 +121,18 @@ class Comparison:
         }
 
 
-def _of_points(value: Callable[[SampleStatistic], float | None]) -> Callable[[Score], float | None]:
-    return lambda score: (
-        None if score.map is None or score.map.errors is None else value(score.map.errors.point_error_m)
-    )
-
-
-def _of_map(value: Callable[[MapScore], float | None]) -> Callable[[Score], float | None]:
-    return lambda score: None if score.map is None else value(score.map)
-
-
-def _of_calls(kind: CallKind, value: Callable[[CallScore], float | None]) -> Callable[[Score], float | None]:
-    def figure(score: Score) -> float | None:
-        calls = None if score.timing is None else score.timing.of(kind)
-        return None if calls is None else value(calls)
-
-    return figure
-
-
-def _of_memory(kind: CallKind, value: Callable[[PeakMemory], int | None]) -> Callable[[Score], float | None]:
-    def figure(score: Score) -> float | None:
-        peaks = None if score.memory is None else score.memory.of(kind)
-        return None if peaks is None else value(peaks)
-
-    return figure
-
-
-SIDE_BY_SIDE: Mapping[str, Callable[[Score], float | None]] = {
-    "map.point_error_m.mean": _of_points(lambda error: error.mean),
-    "map.point_error_m.mean_plus_3sigma": _of_points(lambda error: error.mean_plus_3sigma),
-    "map.coverage": _of_map(lambda score: score.coverage),
-    "timing.localisation_s.p50": _of_calls(CallKind.LOCALISATION, lambda calls: calls.p50),
-    "timing.localisation_s.p95": _of_calls(CallKind.LOCALISATION, lambda calls: calls.p95),
-    "timing.mapping_s.p50": _of_calls(CallKind.MAPPING, lambda calls: calls.p50),
-    "timing.mapping_s.p95": _of_calls(CallKind.MAPPING, lambda calls: calls.p95),
-    "memory.localisation_peak_bytes": _of_memory(CallKind.LOCALISATION, lambda peaks: peaks.peak_bytes),
-    "memory.mapping_peak_bytes": _of_memory(CallKind.MAPPING, lambda peaks: peaks.peak_bytes),
+SIDE_BY_SIDE: Mapping[str, str] = {
+    "map.point_error_m.mean": "map.errors.point_error_m.mean",
+    "map.point_error_m.mean_plus_3sigma": "map.errors.point_error_m.mean_plus_3sigma",
+    "map.coverage": "map.coverage",
+    "timing.localisation_s.p50": "timing.localisation.p50",
+    "timing.localisation_s.p95": "timing.localisation.p95",
+    "timing.mapping_s.p50": "timing.mapping.p50",
+    "timing.mapping_s.p95": "timing.mapping.p95",
+    "memory.localisation_peak_bytes": "memory.localisation.peak_bytes",
+    "memory.mapping_peak_bytes": "memory.mapping.peak_bytes",
 }
-"""Figures of whole runs by their place in the score."""
+"""Figures of whole runs by their place in the JSON of the score, and in the score itself."""
 
 
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
@@ -181,8 +150,14 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
         raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")
     for score, name in zip(scores[1:], names[1:], strict=True):
         check_same_data(scores[0], score, (names[0], name))
-    pairs = _all_paired(scores, names)
-    rows = [SideBySide(figure=name, values=tuple(map(value, scores))) for name, value in SIDE_BY_SIDE.items()]
+    others = zip(scores[1:], names[1:], strict=True)
+    pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
+    corrected = holm([pair.p for pair in pairs])
+    pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, corrected, strict=True)]
+    rows = [
+        SideBySide(figure=name, values=tuple(_value_at(score, place) for score in scores))
+        for name, place in SIDE_BY_SIDE.items()
+    ]
     side_by_side = [row for row in rows if sum(value is not None for value in row.values) > 1]
     if not pairs and not side_by_side:
         raise MetricsError("the scores have no condition and no figure in common: score the same data alike")
@@ -190,12 +165,12 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     return Comparison(names=tuple(names), methods=methods, pairs=tuple(pairs), side_by_side=tuple(side_by_side))
 
 
-def _all_paired(scores: Sequence[Score], names: Sequence[str]) -> list[PairedDifference]:
-    """Return all pairs with the first score, their probabilities corrected for their number."""
-    others = zip(scores[1:], names[1:], strict=True)
-    pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
-    corrected = holm([pair.p for pair in pairs])
-    return [replace(pair, p_corrected=p) for pair, p in zip(pairs, corrected, strict=True)]
+def _value_at(score: Score, place: str) -> Any:  # noqa: ANN401 - a number or None
+    """Return the figure at a place, None where a part of it is absent."""
+    found: object = score
+    for name in place.split("."):
+        found = getattr(found, name, None)
+    return found
 
 
 def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:
@@ -214,13 +189,21 @@ def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:
 
 def _condition_pairs(part: SubTrajectoryRows, other: SubTrajectoryRows, name: str) -> list[PairedDifference]:
     spans = [list(zip(p.start_stamp_ns, p.end_stamp_ns, strict=True)) for p in (part, other)]
-    rows = {span: row for row, span in enumerate(spans[1])}
-    common = [(row, rows[span]) for row, span in enumerate(spans[0]) if span in rows]
+    in_other = {span: row for row, span in enumerate(spans[1])}
+    common = [(row, in_other[span]) for row, span in enumerate(spans[0]) if span in in_other]
     if not common:
         return []
     mine, theirs = (list(side) for side in zip(*common, strict=True))
-    a, b = _errors(part, mine), _errors(other, theirs)
-    overlap = _overlap(part, mine)
+    a, b = (
+        np.column_stack([np.asarray(values, np.float64)[rows] for values in columns])
+        for rows, columns in (
+            (side, (of.x_m, of.y_m, of.z_m, of.attitude_deg, of.heading_deg))
+            for side, of in ((mine, part), (theirs, other))
+        )
+    )
+    starts, ends = np.asarray(part.start_frame)[mine], np.asarray(part.end_frame)[mine]
+    inside = np.searchsorted(starts, ends, side="left") - np.arange(len(starts))
+    overlap = float(np.maximum(inside, 1).mean())  # starts within one sub-trajectory
     head = PairedDifference(
         name=name,
         condition=part.condition,
@@ -237,19 +220,6 @@ def _condition_pairs(part: SubTrajectoryRows, other: SubTrajectoryRows, name: st
         _with_difference(replace(head, figure=figure), a[:, columns], b[:, columns], overlap)
         for figure, columns in FIGURES.items()
     ]
-
-
-def _errors(part: SubTrajectoryRows, rows: Sequence[int]) -> FloatArray:
-    columns = (part.x_m, part.y_m, part.z_m, part.attitude_deg, part.heading_deg)
-    return np.column_stack([np.asarray(values, np.float64)[list(rows)] for values in columns])
-
-
-def _overlap(part: SubTrajectoryRows, rows: Sequence[int]) -> float:
-    """Return the mean number of starts within one sub-trajectory."""
-    starts = np.asarray(part.start_frame)[list(rows)]
-    ends = np.asarray(part.end_frame)[list(rows)]
-    inside = np.searchsorted(starts, ends, side="left") - np.arange(len(starts))
-    return float(np.maximum(inside, 1).mean())
 
 
 def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
@@ -288,24 +258,33 @@ TRUTH_ROLES = ("truth", "map_truth")
 
 
 def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
-    """Check that two scores were made with the same truth.
-
-    Args:
-        first: A score.
-        other: Another one.
-        names: Their names, for the message.
+    """Check that two scores were made with the same truth: by its hash, and by the stamps of the sub-trajectories.
 
     Raises:
-        MetricsError: If not.
+        MetricsError: If not; the names are for its message.
     """
+    both = first, other
     for role in TRUTH_ROLES:
-        mine, theirs = _input(first, role), _input(other, role)
-        if mine is not None and theirs is not None and not _alike(mine, theirs):
+        mine, theirs = (None if score.provenance is None else score.provenance.inputs.get(role) for score in both)
+        if mine is None or theirs is None:
+            continue
+        # the values, or the files of scores that do not have the hash of the values
+        known = mine.data_sha256 is not None and theirs.data_sha256 is not None
+        if (mine.data_sha256 != theirs.data_sha256) if known else (mine.sha256 != theirs.sha256):
             raise MetricsError(
                 f"different data: the {role.replace('_', ' ')} of '{names[0]}' is '{mine.path}', that of '{names[1]}' "
                 f"is '{theirs.path}', and their values differ; compare scores of the same data"
             )
-    if _stamps_differ(first, other):
+    spans = [
+        {
+            part.condition: set(zip(part.start_stamp_ns, part.end_stamp_ns, strict=True))
+            for part in sub_trajectories_of(score)
+        }
+        for score in both
+    ]
+    common = [(spans[0][condition], spans[1][condition]) for condition in spans[0] if condition in spans[1]]
+    common = [(mine, theirs) for mine, theirs in common if mine and theirs]
+    if common and not any(mine & theirs for mine, theirs in common):
         raise MetricsError(
             f"different data: '{names[0]}' and '{names[1]}' have no sub-trajectory of the same stamps; compare scores "
             "of the same data"
@@ -316,25 +295,3 @@ def sub_trajectories_of(score: Score) -> tuple[SubTrajectoryRows, ...]:
     """Return the sub-trajectories of each condition of a score, empty if it has none."""
     details = None if score.details is None else score.details.trajectory
     return () if details is None else details.sub_trajectories
-
-
-def _input(score: Score, role: str) -> InputFile | None:
-    return None if score.provenance is None else score.provenance.inputs.get(role)
-
-
-def _alike(mine: InputFile, theirs: InputFile) -> bool:
-    """Compare the values, or the files of scores that do not have the hash of the values."""
-    if mine.data_sha256 is None or theirs.data_sha256 is None:
-        return mine.sha256 == theirs.sha256
-    return mine.data_sha256 == theirs.data_sha256
-
-
-def _stamps_differ(first: Score, other: Score) -> bool:
-    """Tell whether both have sub-trajectories of a common condition, and none of them has the same stamps."""
-    theirs = {part.condition: part for part in sub_trajectories_of(other) if part.start_stamp_ns}
-    mine = [part for part in sub_trajectories_of(first) if part.start_stamp_ns and part.condition in theirs]
-    return bool(mine) and not any(_spans(part) & _spans(theirs[part.condition]) for part in mine)
-
-
-def _spans(part: SubTrajectoryRows) -> set[tuple[int, int]]:
-    return set(zip(part.start_stamp_ns, part.end_stamp_ns, strict=True))

@@ -21,7 +21,7 @@ optional; nothing is limited unless the file says so.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import reduce
@@ -36,17 +36,10 @@ from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, VerdictState
 from sfr_loc_map.metrics.score import (
-    CallScore,
-    ConditionScore,
     Details,
     Interval,
-    IntervalStatistic,
-    MapScore,
     MemoryScore,
-    PeakMemory,
-    SampleStatistic,
     Score,
-    TimingScore,
     TrajectoryScore,
     Verdict,
 )
@@ -85,91 +78,30 @@ class Figure:
 COVERAGE_MIN = "coverage_min"
 """The one limit that is a lower bound."""
 
-_ERRORS: Mapping[str, Callable[[ConditionScore], IntervalStatistic]] = {
-    "position_{}_m": lambda score: score.position_m,
-    "attitude_{}_deg": lambda score: score.attitude_deg,
-    "heading_{}_deg": lambda score: score.heading_deg,
+_KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
+_TIMES = ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max")
+_PLACES: dict[LimitPart, dict[str, str]] = {
+    LimitPart.TRAJECTORY: {
+        f"{error}_{statistic}_{unit}": f"{error}_{unit}.{statistic}"
+        for error, unit in (("position", "m"), ("attitude", "deg"), ("heading", "deg"))
+        for statistic in ("mean", "sigma", "mean_plus_3sigma")
+    },
+    LimitPart.MAP: {
+        **{
+            f"point_error_{statistic}_m": f"errors.point_error_m.{statistic}"
+            for statistic in ("mean", "sigma", "mean_plus_3sigma", "p50", "p95")
+        },
+        COVERAGE_MIN: "coverage",
+    },
+    LimitPart.TIMING: {f"{kind}_{statistic}_s": f"{kind}.{statistic}" for kind in CallKind for statistic in _TIMES},
+    LimitPart.MEMORY: {
+        f"{kind}_{peak}_bytes": f"{kind}.{peak}_bytes" for kind in _KINDS for peak in ("peak", "above_idle")
+    },
 }
-_STATISTICS: Mapping[str, Callable[[IntervalStatistic], tuple[float | None, Interval | None]]] = {
-    "mean": lambda error: (error.mean, None),
-    "sigma": lambda error: (error.sigma, None),
-    "mean_plus_3sigma": lambda error: (error.mean_plus_3sigma, error.mean_plus_3sigma_ci95),
-}
-_POINT_STATISTICS: Mapping[str, Callable[[SampleStatistic], float | None]] = {
-    "mean": lambda error: error.mean,
-    "sigma": lambda error: error.sigma,
-    "mean_plus_3sigma": lambda error: error.mean_plus_3sigma,
-    "p50": lambda error: error.p50,
-    "p95": lambda error: error.p95,
-}
-_TIMES: Mapping[str, Callable[[CallScore], float | None]] = {
-    "mean": lambda calls: calls.mean,
-    "mean_plus_3sigma": lambda calls: calls.mean_plus_3sigma,
-    "p50": lambda calls: calls.p50,
-    "p95": lambda calls: calls.p95,
-    "p99": lambda calls: calls.p99,
-    "max": lambda calls: calls.max,
-}
-_PEAKS: Mapping[str, Callable[[PeakMemory], int | None]] = {
-    "peak": lambda peaks: peaks.peak_bytes,
-    "above_idle": lambda peaks: peaks.above_idle_bytes,
-}
-
-
-def _of_condition(error: str, statistic: str) -> Callable[[ConditionScore], Figure]:
-    def figure(score: ConditionScore) -> Figure:
-        value, interval = _STATISTICS[statistic](_ERRORS[error](score))
-        return Figure(value, score.count, interval)
-
-    return figure
-
-
-def _of_points(statistic: str) -> Callable[[MapScore], Figure]:
-    def figure(score: MapScore) -> Figure:
-        if score.errors is None:
-            return Figure()
-        return Figure(_POINT_STATISTICS[statistic](score.errors.point_error_m), score.errors.point_error_m.count)
-
-    return figure
-
-
-def _of_calls(kind: CallKind, statistic: str) -> Callable[[TimingScore], Figure]:
-    def figure(score: TimingScore) -> Figure:
-        calls = score.of(kind)
-        return Figure() if calls is None else Figure(_TIMES[statistic](calls), calls.count)
-
-    return figure
-
-
-def _of_memory(kind: CallKind, peak: str) -> Callable[[MemoryScore], Figure]:
-    def figure(score: MemoryScore) -> Figure:
-        peaks = score.of(kind)
-        return Figure() if peaks is None else Figure(_PEAKS[peak](peaks))
-
-    return figure
-
-
-TRAJECTORY_FIGURES = {
-    error.format(statistic): _of_condition(error, statistic) for error in _ERRORS for statistic in _STATISTICS
-}
-MAP_FIGURES: dict[str, Callable[[MapScore], Figure]] = {
-    **{f"point_error_{statistic}_m": _of_points(statistic) for statistic in _POINT_STATISTICS},
-    COVERAGE_MIN: lambda score: Figure(score.coverage),
-}
-TIMING_FIGURES = {f"{kind}_{statistic}_s": _of_calls(kind, statistic) for kind in CallKind for statistic in _TIMES}
-MEMORY_FIGURES = {
-    f"{kind}_{peak}_bytes": _of_memory(kind, peak)
-    for kind in (CallKind.LOCALISATION, CallKind.MAPPING)
-    for peak in _PEAKS
-}
-
-
+"""Where each figure that a limit names stands: of a condition, or of the part of the score."""
 NAMES: Mapping[LimitPart, Collection[str]] = {
-    LimitPart.TRAJECTORY: TRAJECTORY_FIGURES,
-    LimitPart.MAP: MAP_FIGURES,
-    LimitPart.TIMING: TIMING_FIGURES,
-    LimitPart.MEMORY: MEMORY_FIGURES,
-    LimitPart.TARGET: [*TIMING_FIGURES, *MEMORY_FIGURES],
+    **_PLACES,
+    LimitPart.TARGET: [*_PLACES[LimitPart.TIMING], *_PLACES[LimitPart.MEMORY]],
 }
 """Names of the figures that each part of the file limits."""
 
@@ -323,18 +255,17 @@ def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:
 
 def figure_of(limit: Limit, score: Score) -> Figure:
     """Return the figure that a limit is on."""
-    if limit.part is LimitPart.TRAJECTORY:
-        assert limit.condition is not None
-        part = None if score.trajectory is None else score.trajectory.of(limit.condition)
-        return Figure() if part is None else TRAJECTORY_FIGURES[limit.key](part)
-    if limit.part is LimitPart.MAP:
-        return Figure() if score.map is None else MAP_FIGURES[limit.key](score.map)
-    timing, memory = score.timing, score.memory
-    if limit.part is LimitPart.TARGET:
-        timing, memory = (None, None) if score.target is None else (score.target.timing, score.target.memory)
-    if limit.key in TIMING_FIGURES:
-        return TIMING_FIGURES[limit.key](timing or TimingScore())
-    return MEMORY_FIGURES[limit.key](memory or MemoryScore())
+    part, of_target = limit.part, limit.part is LimitPart.TARGET
+    if of_target:
+        part = LimitPart.TIMING if limit.key in _PLACES[LimitPart.TIMING] else LimitPart.MEMORY
+    owner: object = getattr(score.target if of_target else score, part, None)
+    if isinstance(owner, TrajectoryScore) and limit.condition is not None:
+        owner = owner.of(limit.condition)
+    count = getattr(owner, "count", None)
+    *way, last = _PLACES[part][limit.key].split(".")
+    for name in way:
+        owner = getattr(owner, name, None)
+    return Figure(getattr(owner, last, None), getattr(owner, "count", count), getattr(owner, f"{last}_ci95", None))
 
 
 def _verdict(limit: Limit, minimum: int, figure: Figure) -> Verdict:

@@ -1,6 +1,8 @@
-from dataclasses import replace
+import itertools
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -8,10 +10,10 @@ import pytest
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
+from sfr_loc_map.metrics.comparison import SIDE_BY_SIDE, _value_at
 from sfr_loc_map.metrics.config import AssociationMode, Condition, Rebase
 from sfr_loc_map.metrics.limits import (
     NAMES,
-    Figure,
     Limit,
     LimitPart,
     figure_of,
@@ -138,13 +140,33 @@ def test_interval_says_whether_the_verdict_is_certain() -> None:
     assert (verdict.state, verdict.certain, verdict.ci95) == ("pass", False, (0.3, 0.7))
 
 
-@pytest.mark.parametrize("part", list(LimitPart))
-def test_every_name_stands_for_a_figure(part: LimitPart) -> None:
-    """All figures of an otherwise empty score are undefined, and every name finds its own."""
-    score = score_of(trajectory(None, 0))
-    for name in NAMES[part]:
+def test_every_name_finds_a_figure_of_its_own() -> None:
+    """Numbers that go up stand for all numbers of a score; a figure is found by each name, and no two alike."""
+    numbers, words = itertools.count(1), {"state": "pass", "truth": "match", "rebase": "pose", "clock": "", "name": ""}
+
+    def made(kind: Any) -> Any:
+        parts = [part for part in get_args(kind) if part is not type(None)]
+        if is_dataclass(kind) and kind is not Condition:
+            hints = get_type_hints(kind)
+            return kind(**{item.name: words.get(item.name) or made(hints[item.name]) for item in fields(kind)})
+        if kind is Condition:
+            return Condition.parse("distance=5")
+        if get_origin(kind) is tuple:
+            return ()
+        if get_origin(kind) is not None and issubclass(get_origin(kind), Mapping):
+            return {}
+        return made(parts[0]) if parts else next(numbers)
+
+    score = Score(
+        verdicts=(), **{name: made(kind) for name, kind in get_type_hints(Score).items() if name in set(LimitPart)}
+    )
+    for part in LimitPart:
         condition = Condition.parse("distance=5") if part is LimitPart.TRAJECTORY else None
-        assert isinstance(figure_of(Limit(part, name, 1.0, condition), score), Figure), name
+        found = [figure_of(Limit(part, name, 1.0, condition), score) for name in NAMES[part]]
+        assert None not in [figure.value for figure in found], part
+        assert len({figure.value for figure in found}) == len(found), part
+    for row in SIDE_BY_SIDE.values():
+        assert _value_at(score, row) is not None, row
 
 
 @pytest.mark.parametrize(
