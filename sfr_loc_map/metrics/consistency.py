@@ -24,6 +24,7 @@ in 95 % of all cases (Bar-Shalom, Li, Kirubarajan 2001, section 5.4).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -48,24 +49,26 @@ SUM_SIZE: Final = 43
 AXES: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-def sums_of_steps(estimates: Estimates, steps: FloatArray, frames: Frames) -> FloatArray:
-    """Return the sums `(N, 43)` of the steps `(E, 27)` of the estimates up to each frame."""
+def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> dict[int, FloatArray]:
+    """Return the sums `(43,)` of the steps `(E, 27)` of the estimates up to each that is wanted, by its row."""
     poses = estimates.trajectory
     rows = unique_rows(poses.stamps_ns)
     positions, quats = np.ascontiguousarray(poses.positions[rows]), unit_quats(poses.quats_xyzw[rows])
-    sums = accumulated(steps[rows], estimates.lost[rows], positions, quats)
-    return np.asarray(sums[np.searchsorted(poses.stamps_ns[rows], poses.stamps_ns[frames.est_rows])])
+    wanted = wanted[np.argsort(poses.stamps_ns[wanted])]
+    places = np.searchsorted(poses.stamps_ns[rows], poses.stamps_ns[wanted])
+    sums = accumulated(steps[rows], estimates.lost[rows], positions, quats, places)
+    return dict(zip(wanted.tolist(), sums, strict=True))
 
 
 def nees_score(
-    frames: Frames, covariances: FloatArray, sums: FloatArray | None, starts: IntArray, ends: IntArray
+    frames: Frames, covariances: FloatArray, sums: Mapping[int, FloatArray], starts: IntArray, ends: IntArray
 ) -> NeesScore | None:
     """Return the mean NEES of sub-trajectories and its interval; None where no covariance is known.
 
     Args:
         frames: All frames.
         covariances: `(E, 21)` of all estimates, NaN where not known.
-        sums: See `sums_of_steps`.
+        sums: See `sums_of_steps`; empty where no step is known.
         starts: `(M,)` frames, going up.
         ends: `(M,)` frames.
     """
@@ -74,11 +77,12 @@ def nees_score(
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         if start < free_from:
             continue
-        before, after = (_matrix(covariances[frames.est_rows[frame]]) for frame in (start, end))
+        first, last = int(frames.est_rows[start]), int(frames.est_rows[end])
+        before, after = _matrix(covariances[first]), _matrix(covariances[last])
         if not all(np.isfinite(matrix).all() and np.diag(matrix).max() < LOST_VARIANCE for matrix in (before, after)):
             continue
         free_from = end
-        growth = None if sums is None else relative_covariance(sums[start], sums[end], frames.est_pos[end])
+        growth = relative_covariance(sums[first], sums[last], frames.est_pos[end]) if sums else None
         known = growth is not None
         if growth is None:
             growth = after - propagated_covariance(before, frames.est_pos[end] - frames.est_pos[start])
@@ -148,16 +152,19 @@ def _matrix(triangle: FloatArray) -> FloatArray:
 
 
 @jit
-def accumulated(steps: FloatArray, lost: Mask, positions: FloatArray, quats: FloatArray) -> FloatArray:
-    """Return the sums `(N, 43)` at poses in the order of their stamps.
+def accumulated(
+    steps: FloatArray, lost: Mask, positions: FloatArray, quats: FloatArray, wanted: IntArray
+) -> FloatArray:
+    """Return the sums `(W, 43)` at some of the poses, which are in the order of their stamps.
 
     Args:
         steps: `(N, 27)` step to each, NaN where not known.
         lost: `(N,)` poses that repeat the one before: they have no step.
         positions: `(N, 3)` metres, DS.
         quats: `(N, 4)` of unit length.
+        wanted: `(W,)` rows that go up.
     """
-    result = np.empty((len(steps), 43))
+    result, found = np.empty((len(wanted), 43)), 0
     total, before = np.zeros(43), np.array([[0.0, 0.0, 0.0, 1.0]])
     step, carried = np.empty((6, 6)), np.zeros((6, 6))
     for k in range(len(steps)):
@@ -169,7 +176,9 @@ def accumulated(steps: FloatArray, lost: Mask, positions: FloatArray, quats: Flo
             else:
                 total[42] += 1.0
         copy_row(quats[k], before[0])
-        copy_row(total, result[k])
+        if found < len(wanted) and wanted[found] == k:
+            copy_row(total, result[found])
+            found += 1
     return result
 
 

@@ -92,13 +92,14 @@ def score_trajectory(
     lengths = path_lengths(frames.gt_pos)
     poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths)
     progress, whole_pose = Progress(frames.stamps_ns, lengths), config.rebase == Rebase.POSE
-    sums = None
+    spans = [_sub_trajectories(progress, condition, config.spacing) for condition in conditions]
+    sums: dict[int, FloatArray] = {}
     if estimates.steps is not None and estimates.covariance is not None:
-        sums = sums_of_steps(estimates, estimates.steps, frames)
+        compared = np.unique(np.concatenate([np.concatenate(span) for span in spans]))
+        sums = sums_of_steps(estimates, estimates.steps, frames.est_rows[compared])
 
     scores, rows = [], []
-    for condition in conditions:
-        starts, ends = _sub_trajectories(progress, condition, config.spacing)
+    for condition, (starts, ends) in zip(conditions, spans, strict=True):
         errors = sub_trajectory_errors(poses, starts, ends, whole_pose)
         nees = None
         if estimates.covariance is not None:

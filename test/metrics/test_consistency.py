@@ -105,7 +105,7 @@ NONE_LOST = np.zeros(COUNT, np.bool_)
 
 
 def sums(steps: np.ndarray = STEPS, lost: np.ndarray = NONE_LOST) -> np.ndarray:
-    return accumulated(steps, lost, POSITIONS, QUATS)
+    return accumulated(steps, lost, POSITIONS, QUATS, np.arange(COUNT))
 
 
 def in_ds(step: int) -> np.ndarray:
