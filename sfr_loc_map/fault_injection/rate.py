@@ -173,7 +173,8 @@ def carry_poses(settings: RateSettings, folder: Path) -> dict[str, Any]:
         failures.append(
             f"{scored} of {sent} poses are in the score, {sum(counts.values())} messages counted as dropped"
         )
-    if failure := trend.failure(SLOPE_LIMIT_MB_H):
+    kept_mb_h = 304 * sent / took * 3600 / 1e6  # bytes of a true pose and an estimate
+    if failure := trend.failure(SLOPE_LIMIT_MB_H + kept_mb_h):
         failures.append(failure)
     return {
         "schema": "sfr-monitor-rate/1",
