@@ -12,7 +12,7 @@ import sfr_loc_map
 
 ROOT = Path(__file__).resolve().parents[1]
 ROSDEP_NAMES = {"opencv-python-headless": "python3-opencv", "pyyaml": "python3-yaml"}
-NOT_IN_ROSDEP = {"lazy-loader", "rosbags", "setuptools", "simplejpeg"}
+NOT_IN_ROSDEP = {"lazy-loader", "msgspec", "rosbags", "setuptools", "simplejpeg"}
 
 
 def requirements() -> dict[str, str]:
