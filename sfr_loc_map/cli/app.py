@@ -1,39 +1,63 @@
-"""The application `sfr` that the subcommands join, and the form of its help."""
+"""The application `sfr` that the subcommands join: the form of its help, options in groups, the last line.
+
+The last line of a command says what is useful next. It goes to standard error behind all other lines, as the hints of
+git do. There is none after bad input or an interruption, none where JSON goes to standard output (a program reads it),
+and none at all with `sfr --no-hints` or `SFR_HINTS=0`.
+"""
 
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable
-from typing import Any
+from copy import copy
+from dataclasses import fields, is_dataclass
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 from sfr_loc_map import __version__
-from sfr_loc_map.cli.next_step import SWITCH, propose_default
+from sfr_loc_map.errors import ExitCode
 
 EXIT_CODES = (
     "Exit codes: 0 all well; 1 a limit was missed, or the doctor found something; 2 bad input or usage; "
     "3 something could not be judged (0 with --lenient); 130 interrupted, with what was finished reported."
 )
+HINTS = "SFR_HINTS"
+_proposed: list[str] = []
+
+
+def propose(*words: str | Path, why: str = "") -> None:
+    """Set what the command shows in its last line: a command line, quoted here unless it is one word; none for none."""
+    line = str(words[0]) if len(words) == 1 else shlex.join(map(str, words))
+    _proposed[:] = [f"{line}    # {why}" if why else line] if line else []
+
+
+def last_line(code: int) -> str:
+    """Return the last line of a command that ended with an exit code, empty for none, and forget it."""
+    lines, _proposed[:] = list(_proposed), []
+    wanted = os.environ.get(HINTS, "1") != "0" and code in (ExitCode.OK, ExitCode.FAILED, ExitCode.NOT_JUDGED)
+    return f"next: {lines[0]}" if lines and wanted else ""
+
+
+def _without_types(params: list[Any]) -> list[Any]:
+    """Show no Python type beside an argument or a switch, which have names of their own."""
+    for param in params:
+        if isinstance(param, TyperArgument) or getattr(param, "is_flag", False):
+            param.display_type_rich = lambda ctx: None
+    return params
 
 
 class _Command(TyperCommand):
-    """A command whose help shows no Python type beside an argument or a switch, which have names of their own."""
-
     def get_params(self, ctx: Any) -> list[Any]:  # noqa: ANN401 - click's own, or the copy within typer, by its version
         """Return the parameters."""
         return _without_types(super().get_params(ctx))
 
-    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - as above
-        """Run the command; its last line is the usual one until it proposes another."""
-        propose_default(ctx.command_path.partition(" ")[2])
-        return super().invoke(ctx)
-
 
 class _Group(TyperGroup):
-    """The same for a group of commands."""
-
     def get_params(self, ctx: Any) -> list[Any]:  # noqa: ANN401 - as above
         """Return the parameters."""
         return _without_types(super().get_params(ctx))
@@ -43,17 +67,6 @@ class _Group(TyperGroup):
         return super().resolve_command(ctx, ["run", *args] if ctx.parent is None and args[0] == "monitor" else args)
 
 
-def _without_types(params: list[Any]) -> list[Any]:
-    for param in params:
-        if isinstance(param, TyperArgument) or getattr(param, "is_flag", False):
-            param.display_type_rich = _no_type
-    return params
-
-
-def _no_type(ctx: object) -> None:
-    """Return what stands in the column of types."""
-
-
 class App(typer.Typer):
     """A group of commands with help of that form."""
 
@@ -61,9 +74,50 @@ class App(typer.Typer):
         """Make a group that shows its help where no subcommand is given."""
         super().__init__(cls=_Group, pretty_exceptions_enable=False, **settings)
 
-    def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:  # noqa: ANN401 - those of typer
-        """Return the decorator of a subcommand."""
-        return super().command(name, cls=_Command, **settings)
+    def command(
+        self,
+        name: str | None = None,
+        *,
+        hint: str = "",
+        **settings: Any,  # noqa: ANN401 - those of typer
+    ) -> Callable[[Any], Any]:
+        """Return the decorator of a subcommand; `hint` is its last line where it proposes nothing better."""
+        add = super().command(name, cls=_Command, **settings)
+
+        def register(function: Callable[..., Any]) -> Callable[..., Any]:
+            add(_with_groups(function, hint))
+            return function
+
+        return register
+
+
+def _with_groups(function: Callable[..., Any], hint: str) -> Callable[..., Any]:
+    """Return a command with an option for each field of its parameters that are dataclasses, under their title."""
+    hints = get_type_hints(function, include_extras=True)
+    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    parameters = []
+    for name, given in signature(function).parameters.items():
+        if name not in groups:
+            parameters.append(given.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name]))
+            continue
+        types = get_type_hints(groups[name], include_extras=True)
+        for item in fields(groups[name]):
+            kind, option = get_args(types[item.name])
+            option = copy(option)
+            option.rich_help_panel = groups[name].__doc__.rstrip(".")
+            annotation = Annotated[kind, option]  # type: ignore[valid-type]
+            parameters.append(Parameter(item.name, Parameter.KEYWORD_ONLY, default=item.default, annotation=annotation))
+
+    def call(**values: Any) -> Any:  # noqa: ANN401 - those of the options
+        propose(hint)
+        for name, kind in groups.items():
+            values[name] = kind(**{item.name: values.pop(item.name) for item in fields(kind)})
+        return function(**values)
+
+    call.__name__, call.__doc__ = function.__name__, function.__doc__
+    call.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    call.__annotations__ = {item.name: item.annotation for item in parameters}
+    return call
 
 
 def examples(*lines: str) -> str:
@@ -96,5 +150,5 @@ def _root(
     if debug:
         os.environ["SFR_DEBUG"] = "1"
     if no_hints:
-        os.environ[SWITCH] = "0"
+        os.environ[HINTS] = "0"
     help_without_command(context)

@@ -7,21 +7,24 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli import bench_faults, completion
+from sfr_loc_map.cli import bench_faults
 from sfr_loc_map.cli.app import examples
 from sfr_loc_map.cli.bench_common import app, present
-from sfr_loc_map.cli.common import (
+from sfr_loc_map.cli.options import (
     ConditionOption,
     ConfigOption,
+    JsonOption,
+    LenientOption,
+    OverwriteOption,
     RemapOption,
     SourceArgument,
+    complete_methods,
     open_drive,
     open_panorama,
-    progress_bar,
-    read_config,
 )
-from sfr_loc_map.cli.output import JsonOption, OverwriteOption, check_outputs
-from sfr_loc_map.cli.verdict import LenientOption, check_conditions
+from sfr_loc_map.cli.output import check_outputs, progress_bar
+from sfr_loc_map.cli.verdict import check_conditions
+from sfr_loc_map.config import read_config
 
 assert bench_faults  # its import adds `sfr bench faults`
 
@@ -34,7 +37,7 @@ AddedOption = Annotated[
     typer.Option(
         "--method",
         metavar="NAME|package.module:Class|lib:FILE.so",
-        autocompletion=completion.methods,
+        autocompletion=complete_methods,
         help="One more method to compare; repeatable.",
     ),
 ]

@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfr_loc_map.cli import completion
 from sfr_loc_map.cli.app import examples
 from sfr_loc_map.cli.bench_common import app, present
-from sfr_loc_map.cli.common import (
+from sfr_loc_map.cli.options import (
     ConfigOption,
+    JsonOption,
+    LenientOption,
+    OverwriteOption,
     RemapOption,
-    each_tenth,
     open_drive,
     open_panorama,
-    progress_bar,
-    read_config,
+    words,
 )
-from sfr_loc_map.cli.output import JsonOption, OverwriteOption, check_outputs
-from sfr_loc_map.cli.verdict import LenientOption, check_conditions
+from sfr_loc_map.cli.output import check_outputs, each_tenth, progress_bar
+from sfr_loc_map.cli.verdict import check_conditions
+from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def faults(
         typer.Option(
             "--condition",
             metavar="distance=M|time=S|frames=N",
-            autocompletion=completion.conditions,
+            autocompletion=words("distance=", "time=", "frames="),
             help="End of a sub-trajectory.",
         ),
     ] = "distance=5",

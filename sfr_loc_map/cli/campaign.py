@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sfr_loc_map.cli.app import App, examples, help_without_command
-from sfr_loc_map.cli.common import require_ros
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, say, write_text
+from sfr_loc_map.cli.options import OverwriteOption, require_ros
+from sfr_loc_map.cli.output import check_outputs, say, write_text
 from sfr_loc_map.errors import FailedVerdictError, InterruptedRunError
 
 if TYPE_CHECKING:

@@ -1,24 +1,35 @@
-"""`sfr convert`: any source to a bag, a folder or the layout of another data set; a cloud to others."""
+"""`sfr convert`: any source to a bag, a folder or the layout of another data set; a trajectory; a cloud."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import RemapOption, SourceArgument, naming, parse_remaps, progress_bar
-from sfr_loc_map.cli.convert_cloud import convert_cloud, is_cloud
-from sfr_loc_map.cli.next_step import propose
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs, output_folder, say, warn
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.options import OverwriteOption, RemapOption, SourceArgument, parse_remaps
+from sfr_loc_map.cli.output import (
+    check_outputs,
+    check_suffix,
+    output_folder,
+    progress_bar,
+    say,
+    warn,
+    write_text,
+)
+from sfr_loc_map.errors import ConfigError, InputError, naming
 
 if TYPE_CHECKING:
-    from sfr_loc_map.geometry.trajectory import Trajectory
-    from sfr_loc_map.pipeline.convert import ConvertOptions
+    from sfr_loc_map.mapping.terrain.grid import TerrainGrid
+
+CLOUDS = (".ply", ".pcd", ".npz", ".las", ".laz")
+"""Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
+MODELS = (".tif", ".tiff", ".png", ".html")
+ARCHIVE = ".dem.npz"
+"""Endings of files of an elevation model; an archive of points ends in .npz, too."""
 
 
 class Compression(StrEnum):
@@ -33,16 +44,6 @@ class To(StrEnum):
 
     KITTI = "kitti"
     EUROC = "euroc"
-
-
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """What is converted, and where to."""
-
-    source: Path
-    destination: Path
-    remap: list[str] | None
-    overwrite: bool
 
 
 @app.command(
@@ -85,75 +86,111 @@ def convert(
 
     Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI, EuRoC, MADMAX, Katwijk and LuSNAR.
     """
+    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, holds_trajectory, is_trajectory
-
-    job = _Job(source, destination, remap, overwrite)
-    layout = None if to is None else Layout(to.value)
-    options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid, layout)
-    if cell is not None and not is_cloud(source):
-        raise ConfigError(f"'--cell' is of the elevation model of a cloud: '{source}' is not a file of points")
-    if is_cloud(source):
-        if options != ConvertOptions() or remap:
-            raise ConfigError(f"'{source}' is a cloud: of the options '--cell' and '--overwrite' alone are for clouds")
-        convert_cloud(source, destination, cell, overwrite=overwrite)
-    elif layout is None and is_trajectory(destination):
-        _to_trajectory(job)
-    elif holds_trajectory(source):
-        if layout is not None:
-            raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
-        _from_trajectory(job)
-    else:
-        _to_data_set(job, options)
-
-
-def _to_trajectory(job: _Job) -> None:
-    from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.trajectory_formats import files_written
-    from sfr_loc_map.pipeline.convert import convert_trajectory, holds_trajectory
-
-    check_outputs(*files_written(job.destination), overwrite=job.overwrite, inputs=(job.source,))
-    if holds_trajectory(job.source):
-        poses = _read_trajectory(job.source)
-    else:
-        opened = open_source(job.source, parse_remaps(job.remap))
-        truth = opened.loc.ground_truth if opened.loc is not None else None
-        if truth is None:
-            raise InputError(f"'{job.source}' has no true trajectory to write as '{job.destination}'")
-        poses = truth
-    say(f"{convert_trajectory(poses, job.destination)} poses: {job.destination}", err=True)
-    propose("sfr", "score", "EST", job.destination, why="an estimate against these poses")
-
-
-def _from_trajectory(job: _Job) -> None:
-    from sfr_loc_map.pipeline.convert import convert_trajectory
-
-    with output_folder(job.destination, overwrite=job.overwrite, inputs=(job.source,)):
-        poses = _read_trajectory(job.source)
-        say(f"{convert_trajectory(poses, job.destination)} poses: {job.destination}", err=True)
-
-
-def _read_trajectory(path: Path) -> Trajectory:
-    """Read a trajectory and say which foreign format was found."""
-    from sfr_loc_map.io.trajectory_formats import FOREIGN, read_trajectory_file
-
-    read = read_trajectory_file(path)
-    if read.format in FOREIGN:
-        say(read.text, err=True)
-    return read.trajectory
-
-
-def _to_data_set(job: _Job, options: ConvertOptions) -> None:
-    from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.pipeline.convert import convert as run
 
-    room = output_folder(job.destination, overwrite=job.overwrite, inputs=(job.source,))
-    opened = open_source(job.source, parse_remaps(job.remap))
-    if options.layout is not None and opened.loc is not None and opened.nav is not None:
-        warn(f"the mapping pairs of '{job.source}' are left out: the layout of {options.layout} has none")
-    parts = (opened.loc,) if options.layout is not None else (opened.loc, opened.nav)
-    total = sum(len(part) for part in parts if part is not None)
-    with room, naming(job.source), progress_bar("pairs") as bar:
-        task = bar.add_task("converting", total=total)
-        count = run(opened, job.destination, options, lambda done: bar.update(task, completed=done))
-    say(f"{count} pairs: {job.destination}", err=True)
-    propose("sfr", "doctor", job.destination, why="is it complete")
+    layout = None if to is None else Layout(to.value)
+    options = ConvertOptions(jpeg_quality, compression is Compression.ZSTD, truth_grid, layout)
+    is_cloud = source.suffix in CLOUDS and not source.is_dir()
+    if is_cloud:
+        if options != ConvertOptions() or remap:
+            raise ConfigError(f"'{source}' is a cloud: of the options '--cell' and '--overwrite' alone are for clouds")
+        _convert_cloud(source, destination, cell, overwrite=overwrite)
+        return
+    if cell is not None:
+        raise ConfigError(f"'--cell' is of the elevation model of a cloud: '{source}' is not a file of points")
+    if (layout is None and is_trajectory(destination)) or holds_trajectory(source):
+        if layout is not None:
+            raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
+        _convert_trajectory(source, destination, remap, overwrite=overwrite)
+        return
+    room = output_folder(destination, overwrite=overwrite, inputs=(source,))
+    opened = open_source(source, parse_remaps(remap))
+    if layout is not None and opened.loc is not None and opened.nav is not None:
+        warn(f"the mapping pairs of '{source}' are left out: the layout of {layout} has none")
+    parts = (opened.loc,) if layout is not None else (opened.loc, opened.nav)
+    with room, naming(source), progress_bar("pairs") as bar:
+        task = bar.add_task("converting", total=sum(len(part) for part in parts if part is not None))
+        count = run(opened, destination, options, lambda done: bar.update(task, completed=done))
+    say(f"{count} pairs: {destination}", err=True)
+    propose("sfr", "doctor", destination, why="is it complete")
+
+
+def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None, *, overwrite: bool) -> None:
+    """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
+    from sfr_loc_map.io.registry import open_source
+    from sfr_loc_map.io.trajectory_formats import FOREIGN, files_written, read_trajectory_file
+    from sfr_loc_map.pipeline.convert import convert_trajectory, holds_trajectory, is_trajectory
+
+    to_file = is_trajectory(destination)
+    if to_file:
+        check_outputs(*files_written(destination), overwrite=overwrite, inputs=(source,))
+    if holds_trajectory(source):
+        read = read_trajectory_file(source)
+        poses = read.trajectory
+        if read.format in FOREIGN:
+            say(read.text, err=True)
+    else:
+        opened = open_source(source, parse_remaps(remap))
+        if opened.loc is None or opened.loc.ground_truth is None:
+            raise InputError(f"'{source}' has no true trajectory to write as '{destination}'")
+        poses = opened.loc.ground_truth
+    if to_file:
+        count = convert_trajectory(poses, destination)
+        propose("sfr", "score", "EST", destination, why="an estimate against these poses")
+    else:
+        with output_folder(destination, overwrite=overwrite, inputs=(source,)):
+            count = convert_trajectory(poses, destination)
+        propose("sfr", "doctor", destination, why="is it complete")
+    say(f"{count} poses: {destination}", err=True)
+
+
+def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, overwrite: bool) -> None:
+    """Write a cloud in another format, or its elevation model."""
+    from sfr_loc_map.io import geotiff
+    from sfr_loc_map.io.cloud_file import check_cloud_format, load_cloud, save_cloud
+    from sfr_loc_map.mapping.terrain.config import TerrainConfig
+    from sfr_loc_map.pipeline.dem_products import WRITERS, grid_of_file, save_dem, with_cell
+
+    is_model = destination.suffix in MODELS or destination.name.endswith(ARCHIVE)
+    check_suffix(destination, (*CLOUDS, ARCHIVE, *MODELS) if not is_model else (destination.suffix,))
+    check_outputs(destination, overwrite=overwrite, inputs=(source,))
+    if not is_model:
+        if cell_m is not None:
+            raise ConfigError(f"'--cell' is of an elevation model: '{destination}' will be a cloud")
+        check_cloud_format(destination)
+        cloud = load_cloud(source).cloud
+        if cloud is None:
+            raise InputError(
+                f"cloud '{source}' does not say the pixel and pair of each point (u, v, pair): clouds of other "
+                "programs can be scored and become elevation models, they are not written again"
+            )
+        save_cloud(destination, cloud)
+        say(f"{len(cloud)} points: {destination}", err=True)
+        propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
+        return
+    if destination.suffix in geotiff.SUFFIXES:
+        geotiff.check_geotiff()
+    terrain = TerrainConfig() if cell_m is None else with_cell(TerrainConfig(), cell_m)
+    with naming(source):
+        grid = grid_of_file(load_cloud(source), terrain)
+    if destination.suffix in WRITERS:
+        save_dem(destination, grid)
+    write_dem_pages([destination], grid)
+    rows, columns = grid.hazard.shape
+    say(f"{columns} x {rows} cells of {grid.elevation.cell_m:g} m: {destination}", err=True)
+    if destination.suffix in geotiff.SUFFIXES:
+        propose("gdalinfo", destination, why="its bands; QGIS opens it")
+    else:
+        propose("sfr", "convert", source, destination.with_suffix(".html"), why="all layers as a page")
+
+
+def write_dem_pages(files: Sequence[Path], grid: TerrainGrid) -> None:
+    """Write those files of an elevation model that are pages."""
+    from sfr_loc_map.pipeline.dem_products import PAGE, dem_bands
+    from sfr_loc_map.report.dem_page import dem_page
+
+    for path in files:
+        if path.suffix == PAGE:
+            write_text(dem_page(dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m), path)

@@ -8,17 +8,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import ConfigOption, RemapOption, checked_namespace, parse_remaps, progress_bar, require_ros
-from sfr_loc_map.cli.next_step import propose
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, JsonOption, OverwriteOption, check_outputs, say, show
-from sfr_loc_map.cli.verdict import LenientOption, not_judged
+from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.options import (
+    ConfigOption,
+    JsonOption,
+    LenientOption,
+    OverwriteOption,
+    RemapOption,
+    checked_namespace,
+    parse_remaps,
+    require_ros,
+)
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
+from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
 if TYPE_CHECKING:
-    from sfr_loc_map.metrics.convention import Diagnosis
     from sfr_loc_map.pipeline.doctor.observation import Observation
-    from sfr_loc_map.tables.table import Table
 
 SHOWN_HYPOTHESES = 5
 
@@ -29,7 +35,8 @@ SHOWN_HYPOTHESES = 5
         "sfr doctor recording.mcap --remap /cam0/image:=loc/left/image_rect",
         "sfr doctor --graph --namespace rover1 --seconds 5",
         "sfr doctor estimate.csv data/",
-    )
+    ),
+    hint="sfr replay SRC --start truth --out DIR    # through the nodes, scored",
 )
 def doctor(
     subject: Annotated[
@@ -67,21 +74,17 @@ def doctor(
         return
     remaps = parse_remaps(remap)
     extrinsics_given = _gives_extrinsics(config)
-    if graph:
+    if subject is None:
         require_ros("doctor --graph")
         from sfr_loc_map.nodes.tools.graph_observation import observe_graph
 
-        _examine(observe_graph(seconds, namespace, remaps, extrinsics_given=extrinsics_given), json_path, "--graph")
-    elif subject is not None:
-        _examine(_observe(subject, remaps, extrinsics_given=extrinsics_given), json_path, subject)
+        seen = observe_graph(seconds, namespace, remaps, extrinsics_given=extrinsics_given)
+    else:
+        seen = _observe(subject, remaps, extrinsics_given=extrinsics_given)
+    _examine(seen, json_path, subject)
 
 
 def _observe(source: Path, remaps: dict[str, str], *, extrinsics_given: bool) -> Observation:
-    """Observe a bag or a source of files.
-
-    Raises:
-        InputError: If there is nothing.
-    """
     from sfr_loc_map.io.bag_files import is_bag
     from sfr_loc_map.pipeline.doctor.bag_observation import observe_bag
     from sfr_loc_map.pipeline.doctor.source_observation import observe_source
@@ -95,59 +98,60 @@ def _observe(source: Path, remaps: dict[str, str], *, extrinsics_given: bool) ->
         return observe_source(source, extrinsics_given=extrinsics_given, progress=lambda: bar.advance(task))
 
 
-def _examine(seen: Observation, json_path: str | None, asked: Path | str) -> None:
-    """Show the findings; `asked` is what was examined, as the user named it."""
+def _examine(seen: Observation, json_path: str | None, source: Path | None) -> None:
+    """Show the findings of a source, or of the graph; raise FailedVerdictError if there is a blocking one."""
     from sfr_loc_map.pipeline.doctor.checks import examine
 
     findings = examine(seen)
     stops = sum(finding.is_blocking for finding in findings)
+    if stops:
+        propose("sfr", "doctor", source or "--graph", why="again, after the fix")
+    elif source is not None:
+        propose("sfr", "replay", source, "--out", "out", why="through the nodes; scored, if it has a truth")
+    else:
+        propose("sfr", "record", "drive", why="inputs and outputs of the nodes into a bag")
     content = {"subject": seen.subject, "stops": stops, "findings": [finding.as_dict() for finding in findings]}
-    show(_json(content), json_path, ())
+    show(json.dumps(content, allow_nan=False) + "\n", json_path, ())
     if json_path != STANDARD_OUTPUT:
         for finding in findings:
             say(f"{'BLOCKING' if finding.is_blocking else 'warning '}  {finding.where}: {finding.text}")
             say(f"          fix: {finding.fix}")
         if not findings:
             say(f"{seen.subject}: no blocking issue")
-    if json_path != STANDARD_OUTPUT:
-        _propose(asked, stops)
     if stops:
         raise FailedVerdictError(f"{stops} blocking issue{'s' * (stops > 1)} on {seen.subject}")
-
-
-def _propose(asked: Path | str, stops: int) -> None:
-    if stops:
-        propose("sfr", "doctor", asked, why="again, after the fix")
-    elif isinstance(asked, Path):
-        propose("sfr", "replay", asked, "--out", "out", why="through the nodes; scored, if it has a truth")
-    else:
-        propose("sfr", "record", "drive", why="inputs and outputs of the nodes into a bag")
 
 
 def _gives_extrinsics(config: Path | None) -> bool:
     """Tell whether a parameter file has the pose of a stereo rig on the rover."""
     from sfr_loc_map.config import load_yaml
 
-    if config is None:
-        return False
+    def has_rotation(block: Any) -> bool:  # noqa: ANN401 - anything that YAML holds
+        return isinstance(block, dict) and any(
+            (str(name).endswith("quat_xyzw") and isinstance(value, list) and any(value)) or has_rotation(value)
+            for name, value in block.items()
+        )
 
-    def quats(block: Any) -> list[Any]:  # noqa: ANN401 - anything that YAML holds
-        if not isinstance(block, dict):
-            return []
-        own = [value for name, value in block.items() if str(name).endswith("quat_xyzw")]
-        return own + [value for inner in block.values() for value in quats(inner)]
-
-    return any(isinstance(value, list) and any(value) for value in quats(load_yaml(config)))
+    return config is not None and has_rotation(load_yaml(config))
 
 
 def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bool) -> None:
+    """Show what explains the disagreement of estimate and truth; raise FailedVerdictError if something does."""
     from sfr_loc_map.metrics.config import ScoreConfig
     from sfr_loc_map.metrics.convention import MIN_POSES
     from sfr_loc_map.metrics.score_json import to_plain
     from sfr_loc_map.pipeline.scoring import diagnose_files
+    from sfr_loc_map.tables.table import Cell, Column, Table
 
     diagnosis = diagnose_files(estimate, truth, ScoreConfig())
-    show(_json(to_plain(diagnosis)), json_path, [_hypothesis_table(diagnosis)])
+    rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]
+    rows += [
+        (Cell.head(f"without: {item.mismatch}"), Cell.number(item.disagreement), Cell(item.setting))
+        for item in diagnosis.hypotheses[:SHOWN_HYPOTHESES]
+    ]
+    columns = (Column("convention", words=True), Column("disagreement"), Column("corrected by", words=True))
+    table = Table("conventions", "Estimate against truth", columns, tuple(rows))
+    show(json.dumps(to_plain(diagnosis), allow_nan=False) + "\n", json_path, [table])
     if diagnosis.found is not None:
         if json_path != STANDARD_OUTPUT:
             say(diagnosis.found.sentence)
@@ -155,23 +159,6 @@ def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bo
                 say(f"sfr score ... --convention {diagnosis.found.setting} corrects it")
         raise FailedVerdictError(f"estimate and truth contradict each other by convention: {diagnosis.found.mismatch}")
     if diagnosis.disagreement is None:
-        reason = f"'{estimate}' and '{truth}' have fewer than {MIN_POSES} stamps in common"
-        not_judged([reason], lenient=lenient)
+        not_judged([f"'{estimate}' and '{truth}' have fewer than {MIN_POSES} stamps in common"], lenient=lenient)
     elif json_path != STANDARD_OUTPUT:
         say("no single convention mismatch explains the disagreement, if there is any")
-
-
-def _hypothesis_table(diagnosis: Diagnosis) -> Table:
-    from sfr_loc_map.tables.table import Cell, Column, Table
-
-    rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]
-    rows += [
-        (Cell.head(f"without: {item.mismatch}"), Cell.number(item.disagreement), Cell(item.setting))
-        for item in diagnosis.hypotheses[:SHOWN_HYPOTHESES]
-    ]
-    columns = (Column("convention", words=True), Column("disagreement"), Column("corrected by", words=True))
-    return Table("conventions", "Estimate against truth", columns, tuple(rows))
-
-
-def _json(content: dict[str, Any]) -> str:
-    return json.dumps(content, allow_nan=False) + "\n"

@@ -9,16 +9,8 @@ from typing import Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.output import (
-    HTML_SUFFIXES,
-    HtmlOption,
-    JsonOption,
-    OverwriteOption,
-    check_outputs,
-    check_suffix,
-    show,
-    write_text,
-)
+from sfr_loc_map.cli.options import HtmlOption, JsonOption, OverwriteOption
+from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, show, write_text
 from sfr_loc_map.cli.suite import open_store
 from sfr_loc_map.errors import FailedVerdictError
 

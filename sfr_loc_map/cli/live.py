@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import ConditionOption, NamespaceOption, require_ros
 from sfr_loc_map.cli.live_views import Played, Views, show_graph, show_recording
-from sfr_loc_map.cli.score import LimitsOption
+from sfr_loc_map.cli.options import ConditionOption, JudgeOptions, LimitsOption, NamespaceOption, require_ros
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -131,7 +130,6 @@ def live(
     recorded, without nodes, on a time line; the figures are those of its place, at the end those of sfr score. On a
     terminal q ends, and of what is played space pauses and the arrows go 5 s back and on.
     """
-    from sfr_loc_map.cli.verdict import read_limits
     from sfr_loc_map.config import build
     from sfr_loc_map.metrics.config import score_config
 
@@ -151,7 +149,7 @@ def live(
     if source is None:
         show_graph(namespace, views)
     else:
-        parsed, _ = read_limits(limits, condition)
+        parsed, _ = JudgeOptions(limits, condition).read()
         show_recording(Played(source, truth, rate, score_config(condition, {}), parsed), views)
 
 

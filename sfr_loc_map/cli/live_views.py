@@ -108,7 +108,7 @@ def _beside(hub: Hub, views: Views, title: str) -> Iterator[Hub]:
 
 def _show(hub: Hub, views: Views, title: str, operator: Operator) -> None:
     if views.page is None:
-        from sfr_loc_map.cli.streams import TolerantFile
+        from sfr_loc_map.cli.output import TolerantFile
         from sfr_loc_map.live.terminal import Terminal
 
         TolerantFile.reader_needed = True

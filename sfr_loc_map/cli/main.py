@@ -1,4 +1,4 @@
-"""The command `sfr`: one module per subcommand, errors in one line, exit codes.
+"""The command `sfr`: errors in one line, exit codes.
 
 A subcommand's module imports what is heavy inside its function, so that `sfr --help` is quick. It raises `SfrError`;
 only this module prints errors and exits, with the code of the error (`errors.ExitCode`).
@@ -13,40 +13,64 @@ import sys
 
 import typer
 
-from sfr_loc_map.cli.app import app
-from sfr_loc_map.cli.next_step import last_line
-from sfr_loc_map.cli.streams import tolerate_breaks
+from sfr_loc_map.cli.app import app, last_line
+from sfr_loc_map.cli.output import tolerate_breaks
 from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.printable import one_line, printable
 
-COMMANDS = (
-    "init",
-    "localise",
-    "map",
-    "convert",
-    "score",
-    "plot",
-    "replay",
-    "run",
-    "record",
-    "live",
-    "report",
-    "simulate",
-    "perturb",
-    "compare",
+START, RUN, JUDGE, DATA, MANY = "To begin", "Run", "Judge", "Data", "Many runs and methods"
+PANELS = {
+    "init": START,
+    "doctor": START,
+    "replay": RUN,
+    "localise": RUN,
+    "map": RUN,
+    "run": RUN,
+    "live": RUN,
+    "record": RUN,
+    "score": JUDGE,
+    "report": JUDGE,
+    "compare": JUDGE,
+    "plot": JUDGE,
+    "convert": DATA,
+    "simulate": DATA,
+    "perturb": DATA,
+    "methods": MANY,
+    "bench": MANY,
+    "suite": MANY,
+    "history": MANY,
+    "campaign": MANY,
+}
+"""Subcommands in the order of the help, that of a user's day, and what they stand under."""
+MODULES = (
+    "start",
     "doctor",
+    "replay",
+    "localise",
+    "map_cloud",
+    "run",
+    "live",
+    "score",
+    "pages",
+    "convert",
+    "simulate",
     "history",
-    "methods",
 )
-"""Subcommands in the order of the help."""
-GROUPS = ("bench", "campaign", "suite")
+GROUPS = ("bench", "suite", "campaign")
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version
 
-for _name in COMMANDS:
-    importlib.import_module(f"sfr_loc_map.cli.{'map_cloud' if _name == 'map' else _name}")
+for _name in MODULES:
+    importlib.import_module(f"sfr_loc_map.cli.{_name}")
 for _name in GROUPS:
     app.add_typer(importlib.import_module(f"sfr_loc_map.cli.{_name}").app, name=_name)
+_names = list(PANELS)
+for _command in app.registered_commands:
+    _command.name = _command.name or str(getattr(_command.callback, "__name__", ""))
+    _command.rich_help_panel = PANELS[_command.name]
+for _group in app.registered_groups:
+    _group.rich_help_panel = PANELS[str(_group.name)]
+app.registered_commands.sort(key=lambda item: _names.index(str(item.name)))
 
 
 class _LineFormatter(logging.Formatter):
@@ -78,9 +102,10 @@ def _run() -> int:
         expected = isinstance(error, SfrError) and error.exit_code is not ExitCode.BAD_INPUT
         if os.environ.get("SFR_DEBUG") and not expected:
             raise
-        return _say(_line(error), error.exit_code if isinstance(error, SfrError) else ExitCode.BAD_INPUT)
+        print(f"sfr: {one_line(_line(error))}", file=sys.stderr)
+        return error.exit_code if isinstance(error, SfrError) else ExitCode.BAD_INPUT
     if code == ExitCode.INTERRUPTED:
-        return _say("interrupted: nothing was finished", ExitCode.INTERRUPTED)
+        print("sfr: interrupted: nothing was finished", file=sys.stderr)
     return code if isinstance(code, int) else 0
 
 
@@ -96,8 +121,3 @@ def _line(error: Exception) -> str:
     if isinstance(error, (SfrError, OSError)):
         return str(error)
     return f"{type(error).__name__}: {error}: this is a fault of the program, run 'sfr --debug ...' and report it"
-
-
-def _say(message: str, code: int) -> int:
-    print(f"sfr: {one_line(message)}", file=sys.stderr)
-    return code

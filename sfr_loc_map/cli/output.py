@@ -1,4 +1,4 @@
-"""What subcommands write: one rule for all outputs; JSON to a file or to standard output, texts, tables.
+"""What subcommands write: one rule for all outputs; JSON, texts, tables, progress; streams that may break.
 
 An output that is there already is refused unless `--overwrite` is given, before the work for it is done. Only a regular
 file, or a folder that holds nothing but a data set or a bag, is ever replaced.
@@ -6,71 +6,46 @@ file, or a folder that holds nothing but a data set or a bag, is ever replaced.
 
 from __future__ import annotations
 
+import io
+import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from sfr_loc_map.cli.next_step import propose_nothing
+from sfr_loc_map.cli.app import propose
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.printable import one_line, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from _typeshed import ReadableBuffer
 
     from sfr_loc_map.tables.table import Table
 
 STANDARD_OUTPUT = "-"
-DATA_SET_NAMES = frozenset(
-    [
-        "rig.json",
-        "pairs.csv",
-        "groundtruth.csv",
-        "simulation.yaml",
-        "metadata.yaml",
-        "left",
-        "right",
-        "truth",
-        "masks",
-        "loc",
-        "nav",
-    ]
-)
-"""Names within the folders that the suite writes as a whole."""
-DATA_SET_SUFFIXES = (".mcap", ".db3")
-
-JsonOption = Annotated[
-    str | None, typer.Option("--json", metavar="F", help="Write all figures as JSON; - for standard output.")
-]
-HtmlOption = Annotated[Path | None, typer.Option("--html", metavar="F.html", help="Write a page with figures.")]
-OverwriteOption = Annotated[
-    bool, typer.Option("--overwrite/--no-overwrite", help="Replace outputs that exist; without it they are refused.")
-]
+STDERR = 2
 HTML_SUFFIXES = (".html", ".htm")
+DATA_SET_FILES = ("rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml")
+DATA_SET_FOLDERS = ("left", "right", "truth", "masks", "loc", "nav")
+DATA_SET_SUFFIXES = (".mcap", ".db3")
+"""What is in the folders that the suite writes as a whole."""
 
 
 def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
-    """Check what the name of an output ends in.
-
-    Raises:
-        OutputError: If it is another one.
-    """
+    """Raise OutputError if the name of an output ends in something else."""
     if path is not None and path.suffix not in suffixes:
         raise OutputError(f"cannot write '{path}': its name must end in one of {', '.join(suffixes)}")
 
 
 def check_outputs(*outputs: Path | str | None, overwrite: bool, inputs: Sequence[Path] = ()) -> None:
-    """Check the files that a command writes before the work for them is done.
-
-    Args:
-        outputs: Where they shall be; None and `-` are left out.
-        overwrite: Whether files that exist may be replaced.
-        inputs: What the command reads.
+    """Check the files that a command writes before the work for them is done; None and `-` are left out.
 
     Raises:
         OutputError: If two outputs, or an output and an input, are one file, one of them exists and `overwrite` is not
@@ -81,22 +56,17 @@ def check_outputs(*outputs: Path | str | None, overwrite: bool, inputs: Sequence
     taken = {path.resolve(): "an input of this command" for path in inputs}
     for path in (Path(item) for item in outputs if item is not None and str(item) != STANDARD_OUTPUT):
         place = path.resolve()
-        if place in taken:
-            raise OutputError(f"cannot write '{path}': it is {taken[place]} too; give each a name of its own")
+        reason = f"it is {taken[place]} too; give each a name of its own" if place in taken else ""
         taken[place] = "another output"
-        _check_free(path, overwrite=overwrite)
+        if not reason and path.is_dir():
+            reason = "it is a folder; choose another name"
+        elif not reason and path.exists() and not path.is_file():
+            reason = "it is not a regular file; choose another name"
+        elif not reason and not overwrite and (path.exists() or path.is_symlink()):
+            reason = "a file is there; choose another name or give --overwrite"
+        if reason:
+            raise OutputError(f"cannot write '{path}': {reason}")
         check_output(path)
-
-
-def _check_free(path: Path, *, overwrite: bool) -> None:
-    if not path.exists() and not path.is_symlink():
-        return
-    if path.is_dir():
-        raise OutputError(f"cannot write '{path}': it is a folder; choose another name")
-    if not path.is_file() and path.exists():
-        raise OutputError(f"cannot write '{path}': it is not a regular file; choose another name")
-    if not overwrite:
-        raise OutputError(f"cannot write '{path}': a file is there; choose another name or give --overwrite")
 
 
 @contextmanager
@@ -105,13 +75,8 @@ def output_folder(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -
 
     With `overwrite` what is there is moved aside, and moved back where the block leaves nothing in its place.
 
-    Args:
-        path: Where it shall be; an empty folder may be there.
-        overwrite: Whether a data set or a bag that exists may be replaced.
-        inputs: What the command reads; none of it may lie within `path`.
-
     Raises:
-        OutputError: If something else is there, or `overwrite` is not given.
+        OutputError: If something else is there, an input lies within it, or `overwrite` is not given.
     """
     place = path.resolve()
     if any(place in (item.resolve(), *item.resolve().parents) for item in inputs):
@@ -122,7 +87,9 @@ def output_folder(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -
     what = "a folder that is not empty" if path.is_dir() else "a file"
     if not overwrite:
         raise OutputError(f"cannot write '{path}': {what} is there; remove it, choose another name or give --overwrite")
-    if not (path.is_file() or _is_data_set(path)):
+    if path.is_dir() and not all(
+        item.name in (*DATA_SET_FILES, *DATA_SET_FOLDERS) or item.suffix in DATA_SET_SUFFIXES for item in path.iterdir()
+    ):
         raise OutputError(f"cannot write '{path}': {what} is there, no data set or bag alone; remove it yourself")
     aside = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".before", dir=path.parent))
     path.rename(aside / path.name)
@@ -134,9 +101,12 @@ def output_folder(path: Path, *, overwrite: bool, inputs: Sequence[Path] = ()) -
         shutil.rmtree(aside)
 
 
-def _is_data_set(folder: Path) -> bool:
-    """Tell whether a folder holds nothing but what the suite writes into one."""
-    return all(item.name in DATA_SET_NAMES or item.suffix in DATA_SET_SUFFIXES for item in folder.iterdir())
+def make_folder(path: Path, option: str) -> None:
+    """Make the folder that an option or argument names, if it is not there; raise OutputError if it cannot be made."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder '{path}': {error.strerror}; choose another {option}") from error
 
 
 def write_text(text: str, path: Path) -> None:
@@ -150,7 +120,7 @@ def write_text(text: str, path: Path) -> None:
 def show(json_text: str, place: str | None, tables: Iterable[Table]) -> None:
     """Write the JSON where `--json` says and print the tables; the JSON alone where it goes to standard output."""
     if place == STANDARD_OUTPUT:
-        propose_nothing()
+        propose("")
         sys.stdout.write(json_text)
         return
     if place is not None:
@@ -168,3 +138,79 @@ def warn(text: str) -> None:
 def say(text: str, *, err: bool = False) -> None:
     """Print a text that may hold names and words of files: printable, on standard output or standard error."""
     typer.echo(printable(text), err=err)
+
+
+def each_tenth(doing: str, unit: str) -> Callable[[int, int], None]:
+    """Return what takes how many of how many are done and prints a line each 10 %, where no progress bar is drawn."""
+    tenth = 0
+
+    def report(done: int, total: int) -> None:
+        nonlocal tenth
+        before, tenth = tenth, max(tenth, 10 * done // max(total, 1))
+        if tenth > before and not Console(stderr=True).is_terminal:
+            say(f"{doing}: {10 * tenth} % ({done} of {total} {unit})", err=True)
+
+    return report
+
+
+def progress_bar(unit: str) -> Progress:
+    """Return a progress bar on standard error; nothing is drawn where that is not a terminal."""
+    console = Console(stderr=True)
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeElapsedColumn(), TimeRemainingColumn())
+    return Progress(TextColumn("{task.description}"), *columns, console=console, disable=not console.is_terminal)
+
+
+class TolerantFile(io.FileIO):
+    """A standard stream that drops what nobody takes.
+
+    A reader that leaves (`| head`) or a log on a full disk must neither lose the outputs of a command nor change its
+    exit code. Standard output on a full disk is an error all the same, since it is an output.
+
+    Attributes:
+        broken: Whether it drops.
+        reader_needed: Whether a command ends when its reader leaves, as one without another output.
+    """
+
+    broken = False
+    reader_needed = False
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Write, or drop where the reader has left.
+
+        Raises:
+            BrokenPipeError: If the reader has left and is needed.
+            OutputError: Once, if standard output cannot be written for another reason.
+        """
+        count = memoryview(data).nbytes
+        if not count or self.broken:  # typer tries a stream with nothing, and takes no notice of an error
+            return count
+        try:
+            return super().write(data)
+        except OSError as error:
+            is_pipe = isinstance(error, BrokenPipeError)
+            if is_pipe and self.reader_needed:
+                raise
+            self.broken = True
+            if self.fileno() != STDERR and not is_pipe:
+                reason = f"cannot write standard output: {error.strerror}; check the space where it goes"
+                raise OutputError(reason) from error
+        return count
+
+
+def tolerate_breaks() -> None:
+    """Make standard output and standard error such streams; what stands in their place (a test's) stays."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed; the descriptor is taken, so that no output gets it and the words of a library
+            setattr(sys, name, open(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8"))  # noqa: SIM115
+        elif stream is getattr(sys, f"__{name}__") and isinstance(stream, io.TextIOWrapper):
+            stream.flush()
+            raw = TolerantFile(stream.fileno(), "w", closefd=False)
+            file = io.TextIOWrapper(
+                raw if isinstance(stream.buffer, io.RawIOBase) else io.BufferedWriter(raw),
+                encoding=stream.encoding,
+                errors=stream.errors,
+                line_buffering=stream.line_buffering,
+                write_through=stream.write_through,
+            )
+            setattr(sys, name, file)

@@ -1,73 +1,48 @@
-"""`sfr replay`: a source through the three nodes over topics, scored."""
+"""`sfr replay`: a source through the three nodes over topics, or through an external node, scored."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import tempfile
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import (
-    ConditionOption,
+from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
+from sfr_loc_map.cli.options import (
     ConfigOption,
+    ConventionOptions,
+    JudgeOptions,
+    OverwriteOption,
     RemapOption,
     SourceArgument,
     StartOption,
-    check_start,
-    naming,
     parse_remaps,
-    progress_bar,
-    read_config,
     require_ros,
+    words,
 )
-from sfr_loc_map.cli.convention import ApplyDiagnosisOption, ConventionOption
-from sfr_loc_map.cli.external import (
-    AnswersOption,
-    AnswerTimeoutOption,
-    CommandOption,
-    ExternalOption,
-    FramesOption,
-    MethodOption,
-    WatchOption,
-    read_conversion,
-    read_external,
-)
-from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
-from sfr_loc_map.cli.output import OverwriteOption, check_outputs
-from sfr_loc_map.cli.replay_result import check_answers, result_of, say_where
-from sfr_loc_map.cli.score import LimitsOption, present
-from sfr_loc_map.cli.verdict import LenientOption, conclude, read_limits
-from sfr_loc_map.config import changed
-from sfr_loc_map.errors import InterruptedRunError, OutputError
+from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
+from sfr_loc_map.cli.score import present
+from sfr_loc_map.cli.verdict import conclude
+from sfr_loc_map.constants import Task
+from sfr_loc_map.errors import ConfigError, InterruptedRunError, NodeError, naming
 from sfr_loc_map.printable import printable
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.localisation.start_pose import StartPose
-    from sfr_loc_map.metrics.limits import Limits
-    from sfr_loc_map.metrics.score import Score
+    from sfr_loc_map.nodes.replay.external_options import ExternalOptions
     from sfr_loc_map.nodes.replay.options import ReplayOptions
+    from sfr_loc_map.nodes.replay.results import ReplayResults
+    from sfr_loc_map.pipeline.external_run import ExternalRun
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
     from sfr_loc_map.pipeline.scoring import Correction
 
-
-OutOption = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
-]
-RateOption = Annotated[
-    float,
-    typer.Option(
-        min=0.0, metavar="R", help="0: wait for the result of each pair; else multiple of the recorded speed."
-    ),
-]
-LoopOption = Annotated[bool, typer.Option("--loop/--no-loop", help="Restart at the end, until q or Ctrl-C.")]
-OffsetOption = Annotated[float, typer.Option(min=0.0, metavar="S", help="Part of the source that is left out.")]
-PausedOption = Annotated[bool, typer.Option("--start-paused", help="Wait for space, s or ~/resume.")]
-
-
+METHODS = ("sfr", "external")
 HELP = """Play a source to the three nodes over topics, record what they answer, score it.
 
 Keys, where standard input is a terminal: space pauses and resumes, s or the right arrow plays one pair, the left
@@ -82,6 +57,101 @@ nav_msgs/Odometry or sensor_msgs/PointCloud2 with the stamp of each pair. In loc
 """
 
 
+@dataclass(frozen=True, slots=True)
+class PlayOptions:
+    """How the source is played."""
+
+    rate: Annotated[
+        float,
+        typer.Option(
+            min=0.0, metavar="R", help="0: wait for the result of each pair; else multiple of the recorded speed."
+        ),
+    ] = 0.0
+    loop: Annotated[bool, typer.Option("--loop/--no-loop", help="Restart at the end, until q or Ctrl-C.")] = False
+    start_offset: Annotated[float, typer.Option(min=0.0, metavar="S", help="Part of the source that is left out.")] = (
+        0.0
+    )
+    start_paused: Annotated[bool, typer.Option("--start-paused", help="Wait for space, s or ~/resume.")] = False
+
+
+@dataclass(frozen=True, slots=True)
+class NodeUnderTest:
+    """A node of anyone in place of ours."""
+
+    external: Annotated[
+        str | None,
+        typer.Option(
+            metavar="localisation|mapping",
+            help="A node of anyone in place of ours is under test.",
+            autocompletion=words("localisation", "mapping"),
+        ),
+    ] = None
+    method: Annotated[
+        str,
+        typer.Option(
+            metavar="sfr|external",
+            autocompletion=words(*METHODS),
+            help="external: --external of the only task that SRC has.",
+        ),
+    ] = "sfr"
+    command: Annotated[
+        str, typer.Option(metavar="CMD", help="Starts the external node, and is ended with the replay.")
+    ] = ""
+    watch: Annotated[
+        str, typer.Option(metavar="PID|NAME", help="External process whose CPU and memory are measured (of CMD).")
+    ] = ""
+    answers: Annotated[
+        str, typer.Option(metavar="TOPIC", help="What it publishes (localisation/odometry, mapping/points).")
+    ] = ""
+    frames: Annotated[
+        str,
+        typer.Option(
+            metavar="PARENT,CHILD", help="Frames that its answers name; others are left out (of the first one)."
+        ),
+    ] = ""
+    answer_timeout: Annotated[
+        float, typer.Option(min=0.01, metavar="S", help="How long its answer to a pair is waited for.")
+    ] = 5.0
+
+    def read(self, source: Source, correction: Correction) -> ExternalOptions | None:
+        """Return the options of an external node, None where ours run; raise ConfigError if one is not valid."""
+        from sfr_loc_map.nodes.replay.external_options import RESULT_TOPICS, ExternalOptions
+
+        tasks = [task.value for task in Task]
+        if self.method not in METHODS:
+            nodes = " or ".join(METHODS)
+            raise ConfigError(f"'--method {self.method}': nodes are {nodes}; sfr localise takes all methods")
+        if self.external is not None and self.external not in tasks:
+            raise ConfigError(f"'--external {self.external}': must be {' or '.join(tasks)}")
+        name = self.external
+        if name is None and self.method == "external":
+            parts = zip(tasks, (source.loc, source.nav), strict=True)
+            present_tasks = [task for task, part in parts if part is not None]
+            if len(present_tasks) != 1:
+                raise ConfigError(f"'--method external': which task? give --external {' or '.join(tasks)}")
+            name = present_tasks[0]
+        if name is None:
+            needless = [f"--{option}" for option in ("command", "watch", "answers", "frames") if getattr(self, option)]
+            needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []
+            if needless:
+                raise ConfigError(
+                    f"'{needless[0]}' is for external nodes: give --external {' or '.join(tasks)} as well"
+                )
+            return None
+        task = Task(name)
+        if task is Task.MAPPING and correction.apply_diagnosis:
+            raise ConfigError("'--apply-diagnosis' is for poses: leave it out with --external mapping")
+        return ExternalOptions(
+            task=task,
+            topic=self.answers or RESULT_TOPICS[task],
+            command=self.command,
+            watch=self.watch,
+            frames=" -> ".join(self.frames.split(",")),
+            timeout_s=self.answer_timeout,
+            convention=correction.declared,
+        )
+
+
 @app.command(
     help=HELP,
     epilog=examples(
@@ -90,137 +160,79 @@ nav_msgs/Odometry or sensor_msgs/PointCloud2 with the stamp of each pair. In loc
         "sfr replay data/ --limits limits.yaml --condition distance=10",
         "sfr replay data/ --external localisation --command 'python3 my_node.py' --convention frame=left_optical",
     ),
+    hint="sfr replay SRC --out DIR    # keeps report, estimate and cloud",
 )
 def replay(
     source: SourceArgument,
-    out: OutOption = None,
-    rate: RateOption = 0.0,
-    loop: LoopOption = False,
-    start_offset: OffsetOption = 0.0,
-    start_paused: PausedOption = False,
-    limits: LimitsOption = None,
-    condition: ConditionOption = None,
+    play: PlayOptions,
+    judge: JudgeOptions,
+    node: NodeUnderTest,
+    conversion: ConventionOptions,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for report, estimate, statistics and cloud.")
+    ] = None,
     start: StartOption = "identity",
     config: ConfigOption = None,
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,
-    lenient: LenientOption = False,
     live: LiveOption = False,
     live_port: LivePortOption = 8080,
-    external: ExternalOption = None,
-    method: MethodOption = "sfr",
-    command: CommandOption = "",
-    watch: WatchOption = "",
-    answers: AnswersOption = "",
-    frames: FramesOption = "",
-    answer_timeout: AnswerTimeoutOption = 5.0,
-    convention: ConventionOption = None,
-    apply_diagnosis: ApplyDiagnosisOption = False,
 ) -> None:
     """Play a source to the nodes over topics, record what they answer, score it."""
-    with live_beside(live, live_port, isolated=True) as page:
+    with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
+        from sfr_loc_map.config import changed, read_config
         from sfr_loc_map.io.registry import open_source
+        from sfr_loc_map.localisation.config import LocalisationConfig
+        from sfr_loc_map.mapping.config import MappingConfig
+        from sfr_loc_map.metrics.config import score_config
+        from sfr_loc_map.pipeline.offline import start_pose
+        from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
 
         opened = open_source(source, remaps := parse_remaps(remap))
-        parsed_limits, asked = read_limits(limits, condition)
-        correction = read_conversion(convention, apply_diagnosis)
+        limits, asked = judge.read()
+        correction = conversion.read()
         require_ros("replay")
-        from sfr_loc_map.nodes.replay.options import ReplayOptions
+        from sfr_loc_map.nodes.replay.options import ReplayOptions, is_ros_parameter_file
 
-        given = command, watch, answers, frames
+        def first_pose(offset_s: float) -> StartPose | None:
+            return None if opened.loc is None or start == "identity" else start_pose(opened.loc, start, offset_s)
+
+        with naming(source):
+            first_pose(play.start_offset)  # an error of the source is known before the nodes start
         options = ReplayOptions(
-            **_settings(config, limits, condition),
-            start=_first_pose(opened, check_start(start), start_offset),
-            rate=rate,
-            offset_s=start_offset,
-            paused=start_paused,
-            loop=loop,
+            localisation=read_config(LocalisationConfig, config, "localisation"),
+            mapping=read_config(MappingConfig, config, "mapping"),
+            parameter_file=config if config is not None and is_ros_parameter_file(config) else None,
+            score=score_config(judge.condition, {}),
+            limits=judge.limits,
+            start=first_pose,
+            rate=play.rate,
+            offset_s=play.start_offset,
+            paused=play.start_paused,
+            loop=play.loop,
             remap=remaps,
             page=page,
-            external=read_external(opened, (external, method), given, answer_timeout, correction),
+            external=node.read(opened, correction),
         )
-        score = _replay_and_score((source, opened), options, correction, parsed_limits, (out, overwrite))
-        conclude(score, asked, lenient=lenient or not (limits or condition))  # of what nobody named it warns
-
-
-def _settings(config: Path | None, limits: Path | None, condition: list[str] | None) -> dict[str, Any]:
-    """Return the options of a replay that a parameter file gives, and those of its score.
-
-    Raises:
-        ConfigError: If a value in it is not valid.
-    """
-    from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.mapping.config import MappingConfig
-    from sfr_loc_map.metrics.config import score_config
-    from sfr_loc_map.nodes.replay.options import is_ros_parameter_file
-
-    return {
-        "localisation": read_config(LocalisationConfig, config, "localisation"),
-        "mapping": read_config(MappingConfig, config, "mapping"),
-        "parameter_file": config if config is not None and is_ros_parameter_file(config) else None,
-        "score": score_config(condition, {}),
-        "limits": limits,
-    }
-
-
-def _first_pose(source: Source, start: str, offset_s: float) -> Callable[[float], StartPose | None]:
-    """Return what gives the pose at the first pair after so many seconds, None for the identity.
-
-    Raises:
-        InputError: If there is none after `offset_s`.
-    """
-    from sfr_loc_map.pipeline.offline import start_pose
-
-    def pose(offset_s: float) -> StartPose | None:
-        return None if source.loc is None or start == "identity" else start_pose(source.loc, start, offset_s)
-
-    with naming(source.path):
-        pose(offset_s)
-    return pose
-
-
-def _replay_and_score(
-    opened: tuple[Path, Source],
-    options: ReplayOptions,
-    correction: Correction,
-    limits: Limits | None,
-    output: tuple[Path | None, bool],
-) -> Score:
-    """Replay, write the outputs to a folder if one is given, print the score.
-
-    Args:
-        opened: The source, and the same opened.
-        options: How it is replayed.
-        correction: How the poses of an external node are converted.
-        limits: Limits to judge by.
-        output: Folder for the outputs, and whether they may replace others.
-
-    Raises:
-        InterruptedRunError: If the user ended the replay; what was finished is written and printed.
-    """
-    import tempfile
-
-    from sfr_loc_map.pipeline.replay import ReplayFiles, save_replay, score_replay
-
-    (path, source), (out, overwrite) = opened, output
-    with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch:
-        files = ReplayFiles(out or Path(scratch))
-        with _room_for(files, overwrite=overwrite):
-            with naming(path):
-                result, interruption = _run(source, options, correction)
-                result = result.finished(source, options.score)
-            for file in files.all:
-                file.unlink(missing_ok=True)  # of an earlier run, which may have written more of them
-            save_replay(result, files)
-            settings = changed(options.localisation, "localisation.") | changed(options.mapping, "mapping.")
-            score = score_replay(source, result, files, options.score, limits, settings)
-            try:
-                present(score, None if out is None else str(files.report), None if out is None else files.page)
-            finally:
-                say_where(path, result, files, out)
-    if interruption:
-        raise InterruptedRunError(interruption)
-    return score
+        with tempfile.TemporaryDirectory(prefix="sfr-replay-") as scratch:
+            files = ReplayFiles(out or Path(scratch))
+            with _room_for(files, overwrite=overwrite):
+                with naming(source):
+                    result, interruption = _play(opened, options, correction)
+                    result = result.finished(opened, options.score)
+                for file in files.all:
+                    file.unlink(missing_ok=True)  # of an earlier run, which may have written more of them
+                save_replay(result, files)
+                settings = changed(options.localisation, "localisation.") | changed(options.mapping, "mapping.")
+                score = score_replay(opened, result, files, options.score, limits, settings)
+                try:
+                    present(score, None if out is None else str(files.report), None if out is None else files.page)
+                finally:
+                    _say_where(source, result, files, out)
+        if interruption:
+            raise InterruptedRunError(interruption)
+        # what could not be judged is a warning where nobody asked for a verdict
+        conclude(score, asked, lenient=judge.lenient or not (judge.limits or judge.condition))
 
 
 @contextmanager
@@ -228,10 +240,7 @@ def _room_for(files: ReplayFiles, *, overwrite: bool) -> Iterator[None]:
     """Make the folder of the outputs; take it away again if nothing came to be in it."""
     out = files.folder
     made = not out.exists()
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder '{out}': {error.strerror}; choose another --out") from error
+    make_folder(out, "--out")
     try:
         check_outputs(*files.all, overwrite=overwrite)
         yield
@@ -240,8 +249,13 @@ def _room_for(files: ReplayFiles, *, overwrite: bool) -> Iterator[None]:
             out.rmdir()
 
 
-def _run(source: Source, options: ReplayOptions, correction: Correction) -> tuple[ReplayResult, str]:
-    """Replay with progress bars and return what came out, and what was finished if the user ended it."""
+def _play(source: Source, options: ReplayOptions, correction: Correction) -> tuple[ReplayResult, str]:
+    """Replay with progress bars; return what came out, and what was finished if the user ended it.
+
+    Raises:
+        KeyboardInterrupt: If nothing was finished.
+        NodeError: If our mapper gave no cloud.
+    """
     from sfr_loc_map.nodes.replay.replay import AGAIN
     from sfr_loc_map.nodes.replay.replay import replay as run
 
@@ -261,7 +275,65 @@ def _run(source: Source, options: ReplayOptions, correction: Correction) -> tupl
         results = run(source, options, lambda task: bar.advance(tasks[task]), show_line)
     if results.interrupted and not results.count:
         raise KeyboardInterrupt
-    check_answers(results, options)
-    result = result_of(results, correction)
-    count = f"{len(results.published)} of {sum(totals.values())} pairs"
-    return result, f"interrupted: {count} were played, and scored" if results.interrupted else ""
+    theirs = None if options.external is None else options.external.task  # its answers are counted in the score
+    played = len(results.published_stamps("loc"))
+    if (missing := played - len(results.rows)) > 0 and theirs != Task.LOCALISATION:
+        say(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
+    if results.published_stamps("nav") and not results.clouds and theirs != Task.MAPPING:
+        raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
+    text = f"interrupted: {len(results.published)} of {sum(totals.values())} pairs were played, and scored"
+    return _result_of(results, correction), text if results.interrupted else ""
+
+
+def _result_of(results: ReplayResults, correction: Correction) -> ReplayResult:
+    """Return what the nodes published as files and score have it."""
+    from sfr_loc_map.pipeline.replay import ReplayResult
+
+    run = _external_run_of(results, correction)
+    (cloud, mapped_ns), points = results.last_map(), None
+    if run is not None and run.score.task == Task.MAPPING:
+        cloud, points, mapped_ns = results.external_map()
+    cut_short = tuple(_result_of(item, correction) for item in results.cut_short)
+    return ReplayResult(results.trajectory, cloud, results.records, results.report, mapped_ns, cut_short, run, points)
+
+
+def _external_run_of(results: ReplayResults, correction: Correction) -> ExternalRun | None:
+    """Return what is known of the external node of a replay, None without one."""
+    from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
+    from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore
+    from sfr_loc_map.pipeline.external_run import ExternalRun
+
+    node, book = results.observed, results.answers
+    if node is None or book is None:
+        return None
+    score = ExternalScore(
+        task=node.options.task.value,
+        topic=node.options.topic,
+        frames=book.frames,
+        answers=book.counts,
+        latency_s=book.latency_s,
+        process=node.usage,
+        ended=book.ended,
+    )
+    method = MethodRecord(name=node.name, version=node.version, kind=MethodKind.EXTERNAL)
+    say(f"external node {node.name}: {book.counts.answered} of {book.counts.pairs} pairs answered", err=True)
+    declared = correction.declared.settings
+    of_cloud = ConventionRecord(declared=declared) if score.task == Task.MAPPING and declared else None  # poses: later
+    return ExternalRun(method, score, book.findings, correction, node.log, convention=of_cloud)
+
+
+def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
+    """Say how it went and where it was written."""
+    from sfr_loc_map.pipeline.tracking_summary import states_text, tracking_warning
+
+    say(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)
+    localised = [record for record in result.records if record.covariance is not None]
+    if (text := tracking_warning(localised, source)) is not None:
+        warn(text)
+    for number, run in enumerate(result.cut_short, 1):
+        place = "--out DIR would keep it" if out is None else str(files.of_run(number).folder)
+        say(f"a run of {len(run.estimate)} poses was cut short and is not scored: {place}", err=True)
+    if out is not None:
+        page = files.page if files.page.exists() else files.report
+        say(f"report: {page}")
+        propose(f"open {page} in a browser")

@@ -1,4 +1,4 @@
-"""`sfr run`: the nodes, without `ros2 launch`."""
+"""`sfr run`: the nodes, without `ros2 launch`; `sfr record`: topics into a bag that a crash leaves readable."""
 
 from __future__ import annotations
 
@@ -7,25 +7,13 @@ from typing import Annotated
 
 import typer
 
-from sfr_loc_map.cli import completion
-from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.common import checked_namespace, require_ros
+from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
-from sfr_loc_map.cli.output import say
+from sfr_loc_map.cli.options import NamespaceOption, OverwriteOption, require_ros, words
+from sfr_loc_map.cli.output import output_folder, say
 from sfr_loc_map.errors import InputError
 
 ROS_ARGS = "--ros-args"
-
-
-LogLevelOption = Annotated[
-    str,
-    typer.Option(
-        "--log-level",
-        metavar="debug|info|warn|error",
-        autocompletion=completion.words("debug", "info", "warn", "error"),
-        help="Least severe messages shown.",
-    ),
-]
 
 
 @app.command(
@@ -35,13 +23,14 @@ LogLevelOption = Annotated[
         "sfr run localisation --params-file config/localisation.yaml --namespace rover1",
         "sfr run all -r loc/left/image_rect:=/eye/left --respawn",
     ),
+    hint="sfr doctor --graph    # while the nodes run: are their inputs there",
 )
 def run(
-    words: Annotated[
+    names: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[all|localisation|mapping|monitor]... [--ros-args ...]",
-            autocompletion=completion.words("all", "localisation", "mapping", "monitor"),
+            autocompletion=words("all", "localisation", "mapping", "monitor"),
             help="Nodes, all by default; what follows --ros-args goes to each of them (a parameter of one: "
             "-p localisation_node:NAME:=VALUE).",
         ),
@@ -52,14 +41,19 @@ def run(
             "--params-file", metavar="P.yaml", help="ROS parameter file, for all nodes named in it; repeatable."
         ),
     ] = None,
-    namespace: Annotated[
-        str,
-        typer.Option("--namespace", metavar="NS", callback=checked_namespace, help="Namespace of nodes and topics."),
-    ] = "",
+    namespace: NamespaceOption = "",
     remap: Annotated[
         list[str] | None, typer.Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
     ] = None,
-    log_level: LogLevelOption = "info",
+    log_level: Annotated[
+        str,
+        typer.Option(
+            "--log-level",
+            metavar="debug|info|warn|error",
+            autocompletion=words("debug", "info", "warn", "error"),
+            help="Least severe messages shown.",
+        ),
+    ] = "info",
     respawn: Annotated[
         bool, typer.Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
     ] = False,
@@ -70,7 +64,7 @@ def run(
     require_ros("run")
     from sfr_loc_map.nodes.process.supervisor import node_names, run_nodes
 
-    given = list(words or ())
+    given = list(names or ())
     cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)
     arguments = [ROS_ARGS, "--log-level", log_level]
     for path in params_file or ():
@@ -79,8 +73,42 @@ def run(
         arguments += ["--params-file", str(path)]
     for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
         arguments += ["-r", item]
-    nodes = node_names(given[:cut])
+    nodes, more = node_names(given[:cut]), given[cut + 1 :]
     with live_beside(live, live_port, namespace):
-        run_nodes(
-            nodes, [*arguments, *given[cut + 1 :]], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn
-        )
+        run_nodes(nodes, [*arguments, *more], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)
+
+
+@app.command(
+    epilog=examples(
+        "sfr record drive",
+        "sfr record drive /loc/left/image_rect /loc/left/camera_info --duration 60 --zstd",
+        "sfr record everything --all --namespace rover1",
+    )
+)
+def record(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the bag (mcap).")],
+    topics: Annotated[
+        list[str] | None, typer.Argument(metavar="TOPIC", help="Topics; by default ours and our inputs.")
+    ] = None,
+    everything: Annotated[bool, typer.Option("--all", help="All topics.")] = False,
+    namespace: NamespaceOption = "",
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, metavar="S", help="How long; by default until Ctrl-C or SIGTERM.")
+    ] = None,
+    zstd: Annotated[bool, typer.Option("--zstd", help="Compress.")] = False,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Record topics; every half second all messages are on disk, so that a crash costs no more."""
+    require_ros("record")
+    from sfr_loc_map.nodes.tools.record import RecordOptions
+    from sfr_loc_map.nodes.tools.record import record as run_recorder
+
+    options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
+    with output_folder(out, overwrite=overwrite):
+        counts = run_recorder(out, options, lambda text: say(text, err=True))
+    count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))
+    propose("sfr", "doctor", out, why="is it complete")
+    say(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")
+    for name, topic in counts.items():
+        if topic.lost:
+            say(f"  {topic.lost} of {name} lost in transport", err=True)

@@ -8,21 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfr_loc_map.cli.app import App, examples, help_without_command
-from sfr_loc_map.cli.next_step import propose
-from sfr_loc_map.cli.output import (
-    HTML_SUFFIXES,
-    HtmlOption,
-    JsonOption,
-    OverwriteOption,
-    check_outputs,
-    check_suffix,
-    say,
-    show,
-    write_text,
-)
+from sfr_loc_map.cli.app import App, examples, help_without_command, propose
+from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption
+from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, write_text
 from sfr_loc_map.cli.suite_progress import progress
-from sfr_loc_map.cli.verdict import LenientOption, not_judged
+from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.printable import one_line
 

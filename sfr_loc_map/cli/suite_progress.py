@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from sfr_loc_map.cli.common import progress_bar
-from sfr_loc_map.cli.output import say
+from sfr_loc_map.cli.output import progress_bar, say
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.execution import Outcome

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from sfr_loc_map.cli.output import warn
 from sfr_loc_map.errors import FailedVerdictError, NotJudgedError
@@ -14,36 +11,19 @@ from sfr_loc_map.errors import FailedVerdictError, NotJudgedError
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
     from sfr_loc_map.metrics.config import Condition
-    from sfr_loc_map.metrics.limits import Limits
-    from sfr_loc_map.metrics.score import Score, Verdict
-
-LenientOption = Annotated[
-    bool, typer.Option("--lenient", help="Exit 0 rather than 3 where something could not be judged.")
-]
-
-
-def read_limits(path: Path | None, conditions: Sequence[str] | None) -> tuple[Limits | None, tuple[Condition, ...]]:
-    """Return the limits of a file, None without one, and the conditions that the user named in options or limits.
-
-    Raises:
-        ConfigError: If the limits cannot be read.
-        MetricsError: If a condition is not valid.
-    """
-    from sfr_loc_map.metrics.config import Condition
-    from sfr_loc_map.metrics.limits import load_limits
-
-    limits = load_limits(path) if path is not None else None
-    return limits, (*map(Condition.parse, conditions or ()), *(limits.conditions if limits is not None else ()))
+    from sfr_loc_map.metrics.method_record import MethodRecord
+    from sfr_loc_map.metrics.score import Score
+    from sfr_loc_map.pipeline.call_record import CallRecord
 
 
 def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> None:
-    """End a command by its score.
+    """End a command by its score, which has been written.
 
     Figures of an estimate and a truth that contradict each other by convention judge nothing, whatever the limits;
     otherwise a limit that was missed counts before one that could not be judged.
 
     Args:
-        score: The score, which has been written.
+        score: The score.
         asked: Conditions that the user named.
         lenient: Whether what could not be judged is a warning only.
 
@@ -54,8 +34,11 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     from sfr_loc_map.metrics.limits import reasons_not_judged
 
     if score.failed and (score.contradiction is None or lenient):
-        missed = ", ".join(map(_missed, score.failed))
-        raise FailedVerdictError(f"{len(score.failed)} of {len(score.verdicts)} limits missed: {missed}")
+        missed = []
+        for item in score.failed:
+            name = item.metric.removesuffix("_min")
+            missed.append(f"{name} {item.value:.6g} {'>' if name == item.metric else 'against'} {item.limit:g}")
+        raise FailedVerdictError(f"{len(missed)} of {len(score.verdicts)} limits missed: {', '.join(missed)}")
     not_judged(reasons_not_judged(score, asked), lenient=lenient)
 
 
@@ -75,20 +58,21 @@ def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, len
 
 
 def not_judged(reasons: Sequence[str], *, lenient: bool) -> None:
-    """End a command with the reasons why something could not be judged, if there are any.
-
-    Raises:
-        NotJudgedError: If there are, and `lenient` is not given.
-    """
-    if not reasons:
-        return
+    """Raise NotJudgedError with the reasons why something could not be judged, if any; warn if `lenient`."""
     text = f"not judged: {'; '.join(reasons)}"
-    if not lenient:
+    if reasons and not lenient:
         raise NotJudgedError(f"{text} (exit 0 with --lenient)")
-    warn(text)
+    if reasons:
+        warn(text)
 
 
-def _missed(item: Verdict) -> str:
-    """Return a limit that was missed, in the words of the limits file."""
-    name = item.metric.removesuffix("_min")
-    return f"{name} {item.value:.6g} {'>' if name == item.metric else 'against'} {item.limit:g}"
+def conclude_findings(method: MethodRecord, records: Sequence[CallRecord]) -> None:
+    """Say what a method did wrong; raise FailedVerdictError if anything, as all outputs are written."""
+    from sfr_loc_map.pipeline.call_stats import findings_of
+
+    found = findings_of([record.finding for record in records], [record.stamp_ns for record in records])
+    for finding in found:
+        warn(f"method {method.name}: {finding}")
+    if found:
+        kinds = ", ".join(finding.kind for finding in found)
+        raise FailedVerdictError(f"method {method.name} {method.version}: {kinds}; what it gave is written")

@@ -16,7 +16,7 @@ import pytest
 from broken_sources import good_folder
 from cli_result import Sfr
 
-from sfr_loc_map.cli.main import COMMANDS
+from sfr_loc_map.cli.main import PANELS
 from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -69,7 +69,7 @@ def test_help_of_every_command_loads_nothing_heavy_and_takes_less_than_a_second(
         usage = resource.getrusage(resource.RUSAGE_CHILDREN)
         return usage.ru_utime + usage.ru_stime
 
-    before, commands = spent(), ["", *COMMANDS]
+    before, commands = spent(), ["", *PANELS]
     words = [sys.executable, "-c", HELP % (HEAVY,), *commands]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     assert spent() - before < 1.0 + 0.2 * len(commands)
@@ -81,7 +81,7 @@ def test_help_of_every_command_loads_nothing_heavy_and_takes_less_than_a_second(
 def test_bare_command_and_version(sfr: Sfr) -> None:
     bare = sfr()
     assert (bare.code, bare.err) == (0, "")
-    for command in COMMANDS:
+    for command in PANELS:
         assert command in bare.out
     version = sfr("--version")
     assert (version.code, version.err) == (0, "")

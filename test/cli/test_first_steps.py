@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
-import typer
 from cli_result import Sfr
 
-from sfr_loc_map.cli.common import read_config
-from sfr_loc_map.cli.main import app
-from sfr_loc_map.cli.next_step import AFTER
-from sfr_loc_map.config import flatten, parameters
+from sfr_loc_map.config import flatten, parameters, read_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.limits import NAMES, load_limits
@@ -110,23 +105,6 @@ def test_a_missed_limit_has_its_next_step_behind_the_error(hints: Sfr, tmp_path:
     json_path = tmp_path / "score.json"
     result = hints("score", moved, trajectory, "--limits", limits, "--lenient", "--json", json_path)
     assert f"next: sfr report {json_path} " in result.err.splitlines()[-1]
-
-
-def test_every_command_has_a_next_step() -> None:
-    def names(group: Any, before: str = "") -> set[str]:
-        inner = group.commands.items()
-        return {
-            found
-            for name, item in inner
-            for found in (names(item, f"{before}{name} ") if hasattr(item, "commands") else {f"{before}{name}"})
-        }
-
-    root = typer.main.get_command(app)
-    assert names(root) - {"init"} == AFTER.keys()
-    for line in AFTER.values():
-        assert line.split()[0] == "sfr"
-        words = [word for word in line.split()[1:3] if word.islower()]
-        assert any(" ".join(words[:size]) in names(root) for size in (1, 2)), line
 
 
 def test_changed_values_alone_are_told() -> None:

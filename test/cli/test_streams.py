@@ -10,7 +10,7 @@ import pytest
 
 BODY = """
 import sys
-from sfr_loc_map.cli import main, streams
+from sfr_loc_map.cli import main
 from sfr_loc_map.cli.output import say
 
 def command(standalone_mode, prog_name):

@@ -1,0 +1,180 @@
+"""`sfr report`, `sfr compare`, `sfr plot`: pages, tables and figures of what has been scored or estimated."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.options import HtmlOption, JsonOption, OverwriteOption, words
+from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, write_text
+from sfr_loc_map.errors import ConfigError
+
+if TYPE_CHECKING:
+    from sfr_loc_map.metrics.score import Score
+
+
+class Format(StrEnum):
+    """What a report is written as."""
+
+    HTML = "html"
+    MARKDOWN = "md"
+    CSV = "csv"
+    PDF_READY = "pdf-ready"
+
+
+FORMATS = {".html": Format.HTML, ".htm": Format.HTML, ".md": Format.MARKDOWN, ".csv": Format.CSV}
+"""By the ending of the file."""
+
+
+@app.command(
+    epilog=examples(
+        "sfr report out/report.json -o page.html",
+        "sfr report out/report.json -o tables.md",
+        "sfr report out/report.json --format pdf-ready -o print.html",
+    ),
+    hint="sfr compare A.json B.json    # which of two runs is better",
+)
+def report(
+    score: Annotated[
+        Path, typer.Argument(metavar="SCORE.json", help="Score, as sfr score --json or sfr replay write.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="F", help="File; by default report.html beside the score, or standard output."
+        ),
+    ] = None,
+    form: Annotated[
+        Format | None,
+        typer.Option(
+            "--format",
+            help="Page with figures, tables as Markdown or CSV, or a page of tables to print; by the ending.",
+        ),
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make the report page, or tables, of a score."""
+    from sfr_loc_map.report.page import load_score, render_page
+    from sfr_loc_map.report.score_tables import score_markdown, score_tables
+    from sfr_loc_map.tables.csv_rows import to_csv
+
+    if form is None and output is not None and output.suffix not in FORMATS:
+        raise ConfigError(f"'-o {output}': the ending must be one of {', '.join(FORMATS)}, or give --format")
+    chosen = form or (Format.HTML if output is None else FORMATS[output.suffix])
+    if output is None and chosen is Format.HTML:
+        output = score.with_name("report.html")
+    loaded = load_score(score)
+    check_outputs(output, overwrite=overwrite, inputs=(score,))
+    if chosen is Format.MARKDOWN:
+        text = score_markdown(loaded)
+    elif chosen is Format.CSV:
+        text = to_csv(score_tables(loaded))
+    else:
+        text = render_page(loaded, figures=chosen is Format.HTML)
+    if output is None:
+        sys.stdout.write(text)
+        return
+    write_text(text, output)
+    say(f"report: {output}")
+    if chosen in (Format.HTML, Format.PDF_READY):
+        propose(f"open {output} in a browser")
+
+
+@app.command(
+    epilog=examples(
+        "sfr compare before.json after.json --html comparison.html",
+        "sfr compare ours.json opencv.json node/report.json --html methods.html",
+    ),
+    hint="sfr compare A.json B.json --html comparison.html    # the same as a page with figures",
+)
+def compare(
+    scores: Annotated[
+        list[Path],
+        typer.Argument(metavar="A.json B.json ...", help="Scores of sfr score --json; the first is the reference."),
+    ],
+    json_path: JsonOption = None,
+    html: HtmlOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Compare scores of the same data, of one method or of several, paired by sub-trajectory."""
+    from sfr_loc_map.metrics.comparison import compare_scores
+    from sfr_loc_map.report.comparison_tables import comparison_tables
+    from sfr_loc_map.report.methods_figures import methods_figures
+    from sfr_loc_map.report.methods_tables import methods_tables
+    from sfr_loc_map.report.page import load_score, render_overview
+
+    check_suffix(html, HTML_SUFFIXES)
+    check_outputs(json_path, html, overwrite=overwrite, inputs=scores)
+    loaded = [load_score(path) for path in scores]
+    names = _names(scores, loaded)
+    result = compare_scores(loaded, names)
+    tables = [*methods_tables(loaded, names), *comparison_tables(result)]
+    if html is not None:
+        text = f"{len(names)} scores of the same data; the reference is {names[0]}."
+        write_text(render_overview("Comparison of scores", None, text, tables, methods_figures(loaded, names)), html)
+        propose(f"open {html} in a browser")
+    shown = [table for table in tables if table.name != "provenance"]  # too wide for a terminal; the page has it
+    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, shown)
+
+
+def _names(paths: list[Path], scores: list[Score]) -> list[str]:
+    """Return the methods' names where they tell the scores apart, otherwise the shortest names of the files."""
+    methods = [score.method.name.rpartition("/")[2] for score in scores if score.method is not None]
+    if len(set(methods)) == len(paths):
+        return methods
+    for parts in range(1, max(len(path.parts) for path in paths) + 1):
+        names = ["/".join(path.parts[-parts:]) for path in paths]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{number}: {path}" for number, path in enumerate(paths, 1)]
+
+
+@app.command(
+    epilog=examples(
+        "sfr plot estimate.csv other.tum --truth data/ -o paths.html",
+        "sfr plot 00.kitti --truth poses/00.txt --align se3 -o paths.png",
+        "sfr plot estimate.csv -o path.png",
+    ),
+    hint="sfr score EST TRUTH    # the figures, with limits a verdict",
+)
+def plot(
+    trajectories: Annotated[
+        list[Path],
+        typer.Argument(metavar="T...", help="Trajectories: csv, TUM, KITTI, EuRoC, evo, bags, sources with truth."),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="X.html|X.png", help="The figure.")],
+    truth: Annotated[
+        Path | None, typer.Option(metavar="TRUTH", help="True trajectory: also the distance of each to it.")
+    ] = None,
+    align: Annotated[
+        str,
+        typer.Option(
+            metavar="none|origin|se3|sim3",
+            help="Alignment of each with the truth.",
+            autocompletion=words("none", "origin", "se3", "sim3"),
+        ),
+    ] = "none",
+    max_difference: Annotated[
+        float, typer.Option(metavar="S", help="Longest difference of the stamps of estimate and truth.")
+    ] = 0.01,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Draw trajectories from above, in height and, with --truth, their distance to it, for a quick look."""
+    from sfr_loc_map.config import build
+    from sfr_loc_map.metrics.config import AlignedErrorConfig
+    from sfr_loc_map.pipeline.paths import load_curves
+    from sfr_loc_map.report.path_figure import save_path_html, save_path_png
+
+    check_suffix(output, (*HTML_SUFFIXES, ".png"))
+    check_outputs(output, overwrite=overwrite, inputs=[*trajectories, *([truth] if truth is not None else [])])
+    config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
+    curves = load_curves(trajectories, truth, config)
+    save = save_path_png if output.suffix == ".png" else save_path_html
+    save(curves, output)
+    say(f"{', '.join(curve.name for curve in curves)}: {output}", err=True)
