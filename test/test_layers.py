@@ -13,7 +13,7 @@ FLOORS = (
     {"__init__", "errors", "inputs", "config", "jit", "constants", "printable", "bounded_input", "child_process"},
     {"geometry"},
     {"io", "localisation", "mapping", "metrics", "simulation"},
-    {"methods", "report", "tables"},
+    {"methods", "report"},
     {"pipeline"},
     {"bench", "live", "suite"},
     {"nodes"},
@@ -21,7 +21,7 @@ FLOORS = (
     {"cli", "api"},
 )
 """From the bottom; what stands on one floor does not import its neighbours, but the root modules do."""
-NEIGHBOURS = {("report", "tables"), ("cli", "api")}
+NEIGHBOURS = {("cli", "api")}
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 ROS_ROOMS = {"nodes", "fault_injection"}
 FILES = sorted(PACKAGE.rglob("*.py"))

@@ -11,12 +11,10 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics import score as base
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.report.overall import overall_of
-from sfr_loc_map.report.page import figures_of, load_score, write_page
-from sfr_loc_map.report.plotly_figure import to_figure
+from sfr_loc_map.report.page import figures_of, load_score, overall_of, write_page
+from sfr_loc_map.report.plots import to_figure
 from sfr_loc_map.report.score_tables import score_markdown, summary_tables
-from sfr_loc_map.tables.html import to_html
-from sfr_loc_map.tables.numbers import UNKNOWN
+from sfr_loc_map.report.tables import UNKNOWN, to_html
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

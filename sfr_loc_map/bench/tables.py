@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sfr_loc_map.tables.numbers import (
+from sfr_loc_map.report.tables import (
     ABSENT,
     DEGREE,
     MIB,
@@ -16,9 +16,12 @@ from sfr_loc_map.tables.numbers import (
     PERCENT,
     PIXEL,
     SECOND,
+    Cell,
+    Column,
+    Row,
+    Table,
     Unit,
 )
-from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 Json = Mapping[str, Any]
 

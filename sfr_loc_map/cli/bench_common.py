@@ -16,7 +16,7 @@ def present(result: dict[str, Any], json_path: str | None, markdown_path: Path |
     """Print tables, reference methods left out and failures; write JSON and Markdown; `--json -` prints JSON alone."""
     from sfr_loc_map.bench.tables import benchmark_tables
     from sfr_loc_map.metrics.score_json import json_line
-    from sfr_loc_map.tables.markdown import to_markdown
+    from sfr_loc_map.report.tables import to_markdown
 
     tables = benchmark_tables(result)
     if markdown_path is not None:

@@ -56,7 +56,7 @@ def faults(
     from sfr_loc_map.fault_injection.report import Verdict, outcome_table, report
     from sfr_loc_map.fault_injection.run import select
     from sfr_loc_map.fault_injection.settings import CampaignSettings
-    from sfr_loc_map.tables.markdown import to_markdown
+    from sfr_loc_map.report.tables import to_markdown
 
     settings = CampaignSettings(stop_s=stop_s, restart_limit_s=restart_limit_s, soak_minutes=soak_minutes)
     chosen = select(fault or [], settings)

@@ -141,7 +141,7 @@ def _diagnose(estimate: Path, truth: Path, json_path: str | None, *, lenient: bo
     from sfr_loc_map.metrics.convention import MIN_POSES
     from sfr_loc_map.metrics.score_json import to_plain
     from sfr_loc_map.pipeline.scoring import diagnose_files
-    from sfr_loc_map.tables.table import Cell, Column, Table
+    from sfr_loc_map.report.tables import Cell, Column, Table
 
     diagnosis = diagnose_files(estimate, truth, ScoreConfig())
     rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]

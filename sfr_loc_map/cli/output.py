@@ -27,7 +27,7 @@ from sfr_loc_map.printable import one_line, printable
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
-    from sfr_loc_map.tables.table import Table
+    from sfr_loc_map.report.tables import Table
 
 STANDARD_OUTPUT = "-"
 STDERR = 2
@@ -125,7 +125,7 @@ def show(json_text: str, place: str | None, tables: Iterable[Table]) -> None:
         return
     if place is not None:
         write_text(json_text, Path(place))
-    from sfr_loc_map.tables.terminal import print_tables
+    from sfr_loc_map.report.tables import print_tables
 
     print_tables(tables)
 

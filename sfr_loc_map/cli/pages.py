@@ -62,7 +62,7 @@ def report(
     """Make the report page, or tables, of a score."""
     from sfr_loc_map.report.page import load_score, render_page
     from sfr_loc_map.report.score_tables import score_markdown, score_tables
-    from sfr_loc_map.tables.csv_rows import to_csv
+    from sfr_loc_map.report.tables import to_csv
 
     if form is None and output is not None and output.suffix not in FORMATS:
         raise ConfigError(f"'-o {output}': the ending must be one of {', '.join(FORMATS)}, or give --format")
@@ -104,9 +104,7 @@ def compare(
 ) -> None:
     """Compare scores of the same data, of one method or of several, paired by sub-trajectory."""
     from sfr_loc_map.metrics.comparison import compare_scores
-    from sfr_loc_map.report.comparison_tables import comparison_tables
-    from sfr_loc_map.report.methods_figures import methods_figures
-    from sfr_loc_map.report.methods_tables import methods_tables
+    from sfr_loc_map.report.comparison import comparison_tables, methods_figures, methods_tables
     from sfr_loc_map.report.page import load_score, render_overview
 
     check_suffix(html, HTML_SUFFIXES)

@@ -153,9 +153,7 @@ def score(
 def present(score: Score, json_path: str | None, html: Path | None) -> None:
     """Write and print a score, its verdict and what to look at first; raise ConfigError if there is nothing in it."""
     from sfr_loc_map.metrics.score_json import to_json
-    from sfr_loc_map.report.look_first import look_first
-    from sfr_loc_map.report.overall import overall_of
-    from sfr_loc_map.report.page import write_page
+    from sfr_loc_map.report.page import look_first, overall_of, write_page
     from sfr_loc_map.report.score_tables import summary_tables
 
     tables = summary_tables(score)

@@ -55,7 +55,7 @@ def methods(
     from sfr_loc_map.methods.header import header_folder
     from sfr_loc_map.methods.registry import listed_methods
     from sfr_loc_map.metrics.score_json import json_line
-    from sfr_loc_map.tables.table import Cell, Column, Table
+    from sfr_loc_map.report.tables import Cell, Column, Table
 
     if include_dir:
         say(str(header_folder()))

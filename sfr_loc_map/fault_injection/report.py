@@ -11,8 +11,7 @@ from typing import Any
 
 from sfr_loc_map.fault_injection.fault import Fault, Outcome
 from sfr_loc_map.fault_injection.settings import CampaignSettings
-from sfr_loc_map.tables.numbers import SECOND
-from sfr_loc_map.tables.table import Cell, Column, Table
+from sfr_loc_map.report.tables import SECOND, Cell, Column, Table
 
 SCHEMA = "sfr-faults/1"
 COLUMNS = (

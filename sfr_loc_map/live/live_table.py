@@ -6,11 +6,22 @@ from collections.abc import Iterator
 
 from sfr_loc_map.metrics.config import CallKind, VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
-from sfr_loc_map.report.map_tables import map_error
-from sfr_loc_map.report.score_cells import keyed_conditions
-from sfr_loc_map.report.score_tables import headline_table, limit_name, limit_unit
-from sfr_loc_map.tables.numbers import ABSENT, fitting, number
-from sfr_loc_map.tables.table import Cell, Column, Row, Table
+from sfr_loc_map.report.score_tables import (
+    headline_table,
+    keyed_conditions,
+    limit_name,
+    limit_unit,
+    map_error,
+)
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    Cell,
+    Column,
+    Row,
+    Table,
+    fitting,
+    number,
+)
 
 NAME = "live"
 FIRST_FIGURE = 2

@@ -12,9 +12,9 @@ from sfr_loc_map.live.live_table import live_table
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, to_dict
-from sfr_loc_map.report.overall import Overall, overall_of
+from sfr_loc_map.report.page import Overall, overall_of
 from sfr_loc_map.report.score_tables import score_tables
-from sfr_loc_map.tables.table import Cell, Table
+from sfr_loc_map.report.tables import Cell, Table
 
 MAX_REPORT_CHARACTERS = 8_000_000
 

@@ -15,9 +15,17 @@ from rich.text import Text
 from sfr_loc_map.live.node_view import CallSample, NodeView
 from sfr_loc_map.live.state import LOCALISATION, REPORT, LiveState
 from sfr_loc_map.printable import one_line, printable
-from sfr_loc_map.tables.numbers import ABSENT, METRE, MIB, MILLISECOND, number
-from sfr_loc_map.tables.table import Row, Table
-from sfr_loc_map.tables.terminal import COLOURS, OPEN_COLOUR
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    METRE,
+    MIB,
+    MILLISECOND,
+    OPEN,
+    VERDICTS,
+    Row,
+    Table,
+    number,
+)
 
 LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
 """Sign and colour of the level of a node."""
@@ -89,7 +97,7 @@ def _banner(state: LiveState) -> Text:
     if state.report is None:
         return Text(f" {WAITING}", "italic")
     overall = state.report.overall
-    style = COLOURS.get(overall.state, OPEN_COLOUR)
+    style = VERDICTS.get(overall.state, OPEN).colour
     return Text.assemble((f" {overall.icon} {overall.state} ", f"reverse {style}"), f" {overall.text}")
 
 
@@ -112,7 +120,7 @@ def _verdicts(table: Table) -> RenderableType:
     grid.add_column("value", justify="right", max_width=NUMBER_WIDTH)
     grid.add_column("n", justify="right", no_wrap=True)
     for verdict, head, unit, limit, value, _, count, _ in table.rows:
-        style = COLOURS.get(verdict.text, OPEN_COLOUR)
+        style = VERDICTS.get(verdict.text, OPEN).colour
         bound = f"{limit.text} {unit.text}"
         words = (head.text, bound, value.text, count.text)
         grid.add_row(Text(f"{verdict.icon} {verdict.text}", style), *map(Text, words))

@@ -1,4 +1,4 @@
-"""Tables, figures and pages made from the score."""
+"""Tables of figures, and the tables, figures and pages made from the score."""
 
 import lazy_loader
 

@@ -3,3 +3,14 @@ from .page import render_page as render_page
 from .page import render_tables as render_tables
 from .page import write_page as write_page
 from .score_tables import score_markdown as score_markdown
+from .tables import Cell as Cell
+from .tables import CellKind as CellKind
+from .tables import Column as Column
+from .tables import Table as Table
+from .tables import Unit as Unit
+from .tables import number as number
+from .tables import print_tables as print_tables
+from .tables import to_csv as to_csv
+from .tables import to_html as to_html
+from .tables import to_markdown as to_markdown
+from .tables import to_rich as to_rich

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.score import CallHistogram, CallScore, CallSeries, Score
-from sfr_loc_map.report.call_tables import HOST, clock_text, target_name
-from sfr_loc_map.report.plots import Plot, Trace, axis, line, log_axis, marks, scaled, seconds_since
-from sfr_loc_map.tables.numbers import MIB
+from sfr_loc_map.metrics.score import CallFigures, CallScore, CallSeries, Score
+from sfr_loc_map.report.plots import Plot, Trace, axis, line, log_axis, marks, scaled
+from sfr_loc_map.report.score_tables import HOST, clock_text
+from sfr_loc_map.report.tables import MIB
 
 STATES = {
     "initialising": ("@two", "diamond"),
@@ -19,10 +18,9 @@ STATES = {
     "lost": ("@bad", "x"),
     "mapped": ("@one", "circle"),
     "fused": ("@three", "square"),
+    "other": ("@four", "square"),
 }
 """What a call said: its colour and mark."""
-OTHER = "other"
-OTHER_STYLE = ("@four", "square")
 MIN_HISTOGRAM = 10
 """Fewer calls are told by their timeline alone."""
 
@@ -30,27 +28,23 @@ MIN_HISTOGRAM = 10
 def cost_figures(score: Score) -> list[Plot]:
     """Return histogram and timeline of each kind of call, as far as the score has their data."""
     details = None if score.details is None else score.details.calls
-    if details is None:
-        return []
     figures: list[Plot] = []
     for kind in CallKind:
-        calls = details.of(kind)
+        calls = None if details is None else details.of(kind)
         if calls is None:
             continue
         times = None if score.timing is None else score.timing.of(kind)
         clock = "host time" if times is not None and times.clock.startswith(HOST) else "time"
         histogram = sum(calls.histogram.counts) >= MIN_HISTOGRAM
         if histogram:
-            figures.append(
-                _histogram(kind, clock, calls.histogram, times, clock_text(score.timing, target_name(score)))
-            )
+            figures.append(_histogram(kind, clock, calls, times, clock_text(score.timing, score.target)))
         if len(calls.series.stamp_ns) > 1:
             figures.append(_timeline(kind, clock, calls.series, "half" if histogram else "full"))
     return figures
 
 
-def _histogram(kind: CallKind, clock: str, histogram: CallHistogram, times: CallScore | None, caption: str) -> Plot:
-    edges, counts = histogram.edges_s, histogram.counts
+def _histogram(kind: CallKind, clock: str, calls: CallFigures, times: CallScore | None, caption: str) -> Plot:
+    edges, counts = calls.histogram.edges_s, calls.histogram.counts
     bars = {
         "type": "bar",
         "name": "calls",
@@ -64,9 +58,8 @@ def _histogram(kind: CallKind, clock: str, histogram: CallHistogram, times: Call
         "showlegend": False,
     }
     data: list[Trace] = [bars]
-    quantiles = () if times is None else (times.p50, times.p95, times.p99)
-    styles = (("p50", "dash", "@truth"), ("p95", "dot", "@two"), ("p99", "dashdot", "@five"))
-    for value, (name, dash, color) in zip(quantiles, styles, strict=False):
+    for name, dash, color in (("p50", "dash", "@truth"), ("p95", "dot", "@two"), ("p99", "dashdot", "@five")):
+        value = getattr(times, name, None)
         if value is not None:
             data.append(line(name, ([value, value], [0, max(counts)]), color, dash=dash, width=2.5))
     layout = {
@@ -78,8 +71,16 @@ def _histogram(kind: CallKind, clock: str, histogram: CallHistogram, times: Call
 
 
 def _timeline(kind: CallKind, clock: str, series: CallSeries, width: str) -> Plot:
-    seconds = seconds_since(series.stamp_ns)
-    data = _marks_by_state(series, seconds)
+    seconds = [round((stamp - series.stamp_ns[0]) * 1e-9, 6) for stamp in series.stamp_ns]
+    shown = [state if state in STATES else "other" for state in series.state]
+    data: list[Trace] = []
+    for name, (color, symbol) in STATES.items():
+        rows = [k for k, state in enumerate(shown) if state == name]
+        if rows:
+            places = [seconds[k] for k in rows], [series.processing_time_s[k] for k in rows]
+            stamps = [str(series.stamp_ns[k]) for k in rows]
+            hover = f"call at stamp %{{customdata}} ns: %{{y:.4g}} s<extra>{name}</extra>"
+            data.append(marks(name, places, color, symbol=symbol, size=5, customdata=stamps, hovertemplate=hover))
     layout: dict[str, Any] = {
         "xaxis": axis("time since the first pair, s"),
         "yaxis": axis(f"{clock} per call, s", rangemode="tozero"),
@@ -92,18 +93,3 @@ def _timeline(kind: CallKind, clock: str, series: CallSeries, width: str) -> Plo
     block = series.slowest_of
     caption = "Each call in turn; memory: resident." if block == 1 else f"The slowest of every {block} calls."
     return Plot(f"{kind}-timeline", f"Time and memory by call: {kind}", caption, data, layout, height=440, width=width)
-
-
-def _marks_by_state(series: CallSeries, seconds: Sequence[float]) -> list[Trace]:
-    """Return the times of the calls, a trace for each state."""
-    shown = [state if state in STATES else OTHER for state in series.state]
-    data: list[Trace] = []
-    for name, (color, symbol) in {**STATES, OTHER: OTHER_STYLE}.items():
-        rows = [k for k, state in enumerate(shown) if state == name]
-        if not rows:
-            continue
-        places = [seconds[k] for k in rows], [series.processing_time_s[k] for k in rows]
-        stamps = [str(series.stamp_ns[k]) for k in rows]
-        hover = f"call at stamp %{{customdata}} ns: %{{y:.4g}} s<extra>{name}</extra>"
-        data.append(marks(name, places, color, symbol=symbol, size=5, customdata=stamps, hovertemplate=hover))
-    return data

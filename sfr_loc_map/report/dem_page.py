@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map.io.geotiff import Band
 from sfr_loc_map.report.page import render_overview
 from sfr_loc_map.report.plots import Plot, axis
-from sfr_loc_map.tables.table import Cell, Column, Table
+from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 
 MAX_SIDE = 400
 """Most cells of a figure along a side; of larger grids every so many cells are shown."""
@@ -27,13 +26,7 @@ CAPTIONS = {
 
 
 def dem_page(bands: Sequence[Band], origin_m: tuple[float, float], cell_m: float) -> str:
-    """Return the page of a grid as HTML.
-
-    Args:
-        bands: Its layers, of one shape.
-        origin_m: x and y of the outer corner of cell (0, 0), which has the least x and y.
-        cell_m: Side of a cell.
-    """
+    """Return the page of a grid as HTML; its layers have one shape, its origin is the corner of least x and y."""
     rows, columns = bands[0].values.shape
     step = -(-max(rows, columns) // MAX_SIDE)
     text = f"{columns * cell_m:g} x {rows * cell_m:g} m in cells of {cell_m:g} m"
@@ -50,7 +43,7 @@ def _figure(band: Band, origin_m: tuple[float, float], cell_m: float, step: int)
     low, high = np.quantile(known, (0.01, 0.99)).tolist() if known.size else (0.0, 1.0)
     heat: dict[str, Any] = {
         "type": "heatmap",
-        "z": _plain(values),
+        "z": [[float(f"{value:.5g}") if value == value else None for value in row] for row in values.tolist()],
         "x0": origin_m[0] + cell_m / 2,
         "dx": cell_m * step,
         "y0": origin_m[1] + cell_m / 2,
@@ -71,20 +64,13 @@ def _figure(band: Band, origin_m: tuple[float, float], cell_m: float, step: int)
     return Plot(f"dem-{band.name}", band.name.capitalize(), caption, [heat], layout, height=440, width=width)
 
 
-def _plain(values: NDArray[np.float32]) -> list[list[float | None]]:
-    """Return values with five digits, None where not known."""
-    return [[float(f"{value:.5g}") if value == value else None for value in row] for row in values.tolist()]
-
-
 def _table(bands: Sequence[Band]) -> Table:
-    head = (Column("layer", words=True), Column("unit", words=True), *(Column(name) for name in ("known", *_QUANTILES)))
+    shares = {"least": 0.0, "median": 0.5, "largest": 1.0}
     rows = []
     for band in bands:
         known = band.values[np.isfinite(band.values)]
-        figures = np.quantile(known, list(_QUANTILES.values())).tolist() if known.size else [float("nan")] * 3
-        texts = [f"{value:.4g}" if value == value else "-" for value in figures]
-        rows.append((Cell.head(band.name), Cell(band.unit), Cell(str(known.size)), *(Cell(text) for text in texts)))
+        values = np.quantile(known, list(shares.values())).tolist() if known.size else []
+        texts = [f"{value:.4g}" for value in values] or [ABSENT] * len(shares)
+        rows.append((Cell.head(band.name), Cell(band.unit), Cell(str(known.size)), *map(Cell, texts)))
+    head = (Column("layer", words=True), Column("unit", words=True), Column("known"), *map(Column, shares))
     return Table("counts", "Layers", head, tuple(rows))
-
-
-_QUANTILES = {"least": 0.0, "median": 0.5, "largest": 1.0}

@@ -6,37 +6,38 @@ import base64
 import gzip
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
-
-from jinja2 import Environment, PackageLoader, Template
-from markupsafe import Markup
+from itertools import islice
+from pathlib import Path, PurePath
+from typing import Any
 
 from sfr_loc_map import __version__
 from sfr_loc_map.bounded_input import MAX_JSON_BYTES, read_text
+from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
+from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.cost_figures import cost_figures
-from sfr_loc_map.report.error_figures import error_figures
-from sfr_loc_map.report.look_first import LookFirst, look_first
 from sfr_loc_map.report.map_figures import map_figures
-from sfr_loc_map.report.overall import NO_VERDICT, NO_VERDICT_ICON, Overall, overall_of
 from sfr_loc_map.report.plots import Plot
-from sfr_loc_map.report.run_header import data_set_name, run_facts
-from sfr_loc_map.report.score_tables import score_tables
-from sfr_loc_map.report.trajectory_figures import trajectory_figures
-from sfr_loc_map.tables.html import OPEN_CLASS, VERDICT_CLASSES, to_html
-from sfr_loc_map.tables.numbers import UNKNOWN
-from sfr_loc_map.tables.table import VERDICT_ICONS, Table
+from sfr_loc_map.report.score_tables import limit_name, limit_unit, score_tables
+from sfr_loc_map.report.tables import METRE, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Table, fitting, number, to_html
+from sfr_loc_map.report.trajectory_figures import error_sizes, parts_of, trajectory_figures
 
 TITLE = "Localisation and mapping report"
-FIRST_TABLES = ("verdicts", "headline")
-"""Tables before the figures; they are the first of a score."""
-_BREAKS_OUT = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+FIRST_TABLES = ("verdicts", "headline", "counts", "groups")
+"""Tables before the figures."""
+TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")
+NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
+MOST = 5
+"""More than this is not to be looked at first."""
+Sections = Sequence[tuple[str, list[Plot]]]
+
+
+# ---- the page
 
 
 def load_score(path: Path) -> Score:
@@ -66,50 +67,32 @@ def write_page(score: Score, path: Path) -> None:
 
 
 def render_page(score: Score, *, figures: bool = True) -> str:
-    """Return the page as HTML.
-
-    Args:
-        score: The score.
-        figures: Whether to draw figures; without them the page holds tables only and no script, ready for print.
-    """
-    sections = _sections(score) if figures else []
-    plots = [plot for _, group in sections for plot in group]
-    tables = score_tables(score)
-    first = [table for table in tables if table.name in FIRST_TABLES]
+    """Return the page as HTML; without figures it holds tables only and no script, ready for print."""
+    sections, tables = _sections(score) if figures else [], score_tables(score)
     provenance = dict(_flat(to_plain(score.provenance) or {}, ""))
     details = score.details.trajectory if score.details is not None else None
-    return _template("page.html.j2").render(
-        title=f"{name}: {TITLE[0].lower()}{TITLE[1:]}" if (name := data_set_name(score)) else TITLE,
+    name = data_set_name(score)
+    # each thing to look at leads to a place that this page has
+    places = {f"table-{table.name}" for table in tables}
+    places |= {f"figure-{plot.name}" for _, group in sections for plot in group}
+    everything = f"table-{tables[0].name}" if tables else "overall"
+    first = [item if item.place in places else replace(item, place=everything) for item in look_first(score)]
+    return _rendered(
+        tables,
+        sections,
+        title=f"{name}: {TITLE[0].lower()}{TITLE[1:]}" if name else TITLE,
         facts=run_facts(score),
-        look_first=_reachable(score, tables, sections),
+        look_first=first,
         version=provenance.get("version", UNKNOWN),
         time=provenance.get("time", "time unknown"),
         overall=overall_of(score),
-        first=_html(first),
-        tables=_html(tables[len(first) :]),
-        sections=sections,
         provenance=list(provenance.items()),
-        plotly=_plotly() if plots else "",
-        specs=_inline_json([asdict(plot) for plot in plots]),
         every=details.path.every if details is not None else 1,
     )
 
 
-def _reachable(score: Score, tables: Sequence[Table], sections: Sequence[tuple[str, list[Plot]]]) -> list[LookFirst]:
-    """Return what to look at first, each with a place that this page has."""
-    places = {f"table-{table.name}" for table in tables}
-    places |= {f"figure-{plot.name}" for _, group in sections for plot in group}
-    everything = f"table-{tables[0].name}" if tables else "overall"
-    return [item if item.place in places else replace(item, place=everything) for item in look_first(score)]
-
-
 def render_overview(
-    title: str,
-    state: VerdictState | None,
-    text: str,
-    tables: Sequence[Table],
-    sections: Sequence[tuple[str, list[Plot]]],
-    heading: str = "",
+    title: str, state: VerdictState | None, text: str, tables: Sequence[Table], sections: Sections, heading: str = ""
 ) -> str:
     """Return a page about many scores as HTML, laid out as that of one.
 
@@ -121,42 +104,57 @@ def render_overview(
         sections: Figures by heading.
         heading: Heading of the banner instead of the verdict, for what is not judged.
     """
-    plots = [plot for _, group in sections for plot in group]
-    first = [table for table in tables if table.name in ("verdicts", "counts", "groups")]
     word = heading or (NO_VERDICT if state is None else state.value)
-    return _template("page.html.j2").render(
+    style = VERDICTS.get(word, OPEN)
+    return _rendered(
+        tables,
+        sections,
         title=title,
         version=__version__,
         time=datetime.now(UTC).isoformat(timespec="seconds"),
-        overall=Overall(word, text, VERDICT_CLASSES.get(word, OPEN_CLASS), VERDICT_ICONS.get(word, NO_VERDICT_ICON)),
-        first=_html(first),
-        tables=_html(table for table in tables if table not in first),
-        sections=sections,
+        overall=Overall(word, text, style.css, style.icon if word in VERDICTS else NO_VERDICT_ICON),
         provenance=None,
-        plotly=_plotly() if plots else "",
-        specs=_inline_json([asdict(plot) for plot in plots]),
         every=1,
     )
 
 
 def render_tables(title: str, tables: Sequence[Table]) -> str:
     """Return a page of tables, without figures, script or network, as HTML."""
-    return _template("tables.html.j2").render(title=title, tables=_html(tables))
+    return _from_template("tables.html.j2", tables, title=title)
 
 
-def _template(name: str) -> Template:
+def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str:  # noqa: ANN401 - of the template
+    """Return the page; its figures are drawn by plotly, whose script (compressed: 3 MB less) is part of it."""
+    plots, plotly = [plot for _, group in sections for plot in group], ""
+    if plots:
+        from plotly.offline import get_plotlyjs
+
+        plotly = base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode()
+    specs = json.dumps([asdict(plot) for plot in plots], allow_nan=False, separators=(",", ":"))
+    for sign in "<>&\u2028\u2029":  # JSON that cannot end the script element it stands in
+        specs = specs.replace(sign, f"\\u{ord(sign):04x}")
+    return _from_template("page.html.j2", tables, specs=specs, sections=sections, plotly=plotly, **values)
+
+
+def _from_template(name: str, tables: Sequence[Table], specs: str = "", **values: Any) -> str:  # noqa: ANN401
+    from jinja2 import Environment, PackageLoader  # what only asks for the verdict starts without it
+    from markupsafe import Markup
+
     loader = PackageLoader("sfr_loc_map", "report/templates")
-    return Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True).get_template(name)
+    environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
 
+    def html(some: Iterable[Table]) -> Markup:
+        return Markup("".join(map(to_html, some)))  # the renderer of tables escapes every text
 
-def _html(tables: Iterable[Table]) -> Markup:
-    """Return tables as HTML; their renderer escapes every text."""
-    return Markup("".join(map(to_html, tables)))
+    first = [table for table in tables if table.name in FIRST_TABLES]
+    if "sections" in values:
+        values["first"], tables = html(first), [table for table in tables if table not in first]
+    return environment.get_template(name).render(tables=html(tables), specs=Markup(specs), **values)
 
 
 def _sections(score: Score) -> list[tuple[str, list[Plot]]]:
     groups = (
-        ("Localisation", trajectory_figures(score) + error_figures(score)),
+        ("Localisation", trajectory_figures(score)),
         ("Time and memory", cost_figures(score)),
         ("Map", map_figures(score)),
     )
@@ -179,16 +177,170 @@ def _flat(value: object, prefix: str) -> Iterator[tuple[str, str]]:
         yield prefix, UNKNOWN if value is None else str(value)
 
 
-def _plotly() -> str:
-    """Return the script of plotly, compressed (the page would be 3 MB larger), as base64."""
-    from plotly.offline import get_plotlyjs
-
-    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode()
+# ---- the banner: the verdict over all limits
 
 
-def _inline_json(value: object) -> Markup:
-    """Return JSON that cannot end the script element it stands in."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
-    for sign, escape in _BREAKS_OUT.items():
-        text = text.replace(sign, escape)
-    return Markup(text)
+@dataclass(frozen=True, slots=True)
+class Overall:
+    """The verdict over all limits: in a word, in a sentence, its class of the style sheet, its sign."""
+
+    state: str
+    text: str
+    style: str
+    icon: str
+
+
+def overall_of(score: Score) -> Overall:
+    """Return the verdict over all limits; no figure judges where estimate and truth contradict each other."""
+    if score.contradiction is not None:
+        return Overall(NO_VERDICT, f"Not judged: {score.contradiction}", OPEN.css, NO_VERDICT_ICON)
+    states = [item.state for item in score.verdicts]
+    if not states:
+        return Overall(NO_VERDICT, "No limits were given: there is no verdict.", OPEN.css, NO_VERDICT_ICON)
+    passed, failed = states.count(VerdictState.PASS), states.count(VerdictState.FAIL)
+    rest = len(states) - passed - failed
+    text = f"{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
+    state = VerdictState.FAIL if failed else VerdictState.NOT_ENOUGH_DATA if rest else VerdictState.PASS
+    style = VERDICTS.get(state, OPEN)
+    return Overall(state.value, text, style.css, style.icon)
+
+
+# ---- the header: on which data, how long, by which method, with what settings, when
+
+
+def data_set_name(score: Score) -> str:
+    """Return the name of the data set that the truth is of, empty where the score does not tell it."""
+    for path in _paths(score, TRUTH_ROLES):
+        place = PurePath(path)
+        while place.name in ("groundtruth.csv", "loc", "nav") and place.parent.name:  # parts of a data set folder
+            place = place.parent
+        return place.name
+    return ""
+
+
+def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
+    """Return the facts of the header, each with its name; what the score does not know is left out."""
+    drive, cloud, method, made = score.trajectory, score.map, score.method, score.provenance
+    facts = {"Truth": ", ".join(_paths(score, TRUTH_ROLES)), "Judged": ", ".join(_paths(score, RESULT_ROLES))}
+    if drive is not None:
+        facts["Drive"] = f"{number(drive.path_length_m)} m in {number(drive.duration_s)} s, "
+        facts["Drive"] += f"{drive.matched} stereo pairs with a truth"
+    if cloud is not None:
+        facts["Map"] = f"{cloud.points} points of {cloud.pairs} stereo {'pair' if cloud.pairs == 1 else 'pairs'}"
+    facts["Method"] = "not named in the inputs"
+    if method is not None:
+        facts["Method"] = f"{method.name} {method.version or 'of unknown version'} ({method.kind})"
+    if score.convention is not None:
+        facts["Poses converted"] = "yes, see Method under test"
+    if made is not None:
+        if made.configuration:  # settings of other parts are there only if they are changed
+            usual = {name: _plain(value) for name, value in flatten(ScoreConfig()).items()}
+            changed = {name: _plain(value) for name, value in made.configuration.items()}
+            changed = {name: value for name, value in changed.items() if name not in usual or value != usual[name]}
+            texts = (f"{name} {text}" for k, v in changed.items() for name, text in _flat({k: v}, ""))
+            facts["Configuration"] = "; ".join(texts) or "defaults"
+        host = ", ".join(f"Python {value}" if name == "python" else value for name, value in made.host.items())
+        by = f"by sfr_loc_map {made.version or UNKNOWN}{f' on {host}' if host else ''}"
+        facts["Scored"] = f"{made.time or 'time unknown'} {by}"
+    return tuple((name, text) for name, text in facts.items() if text)
+
+
+def _paths(score: Score, roles: Sequence[str]) -> list[str]:
+    """Return the inputs of some roles, each once."""
+    inputs = {} if score.provenance is None else score.provenance.inputs
+    return list(dict.fromkeys(inputs[role].path for role in roles if role in inputs))
+
+
+def _plain(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
+
+
+# ---- what to look at first: what is wrong, else what is nearest to being wrong, each with the reason
+
+
+@dataclass(frozen=True, slots=True)
+class LookFirst:
+    """One thing to look at: what it is in a phrase, why in a sentence, the anchor of what shows it."""
+
+    what: str
+    why: str
+    place: str
+
+
+def look_first(score: Score) -> tuple[LookFirst, ...]:
+    """Return what to look at, the worst first; without a finding, what would go wrong first."""
+    return tuple(islice(_worth_a_look(score), MOST))
+
+
+def _worth_a_look(score: Score) -> Iterator[LookFirst]:
+    if score.contradiction is not None:
+        why = f"Estimate and truth contradict each other, so that no figure of them judges: {score.contradiction}"
+        yield LookFirst("the convention of the poses", why, "table-headline")
+    for finding in score.findings:
+        yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.", "table-method")
+    for item in sorted(score.failed, key=_use_of_limit, reverse=True):
+        yield _of_limit(item, f"It misses its limit: {_beside_limit(item)}")
+    part = score.trajectory
+    for count, word in () if part is None else ((part.lost, "lost"), (part.degraded, "degraded")):
+        if count and part is not None:
+            share = number(100.0 * count / max(part.matched, 1))
+            why = f"{count} of {part.matched} frames ({share} %) are {word}, and count in every figure like the others."
+            calls = None if score.details is None else score.details.calls
+            has_calls = calls is not None and calls.localisation is not None
+            yield LookFirst(f"{word} frames", why, f"figure-{'localisation-timeline' if has_calls else 'accumulated'}")
+    for item in score.verdicts:
+        if item.state is VerdictState.NOT_ENOUGH_DATA:
+            count_text = "" if item.count is None else f" ({item.count} values)"
+            yield _of_limit(item, f"There is not enough data to judge it by its limit{count_text}.")
+    for condition in () if part is None else part.conditions:
+        pose = None if condition.nees is None else condition.nees.pose
+        if pose is not None and pose.mean is not None and pose.interval95 and pose.mean > pose.interval95[1]:
+            times = number(pose.mean / pose.expected)
+            why = f"Over {condition.condition} the squared error is {times} times what the covariance of the odometry "
+            yield LookFirst("the covariance is too small", f"{why}says.", "table-consistency")
+    met = [item for item in score.verdicts if item.state is VerdictState.PASS]
+    if met:
+        item = max(met, key=_use_of_limit)
+        why = f"Of the limits that are met it is the nearest to being missed: {_beside_limit(item)}"
+        yield _of_limit(item, why)
+    for first in parts_of(score)[:1]:
+        sizes = error_sizes(first.rows)
+        worst = max(range(len(sizes)), key=sizes.__getitem__)
+        unit = fitting(METRE, sizes[worst])
+        why = f"Over {first.score.condition} the largest position error is {number(sizes[worst], unit=unit)} "
+        why += f"{unit.symbol}, at frames {first.rows.start_frame[worst]} to {first.rows.end_frame[worst]}."
+        yield LookFirst("the worst sub-trajectory", why, "figure-position")
+
+
+def _use_of_limit(item: Verdict) -> float:
+    """Return which part of its limit a figure takes up; above 1 it misses it."""
+    value = abs(item.value or 0.0)
+    if item.metric.endswith("_min"):
+        return item.limit / value if value else float("inf")
+    return value / item.limit if item.limit else float("inf") if value else 0.0
+
+
+def _beside_limit(item: Verdict) -> str:
+    """Return a figure beside its limit, and whether that is certain."""
+    unit = limit_unit(item.metric)
+    unit = PERCENT if unit is SHARE else fitting(unit, item.limit, item.value)
+    use = _use_of_limit(item)
+    share = f", {number(100.0 * use)} % of it" if use < float("inf") and not item.metric.endswith("_min") else ""
+    value, limit = (number(figure, unit=unit) for figure in (item.value, item.limit))
+    doubt = " Its 95 % interval spans the limit: more data may change the verdict." if item.certain is False else ""
+    return f"{value} {unit.symbol} against {limit} {unit.symbol}{share}.{doubt}"
+
+
+def _of_limit(item: Verdict, why: str) -> LookFirst:
+    """Return a limited figure with what shows it best."""
+    metric, over = item.metric, f" over {item.condition}" if item.condition is not None else ""
+    place = "figure-position" if metric.startswith("position") else "figure-angles"
+    if metric.startswith(("target ", "fusion")):
+        place = "table-verdicts"
+    elif metric.endswith("_bytes"):
+        place = "table-memory"
+    elif metric.endswith("_s"):
+        place = f"figure-{metric.partition('_')[0]}-histogram"
+    elif metric.startswith(("point_error", "coverage")):
+        place = "table-map"
+    return LookFirst(limit_name(metric) + over, why, place)

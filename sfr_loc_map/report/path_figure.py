@@ -11,8 +11,7 @@ from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.aligned_error import Curve
 from sfr_loc_map.printable import printable
-from sfr_loc_map.report.plotly_figure import PALETTE, to_figure
-from sfr_loc_map.report.plots import Plot, Trace, axis, error_scale, line, scaled
+from sfr_loc_map.report.plots import PALETTE, Plot, Trace, axis, error_scale, line, scaled, to_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

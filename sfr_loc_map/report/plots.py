@@ -1,7 +1,7 @@
 """What all figures share: plotly figures as plain values, with colours by name so that light and dark share a figure.
 
-A colour is written `@name`; the page's script puts in the colour of its theme. No text of a user goes into a figure,
-since plotly reads some tags in texts.
+A colour is written `@name`; the page's script puts in the colour of its theme, `to_figure` that of the light one. No
+text of a user goes into a figure, since plotly reads some tags in texts.
 """
 
 from __future__ import annotations
@@ -9,15 +9,42 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 Trace = dict[str, Any]
 Column = Sequence[float | None]
+COLORS = ("@one", "@two", "@three", "@four", "@five")
+PALETTE = {
+    "truth": "#1a1f24",
+    "one": "#0067a8",
+    "two": "#c14a00",
+    "three": "#007a5a",
+    "four": "#8a6d00",
+    "five": "#a3437b",
+    "one-soft": "rgba(0,103,168,0.16)",
+    "two-soft": "rgba(193,74,0,0.16)",
+    "three-soft": "rgba(0,122,90,0.16)",
+    "four-soft": "rgba(138,109,0,0.16)",
+    "five-soft": "rgba(163,67,123,0.16)",
+    "bad": "#b3001b",
+    "faint": "rgba(87,96,106,0.35)",
+    "chosen": "#e69f00",
+    "ink": "#1a1f24",
+    "soft": "#57606a",
+    "paper": "#ffffff",
+    "grid": "#e3e7eb",
+    "zero": "#8c959f",
+    "sequential": "Viridis",
+}
+"""Colours by name: those of the light theme of `templates/page.js` (Okabe and Ito)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """One figure of the page.
+    """One figure of a page.
 
     Attributes:
         name: Short name, used as an anchor and by the script.
@@ -65,19 +92,9 @@ def marks(name: str, xy: Sequence[Column], color: str | Column, **more: Any) -> 
 
 def band(name: str, x: Column, low: float, high: float, color: str, **more: Any) -> Trace:  # noqa: ANN401
     """Return a filled band between two levels over the extent of x."""
-    first, last = x[0], x[-1]
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": name,
-        "x": [first, last, last, first],
-        "y": [low, low, high, high],
-        "fill": "toself",
-        "fillcolor": color,
-        "line": {"width": 0},
-        "hoverinfo": "skip",
-        **more,
-    }
+    corners = [x[0], x[-1], x[-1], x[0]], [low, low, high, high]
+    filled = {"fill": "toself", "fillcolor": color, "line": {"width": 0}, "hoverinfo": "skip"}
+    return {"type": "scatter", "mode": "lines", "name": name, "x": corners[0], "y": corners[1], **filled, **more}
 
 
 def error_scale(largest: float) -> tuple[float, str]:
@@ -85,16 +102,44 @@ def error_scale(largest: float) -> tuple[float, str]:
     return (1e3, "mm") if largest < 1.0 else (1.0, "m")
 
 
-def scaled(values: Sequence[float | None], factor: float) -> list[float | None]:
+def scaled(values: Column, factor: float) -> list[float | None]:
     """Return the values times a factor, to six significant digits; None stays."""
     return [None if value is None else float(f"{value * factor:.6g}") for value in values]
 
 
-def largest(*columns: Sequence[float | None]) -> float:
+def largest(*columns: Column) -> float:
     """Return the largest absolute value, 0 if there is none."""
     return max((abs(value) for column in columns for value in column if value is not None), default=0.0)
 
 
-def seconds_since(stamps_ns: Sequence[int]) -> list[float]:
-    """Return seconds since the first stamp."""
-    return [round((stamp - stamps_ns[0]) * 1e-9, 6) for stamp in stamps_ns]
+def to_figure(plot: Plot) -> Figure:
+    """Return a figure that plotly shows in a notebook or writes to a file, its title above it."""
+    from plotly.graph_objects import Figure
+
+    layout = {
+        "title": {"text": plot.title, "font": {"size": 16}, "y": 0.98, "yanchor": "top"},
+        "margin": {"l": 60, "r": 20, "t": 80, "b": 50},
+        "paper_bgcolor": PALETTE["paper"],
+        "plot_bgcolor": PALETTE["paper"],
+        "font": {"color": PALETTE["ink"], "size": 12},
+        "legend": {"orientation": "h", "traceorder": "normal", "y": 1.02, "yanchor": "bottom", "x": 0},
+        "hovermode": "closest",
+        "height": plot.height + 60,
+        **_coloured(plot.layout),
+    }
+    lines = {"gridcolor": PALETTE["grid"], "zerolinecolor": PALETTE["zero"], "linecolor": PALETTE["zero"]}
+    for name in list(layout):
+        if name.startswith(("xaxis", "yaxis")):
+            layout[name] = {"zeroline": False, **lines, **layout[name]}
+    return Figure(data=_coloured(plot.data), layout=layout)
+
+
+def _coloured(value: Any) -> Any:  # noqa: ANN401 - any value of plotly
+    """Return traces or a layout with the colours that `@name` stands for."""
+    if isinstance(value, str):
+        return PALETTE[value[1:]] if value.startswith("@") else value
+    if isinstance(value, dict):
+        return {key: _coloured(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)) and not (value and isinstance(value[0], (int, float))):
+        return [_coloured(item) for item in value]
+    return value

@@ -1,28 +1,47 @@
-"""The tables of a score: verdicts and figures first, then all the others."""
+"""The tables of a score: verdicts and figures first, then all the others; each cell with its place in the JSON."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.score import Score, Verdict
-from sfr_loc_map.report.aligned_table import aligned_table
-from sfr_loc_map.report.call_tables import (
-    clock_text,
-    memory_table,
-    stage_table,
-    target_name,
-    target_tables,
-    time_table,
+from sfr_loc_map.metrics.score import (
+    ConditionScore,
+    ConventionRecord,
+    IntervalStatistic,
+    MapScore,
+    MemoryScore,
+    NeesPart,
+    SampleStatistic,
+    Score,
+    SigmaNees,
+    Statistic,
+    TargetScore,
+    TimingScore,
 )
-from sfr_loc_map.report.map_tables import map_error, map_table
-from sfr_loc_map.report.method_tables import external_table, method_table
-from sfr_loc_map.report.score_cells import figure, keyed_conditions, statistic_columns, statistic_row
-from sfr_loc_map.report.terms import terms
-from sfr_loc_map.report.trajectory_tables import association_table, component_table, consistency_table, growth_table
-from sfr_loc_map.tables.markdown import to_markdown
-from sfr_loc_map.tables.numbers import ABSENT, DEGREE, METRE, MIB, SECOND, SHARE, Unit, fitting, number
-from sfr_loc_map.tables.table import Cell, Column, Row, Table
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    DEGREE,
+    METRE,
+    MIB,
+    MILLISECOND,
+    NONE,
+    NOT_ENOUGH,
+    PIXEL,
+    SECOND,
+    SHARE,
+    UNKNOWN,
+    Cell,
+    Column,
+    Row,
+    Table,
+    Unit,
+    fitting,
+    number,
+    to_markdown,
+)
 
 SUMMARY = (
     "headline",
@@ -37,28 +56,66 @@ SUMMARY = (
     "verdicts",
 )
 """Tables of the terminal; the verdicts stand last, where they are seen."""
-_CERTAIN = {True: "yes", False: "no", None: ABSENT}
+HOST = "host"
+"""First word of the name of a clock of this machine."""
+UNTOLD = "not told"
+STATISTIC = {"mean": "mean", "sigma": "sigma", "mean_plus_3sigma": "mean + 3 sigma"}
+TERMS: Mapping[str, str] = {
+    "sub-trajectory": "the part of the drive from a start to where the condition is met: so many metres, seconds or "
+    "frames later; starts follow each other at a fixed number of frames.",
+    "re-based": "the estimate is placed on the true pose at the start of each sub-trajectory, so that its error at "
+    "the end is what was added on the way.",
+    "position error": "estimated less true position at the end of a sub-trajectory, as a vector; the mean is the "
+    "length of the mean vector.",
+    "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory.",
+    "heading error": "estimated less true heading (about the vertical) at the end of a sub-trajectory, with its sign.",
+    "mean + 3 sigma": "size of the mean plus three standard deviations, over all sub-trajectories, map points or "
+    "calls: what the specification limits.",
+    "95 % interval": "range that holds the true mean + 3 sigma in 95 of 100 such drives.",
+    "not enough data": "the figure is not defined, or made of fewer values than the limits ask for.",
+    "DS": "the fixed world frame of the drive: x east, y north, z up.",
+    "LM": "the local map frame: fixed to the ground, z up; coordinates of the map are in it.",
+    "along, across": "in the direction of the true path, and to its left.",
+    "NEES": "squared error divided by the variance that was estimated for it: if that is honest, the mean is near the "
+    "number of components (expected).",
+    "95 % of consistent ones": "range in which the mean NEES of an honest estimate lies in 95 of 100 cases.",
+    "point error": "distance from a map point to the true point of its pixel.",
+    "distance to the nearest true point": "distance from a map point to any true point; reads lower than point error.",
+    "coverage": "share of the true points within the scored range that have a map point.",
+    "disparity error": "the disparity, in pixels, that the error in depth amounts to; it does not grow with range.",
+    "p50, p95, p99": "50, 95 or 99 of 100 values are not larger.",
+    "time per call": "from the call of the localiser or mapper to its return, without transport and queues.",
+    "first call": "shown apart, as it may pay for what later calls find done.",
+    "peak": "largest resident memory of the process during a call.",
+    "above the idle process": "the peak less what was resident after start and before the first call.",
+    "certain": "the 95 % interval lies on one side of the limit.",
+    "lost": "no pose could be estimated; scored with the last known one.",
+    "degraded": "a pose with a larger covariance, and a reason.",
+}
+"""What the figures of the report are, each in one sentence; a table shows those that it needs below itself."""
 
 
 def score_tables(score: Score) -> list[Table]:
     """Return all tables of a score that have something to show, the most important first."""
+    target = score.target
     tables = (
-        verdict_table(score),
+        _verdict_table(score),
         headline_table(score),
-        aligned_table(score),
-        growth_table(score),
-        component_table(score),
-        map_table(score),
-        consistency_table(score),
-        time_table(score),
-        stage_table(score),
-        memory_table(score),
-        *target_tables(score),
-        external_table(score),
-        method_table(score),
-        association_table(score),
+        _aligned_table(score),
+        _growth_table(score),
+        _component_table(score),
+        _map_table(score),
+        _consistency_table(score),
+        _time_table(score.timing, target=target),
+        _stage_table(score),
+        _memory_table(score.memory),
+        None if target is None else _time_table(target.timing, of=target.name),
+        None if target is None else _memory_table(target.memory, of=target.name),
+        _external_table(score),
+        _method_table(score),
+        _association_table(score),
     )
-    return [table for table in tables if table is not None]
+    return [table for table in tables if table is not None and table.rows]
 
 
 def summary_tables(score: Score) -> list[Table]:
@@ -72,33 +129,78 @@ def score_markdown(score: Score) -> str:
     return to_markdown(score_tables(score), "Score")
 
 
-def verdict_table(score: Score) -> Table | None:
-    """Return the verdicts on the limits, None if no limits were given."""
-    if not score.verdicts:
-        return None
-    columns = (
-        Column("verdict", words=True),
-        Column("figure", words=True),
-        *(Column(title) for title in ("unit", "limit", "value", "95 % interval", "n", "certain")),
-    )
-    rows = tuple(_verdict_row(item, f"verdicts.{number}") for number, item in enumerate(score.verdicts))
-    return Table("verdicts", "Verdicts", columns, rows, terms=terms("certain", "95 % interval", "not enough data"))
+# ---- what tables share
 
 
-def _verdict_row(item: Verdict, key: str) -> Row:
-    unit = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ()))
-    sign = "≥" if item.metric.endswith("_min") else "≤"
-    over = f", over {item.condition}" if item.condition is not None else ""
-    return (
-        Cell.verdict(item.state.value),
-        Cell.head(limit_name(item.metric) + over),
-        Cell(unit.symbol),
-        Cell(f"{sign} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
-        figure(item.value, f"{key}.value", unit),
-        Cell.interval(item.ci95, f"{key}.ci95", unit),
-        Cell.number(item.count, f"{key}.count", undefined=ABSENT),
-        Cell(_CERTAIN[item.certain]),
-    )
+def _terms(*names: str) -> tuple[tuple[str, str], ...]:
+    return tuple((name, TERMS[name]) for name in names)
+
+
+def _figure(value: float | int | None, key: str, unit: Unit = NONE) -> Cell:
+    """Return a figure that is undefined where there is not enough data."""
+    return Cell.number(value, key, unit, NOT_ENOUGH)
+
+
+def _figures(value: object, names: Mapping[str, str] | tuple[str, ...], key: str, unit: Unit = NONE) -> Row:
+    """Return some figures of a record."""
+    return tuple(_figure(getattr(value, name), f"{key}.{name}", unit) for name in names)
+
+
+def _columns(titles: Mapping[str, str] | tuple[str, ...], unit: Unit = NONE) -> Iterator[Column]:
+    return (Column(title, unit) for title in (titles.values() if isinstance(titles, Mapping) else titles))
+
+
+def keyed_conditions(score: Score) -> Iterator[tuple[str, ConditionScore]]:
+    """Yield the score of each condition with the key that leads to it."""
+    if score.trajectory is None:
+        return
+    if not score.trajectory.several:
+        yield "trajectory", score.trajectory.first
+    for k, part in enumerate(score.trajectory.several):
+        yield f"trajectory.conditions.{k}", part
+
+
+class MapError(NamedTuple):
+    """The error of a map, by pixel or only to the nearest true point: value in m, place in the JSON, name."""
+
+    value: SampleStatistic
+    key: str
+    title: str
+
+
+def map_error(part: MapScore | None) -> MapError | None:
+    """Return the error of a map."""
+    if part is not None and part.errors is not None:
+        return MapError(part.errors.point_error_m, "map.point_error_m", "map: point error")
+    if part is not None and part.nearest_distance_m is not None:
+        return MapError(part.nearest_distance_m, "map.nearest_distance_m", "map: distance to the nearest true point")
+    return None
+
+
+# ---- verdicts and figures
+
+
+def _verdict_table(score: Score) -> Table:
+    rows: list[Row] = []
+    for k, item in enumerate(score.verdicts):
+        unit = fitting(limit_unit(item.metric), item.limit, item.value, *(item.ci95 or ()))
+        sign = "≥" if item.metric.endswith("_min") else "≤"
+        over = f", over {item.condition}" if item.condition is not None else ""
+        row = (
+            Cell.verdict(item.state.value),
+            Cell.head(limit_name(item.metric) + over),
+            Cell(unit.symbol),
+            Cell(f"{sign} {number(item.limit, unit=unit)}", item.limit, f"verdicts.{k}.limit"),
+            _figure(item.value, f"verdicts.{k}.value", unit),
+            Cell.interval(item.ci95, f"verdicts.{k}.ci95", unit),
+            Cell.number(item.count, f"verdicts.{k}.count", undefined=ABSENT),
+            Cell({True: "yes", False: "no", None: ABSENT}[item.certain]),
+        )
+        rows.append(row)
+    titles = ("unit", "limit", "value", "95 % interval", "n", "certain")
+    columns = (Column("verdict", words=True), Column("figure", words=True), *_columns(titles))
+    words = _terms("certain", "95 % interval", "not enough data")
+    return Table("verdicts", "Verdicts", columns, tuple(rows), terms=words)
 
 
 def limit_name(metric: str) -> str:
@@ -118,54 +220,362 @@ def limit_unit(metric: str) -> Unit:
 
 def headline_table(score: Score) -> Table | None:
     """Return the figures of the specification with their 95 % intervals."""
+    part, words = score.trajectory, ["mean + 3 sigma", "95 % interval"]
+    shown: list[tuple[str, Unit, Statistic | SampleStatistic, str, Cell]] = []
+    note = "Interval: of mean + 3 sigma. n: sub-trajectories, map points or calls. "
+    for key, condition in keyed_conditions(score):
+        count = Cell.number(condition.count, f"{key}.count")
+        for name, unit in (("position", METRE), ("attitude", DEGREE), ("heading", DEGREE)):
+            figure = f"{name}_{unit.symbol}"
+            title = f"{name} error over {condition.condition}"
+            shown.append((title, unit, getattr(condition, figure), f"{key}.{figure}", count))
+    if part is not None:
+        note += f"{part.matched} frames of {part.estimate_poses} estimates, {part.lost} lost, "
+        note += f"{part.degraded} degraded; re-based by {part.first.rebase}. "
+        words += ["sub-trajectory", "re-based", "position error", "attitude error", "heading error", "lost", "degraded"]
+    if score.map is not None:
+        words.append("point error" if score.map.errors is not None else "distance to the nearest true point")
+        if (error := map_error(score.map)) is not None:
+            count = Cell.number(error.value.count, f"{error.key}.count")
+            shown.append((error.title, METRE, error.value, error.key, count))
+    if score.timing is not None:
+        words.append("time per call")
+        for kind, calls in score.timing.kinds():
+            key = f"timing.{kind}_s"
+            shown.append((f"{kind} time per call", SECOND, calls, key, Cell.number(calls.count, f"{key}.count")))
+    rows: list[Row] = []
+    for title, unit, value, key, count in shown:
+        interval, bounds = Cell(ABSENT), None
+        if isinstance(value, IntervalStatistic):
+            bounds = value.mean_plus_3sigma_ci95
+        unit = fitting(unit, value.mean, value.sigma, value.mean_plus_3sigma, *(bounds or ()))
+        if isinstance(value, IntervalStatistic):
+            interval = Cell.interval(bounds, f"{key}.mean_plus_3sigma_ci95", unit, NOT_ENOUGH)
+        rows.append((Cell.head(title), Cell(unit.symbol), *_figures(value, STATISTIC, key, unit), interval, count))
+    columns = (Column("figure", words=True), Column("unit"), *_columns((*STATISTIC.values(), "95 % interval", "n")))
+    note = (note + clock_text(score.timing, score.target)).rstrip()
+    return Table("headline", "Figures", columns, tuple(rows), note, _terms(*words)) if rows else None
+
+
+# ---- trajectory
+
+
+def _aligned_table(score: Score) -> Table | None:
+    """Return APE and RPE as other tools give them."""
+    if score.aligned is None:
+        return None
+    names = ("rmse", "mean", "median", "std", "min", "max")
+    rows: list[Row] = []
+    for key, part in (("ape", score.aligned.ape), ("rpe", score.aligned.rpe)):
+        for name, unit, values, place in (
+            ("position", METRE, part.translation, key),
+            ("attitude", DEGREE, part.rotation_deg, f"{key}.rotation_deg"),
+        ):
+            head = Cell.head(f"{key.upper()}, {name}, align {part.alignment}")
+            count = Cell.number(part.count, f"{key}.count")
+            rows.append((head, Cell(unit.symbol), *_figures(values, names, place), count))
+    columns = (Column("error", words=True), *_columns(("unit", *names, "n")))
+    note = f"{score.aligned.ape.description}. {score.aligned.rpe.description}. Not figures of the specification."
+    return Table("aligned", "Absolute and relative error as other tools give it", columns, tuple(rows), note)
+
+
+def _growth_table(score: Score) -> Table | None:
+    """Return the errors of sub-trajectories of growing length."""
+    steps = () if score.trajectory is None else score.trajectory.by_distance
+    names = ("mean", "mean_plus_3sigma")
+    units = {
+        "position_m": fitting(METRE, *(item.position_m.mean_plus_3sigma for item in steps)),
+        "attitude_deg": DEGREE,
+        "heading_deg": DEGREE,
+    }
+    rows: list[Row] = []
+    for k, item in enumerate(steps):
+        key = f"trajectory.by_distance.{k}"
+        cells = [
+            cell for name, unit in units.items() for cell in _figures(getattr(item, name), names, f"{key}.{name}", unit)
+        ]
+        rows.append((Cell.head(f"{item.distance_m:g} m"), *cells, Cell.number(item.count, f"{key}.count")))
+    heads = (
+        Column(f"{name.partition('_')[0]} {STATISTIC[statistic]}", unit)
+        for name, unit in units.items()
+        for statistic in names
+    )
+    columns = (Column("over", words=True), *heads, Column("n"))
+    words = _terms("sub-trajectory", "re-based", "mean + 3 sigma")
+    return Table("growth", "Error against the length of the sub-trajectory", columns, tuple(rows), terms=words)
+
+
+def _component_table(score: Score) -> Table:
+    """Return the position error by axes, and along, across and above the path."""
+    names = {
+        "x_m": "x (east)",
+        "y_m": "y (north)",
+        "z_m": "z (up)",
+        "along_m": "along the path",
+        "cross_m": "across the path, to the left",
+        "vertical_m": "vertical",
+    }
     rows: list[Row] = []
     for key, part in keyed_conditions(score):
-        count = Cell.number(part.count, f"{key}.count")
-        for name, unit, value in (
-            ("position", METRE, part.position_m),
-            ("attitude", DEGREE, part.attitude_deg),
-            ("heading", DEGREE, part.heading_deg),
-        ):
-            title = f"{name} error over {part.condition}"
-            rows.append(statistic_row(title, unit, value, f"{key}.{name}_{unit.symbol}", count))
-    if score.map is not None and (error := map_error(score.map)) is not None:
-        count = Cell.number(error.value.count, f"{error.key}.count")
-        rows.append(statistic_row(error.title, METRE, error.value, error.key, count))
-    for kind in CallKind:
-        calls = score.timing.of(kind) if score.timing is not None else None
-        if calls is not None:
-            count = Cell.number(calls.count, f"timing.{kind}_s.count")
-            rows.append(statistic_row(f"{kind} time per call", SECOND, calls, f"timing.{kind}_s", count))
-    if not rows:
-        return None
-    columns = (
-        Column("figure", words=True),
-        Column("unit"),
-        *statistic_columns(),
-        Column("95 % interval"),
-        Column("n"),
-    )
-    note = "Interval: of mean + 3 sigma. n: sub-trajectories, map points or calls. "
-    note += frames_text(score) + clock_text(score.timing, target_name(score))
-    return Table("headline", "Figures", columns, tuple(rows), note.rstrip(), _headline_terms(score))
+        for name, title in names.items():
+            value: Statistic = getattr(part.components, name)
+            unit = fitting(METRE, value.mean, value.sigma, value.mean_plus_3sigma)
+            head = Cell.head(f"{title}, over {part.condition}")
+            rows.append((head, Cell(unit.symbol), *_figures(value, STATISTIC, f"{key}.components.{name}", unit)))
+    columns = (Column("position error", words=True), Column("unit"), *_columns(STATISTIC))
+    words = _terms("DS", "along, across", "mean + 3 sigma")
+    title = "Position error by direction"
+    return Table("components", title, columns, tuple(rows), "x, y, z of DS. Means with their signs.", words)
 
 
-def _headline_terms(score: Score) -> tuple[tuple[str, str], ...]:
-    """Return the definitions of what the headline has."""
-    names = ["mean + 3 sigma", "95 % interval"]
-    if score.trajectory is not None:
-        names += ["sub-trajectory", "re-based", "position error", "attitude error", "heading error", "lost", "degraded"]
-    if score.map is not None:
-        names.append("point error" if score.map.errors is not None else "distance to the nearest true point")
-    if score.timing is not None:
-        names.append("time per call")
-    return terms(*names)
+def _consistency_table(score: Score) -> Table:
+    """Return whether the estimated uncertainties are as large as the errors (NEES)."""
+    shown: list[tuple[str, NeesPart | SigmaNees, str, Cell, str]] = []
+    for key, part in keyed_conditions(score):
+        if part.nees is not None:
+            count = Cell.number(part.nees.count, f"{key}.nees.count")
+            for name in ("pose", "position", "attitude"):
+                title = f"covariance of the odometry: {name}, over {part.condition}"
+                shown.append((title, getattr(part.nees, name), f"{key}.nees.{name}", count, "too large a sigma"))
+    errors = score.map.errors if score.map is not None else None
+    if errors is not None and errors.sigma_nees is not None:
+        count = Cell.number(errors.sigma_nees.count, "map.sigma_nees.count")
+        below = "calibration better than stated"  # its part of sigma is common to all points
+        shown.append(("sigma of the map points", errors.sigma_nees, "map.sigma_nees", count, below))
+    rows: list[Row] = []
+    for title, nees, key, count, below in shown:
+        if nees.mean is not None and nees.interval95 is not None:
+            low, high = nees.interval95
+            words = "too small a sigma" if nees.mean > high else below if nees.mean < low else "consistent"
+            figures = Cell.number(nees.mean, f"{key}.mean"), Cell.number(nees.expected, f"{key}.expected")
+            bounds = Cell.interval(nees.interval95, f"{key}.interval95")
+            rows.append((Cell.head(title), *figures, bounds, count, Cell(words)))
+    titles = ("mean", "expected", "95 % of consistent ones", "n", "in words")
+    columns = (Column("normalised error squared", words=True), *_columns(titles))
+    note = "Above the interval the estimated sigma is too small (errors are larger than it says), below it too large. "
+    note += "n: sub-trajectories that share no frame, or points of blocks far apart."
+    terms = _terms("NEES", "95 % of consistent ones")
+    return Table("consistency", "Consistency of the estimated uncertainty (NEES)", columns, tuple(rows), note, terms)
 
 
-def frames_text(score: Score) -> str:
-    """Return how many frames were scored, empty without a trajectory."""
+def _association_table(score: Score) -> Table | None:
+    """Return what was scored, what was left out and why."""
     part = score.trajectory
     if part is None:
+        return None
+    counts, key = part.association.counts, "trajectory.association"
+    tolerance, gap = (number(value) for value in (part.association.tolerance_s, part.association.max_gap_s))
+    facts: tuple[tuple[str, float | int | None, str], ...] = (
+        ("estimates", counts.estimate_poses, f"{key}.estimate_poses"),
+        ("true poses", counts.truth_poses, f"{key}.truth_poses"),
+        ("frames: estimates with a truth", part.matched, "trajectory.matched"),
+        ("of them marked lost (scored with the last pose)", part.lost, "trajectory.lost"),
+        ("of them degraded (a pose in doubt)", part.degraded, "trajectory.degraded"),
+        ("truth of the very stamp", counts.exact, f"{key}.exact"),
+        (f"truth within {tolerance} s", counts.near, f"{key}.near"),
+        (f"truth interpolated, in gaps up to {gap} s", counts.interpolated, f"{key}.interpolated"),
+        ("estimates with a duplicate stamp", counts.estimate_duplicates, f"{key}.estimate_duplicates"),
+        ("true poses with a duplicate stamp", counts.truth_duplicates, f"{key}.truth_duplicates"),
+        ("estimates out of order (sorted)", counts.estimate_unordered, f"{key}.estimate_unordered"),
+        ("true poses out of order (sorted)", counts.truth_unordered, f"{key}.truth_unordered"),
+        ("estimates too late to be scored", counts.late, f"{key}.late"),
+        ("frames from one start to the next (spacing)", part.first.spacing_frames, "trajectory.spacing_frames"),
+        ("true path length, m", part.path_length_m, "trajectory.path_length_m"),
+        ("duration, s", part.duration_s, "trajectory.duration_s"),
+    )
+    rows = tuple((Cell.head(title), Cell.number(value, place)) for title, value, place in facts)
+    columns = (Column("frames", words=True), Column("number"))
+    return Table("frames", "What was scored", columns, rows, terms=_terms("lost", "degraded"))
+
+
+# ---- map
+
+
+def _map_table(score: Score) -> Table | None:
+    """Return the error and the coverage of the map: all, by range, by pair."""
+    part, error = score.map, map_error(score.map)
+    if part is None or error is None:
+        return None
+    errors = part.errors
+    unit = fitting(METRE, error.value.mean_plus_3sigma, error.value.p95)
+    shown = [
+        (
+            "all points",
+            error.value,
+            error.key,
+            "map",
+            part.coverage,
+            None if errors is None else errors.disparity_error_px,
+        )
+    ]
+    for k, item in enumerate(() if errors is None else errors.by_range):
+        title, key = f"{item.from_m:g} to {item.to_m:g} m", f"map.by_range.{k}"
+        shown.append((title, item.point_error_m, key, key, item.coverage, item.disparity_error_px))
+    for k, pair in enumerate(() if errors is None else errors.by_pair):
+        key = f"map.by_pair.{k}"
+        shown.append((f"pair {pair.pair}", pair.point_error_m, f"{key}.point_error_m", key, pair.coverage, None))
+    rows: list[Row] = []
+    for title, value, key, place, coverage, disparity in shown:
+        pixels = Cell(ABSENT)
+        if disparity is not None:
+            pixels = Cell.number(disparity.p50_abs, f"{place}.disparity_error_px.p50_abs", undefined=ABSENT)
+        covered = Cell.number(coverage, f"{place}.coverage", undefined="no true points")
+        cells = _figures(value, (*STATISTIC, "p50", "p95"), key, unit)
+        rows.append((Cell.head(title), *cells, pixels, Cell.number(value.count, f"{key}.count"), covered))
+    columns = (
+        Column("points", words=True),
+        *_columns((*STATISTIC.values(), "p50", "p95"), unit),
+        Column("|disparity error| p50", PIXEL),
+        *_columns(("n", "coverage")),
+    )
+    low, high = (number(bound) for bound in part.coverage_range_m)
+    without_truth = 0 if errors is None else errors.points_without_truth
+    note = f"{part.points} points of {part.pairs} pairs, {without_truth} of them without truth (not scored). "
+    note += f"Coverage: share of the true points from {low} to {high} m, or of the range named."
+    name = error.title.removeprefix("map: ")
+    words = _terms(name, "mean + 3 sigma", "p50, p95, p99", "disparity error", "coverage", "LM")
+    return Table("map", error.title.capitalize(), columns, tuple(rows), note, words)
+
+
+# ---- calls, of this host and of a target
+
+
+def clock_text(timing: TimingScore | None, target: TargetScore | None = None) -> str:
+    """Return which clock the times were measured with, and that a host time is no time of the target."""
+    clocks = sorted({calls.clock for _, calls in timing.kinds()}) if timing is not None else []
+    if not clocks:
         return ""
-    frames = f"{part.matched} frames of {part.estimate_poses} estimates, {part.lost} lost, {part.degraded} degraded"
-    return f"{frames}; re-based by {part.first.rebase}. "
+    text = f"Clock: {', '.join(clocks)}."
+    if any(clock.startswith(HOST) for clock in clocks):
+        text += f" Host times are of the machine the run was made on{f', not of {target.name}' if target else ''}."
+    return text
+
+
+def _of(part: str, of: str) -> tuple[str, str, str]:
+    """Return name prefix, ending of the title and place of a table of this host, or of a target."""
+    return (f"target-{part}", f" on {of}", "target.") if of else (part, "", "")
+
+
+def _time_table(timing: TimingScore | None, *, of: str = "", target: TargetScore | None = None) -> Table | None:
+    if timing is None:
+        return None
+    name, on, place = _of("time", of)
+    titles = {
+        "p50": "p50",
+        "p95": "p95",
+        "p99": "p99",
+        "max": "max",
+        "mean_plus_3sigma": "mean + 3 sigma",
+        "first": "first call",
+        "max_after_first": "max without it",
+    }
+    rows: list[Row] = []
+    for kind, calls in timing.kinds():
+        key = f"{place}timing.{kind}_s"
+        unit = fitting(SECOND, calls.max, calls.mean_plus_3sigma)
+        count = Cell.number(calls.count, f"{key}.count")
+        cells = _figures(calls, titles, key, unit)
+        rows.append((Cell.head(kind.value), Cell(unit.symbol), *cells, count, Cell(calls.clock)))
+    columns = (Column("call", words=True), *_columns(("unit", *titles.values(), "n", "clock")))
+    words = _terms("time per call", "p50, p95, p99", "mean + 3 sigma", "first call")
+    return Table(name, f"Time per call{on}", columns, tuple(rows), clock_text(timing, target), words)
+
+
+def _stage_table(score: Score) -> Table | None:
+    kinds = [] if score.timing is None else list(score.timing.kinds())
+    names = ("mean", "p50", "p95", "max")
+    unit = fitting(SECOND, *(times.max for _, calls in kinds for times in calls.stages.values()))
+    rows: list[Row] = []
+    for kind, calls in kinds:
+        for stage, times in calls.stages.items():
+            key = f"timing.{kind}_s.stages.{stage}"
+            count = Cell.number(times.count, f"{key}.count")
+            rows.append((Cell.head(f"{kind}: {stage}"), *_figures(times, names, key, unit), count))
+    note = (
+        "Over the calls that had the stage. Keyframe: work of a thread of its own after its call; the next call waits "
+        "for what is left of it (wait)."
+    )
+    columns = (Column("stage", words=True), *_columns(names, unit), Column("n"))
+    return Table("stages", "Time of stages", columns, tuple(rows), note)
+
+
+def _memory_table(memory: MemoryScore | None, *, of: str = "") -> Table | None:
+    if memory is None:
+        return None
+    name, on, place = _of("memory", of)
+    rows: list[Row] = []
+    for kind in CallKind:
+        peak = memory.of(kind)
+        if peak is not None and not (peak.peak_bytes is None and peak.above_idle_bytes is None):
+            key = f"{place}memory.{kind}"
+            cells = (
+                Cell.number(peak.peak_bytes, f"{key}_peak_bytes", MIB),
+                Cell.number(peak.above_idle_bytes, f"{key}_above_idle_bytes", MIB),
+            )
+            rows.append((Cell.head(kind.value), *cells))
+    columns = (Column("call", words=True), Column("peak", MIB), Column("above the idle process", MIB))
+    title = f"Peak memory{on}" if of else "Peak resident memory during a call"
+    words = _terms("peak", "above the idle process")
+    return Table(name, title, columns, tuple(rows), f"Method: {memory.method or UNKNOWN}.", words)
+
+
+# ---- a method under test
+
+
+def _method_table(score: Score) -> Table:
+    """Return whose figures these are and how its poses were converted."""
+    rows: list[Row] = []
+    if score.method is not None:
+        rows += [
+            (Cell.head("method"), Cell(score.method.name)),
+            (Cell.head("version"), Cell(score.method.version or UNTOLD)),
+            (Cell.head("kind"), Cell(score.method.kind.value)),
+        ]
+    if score.convention is not None:
+        rows.append((Cell.head("converted"), Cell(convention_text(score.convention))))
+    return Table("method", "Method under test", (Column("of", words=True), Column("is", words=True)), tuple(rows))
+
+
+def convention_text(convention: ConventionRecord) -> str:
+    """Return in words how poses were converted before they were scored."""
+    parts = [f"declared: {', '.join(convention.declared)}"] if convention.declared else []
+    if convention.diagnosed is not None:
+        fitted = ", numbers fitted to the truth" if convention.fitted else ""
+        parts.append(f"by the diagnosis: {convention.diagnosed} (--apply-diagnosis{fitted})")
+    return "; ".join(parts)
+
+
+def _external_table(score: Score) -> Table | None:
+    """Return how an external node behaved, None where there was none."""
+    node = score.external
+    if node is None:
+        return None
+    answers = {
+        "pairs": "pairs published",
+        "answered": "answered",
+        "missing": "missing",
+        "late": "late answers",
+        "doubled": "doubled answers",
+        "other_stamp": "answers of another stamp",
+        "other_frame": "answers from another frame, left out",
+        "not_usable": "answers that are not usable, left out",
+    }
+    shown = [(title, getattr(node.answers, name), f"answers.{name}", NONE) for name, title in answers.items()]
+    if node.latency_s is not None:
+        for name in ("p50", "p95", "max"):
+            shown.append((f"latency {name}", getattr(node.latency_s, name), f"latency_s.{name}", MILLISECOND))
+    if node.process is not None:
+        shown.append(("processor time", node.process.cpu_s, "process.cpu_s", SECOND))
+        shown.append(("peak resident memory", node.process.peak_rss_bytes, "process.peak_rss_bytes", MIB))
+    rows = tuple(
+        (Cell.head(title), Cell(unit.symbol or ABSENT), _figure(value, f"external.{key}", unit))
+        for title, value, key, unit in shown
+    )
+    columns = (Column("external node", words=True), Column("unit"), Column("value"))
+    note = (
+        f"On {node.topic}, frames {node.frames or UNTOLD}. Latency: from publishing the last image of a pair to the "
+        "receipt of its answer, with transport and waiting; it is no time per call."
+    )
+    note += f" Processes: {node.process.method}." if node.process is not None else ""
+    note += f" It {node.ended}." if node.ended else ""
+    return Table("external", f"External node: {node.task}", columns, rows, note)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    Cell,
+    Column,
+    Row,
+    Table,
+)
 from sfr_loc_map.suite.comparison import FigureComparison, SuiteComparison
 from sfr_loc_map.suite.history import History, HistoryPoint
-from sfr_loc_map.tables.numbers import ABSENT
-from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 
 def comparison_tables(result: SuiteComparison) -> list[Table]:

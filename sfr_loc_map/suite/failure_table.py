@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    Cell,
+    Column,
+    Row,
+    Table,
+)
 from sfr_loc_map.suite.store import SHORT_KEY
 from sfr_loc_map.suite.summary import Summary
-from sfr_loc_map.tables.numbers import ABSENT
-from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 
 def failure_table(summary: Summary, *, commands: bool) -> Table:

@@ -6,14 +6,26 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from sfr_loc_map.metrics.score import IntervalStatistic
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    DEGREE,
+    METRE,
+    MIB,
+    MILLIMETRE,
+    MILLISECOND,
+    PERCENT,
+    SECOND,
+    Cell,
+    Column,
+    Row,
+    Table,
+)
 from sfr_loc_map.suite.failure_table import failure_table
 from sfr_loc_map.suite.groups import Drive, Group
 from sfr_loc_map.suite.pooling import PooledCondition
 from sfr_loc_map.suite.store import SHORT_KEY
 from sfr_loc_map.suite.summary import Summary
 from sfr_loc_map.suite.task import NO_CONFIGURATION
-from sfr_loc_map.tables.numbers import ABSENT, DEGREE, METRE, MIB, MILLIMETRE, MILLISECOND, PERCENT, SECOND
-from sfr_loc_map.tables.table import Cell, Column, Row, Table
 
 ERRORS = (("position", "position_m", METRE), ("attitude", "attitude_deg", DEGREE), ("heading", "heading_deg", DEGREE))
 """Name, key and unit of the errors of a trajectory."""

@@ -19,7 +19,7 @@ from sfr_loc_map.fault_injection.run import FAULTS, run_campaign, select
 from sfr_loc_map.fault_injection.scene import Scene
 from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.fault_injection.soak import MemoryTrend
-from sfr_loc_map.tables.markdown import to_markdown
+from sfr_loc_map.report.tables import to_markdown
 
 QUICK = ("kill-localisation", "pictures-localisation", "messages-monitor", "stamps-jump")
 SETTINGS = CampaignSettings(stop_s=1.0, restart_limit_s=60.0, soak_minutes=0.0, patience_s=60.0)

@@ -11,11 +11,15 @@ from made_scores import whole_score
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
 from sfr_loc_map.metrics.score import InputFile, Provenance, Score, Verdict
-from sfr_loc_map.report.look_first import MOST, LookFirst, look_first
-from sfr_loc_map.report.page import render_page
-from sfr_loc_map.report.run_header import data_set_name, run_facts
-from sfr_loc_map.report.score_tables import score_tables
-from sfr_loc_map.report.terms import TERMS
+from sfr_loc_map.report.page import (
+    MOST,
+    LookFirst,
+    data_set_name,
+    look_first,
+    render_page,
+    run_facts,
+)
+from sfr_loc_map.report.score_tables import TERMS, score_tables
 
 FIVE_METRES = Condition.parse("distance=5")
 

@@ -14,9 +14,8 @@ from sfr_loc_map.cli.main import app
 from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
 from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MapScore, Score, StageTime
 from sfr_loc_map.metrics.score_json import from_json, to_json
-from sfr_loc_map.report.methods_figures import methods_figures, plain
-from sfr_loc_map.report.methods_tables import methods_tables
-from sfr_loc_map.tables.table import Table
+from sfr_loc_map.report.comparison import methods_figures, methods_tables, plain
+from sfr_loc_map.report.tables import Table
 
 LATENCY = StageTime(count=9, mean=0.05, sigma=0.01, mean_plus_3sigma=0.08, p50=0.05, p95=0.07, max=0.08)
 

@@ -14,7 +14,7 @@ from made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.metrics.score import Score, StageTime
 from sfr_loc_map.report.page import load_score, render_page, write_page
-from sfr_loc_map.tables.numbers import MILLIMETRE, number
+from sfr_loc_map.report.tables import MILLIMETRE, number
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = [

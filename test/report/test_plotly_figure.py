@@ -6,8 +6,14 @@ import re
 from pathlib import Path
 
 import sfr_loc_map.report
-from sfr_loc_map.report.plotly_figure import PALETTE, to_figure
-from sfr_loc_map.report.plots import Plot, axis, band, line
+from sfr_loc_map.report.plots import (
+    PALETTE,
+    Plot,
+    axis,
+    band,
+    line,
+    to_figure,
+)
 
 SCRIPT = Path(sfr_loc_map.report.__file__).parent / "templates" / "page.js"
 

@@ -17,8 +17,7 @@ from sfr_loc_map.metrics.score import (
     Verdict,
 )
 from sfr_loc_map.report.score_tables import limit_name, limit_unit, score_markdown, score_tables, summary_tables
-from sfr_loc_map.tables.csv_rows import to_csv
-from sfr_loc_map.tables.table import Row, Table
+from sfr_loc_map.report.tables import Row, Table, to_csv
 
 FIVE_METRES = Condition.parse("distance=5")
 

@@ -6,12 +6,23 @@ import io
 import pytest
 from rich.console import Console
 
-from sfr_loc_map.tables.csv_rows import to_csv
-from sfr_loc_map.tables.html import to_html
-from sfr_loc_map.tables.markdown import to_markdown
-from sfr_loc_map.tables.numbers import DEGREE, METRE, MIB, MILLISECOND, SECOND, Unit, fitting, number
-from sfr_loc_map.tables.table import Cell, Column, Table
-from sfr_loc_map.tables.terminal import to_rich
+from sfr_loc_map.report.tables import (
+    DEGREE,
+    METRE,
+    MIB,
+    MILLISECOND,
+    SECOND,
+    Cell,
+    Column,
+    Table,
+    Unit,
+    fitting,
+    number,
+    to_csv,
+    to_html,
+    to_markdown,
+    to_rich,
+)
 
 HOSTILE = "</td><script>alert('1')</script> a | b [red]"
 TABLE = Table(

@@ -1,0 +1,310 @@
+"""Tables of figures: numbers with units, one model of a table, and its renderers for terminal, HTML, Markdown and CSV.
+
+The same strings stand on the terminal, in a page, on the live page and in Markdown; CSV holds the exact values.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from html import escape
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+from sfr_loc_map.printable import printable
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
+UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
+"""Stand for a fact that is not there, a figure that is not defined, and a figure that does not apply."""
+
+
+# ---- numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit that values are shown in; `size` is one of it in the unit of the values: 1e-3 for ms of seconds."""
+
+    symbol: str
+    size: float = 1.0
+
+
+NONE = Unit("")
+METRE, SECOND, DEGREE, PIXEL, SHARE = Unit("m"), Unit("s"), Unit("deg"), Unit("px"), Unit("share")
+MILLIMETRE, MILLISECOND, PERCENT = Unit("mm", 1e-3), Unit("ms", 1e-3), Unit("%", 1e-2)
+MIB = Unit("MiB", 2.0**20)
+
+
+def fitting(unit: Unit, *values: float | None) -> Unit:
+    """Return the unit that suits values which are compared with each other: 3.2 mm rather than 0.0032 m."""
+    limit, smaller = {"m": (1.0, MILLIMETRE), "s": (10.0, MILLISECOND)}.get(unit.symbol, (0.0, unit))
+    largest = max((abs(value) for value in values if value is not None and math.isfinite(value)), default=0.0)
+    return smaller if 0.0 < largest < limit else unit
+
+
+def number(value: float | int | None, undefined: str = UNKNOWN, unit: Unit = NONE, *, signed: bool = False) -> str:
+    """Return a value in a unit with four significant digits, whole numbers in full; `undefined` stands for None."""
+    if value is None:
+        return undefined
+    shown = value if unit.size == 1.0 else value / unit.size
+    sign = "+" if signed else ""
+    if isinstance(shown, int) or 1e4 <= abs(shown) < 1e7:
+        return f"{shown:{sign}.0f}"
+    return f"{shown:{sign}.4g}"
+
+
+# ---- the table
+
+
+class CellKind(StrEnum):
+    """What a cell is for."""
+
+    PLAIN = ""
+    HEAD = "head"
+    VERDICT = "verdict"
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column: title, unit of all its values (none where the rows differ), and whether it holds words."""
+
+    title: str
+    unit: Unit = NONE
+    words: bool = False
+
+    def __post_init__(self) -> None:
+        """Make the title fit for a terminal: it may be the name of a file."""
+        object.__setattr__(self, "title", printable(self.title))
+
+    @property
+    def heading(self) -> str:
+        """Title with unit: `mean, m`."""
+        return f"{self.title}, {self.unit.symbol}" if self.unit.symbol else self.title
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One cell.
+
+    Attributes:
+        text: What is shown.
+        value: The same exactly, in the unit of its source; both bounds of an interval; None for words and for what is
+            not defined.
+        key: Where it comes from, such as `trajectory.position_m.mean`; empty for words.
+        kind: Head of a row, verdict, or neither.
+        link: Place of a page about it, relative to the page that the table stands in; empty for none.
+    """
+
+    text: str
+    value: float | int | tuple[float, float] | None = None
+    key: str = ""
+    kind: CellKind = CellKind.PLAIN
+    link: str = ""
+
+    def __post_init__(self) -> None:
+        """Make the text fit for a terminal: it may come from a file."""
+        object.__setattr__(self, "text", printable(self.text))
+
+    @classmethod
+    def head(cls, text: str) -> Cell:
+        """Return the head of a row."""
+        return cls(text, kind=CellKind.HEAD)
+
+    @classmethod
+    def verdict(cls, word: str) -> Cell:
+        """Return a verdict."""
+        return cls(word, kind=CellKind.VERDICT)
+
+    @classmethod
+    def number(
+        cls,
+        value: float | int | None,
+        key: str = "",
+        unit: Unit = NONE,
+        undefined: str = UNKNOWN,
+        *,
+        signed: bool = False,
+    ) -> Cell:
+        """Return a figure shown in a unit."""
+        return cls(number(value, undefined, unit, signed=signed), value, key)
+
+    @classmethod
+    def interval(
+        cls,
+        bounds: Sequence[float] | None,
+        key: str = "",
+        unit: Unit = NONE,
+        undefined: str = ABSENT,
+        *,
+        signed: bool = False,
+    ) -> Cell:
+        """Return an interval shown in a unit."""
+        if not bounds:
+            return cls(undefined)
+        low, high = bounds
+        return cls(" to ".join(number(bound, unit=unit, signed=signed) for bound in bounds), (low, high), key)
+
+    @property
+    def icon(self) -> str:
+        """Sign of a verdict, empty for other cells."""
+        return VERDICTS.get(self.text, OPEN).icon if self.kind is CellKind.VERDICT else ""
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictStyle:
+    """How a verdict is shown: told by word and sign, colour only repeats it."""
+
+    icon: str
+    css: str
+    colour: str
+
+
+VERDICTS = {"pass": VerdictStyle("✔", "pass", "green"), "fail": VerdictStyle("✖", "fail", "bold red")}
+OPEN = VerdictStyle("?", "open", "yellow")
+"""Of every other verdict."""
+Row = tuple[Cell, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One table.
+
+    Attributes:
+        name: Short name, used as an anchor and in CSV.
+        title: What it shows.
+        columns: Its columns.
+        rows: As many cells as columns in each.
+        note: How the figures are to be read.
+        terms: Words of the table with their definitions, shown where there is room: in pages and in Markdown.
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    note: str = ""
+    terms: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make the texts fit for a terminal: they may come from a file."""
+        object.__setattr__(self, "title", printable(self.title))
+        object.__setattr__(self, "note", printable(self.note))
+
+
+# ---- renderers
+
+
+def print_tables(tables: Iterable[Table]) -> None:
+    """Print tables to standard output."""
+    from rich.console import Console
+
+    console = Console()
+    console = console if console.is_terminal else Console(width=150)  # a file
+    for table in tables:
+        console.print(to_rich(table))
+
+
+def to_rich(table: Table) -> RichTable:
+    """Return a table as rich prints it: titles and texts as they are, without markup."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    shown = RichTable(
+        title=Text(table.title),
+        title_justify="left",
+        header_style="bold",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        caption=Text(table.note) if table.note else None,
+        caption_justify="left",
+    )
+    for column in table.columns:
+        shown.add_column(Text(column.heading), justify="left" if column.words else "right")
+    for row in table.rows:
+        styles = (VERDICTS.get(cell.text, OPEN).colour if cell.kind is CellKind.VERDICT else "" for cell in row)
+        shown.add_row(*(Text(cell.text, style) for cell, style in zip(row, styles, strict=True)))
+    return shown
+
+
+WORDS = ' class="words"'
+"""Attribute of words and of the heading over them: they are aligned to the left."""
+
+
+def to_html(table: Table) -> str:
+    """Return a section with title, table and note, every text escaped; figures keep value and key as attributes."""
+    heads = "".join(f'<th scope="col"{WORDS * column.words}>{escape(column.heading)}</th>' for column in table.columns)
+    rows = "\n".join(f"<tr>{''.join(map(_html_cell, row, table.columns))}</tr>" for row in table.rows)
+    note = f'\n<p class="note">{escape(table.note)}</p>' if table.note else ""
+    terms = "".join(f"<div><dt>{escape(word)}</dt><dd>{escape(text)}</dd></div>" for word, text in table.terms)
+    return (
+        f'<div class="table" id="table-{escape(table.name)}">\n<h3>{escape(table.title)}</h3>\n'
+        f'<div class="scroll"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table></div>'
+        f"{note}" + (f'\n<dl class="terms">{terms}</dl>' if terms else "") + "\n</div>\n"
+    )
+
+
+def _html_cell(cell: Cell, column: Column) -> str:
+    text = escape(cell.text)
+    if cell.link:
+        text = f'<a href="{escape(quote(cell.link))}">{text}</a>'
+    if cell.kind is CellKind.HEAD:
+        return f'<th scope="row">{text}</th>'
+    if cell.kind is CellKind.VERDICT:
+        css = VERDICTS.get(cell.text, OPEN).css
+        return f'<td class="verdict {css}"><span class="icon" aria-hidden="true">{cell.icon}</span> {text}</td>'
+    place = f' data-key="{escape(cell.key)}"' if cell.key else ""
+    if isinstance(cell.value, (int, float)):
+        place += f' data-value="{cell.value}" title="{escape(cell.key)} = {cell.value}"'
+    return f"<td{WORDS * column.words}{place}>{text}</td>"
+
+
+def to_markdown(tables: Iterable[Table], title: str = "") -> str:
+    """Return tables as Markdown below each other, under one heading if it is given."""
+
+    def plain(text: str) -> str:
+        """Return text that Markdown shows as it is."""
+        return re.sub(r"([\\`*_<>|\[\]])", r"\\\1", " ".join(text.split()))
+
+    def line(texts: Iterable[str]) -> str:
+        return "| " + " | ".join(map(plain, texts)) + " |"
+
+    lines = [f"# {plain(title)}", ""] if title else []
+    for table in tables:
+        lines += [f"## {plain(table.title)}", ""] if table.title else []
+        lines += [line(column.heading for column in table.columns), line(["---"] * len(table.columns))]
+        lines += [line(f"{cell.icon} {cell.text}" if cell.icon else cell.text for cell in row) for row in table.rows]
+        lines += ["", *([plain(table.note), ""] if table.note else [])]
+        lines += [*(f"- **{plain(word)}**: {plain(text)}" for word, text in table.terms), ""] if table.terms else []
+    return "\n".join(lines)
+
+
+def to_csv(tables: Iterable[Table]) -> str:
+    """Return every figure in a row of its own: table, row, column, key, value.
+
+    The value is in the unit that its key ends in, whatever unit suits the tables, so the column is named without one. A
+    figure that is not defined has no value; the bounds of an interval are two rows.
+    """
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(("table", "row", "column", "key", "value"))
+    for table in tables:
+        for row in table.rows:
+            head = next((cell.text for cell in row if cell.kind is CellKind.HEAD), "")
+            for column, cell in zip(table.columns, row, strict=True):
+                found: list[tuple[str, str]] = []
+                if cell.kind is CellKind.VERDICT:
+                    found = [("", cell.text)]
+                elif isinstance(cell.value, tuple):
+                    found = [(f"{cell.key}.{k}", repr(bound)) for k, bound in enumerate(cell.value)]
+                elif cell.key:
+                    found = [(cell.key, "" if cell.value is None else repr(cell.value))]
+                writer.writerows((table.name, head, column.title, *item) for item in found)
+    return buffer.getvalue()
