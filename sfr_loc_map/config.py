@@ -15,8 +15,8 @@ from typing import Any, TypeVar, get_type_hints
 
 import yaml
 
-from sfr_loc_map.bounded_input import parse_yaml, read_text
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.inputs import parse_yaml, read_text
 
 C = TypeVar("C")
 

@@ -10,7 +10,7 @@ import sfr_loc_map
 PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 FLOORS = (
-    {"__init__", "errors", "inputs", "config", "jit", "constants", "printable", "bounded_input", "child_process"},
+    {"__init__", "errors", "inputs", "config", "jit", "child_process"},
     {"geometry"},
     {"io", "localisation", "mapping", "metrics", "simulation"},
     {"methods", "report"},

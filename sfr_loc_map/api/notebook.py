@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from html import escape
 
-from sfr_loc_map.printable import printable
+from sfr_loc_map.inputs import printable
 
 
 def facts_html(title: str, facts: Mapping[str, str]) -> str:

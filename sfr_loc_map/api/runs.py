@@ -13,10 +13,10 @@ from sfr_loc_map.api.cloud import PointCloud
 from sfr_loc_map.api.paths import PathLike
 from sfr_loc_map.api.source import open as open_source
 from sfr_loc_map.api.trajectory import Trajectory
-from sfr_loc_map.bounded_input import read_text
 from sfr_loc_map.config import build, read_config
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import read_text
 from sfr_loc_map.io.sequence import Source, drive_of, panorama_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate

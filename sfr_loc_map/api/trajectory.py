@@ -15,11 +15,11 @@ from sfr_loc_map.api.paths import PathLike
 from sfr_loc_map.api.pose_files import PoseFiles
 from sfr_loc_map.api.tables import data_frame
 from sfr_loc_map.config import build
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry import trajectory as base
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.metrics.aligned_error import curves_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig

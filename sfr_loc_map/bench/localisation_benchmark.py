@@ -12,10 +12,10 @@ from sfr_loc_map.bench.figures import CallCosts, JsonObject
 from sfr_loc_map.bench.passes import LIMITS, PassInput, Progress, Run, findings_of, run_passes
 from sfr_loc_map.bench.results import Entry, MethodComparison, Provenance, SizeResult
 from sfr_loc_map.bench.scaling import half_pair, half_rig
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import TrackingState

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from sfr_loc_map.bench.results import OURS
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import BenchError, MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method import Method, MethodLimits

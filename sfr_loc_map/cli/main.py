@@ -16,7 +16,7 @@ import typer
 from sfr_loc_map.cli.app import app, last_line
 from sfr_loc_map.cli.output import tolerate_breaks
 from sfr_loc_map.errors import ExitCode, SfrError
-from sfr_loc_map.printable import one_line, printable
+from sfr_loc_map.inputs import one_line, printable
 
 START, RUN, JUDGE, DATA, MANY = "To begin", "Run", "Judge", "Data", "Many runs and methods"
 PANELS = {

@@ -143,7 +143,7 @@ class MethodOptions:
 
     def find(self, task: MethodTask) -> Method:
         """Return the method under test with the text of `--config`; raise MethodError or ConfigError."""
-        from sfr_loc_map.bounded_input import read_text
+        from sfr_loc_map.inputs import read_text
         from sfr_loc_map.methods.registry import EXTERNAL, find_method
 
         if self.method == EXTERNAL:

@@ -22,7 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from sfr_loc_map.cli.app import propose
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.printable import one_line, printable
+from sfr_loc_map.inputs import one_line, printable
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer

@@ -28,9 +28,8 @@ from sfr_loc_map.cli.options import (
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.score import present
 from sfr_loc_map.cli.verdict import conclude
-from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, NodeError, naming
-from sfr_loc_map.printable import printable
+from sfr_loc_map.inputs import Task, printable
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source

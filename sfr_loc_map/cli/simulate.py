@@ -9,11 +9,11 @@ from typing import Annotated, Any
 import typer
 import yaml
 
-from sfr_loc_map.bounded_input import parse_yaml
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import OverwriteOption, SourceArgument, complete_faults
 from sfr_loc_map.cli.output import each_tenth, output_folder, progress_bar, say
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
+from sfr_loc_map.inputs import parse_yaml
 
 FAULT_HELP = (
     "KIND, or KIND: and some of amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "

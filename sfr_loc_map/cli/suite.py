@@ -14,7 +14,7 @@ from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, s
 from sfr_loc_map.cli.suite_progress import progress
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
-from sfr_loc_map.printable import one_line
+from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.runner import Executor

@@ -10,9 +10,9 @@ from rclpy.qos import QoSProfile
 from rclpy.utilities import ok
 from sensor_msgs.msg import CameraInfo, Image
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.fault_injection.fake_rover import IMAGE_DEPTH, serialised
 from sfr_loc_map.fault_injection.scene import Scene
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor

@@ -15,11 +15,11 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.fault_injection.message_recorder import KEPT
 from sfr_loc_map.fault_injection.scene import Scene
 from sfr_loc_map.fault_injection.waiting import wait_until
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.nodes.messages.fields import header_msg

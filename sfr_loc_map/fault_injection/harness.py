@@ -19,12 +19,12 @@ from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.fault_injection.fake_rover import FakeRover
 from sfr_loc_map.fault_injection.message_recorder import MessageRecorder
 from sfr_loc_map.fault_injection.scene import LOCSB_EXTRINSICS, Scene
 from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.fault_injection.waiting import wait_until
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.nodes.process.node_process import NodeProcess
 from sfr_loc_map.nodes.process.ros_start import start_ros
 from sfr_loc_map.nodes.process.supervisor import end_processes

@@ -15,10 +15,10 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2, PointField
 from std_msgs.msg import String
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.fault_injection.fake_rover import serialised
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_header import PNG_MAGIC
 from sfr_loc_map.nodes.messages.fields import header_msg

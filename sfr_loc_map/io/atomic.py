@@ -17,8 +17,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from sfr_loc_map.bounded_input import special_kind
 from sfr_loc_map.errors import OutputError
+from sfr_loc_map.inputs import special_kind
 
 SUFFIX = ".part"
 _RANDOM = "[a-z0-9_]" * 8

@@ -17,8 +17,8 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.bag_files import BagReader, reader_of, reader_paths
 from sfr_loc_map.io.mcap_recovery import is_unfinished
 

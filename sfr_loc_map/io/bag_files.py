@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from sfr_loc_map.bounded_input import check_regular
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import check_regular
 from sfr_loc_map.io.sqlite_check import check_whole
 
 if TYPE_CHECKING:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, Topic
 from sfr_loc_map.io.trajectory_file import check_order
 

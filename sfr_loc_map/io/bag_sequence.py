@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, POINTS, POSE, Bag, Topic
 from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_extrinsics, read_trajectory
 from sfr_loc_map.io.camera_info import rig_from_camera_info

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.bounded_input import MAX_CLOUD_BYTES, read_bytes
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M
+from sfr_loc_map.inputs import MAX_CLOUD_BYTES, read_bytes
 from sfr_loc_map.io import las
 from sfr_loc_map.io.array_file import parse_npz
 from sfr_loc_map.io.atomic import atomic_path

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sfr_loc_map.bounded_input import parse_yaml
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import parse_yaml
 from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines, whole_pairs
 from sfr_loc_map.io.raw_stereo import CalibratedCamera, rectified_pair
 from sfr_loc_map.io.sequence import Source

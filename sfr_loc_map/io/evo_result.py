@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.bounded_input import MAX_TABLE_BYTES, MAX_TEXT_BYTES, check_regular, parse_json
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import MAX_TABLE_BYTES, MAX_TEXT_BYTES, check_regular, parse_json
 
 MAGIC = b"PK\x03\x04"
 POSE_SUFFIXES = (".tum", ".kitti")

@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.bounded_input import read_bytes, read_table
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import read_bytes, read_table
 from sfr_loc_map.io.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.image_file_sequence import whole_pairs

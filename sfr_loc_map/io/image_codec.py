@@ -16,10 +16,10 @@ import numpy as np
 import simplejpeg
 from numpy.typing import NDArray
 
-from sfr_loc_map.bounded_input import MAX_IMAGE_BYTES, read_bytes
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.plausibility import check_image_size
+from sfr_loc_map.inputs import MAX_IMAGE_BYTES, read_bytes
 from sfr_loc_map.io.image_header import FORMATS, JPEG_MAGIC, PNG_MAGIC, claimed_size, decoded_pixel_bytes
 
 BAYER = {

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import read_table
 from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.text_numbers import parse_number, parse_stamp_ns
 

@@ -15,14 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.bounded_input import read_table
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import plausible_positions, plausible_rotations
 from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S, read_table
 from sfr_loc_map.io.text_rows import number_rows
 from sfr_loc_map.io.trajectory_file import parse_seconds, seconds_text
 

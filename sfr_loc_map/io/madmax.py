@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sfr_loc_map.bounded_input import parse_yaml
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import parse_yaml
 from sfr_loc_map.io.camera_info import rig_from_projections
 from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.image_file_sequence import (

@@ -12,8 +12,8 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.bounded_input import MB, read_bytes
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import MB, read_bytes
 
 MAX_BYTES = 16 * MB
 MAX_UNPACKED_BYTES = 32 * MB

@@ -19,7 +19,7 @@ from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, decompress
 
-from sfr_loc_map.bounded_input import check_regular, parse_yaml, read_text
+from sfr_loc_map.inputs import check_regular, parse_yaml, read_text
 from sfr_loc_map.io.decompression import check_zstd_file, decompress_lz4, decompress_zstd, expansion_limit
 
 MAGIC = b"\x89MCAP0\r\n"

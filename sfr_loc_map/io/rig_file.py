@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.bounded_input import parse_json, read_text
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import parse_json, read_text
 from sfr_loc_map.io.camera_info import message_baseline
 
 KEYS = ("width", "height", "k", "baseline_m")

@@ -16,13 +16,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.bounded_input import count_line_ends, read_table
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import GeometryError, InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S, count_line_ends, read_table
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.fast_rows import parse_rows
 from sfr_loc_map.io.text_numbers import fitting, is_decimal, parse_number, parse_stamp_ns

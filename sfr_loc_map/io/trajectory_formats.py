@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import read_table
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.euroc_poses import euroc_text, parse_euroc_poses
 from sfr_loc_map.io.evo_result import MAGIC, read_evo_trajectory

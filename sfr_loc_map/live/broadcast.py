@@ -6,7 +6,7 @@ import math
 import time
 from typing import Any
 
-from sfr_loc_map.bounded_input import parse_json
+from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live.client import Client
 from sfr_loc_map.live.commands import Operator
 from sfr_loc_map.live.hub import Hub

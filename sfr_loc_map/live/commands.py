@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.printable import one_line
+from sfr_loc_map.inputs import one_line
 
 MAX_TEXT = 200
 

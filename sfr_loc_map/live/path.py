@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import quat_normalised
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.config import Condition, ConditionKind
 from sfr_loc_map.pipeline.online.stamp_order import jumped_back

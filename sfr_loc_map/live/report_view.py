@@ -6,8 +6,8 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live.live_table import live_table
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score import Score

@@ -16,8 +16,8 @@ from typing import Any
 from aiohttp import WSMsgType, http_exceptions, web
 
 from sfr_loc_map import __version__
-from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import NodeError, SfrError
+from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live.access import COOKIE, HEADERS, Access
 from sfr_loc_map.live.broadcast import Broadcast
 from sfr_loc_map.live.client import Client

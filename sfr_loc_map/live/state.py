@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live.node_view import MAX_CALLS, CallSample, NodeView
 from sfr_loc_map.live.path import LivePath, PathRow
 from sfr_loc_map.live.report_view import ReportView
@@ -28,7 +29,6 @@ from sfr_loc_map.live.updates import (
     Update,
 )
 from sfr_loc_map.metrics.score_json import SCHEMA
-from sfr_loc_map.printable import one_line
 
 LIVE_SCHEMA = "sfr-live/1"
 MAX_NODES = 32

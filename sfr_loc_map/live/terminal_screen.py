@@ -12,9 +12,9 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table as Grid
 from rich.text import Text
 
+from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.live.node_view import CallSample, NodeView
 from sfr_loc_map.live.state import LOCALISATION, REPORT, LiveState
-from sfr_loc_map.printable import one_line, printable
 from sfr_loc_map.report.tables import (
     ABSENT,
     METRE,

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import LOST_VARIANCE
 
 
 class TrackingState(StrEnum):

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform, interpolated
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.covariance_model import CovarianceMark, CovarianceModel, covariance_of_point

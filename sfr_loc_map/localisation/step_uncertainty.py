@@ -17,11 +17,11 @@ from typing import Final
 
 import numpy as np
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import KeyframeDrift
 from sfr_loc_map.localisation.config import LocalisationConfig

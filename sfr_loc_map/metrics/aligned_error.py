@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import (
@@ -30,6 +29,7 @@ from sfr_loc_map.geometry.rotation import (
     quat_rotate,
 )
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import unique_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
 from sfr_loc_map.metrics.score import (

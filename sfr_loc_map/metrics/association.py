@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
 from sfr_loc_map.metrics.score import AssociationCounts
 

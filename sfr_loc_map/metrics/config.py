@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from sfr_loc_map.config import build, param
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import ConfigError, MetricsError
+from sfr_loc_map.inputs import NS_PER_S
 
 MAX_VALUE = 1e9
 """Metres, seconds or frames of a condition; as many seconds fit 64 bits of nanoseconds."""

@@ -29,12 +29,12 @@ from typing import Final
 
 import numpy as np
 
-from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.quaternion_kernels import Quat, rotated, row_quat, unit_quats
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
+from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.metrics.association import UPPER, Estimates, Frames, unique_rows
 from sfr_loc_map.metrics.score import NeesPart, NeesScore

@@ -18,7 +18,6 @@ from typing import Annotated
 
 import numpy as np
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted, lever_arms
@@ -28,6 +27,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat
 from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig

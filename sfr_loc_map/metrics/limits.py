@@ -31,9 +31,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sfr_loc_map.config import load_yaml
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, VerdictState
 from sfr_loc_map.metrics.score import (
     Details,

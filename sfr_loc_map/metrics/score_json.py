@@ -19,8 +19,8 @@ from enum import StrEnum
 from functools import cache
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from sfr_loc_map.bounded_input import parse_json
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.metrics.score import Inline, Key, Score
 
 T = TypeVar("T")

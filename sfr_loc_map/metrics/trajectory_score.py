@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import Estimates, Frames, associate
 from sfr_loc_map.metrics.confidence import block_sums, interval95
 from sfr_loc_map.metrics.config import Condition, ConditionKind, Rebase, TrajectoryScoreConfig

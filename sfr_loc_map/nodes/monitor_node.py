@@ -22,10 +22,9 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import String
 
 from sfr_loc_map import __version__
-from sfr_loc_map.bounded_input import MAX_TEXT_BYTES, parse_json
 from sfr_loc_map.config import param
-from sfr_loc_map.constants import Side
 from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.inputs import MAX_TEXT_BYTES, Side, parse_json
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.point_image import points_image

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.bounded_input import read_table
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.inputs import read_table
 from sfr_loc_map.io.text_numbers import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls import Calls, stage_of

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import islice
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.evo_result import evo_result_bytes
 from sfr_loc_map.io.trajectory_file import trajectory_text

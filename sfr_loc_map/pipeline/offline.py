@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.config import LocalisationConfig

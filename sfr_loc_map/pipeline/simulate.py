@@ -24,9 +24,9 @@ import numpy as np
 import yaml
 
 from sfr_loc_map.config import build, flatten, load_yaml
-from sfr_loc_map.constants import SIDES, Task
 from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
+from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN

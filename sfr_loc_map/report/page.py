@@ -13,9 +13,9 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from sfr_loc_map import __version__
-from sfr_loc_map.bounded_input import MAX_JSON_BYTES, read_text
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.inputs import printable
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.aligned_error import Curve
-from sfr_loc_map.printable import printable
 from sfr_loc_map.report.plots import PALETTE, Plot, Trace, axis, error_scale, line, scaled, to_figure
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from html import escape
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from sfr_loc_map.printable import printable
+from sfr_loc_map.inputs import printable
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.simulation.faults import RIG_KINDS, Fault, FaultKind
 from sfr_loc_map.simulation.image_faults import IMAGE_FAULTS, ROTATION_AXES, Moment, rotated, with_noise
 from sfr_loc_map.simulation.view_faults import VIEW_FAULTS, faulty_view

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.constants import NS_PER_S, Task
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.frames import mast_head_in_rb
@@ -15,6 +14,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.simulation.config import CamerasConfig, SimulationConfig
 from sfr_loc_map.simulation.drive import STEP_S, Drive, make_drive
 from sfr_loc_map.simulation.terrain import Terrain

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SensorConfig
 
 _LENS, _HOT, _EXPOSURE, _NOISE = 6, 7, 8, 9

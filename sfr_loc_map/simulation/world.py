@@ -8,8 +8,8 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, PointImage
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.appearance import shading_parameters, surface_parameters
 from sfr_loc_map.simulation.mesh import Mesh, ground_mesh
 from sfr_loc_map.simulation.noise import sub_seed

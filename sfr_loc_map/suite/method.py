@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from sfr_loc_map.bounded_input import read_text
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.inputs import read_text
 from sfr_loc_map.methods.method import OURS, Method, MethodTask
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, find_method
 

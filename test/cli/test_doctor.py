@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
 from processes import Process, wait_until
 
-from sfr_loc_map.constants import SIDES
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE, POINTS, POSE
 from sfr_loc_map.pipeline.doctor.checks import examine

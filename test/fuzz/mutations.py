@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from sfr_loc_map.bounded_input import parse_yaml
+from sfr_loc_map.inputs import parse_yaml
 
 Mutation = Callable[[Random, bytes], bytes]
 

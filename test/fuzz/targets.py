@@ -12,7 +12,7 @@ from message_mutations import MCAP, SQLITE
 from target import Command, Target, run_command
 from world import KINDS, LOC_RIG, T_RB_LOCSB, loc_pair
 
-from sfr_loc_map.bounded_input import parse_json
+from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession

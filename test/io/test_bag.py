@@ -27,8 +27,8 @@ from made_worlds import (
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import ConfigError, InputError, OutputError, SfrError
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages as messages
 from sfr_loc_map.io.bag import TYPESTORE, Bag
 from sfr_loc_map.io.bag_poses import read_trajectory

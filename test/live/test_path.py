@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.live.path import LivePath
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.config import Condition

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 from made_scene import LOC_RIG, write_folder
 from processes import Process, wait_until
 
-from sfr_loc_map.constants import SIDES
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.live.state import ROW_FIELDS
 from sfr_loc_map.nodes.process.live_process import live_page

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.quaternion_kernels import unit_quats
 from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance, propagation
+from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import accumulated, relative_covariance

@@ -28,10 +28,10 @@ from scenes import MOUNT, calls, problems, raw, send_infos, send_pair
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import encode_png, stamp_of
 from sfr_loc_map.io.rectification import rectified_rig

@@ -8,7 +8,7 @@ import pytest
 from hazard_truth import hazard_accuracy
 
 from sfr_loc_map.config import build, load_yaml
-from sfr_loc_map.constants import Task
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from made_scene import LOC_RIG
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.pipeline.offline import start_pose
 
 FIRST_NS = 1_000_000_000_000

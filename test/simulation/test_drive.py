@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.mesh import Mesh
 from sfr_loc_map.simulation.plan import Plan

@@ -7,8 +7,8 @@ import pytest
 
 from sfr_loc_map.cli.simulate import parse_settings
 from sfr_loc_map.config import build, load_yaml
-from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.config import build
-from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SensorConfig
 from sfr_loc_map.simulation.sensor import Sensor
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rays import sample_offsets

@@ -30,8 +30,8 @@ from foxglove.messages import (
     Vector3,
 )
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.path import PathRow, Point
 from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, TrackSample
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from sfr_loc_map.bounded_input import parse_json, read_table, read_text
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import parse_json, read_table, read_text
 from sfr_loc_map.io.bag import ODOMETRY, Bag
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_trajectory

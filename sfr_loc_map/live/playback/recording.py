@@ -9,11 +9,11 @@ from operator import attrgetter
 
 import numpy as np
 
-from sfr_loc_map.constants import LOST_VARIANCE, NS_PER_S, SIDES
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.cloud_truth import CloudTruth
 from sfr_loc_map.live.elevation import grid_of_cloud

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.bounded_input import read_bytes
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
 

@@ -11,11 +11,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
+from sfr_loc_map.inputs import one_line
 from sfr_loc_map.nodes.diagnostics.call_reporter import Call
 from sfr_loc_map.nodes.diagnostics.health import Health, HealthConfig, NodeActivity
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, status_msg
 from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.printable import one_line
 
 QUEUE_DEPTH = 1000
 """Statuses that are kept for a slow subscriber."""

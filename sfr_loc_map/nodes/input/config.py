@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfr_loc_map.config import param
-from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.nodes.lifecycle.qos import RELIABILITIES
 
 

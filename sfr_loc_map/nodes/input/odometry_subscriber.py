@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from nav_msgs.msg import Odometry
 
 from sfr_loc_map.config import param
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints

@@ -8,8 +8,8 @@ from typing import Any
 
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from sfr_loc_map.constants import SIDES, Side
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.inputs import SIDES, Side
 from sfr_loc_map.nodes.diagnostics.status_reporter import StatusReporter
 from sfr_loc_map.nodes.input.config import StereoInputConfig
 from sfr_loc_map.nodes.input.received_pair import ReceivedImage

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from sensor_msgs.msg import CameraInfo
 
-from sfr_loc_map.constants import Side
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.inputs import Side
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig

@@ -18,7 +18,7 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import String
 
-from sfr_loc_map.constants import JUMP_BACK_NS
+from sfr_loc_map.inputs import JUMP_BACK_NS
 from sfr_loc_map.nodes.diagnostics.key_values import Level
 from sfr_loc_map.nodes.lifecycle.base_node import BaseNode, C
 from sfr_loc_map.nodes.lifecycle.heap import release_memory

@@ -17,9 +17,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
-from sfr_loc_map.constants import NS_PER_S, SIDES
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.image_codec import image_from_message, stamp_of
 from sfr_loc_map.live import tracks
 from sfr_loc_map.live.hub import Hub

@@ -14,6 +14,7 @@ from contextlib import ExitStack
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live.commands import LateOperator
 from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 from sfr_loc_map.live.hub import Hub
@@ -22,7 +23,6 @@ from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
 from sfr_loc_map.nodes.process.priority import give_way
-from sfr_loc_map.printable import one_line
 
 
 def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = False) -> None:

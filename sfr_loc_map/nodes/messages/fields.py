@@ -13,7 +13,7 @@ from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
-from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S
 
 
 def time_msg(stamp_ns: int) -> Time:

@@ -22,11 +22,11 @@ from geometry_msgs.msg import (
 )
 from nav_msgs.msg import Odometry
 
-from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, is_plausible_covariance
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate, StepEstimate
 from sfr_loc_map.localisation.start_pose import StartPose

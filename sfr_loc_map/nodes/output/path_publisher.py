@@ -5,7 +5,7 @@ from __future__ import annotations
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
 
-from sfr_loc_map.constants import NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints

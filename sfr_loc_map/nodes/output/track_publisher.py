@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from sensor_msgs.msg import Image, PointCloud2
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks

@@ -14,12 +14,12 @@ from rclpy.node import Node
 from rclpy.utilities import ok, try_shutdown
 
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.inputs import one_line
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
 from sfr_loc_map.nodes.process.ros_start import start_ros
 from sfr_loc_map.nodes.process.start import SIGNALS
-from sfr_loc_map.printable import one_line
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:

@@ -7,8 +7,8 @@ from typing import Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import ConfigError, NodeError
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.nodes.process.command_process import CommandProcess
 from sfr_loc_map.nodes.replay.external_answers import CloudAnswers, OdometryAnswers

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sfr_loc_map.constants import Task
 from sfr_loc_map.geometry.pose_convention import PoseConvention
+from sfr_loc_map.inputs import Task
 
 RESULT_TOPICS = {"localisation": "localisation/odometry", "mapping": "mapping/points"}
 """Topics of the suite that carry the results of a task."""

@@ -12,8 +12,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from sfr_loc_map.constants import Task
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.diagnostics.call_reporter import task_record

@@ -21,8 +21,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
-from sfr_loc_map.constants import NS_PER_S
 from sfr_loc_map.errors import NodeError
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.bag_sequence import LOCSB_FRAME, RAW, RB_FRAME, RECTIFIED
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics import key_values

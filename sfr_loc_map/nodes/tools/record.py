@@ -20,8 +20,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import NodeError
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag_recorder import BagRecorder
 from sfr_loc_map.nodes.messages.message_types import definition_of, message_type
 from sfr_loc_map.nodes.process import environment

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source

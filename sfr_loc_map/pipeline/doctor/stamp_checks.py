@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sfr_loc_map.constants import NS_PER_S, SIDES
 from sfr_loc_map.geometry.arrays import IntArray, Mask
+from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.pipeline.doctor.finding import Cause, Finding, Severity, blocking, warning
 from sfr_loc_map.pipeline.doctor.observation import EXPECTED, Observation, ObservedTopic
 from sfr_loc_map.pipeline.doctor.topic_checks import check_topic

@@ -8,10 +8,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag_sequence import RAW
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, stamp_of

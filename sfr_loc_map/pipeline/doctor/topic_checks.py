@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sfr_loc_map.constants import SIDES
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.pipeline.doctor.finding import Cause, Finding, Severity, blocking, warning

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import is_plausible_pose
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, unique_rows
 from sfr_loc_map.metrics.calls import score_calls

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from sfr_loc_map.bounded_input import MAX_JSON_BYTES, parse_json, read_text
 from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.inputs import MAX_JSON_BYTES, parse_json, read_text
 from sfr_loc_map.io.atomic import atomic_path, check_output, output_target
 from sfr_loc_map.metrics.score_json import SCHEMA
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.bounded_input import parse_json, read_bytes, read_text
 from sfr_loc_map.errors import InputError, OutputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import is_plausible_covariance
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import parse_json, read_bytes, read_text
 from sfr_loc_map.io.atomic import check_output
 from sfr_loc_map.localisation.start_pose import StartPose
 

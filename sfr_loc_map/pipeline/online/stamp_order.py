@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.constants import JUMP_BACK_NS
+from sfr_loc_map.inputs import JUMP_BACK_NS
 
 
 def jumped_back(latest_ns: int, stamp_ns: int) -> bool:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sfr_loc_map.constants import SIDES
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, TYPESTORE, Bag
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source

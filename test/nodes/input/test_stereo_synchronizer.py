@@ -14,8 +14,8 @@ from rclpy.serialization import deserialize_message
 from scenes import raw
 from sensor_msgs.msg import CameraInfo, Image
 
-from sfr_loc_map.constants import SIDES, Side
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.inputs import SIDES, Side
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.input.config import StereoInputConfig
 from sfr_loc_map.nodes.input.received_pair import ReceivedImage

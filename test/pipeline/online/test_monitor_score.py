@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.constants import LOST_VARIANCE
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Details, Score

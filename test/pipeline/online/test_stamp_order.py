@@ -1,6 +1,6 @@
 import pytest
 
-from sfr_loc_map.constants import JUMP_BACK_NS
+from sfr_loc_map.inputs import JUMP_BACK_NS
 from sfr_loc_map.pipeline.online.stamp_order import jumped_back
 
 

@@ -1,4 +1,4 @@
-"""Files, JSON and YAML from outside, with bounds on size, depth and expansion before memory is taken.
+"""What comes from outside: files, JSON and YAML of bounded size and depth, texts made fit for a terminal, shared names.
 
 Everything that reads a file of another program comes through here. What is refused is raised as the error that the
 parser or the system itself would raise (`OSError`, `ValueError`, `yaml.YAMLError`); each reader says in its own words
@@ -13,10 +13,21 @@ import os
 import re
 import stat
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
+
+NS_PER_S = 1_000_000_000
+"""Nanoseconds in a second."""
+Side = Literal["left", "right"]
+SIDES: tuple[Side, Side] = ("left", "right")
+"""The cameras of a stereo rig, in the order of all files and topics."""
+LOST_VARIANCE = 9999.0
+"""Variance on the whole diagonal of the covariance of a pose that is not known (m^2, rad^2)."""
+JUMP_BACK_NS = NS_PER_S
+"""A clock that goes back by more than this was set, or a bag was started again."""
 
 MB = 1_000_000
 MAX_TEXT_BYTES = MB
@@ -34,33 +45,59 @@ MAX_NODES = 100_000
 """Most values of a YAML file once its aliases are written out."""
 MAX_DIGITS = 20
 """Longest integer of JSON and YAML: 64 bits have 19 digits and a sign."""
+MAX_MESSAGE = 600
+"""Characters of a message; the first and the last ones of a longer text are kept."""
+_TAIL = 200
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
-KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
-    (stat.S_ISFIFO, "a named pipe"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-    (stat.S_ISSOCK, "a socket"),
+_UNPRINTABLE = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff]"
 )
+"""Controls (C0 without tab and line feed, DEL, C1), marks of direction, separators of lines, surrogates."""
+_SPECIAL_FILES = {
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+class Task(StrEnum):
+    """The two tasks of the suite, each with a rig of its own."""
+
+    LOCALISATION = "localisation"
+    MAPPING = "mapping"
+
+    @property
+    def rig(self) -> str:
+        """Prefix of its image topics and name of its part of a data set: `loc` or `nav`."""
+        return "loc" if self is Task.LOCALISATION else "nav"
 
 
 def special_kind(mode: int) -> str:
-    """Return what a file is that is neither a regular file nor a folder, in words; empty for these two.
+    """Return what a file of this `st_mode` is if neither a regular file nor a folder, in words; else an empty text."""
+    return _SPECIAL_FILES.get(stat.S_IFMT(mode), "")
 
-    Args:
-        mode: `st_mode`.
+
+def check_regular(path: Path) -> None:
+    """Check that a path is a regular file, or a link to one.
+
+    Raises:
+        OSError: If it is missing or something else, or its name is that of no file.
     """
-    return next((name for is_kind, name in KINDS if is_kind(mode)), "")
+    if "\0" in str(path):  # Python would raise a ValueError
+        raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
+    if kind := special_kind(mode):
+        raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
 
 
 def read_bytes(path: Path, limit: int) -> bytes:
     """Return the content of a regular file.
 
-    Args:
-        path: The file.
-        limit: Most bytes that it may have.
-
     Raises:
-        OSError: If it cannot be read, is not a regular file (a named pipe would wait for ever) or is larger.
+        OSError: If it cannot be read, is not a regular file (a named pipe would wait for ever) or has more bytes.
     """
     check_regular(path)
     with path.open("rb") as stream:
@@ -101,34 +138,8 @@ def read_table(path: Path) -> bytes:
 
 
 def count_line_ends(data: bytes) -> int:
-    """Return how many line feeds and carriage returns there are.
-
-    `bytes.count` is slow where there are many, as of line feeds in long texts, and fast where there are none.
-    """
-    returns = data.count(b"\r")
-    if len(data) < MB:
-        return returns + data.count(b"\n")
-    import numpy as np  # what reads short files only, as a command's help, does without it
-
-    letters = np.frombuffer(data, np.uint8)
-    blocks = (letters[begin : begin + MB] for begin in range(0, len(letters), MB))
-    return returns + sum(int(np.count_nonzero(block == ord("\n"))) for block in blocks)
-
-
-def check_regular(path: Path) -> None:
-    """Check that a path is a regular file, or a link to one.
-
-    Raises:
-        OSError: If it is missing or something else, or its name is that of no file.
-    """
-    if "\0" in str(path):  # Python would raise a ValueError
-        raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
-    mode = path.stat().st_mode
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
-    kind = special_kind(mode)
-    if kind:
-        raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
+    """Return how many line feeds and carriage returns there are."""
+    return data.count(b"\n") + data.count(b"\r")
 
 
 def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401 - any JSON
@@ -147,10 +158,21 @@ def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = 
         value = json.loads(text, parse_constant=parse_constant, parse_int=_integer)
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
-    _check_depth([value])
+    level: list[Any] = [[value]]
+    for _ in range(MAX_DEPTH + 1):  # whoever walks through the value may do so by recursion
+        items = (item for part in level for item in (part.values() if isinstance(part, dict) else part))
+        level = [item for item in items if isinstance(item, (dict, list))]
+    if level:
+        raise ValueError("it is nested too deeply")
     if _SURROGATE.search(text):
         json.dumps(value, ensure_ascii=False).encode("utf-8")
     return value
+
+
+def _integer(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        raise ValueError(f"an integer of {len(text)} digits")
+    return int(text)
 
 
 def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
@@ -171,23 +193,6 @@ def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
         raise yaml.YAMLError(f"it cannot be read: {error}") from error
     finally:
         loader.dispose()
-
-
-def _integer(text: str) -> int:
-    if len(text) > MAX_DIGITS:
-        raise ValueError(f"an integer of {len(text)} digits")
-    return int(text)
-
-
-def _check_depth(value: Any) -> None:  # noqa: ANN401 - any JSON
-    """Check the depth of nested lists and objects: whoever walks through them may do so by recursion."""
-    level = [value]
-    for _ in range(MAX_DEPTH + 1):
-        items = (item for part in level for item in (part.values() if isinstance(part, dict) else part))
-        level = [item for item in items if isinstance(item, (dict, list))]
-        if not level:
-            return
-    raise ValueError("it is nested too deeply")
 
 
 class _BoundedLoader(yaml.SafeLoader):
@@ -230,3 +235,21 @@ def _expanded(node: yaml.Node, sizes: dict[int, int], depth: int) -> int:
     if sizes[id(node)] > MAX_NODES:
         raise yaml.YAMLError(f"its aliases stand for more than {MAX_NODES} values")
     return sizes[id(node)]
+
+
+def printable(text: str) -> str:
+    r"""Return a text with unprintable characters written as in Python: ESC becomes `\x1b`.
+
+    A file can hold escape sequences that rename a window or overwrite lines, characters that turn the direction of
+    writing, halves of surrogate pairs that no encoding takes.
+    """
+    return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def one_line(text: str) -> str:
+    """Return a message as one printable line of bounded length; the middle of a longer one is left out."""
+    line = printable(" ".join(text.split()))
+    if len(line) <= MAX_MESSAGE:
+        return line
+    left_out = len(line) - MAX_MESSAGE
+    return f"{line[: MAX_MESSAGE - _TAIL]} ... ({left_out} characters left out) ... {line[-_TAIL:]}"

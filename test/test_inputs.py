@@ -1,0 +1,65 @@
+"""JSON from outside is bounded in depth, digits and texts; messages are one printable line, whatever they quote."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfr_loc_map.inputs import MAX_DEPTH, MAX_MESSAGE, one_line, parse_json, printable
+
+anything = st.text(st.characters(exclude_categories=()), max_size=80)
+
+TEXTS = {
+    "lists": ("[" * (MAX_DEPTH + 1) + "]" * (MAX_DEPTH + 1), "nested too deeply"),
+    "objects": ('{"a":' * 900 + "1" + "}" * 900, "nested too deeply"),
+    "objects that the parser gives up on": ('{"a":' * 100_000, "nested too deeply"),
+    "400 digits": ("9" * 400, "400 digits"),
+    "5000 digits in a list": (f"[{'9' * 5000}]", "5000 digits"),
+    "half of a pair, escaped": ('"\\uD800 "', "surrogates not allowed"),
+    "half of a pair in a key": ('{"\\udc80": 1}', "surrogates not allowed"),
+    "half of a pair as it is": ('"\ud800"', "surrogates not allowed"),
+}
+
+
+@pytest.mark.parametrize(("text", "words"), TEXTS.values(), ids=TEXTS)
+def test_what_others_stumble_over_is_refused(text: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        parse_json(text)
+
+
+def test_what_is_within_the_bounds_is_read() -> None:
+    assert parse_json("[" * MAX_DEPTH + "]" * MAX_DEPTH)
+    assert parse_json('{"\\ud83d\\ude00": 18446744073709551615}') == {"\U0001f600": 2**64 - 1}
+    assert parse_json(b'[1e5, "\xc3\xa4", -5]') == [1e5, "\u00e4", -5]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("plain, with \u00e4 and \u2714", "plain, with \u00e4 and \u2714"),
+        ("\x1b]0;title\x07", r"\x1b]0;title\x07"),
+        ("\x9b31m\0\x7f", r"\x9b31m\x00\x7f"),
+        ("\u202eabc\ud800\udc80", r"\u202eabc\ud800\udc80"),
+        ("two\nlines\tand a tab", "two\nlines\tand a tab"),
+    ],
+)
+def test_controls_are_written_as_in_python(text: str, shown: str) -> None:
+    assert printable(text) == shown
+
+
+@given(anything)
+def test_a_message_is_one_line_that_every_terminal_bears(text: str) -> None:
+    line = one_line(text)
+    assert line.isprintable() or not re.search(r"[\x00-\x1f\x7f-\x9f]", line)
+    line.encode("utf-8")
+
+
+def test_the_middle_of_a_long_message_is_left_out() -> None:
+    line = one_line("cannot read " + "x" * 10_000_000 + "; restore it")
+    assert line.startswith("cannot read xxx")
+    assert line.endswith("xxx; restore it")
+    assert len(line) < MAX_MESSAGE + 50
+    assert "characters left out" in line
