@@ -120,11 +120,11 @@ $(DEV_STAMP): $(STAMP)
 
 # The kernels need no ROS: they are compiled on two cores while its wheels are fetched.
 $(VENV)/.kernels-localisation: $(CORE)
-	$(BIN)/python -P -m sfr_loc_map.pipeline.compile_kernels localisation metrics
+	$(BIN)/python -P -m sfr_loc_map.pipeline.kernels localisation metrics
 	@touch $@
 
 $(VENV)/.kernels-mapping: $(CORE)
-	$(BIN)/python -P -m sfr_loc_map.pipeline.compile_kernels mapping terrain
+	$(BIN)/python -P -m sfr_loc_map.pipeline.kernels mapping terrain
 	@touch $@
 
 $(KILTED)/.installed: setup.py
@@ -142,7 +142,7 @@ $(COMPILED): $(DEV_STAMP)
 	$(BIN)/python -m compileall -q sfr_loc_map
 	PYTHONPATH=. $(BIN)/python test/scenes/first_run.py localisation --keep > /dev/null & \
 	(PYTHONPATH=. $(BIN)/python test/scenes/first_run.py mapping --keep && \
-	 PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.compile_kernels mapping terrain metrics) > /dev/null & \
+	 PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.pipeline.kernels mapping terrain metrics) > /dev/null & \
 	scratch=$$(mktemp -d) && $(BIN)/python -c "from sfr_loc_map.cli.main import main; raise SystemExit(main())" simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
 	@touch $@
 

@@ -26,10 +26,9 @@ from sfr_loc_map.methods.method import OURS, MethodLimits, MethodTask
 from sfr_loc_map.methods.registry import find_method, record_of_ours
 from sfr_loc_map.metrics.method_record import MethodRecord
 from sfr_loc_map.pipeline import offline
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.candidate import localise_with, map_pairs_with
-from sfr_loc_map.pipeline.map_outputs import map_warnings
-from sfr_loc_map.pipeline.tracking_summary import tracking_warning
+from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.pipeline.map_files import map_warnings
+from sfr_loc_map.pipeline.offline import localise_with, map_pairs_with, tracking_warning
 
 C = TypeVar("C")
 SourceLike = PathLike | Source

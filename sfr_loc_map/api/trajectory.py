@@ -24,9 +24,8 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.metrics.aligned_error import curves_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.metrics.method_record import MethodRecord
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.evo_export import save_evo_result
-from sfr_loc_map.pipeline.offline import save_stats
+from sfr_loc_map.pipeline.call_stats import CallRecord, save_stats
+from sfr_loc_map.pipeline.scoring import save_evo_result
 from sfr_loc_map.report.path_figure import path_figure
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.pipeline.convert import FaultyLoc
 from sfr_loc_map.pipeline.offline import localise, start_pose, trajectory_of
-from sfr_loc_map.pipeline.perturb import FaultyLoc
 from sfr_loc_map.simulation.faults import Fault, parse_fault
 
 FAULTS: Final = (

@@ -16,8 +16,8 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.pipeline.convert import FaultyLoc
 from sfr_loc_map.pipeline.offline import localise, start_pose
-from sfr_loc_map.pipeline.perturb import FaultyLoc
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.random_faults import random_faults
 

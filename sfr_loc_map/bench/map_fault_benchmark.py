@@ -18,7 +18,7 @@ from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper, PairMap
 from sfr_loc_map.metrics.cloud_error import PairTruth, pixel_coverage, point_errors, truths_of
-from sfr_loc_map.pipeline.perturb import FaultyNav
+from sfr_loc_map.pipeline.convert import FaultyNav
 from sfr_loc_map.simulation.faults import Fault, parse_fault
 
 MAP_FAULTS: Final = (

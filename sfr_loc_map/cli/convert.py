@@ -151,7 +151,7 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
     from sfr_loc_map.io import geotiff
     from sfr_loc_map.io.cloud_file import check_cloud_format, load_cloud, save_cloud
     from sfr_loc_map.mapping.terrain.config import TerrainConfig
-    from sfr_loc_map.pipeline.dem_products import WRITERS, grid_of_file, save_dem, with_cell
+    from sfr_loc_map.pipeline.map_files import WRITERS, grid_of_file, save_dem, with_cell
 
     is_model = destination.suffix in MODELS or destination.name.endswith(ARCHIVE)
     check_suffix(destination, (*CLOUDS, ARCHIVE, *MODELS) if not is_model else (destination.suffix,))
@@ -188,7 +188,7 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
 
 def write_dem_pages(files: Sequence[Path], grid: TerrainGrid) -> None:
     """Write those files of an elevation model that are pages."""
-    from sfr_loc_map.pipeline.dem_products import PAGE, dem_bands
+    from sfr_loc_map.pipeline.map_files import PAGE, dem_bands
     from sfr_loc_map.report.dem_page import dem_page
 
     for path in files:

@@ -24,7 +24,7 @@ from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 
 if TYPE_CHECKING:
-    from sfr_loc_map.pipeline.doctor.observation import Observation
+    from sfr_loc_map.pipeline.doctor_observation import Observation
 
 SHOWN_HYPOTHESES = 5
 
@@ -86,8 +86,7 @@ def doctor(
 
 def _observe(source: Path, remaps: dict[str, str], *, extrinsics_given: bool) -> Observation:
     from sfr_loc_map.io.bag_files import is_bag
-    from sfr_loc_map.pipeline.doctor.bag_observation import observe_bag
-    from sfr_loc_map.pipeline.doctor.source_observation import observe_source
+    from sfr_loc_map.pipeline.doctor_observation import observe_bag, observe_source
 
     if not source.exists():
         raise InputError(f"there is no '{source}': give a data set folder, a bag, KITTI or EuRoC, or --graph")
@@ -100,7 +99,7 @@ def _observe(source: Path, remaps: dict[str, str], *, extrinsics_given: bool) ->
 
 def _examine(seen: Observation, json_path: str | None, source: Path | None) -> None:
     """Show the findings of a source, or of the graph; raise FailedVerdictError if there is a blocking one."""
-    from sfr_loc_map.pipeline.doctor.checks import examine
+    from sfr_loc_map.pipeline.doctor import examine
 
     findings = examine(seen)
     stops = sum(finding.is_blocking for finding in findings)

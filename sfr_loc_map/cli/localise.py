@@ -24,7 +24,7 @@ from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 
 if TYPE_CHECKING:
     from sfr_loc_map.localisation.estimate import PoseEstimate
-    from sfr_loc_map.pipeline.call_record import CallRecord
+    from sfr_loc_map.pipeline.call_stats import CallRecord
 
 R = TypeVar("R")
 
@@ -60,11 +60,17 @@ def localise(
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.methods.registry import record_of_ours
-    from sfr_loc_map.pipeline.candidate import localise_with
+    from sfr_loc_map.pipeline.call_stats import save_stats
     from sfr_loc_map.pipeline.offline import localise as localise_with_ours
-    from sfr_loc_map.pipeline.offline import no_observer, save_stats, start_pose, trajectory_of
-    from sfr_loc_map.pipeline.tracking_summary import states_text, tracking_warning
-    from sfr_loc_map.pipeline.video import track_video
+    from sfr_loc_map.pipeline.offline import (
+        localise_with,
+        no_observer,
+        start_pose,
+        states_text,
+        track_video,
+        tracking_warning,
+        trajectory_of,
+    )
 
     check_suffix(output, OUTPUT_SUFFIXES)
     check_outputs(*files_written(output), stats, video, overwrite=overwrite, inputs=(source,))

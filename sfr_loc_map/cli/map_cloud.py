@@ -58,10 +58,9 @@ def map_cloud(
     from sfr_loc_map.mapping.config import MappingConfig
     from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.methods.registry import record_of_ours
-    from sfr_loc_map.pipeline.candidate import map_pairs_with
-    from sfr_loc_map.pipeline.dem_products import dem_outputs
-    from sfr_loc_map.pipeline.map_outputs import MapOutputs, map_warnings, save_map
-    from sfr_loc_map.pipeline.offline import map_pairs, save_stats
+    from sfr_loc_map.pipeline.call_stats import save_stats
+    from sfr_loc_map.pipeline.map_files import MapOutputs, dem_outputs, map_warnings, save_map
+    from sfr_loc_map.pipeline.offline import map_pairs, map_pairs_with
 
     check_suffix(output, SUFFIXES)
     check_cloud_format(output)

@@ -323,7 +323,7 @@ def _external_run_of(results: ReplayResults, correction: Correction) -> External
 
 def _say_where(source: Path, result: ReplayResult, files: ReplayFiles, out: Path | None) -> None:
     """Say how it went and where it was written."""
-    from sfr_loc_map.pipeline.tracking_summary import states_text, tracking_warning
+    from sfr_loc_map.pipeline.offline import states_text, tracking_warning
 
     say(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)
     localised = [record for record in result.records if record.covariance is not None]

@@ -121,7 +121,7 @@ def perturb(
 ) -> None:
     """Copy a source and inject faults: of single pairs, of the cameras, of the view, of clock and calibration."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.pipeline.perturb import perturb as run
+    from sfr_loc_map.pipeline.convert import perturb as run
     from sfr_loc_map.simulation.faults import KINDS, parse_fault
 
     if not fault:

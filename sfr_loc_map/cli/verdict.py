@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.config import Condition
     from sfr_loc_map.metrics.method_record import MethodRecord
     from sfr_loc_map.metrics.score import Score
-    from sfr_loc_map.pipeline.call_record import CallRecord
+    from sfr_loc_map.pipeline.call_stats import CallRecord
 
 
 def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> None:

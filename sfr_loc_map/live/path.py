@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.config import Condition, ConditionKind
-from sfr_loc_map.pipeline.online.stamp_order import jumped_back
+from sfr_loc_map.pipeline.reception import jumped_back
 
 MAX_ROWS = 4000
 """Poses that are kept; beyond them every other one is left out, and from then on every other one of those to come."""

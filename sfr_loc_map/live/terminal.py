@@ -20,8 +20,7 @@ from sfr_loc_map.live.commands import Action, Command, Operator
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.terminal_screen import line, screen
-from sfr_loc_map.pipeline.playback.controls import SEEK_STEP_S
-from sfr_loc_map.pipeline.playback.keyboard import Keyboard
+from sfr_loc_map.pipeline.controls import SEEK_STEP_S, Keyboard
 
 PERIOD_S = 0.5
 """Time between two drawings of the screen,"""

@@ -38,10 +38,9 @@ from sfr_loc_map.nodes.messages.pose import odometry_msg, start_pose_of, tf_mess
 from sfr_loc_map.nodes.output.path_publisher import PathPublisher
 from sfr_loc_map.nodes.output.track_publisher import TrackPublisher
 from sfr_loc_map.nodes.process.runner import run
-from sfr_loc_map.pipeline.load_kernels import load_kernels
-from sfr_loc_map.pipeline.online.latency import latencies
-from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession
-from sfr_loc_map.pipeline.online.resume import PoseFile
+from sfr_loc_map.pipeline.kernels import load_kernels
+from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
+from sfr_loc_map.pipeline.reception import latencies
 
 NAME = "localisation_node"
 LEVELS = {

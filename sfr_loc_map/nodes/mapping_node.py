@@ -38,10 +38,9 @@ from sfr_loc_map.nodes.messages.image import disparity_msg
 from sfr_loc_map.nodes.messages.pose import transform_from_pose
 from sfr_loc_map.nodes.output.map_publisher import MapPublisher
 from sfr_loc_map.nodes.process.runner import run
-from sfr_loc_map.pipeline.load_kernels import load_kernels
-from sfr_loc_map.pipeline.online.latency import latencies
-from sfr_loc_map.pipeline.online.mapping_session import MappingSession
-from sfr_loc_map.pipeline.online.pose_matching import PoseMatching
+from sfr_loc_map.pipeline.kernels import load_kernels
+from sfr_loc_map.pipeline.mapping_session import MappingSession, PoseMatching
+from sfr_loc_map.pipeline.reception import latencies
 
 NAME = "mapping_node"
 POSE_DEPTH = 100

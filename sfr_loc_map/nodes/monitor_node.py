@@ -44,10 +44,9 @@ from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, transform_from_pose
 from sfr_loc_map.nodes.output.score_publisher import ScorePublisher
 from sfr_loc_map.nodes.process.runner import run
-from sfr_loc_map.pipeline.load_kernels import load_kernels
-from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
-from sfr_loc_map.pipeline.online.report_file import ReportFile
-from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
+from sfr_loc_map.pipeline.kernels import load_kernels
+from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
+from sfr_loc_map.pipeline.reception import TransportGaps
 
 NAME = "monitor_node"
 RESTS = 9.0

@@ -1,11 +1,11 @@
-"""The CSV with one row for each call, as `sfr localise --stats` and `sfr map --stats` write it."""
+"""Calls of localiser and mapper: one record each, their CSV file, and their status on /diagnostics."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +13,116 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import read_table
+from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_numbers import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.calls import Calls, stage_of
 from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.method_record import FindingKind, FindingRecord, MethodKind, MethodRecord
-from sfr_loc_map.pipeline.call_record import CallRecord
+
+
+@dataclass(frozen=True, slots=True)
+class CallRecord:
+    """One call of a processing API.
+
+    Attributes:
+        stamp_ns: Stamp of the pair.
+        processing_time_s: Wall-clock time of the call on this host.
+        state: State after the call: initialising, tracking, degraded, lost; mapped, fused.
+        peak_rss_bytes: Peak resident memory of the process during the call, None where it cannot be measured.
+        above_idle_bytes: The same above the idle process, None where it cannot be measured.
+        statistics: Figures of the call by name.
+        covariance: `(6, 6)` of the pose (ROS order), None for mapping.
+        step: `(27,)` upper triangle of the covariance of the motion since the pose before, in RB there, then one
+            standard deviation of the error that all such motions have alike; None where not known.
+        reason: Why it is degraded or lost, in one word; empty otherwise.
+        finding: What the method did wrong in this call, `KIND: text`; empty for nothing.
+    """
+
+    stamp_ns: int
+    processing_time_s: float
+    state: str
+    peak_rss_bytes: int | None
+    above_idle_bytes: int | None
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    covariance: FloatArray | None = None
+    reason: str = ""
+    step: FloatArray | None = None
+    finding: str = ""
+
+
+MAX_CALL_S = 1e6
+DEFAULT_STATE = {"localisation": TrackingState.TRACKING.value, "mapping": MappingState.MAPPED.value}
+"""State of a call by its task, where a foreign node tells none."""
+STATISTIC = "statistic."
+"""Prefix of the names of a call's figures."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskRecord:
+    """A call and the task it belongs to.
+
+    Attributes:
+        task: `localisation` or `mapping`.
+        record: The call.
+        memory_method: How the memory was measured.
+    """
+
+    task: str
+    record: CallRecord
+    memory_method: str
+
+
+def call_of(values: Mapping[str, str]) -> TaskRecord | None:
+    """Return the call that the values of a status describe, None where they describe something else.
+
+    Raises:
+        InputError: If they do, but one is missing or no number.
+    """
+    if "task" not in values or "processing_time_s" not in values:
+        return None
+    try:
+        statistics = {
+            name.removeprefix(STATISTIC): float(text) for name, text in values.items() if name.startswith(STATISTIC)
+        }
+        record = CallRecord(
+            stamp_ns=_whole(values, "stamp_ns"),
+            processing_time_s=_seconds(values["processing_time_s"]),
+            state=values.get("state") or DEFAULT_STATE[values["task"]],
+            peak_rss_bytes=_optional(values, "peak_rss_bytes"),
+            above_idle_bytes=_optional(values, "above_idle_bytes"),
+            statistics=statistics,
+            reason=values.get("reason", ""),
+            step=_step(values.get("step", "")),
+        )
+    except (KeyError, ValueError) as error:
+        raise InputError(str(error)) from error
+    return TaskRecord(values["task"], record, values.get("memory_method", ""))
+
+
+def _step(text: str) -> FloatArray | None:
+    numbers = np.array([float(word) for word in text.split()[: STEP_SIZE + 1]])
+    return numbers if len(numbers) == STEP_SIZE and np.isfinite(numbers).all() else None
+
+
+def _optional(values: Mapping[str, str], name: str) -> int | None:
+    return _whole(values, name) if name in values else None
+
+
+def _whole(values: Mapping[str, str], name: str) -> int:
+    number = int(values[name])
+    if not 0 <= number < 2**63:  # what arrays of whole numbers can hold
+        raise ValueError(f"{name} is out of range")
+    return number
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 <= seconds <= MAX_CALL_S:
+        raise ValueError(f"a call of {seconds} s")
+    return seconds
+
 
 UPPER = np.triu_indices(6)
 """Rows and columns of the upper triangle of a pose covariance."""
@@ -236,3 +340,41 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
             f"{low:g} to {MAX_NUMBER:g}, or nothing where it was not measured"
         )
     return values
+
+
+def save_stats(path: Path, records: list[CallRecord], method: MethodRecord | None = None) -> None:
+    """Write one row a call: costs, state, reason, statistics, and of a pose its covariance and that of its step.
+
+    Args:
+        path: The file.
+        records: The calls.
+        method: Their method, which every row then names, with what it did wrong in the call; None to leave that out.
+    """
+    named = () if method is None else (method.name, method.version or "", method.kind.value, method.sha256 or "")
+    names = sorted({name for record in records for name in record.statistics})
+    with_covariance = any(record.covariance is not None for record in records)
+    pose_names = [*COVARIANCE_NAMES, *STEP_NAMES] if with_covariance else []
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        header = ["stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes"]
+        writer.writerow([*header, *(METHOD_NAMES if named else ()), *names, *pose_names])
+        writer.writerows(_stats_row(record, names, named) for record in records)
+
+
+def _stats_row(record: CallRecord, names: list[str], method: tuple[str, ...]) -> list[str | int]:
+    memory = (record.peak_rss_bytes, record.above_idle_bytes)
+    statistics = (record.statistics.get(name) for name in names)
+    pose: list[str] = []
+    if record.covariance is not None:
+        pose = list(map(repr, record.covariance[UPPER].tolist()))
+        pose += [""] * len(STEP_NAMES) if record.step is None else map(repr, record.step.tolist())
+    return [
+        record.stamp_ns,
+        repr(record.processing_time_s),
+        record.state,
+        record.reason,
+        *("" if item is None else item for item in memory),
+        *((*method, record.finding) if method else ()),
+        *("" if value is None else repr(float(value)) for value in statistics),
+        *pose,
+    ]

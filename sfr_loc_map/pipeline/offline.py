@@ -1,35 +1,46 @@
-"""Runs of localiser and mapper over a whole source, without ROS: the same `process` calls as the nodes make."""
+"""Runs of localiser and mapper, or of a method under test, over a whole source, without ROS.
+
+The calls of `process` are those that the nodes make.
+"""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
+from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import InputError, MappingError
+from sfr_loc_map.errors import InputError, MappingError, OutputError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.localisation.estimate import PoseEstimate, StateReason, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.start_pose import StartPose
+from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper, MapperCall
+from sfr_loc_map.methods.method import Method, MethodLimits
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.method_record import MethodRecord
 from sfr_loc_map.metrics.resources import CallMeter
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.call_stats import COVARIANCE_NAMES, METHOD_NAMES, STEP_NAMES, UPPER
-from sfr_loc_map.pipeline.load_kernels import load_kernels
+from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.pipeline.kernels import load_kernels
 
 MAX_START_GAP_NS = NS_PER_S
 """Longest gap of the truth in which a drive can start."""
@@ -164,39 +175,176 @@ def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
     return Trajectory.from_poses((estimate.stamp_ns, estimate.T_ds_rb) for estimate in estimates)
 
 
-def save_stats(path: Path, records: list[CallRecord], method: MethodRecord | None = None) -> None:
-    """Write one row a call: costs, state, reason, statistics, and of a pose its covariance and that of its step.
+DEFAULT_STEP_S = 0.1
+
+
+def localise_with(
+    method: Method, sequence: LocSequence, T_ds_rb: Transform, limits: MethodLimits
+) -> Iterator[tuple[PoseEstimate, CallRecord, MethodRecord]]:
+    """Yield the estimate and the cost of each pair of a drive, and whose they are.
 
     Args:
-        path: The file.
-        records: The calls.
-        method: Their method, which every row then names, with what it did wrong in the call; None to leave that out.
+        method: The localiser.
+        sequence: The drive.
+        T_ds_rb: Pose of RB in DS at the first pair.
+        limits: What it may take.
+
+    Raises:
+        MethodError: If it does not start.
     """
-    named = () if method is None else (method.name, method.version or "", method.kind.value, method.sha256 or "")
-    names = sorted({name for record in records for name in record.statistics})
-    with_covariance = any(record.covariance is not None for record in records)
-    pose_names = [*COVARIANCE_NAMES, *STEP_NAMES] if with_covariance else []
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        header = ["stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes"]
-        writer.writerow([*header, *(METHOD_NAMES if named else ()), *names, *pose_names])
-        writer.writerows(_stats_row(record, names, named) for record in records)
+    first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
+    step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
+    with IsolatedLocaliser(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}) as localiser:
+        for pair in sequence.pairs():
+            call = localiser.process(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
+            record = CallRecord(
+                pair.stamp_ns,
+                call.usage.processing_time_s,
+                call.estimate.state.value,
+                call.usage.peak_rss_bytes,
+                call.usage.above_idle_bytes,
+                call.statistics,
+                call.covariance,
+                call.reason,
+                call.step,
+                call.finding,
+            )
+            yield call.estimate, record, localiser.record
 
 
-def _stats_row(record: CallRecord, names: list[str], method: tuple[str, ...]) -> list[str | int]:
-    memory = (record.peak_rss_bytes, record.above_idle_bytes)
-    statistics = (record.statistics.get(name) for name in names)
-    pose: list[str] = []
-    if record.covariance is not None:
-        pose = list(map(repr, record.covariance[UPPER].tolist()))
-        pose += [""] * len(STEP_NAMES) if record.step is None else map(repr, record.step.tolist())
-    return [
-        record.stamp_ns,
-        repr(record.processing_time_s),
-        record.state,
-        record.reason,
-        *("" if item is None else item for item in memory),
-        *((*method, record.finding) if method else ()),
-        *("" if value is None else repr(float(value)) for value in statistics),
-        *pose,
-    ]
+def map_pairs_with(
+    method: Method, sequence: NavSequence, limits: MethodLimits, progress: Progress = lambda done: None
+) -> tuple[MapRun, MethodRecord]:
+    """Map the pairs of a source; return the map and whose it is.
+
+    Args:
+        method: The mapper.
+        sequence: The pairs.
+        limits: What it may take.
+        progress: Called with the number of pairs that are done.
+
+    Raises:
+        MappingError: If there are more pairs than a map may have, or none.
+        MethodError: If it does not start.
+    """
+    if not 1 <= len(sequence) <= MAX_PAIRS:
+        raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")
+    maps, records = [], []
+    searched = search_range(sequence.rig, MappingConfig()).count
+    with IsolatedMapper(method, sequence.rig, limits, {"disparities": searched}) as mapper:
+        for index, item in enumerate(sequence.pairs()):
+            done, call = mapper.process(item.pair, item.T_lm_navsb, index)
+            maps.append(done)
+            records.append(_record(item.pair.stamp_ns, MappingState.MAPPED, call, dict(done.statistics)))
+            progress(index + 1)
+        fused, fusion = mapper.fuse(maps, item.pair)
+        if fusion is not None:
+            records.append(_record(item.pair.stamp_ns, MappingState.FUSED, fusion, dict(fused.statistics)))
+        return MapRun(maps, fused, records), mapper.record
+
+
+def _record(stamp_ns: int, state: MappingState, call: MapperCall, figures: dict[str, float]) -> CallRecord:
+    usage = call.usage
+    costs = (usage.processing_time_s, state.value, usage.peak_rss_bytes, usage.above_idle_bytes)
+    return CallRecord(stamp_ns, *costs, figures, finding=call.finding)
+
+
+MANY: Final = 0.05
+"""Share of pairs without a good pose from which there is a warning."""
+SEE_SOURCE = "sfr doctor {source}"
+SEE_TRACKS = "sfr localise {source} -o again.csv --video tracks.avi"
+SEE_CALLS = "sfr localise {source} -o again.csv --stats stats.csv"
+CAUSES: Mapping[str, tuple[str, str]] = {
+    StateReason.UNSEEN_MOTION: ("the images before showed nothing that was known", SEE_TRACKS),
+    StateReason.REPEATED_IMAGES: ("images are those of the pair before", SEE_SOURCE),
+    StateReason.UNTEXTURED_IMAGES: ("images show nothing: black, white or blinded", SEE_TRACKS),
+    StateReason.TORN_IMAGES: ("parts of images are of different moments", SEE_TRACKS),
+    StateReason.NO_STEREO: (
+        "left and right are not a stereo pair of the rig: equal, swapped, or of different moments",
+        SEE_SOURCE,
+    ),
+    StateReason.FEW_LANDMARKS: ("too few landmarks were found again", SEE_TRACKS),
+    StateReason.MOVING_REGIONS: ("large parts of the images do not move with the ground", SEE_TRACKS),
+    StateReason.CALIBRATION_DRIFT: ("the right camera moves against the left one", SEE_CALLS),
+    StateReason.IMPLAUSIBLE_MOTION: ("no rover moves like what was found", SEE_CALLS),
+}
+"""In words, and the command that shows more, by reason of the state."""
+
+
+def states_text(records: Sequence[CallRecord]) -> str:
+    """Return how many calls of the localiser are lost, and degraded if any is."""
+    counts = Counter(record.state for record in records)
+    degraded = counts[TrackingState.DEGRADED]
+    return f"{counts[TrackingState.LOST]} lost" + (f", {degraded} degraded" if degraded else "")
+
+
+def tracking_warning(records: Sequence[CallRecord], source: object) -> str | None:
+    """Return a warning with cause and next command if many pairs are lost or degraded, None otherwise.
+
+    Args:
+        records: Calls of the localiser.
+        source: What was localised, as the user named it.
+    """
+    bad = [record for record in records if record.state in (TrackingState.LOST, TrackingState.DEGRADED)]
+    if not bad or len(bad) < MANY * len(records):
+        return None
+    reasons = Counter(record.reason for record in bad)
+    reason, count = reasons.most_common(1)[0]
+    cause, command = CAUSES.get(reason, ("the reason is not known", SEE_CALLS))
+    return (
+        f"{states_text(records)} of {len(records)} pairs; {count} of them because {cause} ({reason or 'no reason'}): "
+        f"look with {command.format(source=source)}"
+    )
+
+
+CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
+"""Coding by the ending of the file's name; both are part of OpenCV's wheels."""
+FRAMES_PER_SECOND = 10.0
+
+
+@contextmanager
+def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
+    """Give a watch of the localiser that appends an image of the tracks of each pair to a film.
+
+    The film takes its name when the block ends well.
+
+    Args:
+        path: File that ends in .avi (Motion JPEG) or .mp4 (MPEG-4).
+        rig: Rig of the drive.
+
+    Raises:
+        OutputError: If the ending is another one, or the file cannot be written.
+    """
+    if path.suffix not in CODECS:
+        raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
+    with atomic_path(path) as temporary:
+        code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
+        writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
+        if not writer.isOpened():
+            raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
+
+        frames = 0
+
+        def watch(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
+            nonlocal frames
+            writer.write(draw_tracks(pair.left, localiser.last_result, estimate))
+            frames += 1
+
+        try:
+            yield watch
+        finally:
+            writer.release()
+        found = _frames_in(temporary) if frames else 0
+        if found < frames:  # the coder does not say when the disk is full
+            raise OutputError(
+                f"cannot write '{path}': the film has {found} of {frames} images; check the space and the rights"
+            )
+
+
+def _frames_in(path: Path) -> int:
+    """Return the number of images of a film, 0 where it cannot be opened."""
+    reader = cv2.VideoCapture(str(path))
+    try:
+        return int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
+    finally:
+        reader.release()

@@ -22,10 +22,8 @@ from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import CallKind, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
+from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, load_call_stats, save_stats
 from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
-from sfr_loc_map.pipeline.offline import save_stats
 from sfr_loc_map.pipeline.score_inputs import ScoreInputs, camera_rig, load_estimates
 from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoredDrive, score_run
 

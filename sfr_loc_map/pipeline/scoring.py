@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+
+import numpy as np
 
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_file import LoadedCloud
+from sfr_loc_map.io.evo_result import evo_result_bytes
 from sfr_loc_map.io.hashing import hash_arrays
-from sfr_loc_map.metrics.aligned_error import aligned_errors
+from sfr_loc_map.io.trajectory_file import trajectory_text
+from sfr_loc_map.metrics.aligned_error import absolute_errors, aligned_errors, aligned_poses
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, score_calls, score_target, with_external
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest
@@ -288,3 +294,35 @@ def _with_conditions(config: ScoreConfig, limits: Limits) -> ScoreConfig:
     missing = tuple(c.setting for c in limits.conditions if c not in present)
     conditions = (*config.trajectory.conditions, *missing)
     return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
+
+
+def save_evo_result(
+    path: Path, estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig, names: Mapping[str, str]
+) -> None:
+    """Write the APE of the positions: statistics, single errors, aligned estimate and truth.
+
+    Args:
+        path: The zip file.
+        estimate: Estimated poses.
+        truth: True poses.
+        config: Alignment and association.
+        names: Names of both, `est_name` and `ref_name`.
+
+    Raises:
+        MetricsError: If no stamps are near enough, or the positions allow no alignment.
+        OutputError: If the file cannot be written.
+    """
+    poses = aligned_poses(estimate, truth, config)
+    errors = absolute_errors(poses).translation_m
+    ape = aligned_errors(estimate, truth, config).ape
+    stats = {item.name: getattr(ape.translation, item.name) for item in fields(ape.translation)}
+    seconds = poses.stamps_ns / NS_PER_S
+    info = {"title": ape.description, "label": "APE (m)", **names}
+    arrays = {"error_array": errors, "timestamps": seconds, "seconds_from_start": seconds - seconds[0]}
+    texts = {
+        f"{names[key]}.tum": trajectory_text(Trajectory(poses.stamps_ns, each.positions, each.quats), tum=True)
+        for key, each in (("est_name", poses.estimate), ("ref_name", poses.truth))
+    }
+    data = evo_result_bytes(info, stats | {"sse": float(np.square(errors).sum())}, arrays, texts)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)

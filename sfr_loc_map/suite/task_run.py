@@ -26,10 +26,9 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits, verdicts
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
-from sfr_loc_map.pipeline.call_stats import load_call_stats
-from sfr_loc_map.pipeline.candidate import localise_with, map_pairs_with
-from sfr_loc_map.pipeline.offline import localise, map_pairs, save_stats, start_pose, trajectory_of
-from sfr_loc_map.pipeline.perturb import faulty, perturb
+from sfr_loc_map.pipeline.call_stats import load_call_stats, save_stats
+from sfr_loc_map.pipeline.convert import faulty, perturb
+from sfr_loc_map.pipeline.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
 from sfr_loc_map.pipeline.score_inputs import ScoreInputs
 from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, score_files, score_run
 from sfr_loc_map.pipeline.simulate import simulate

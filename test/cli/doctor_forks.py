@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.nodes.tools import graph_observation  # noqa: F401 - imported before the forks
-from sfr_loc_map.pipeline.doctor import checks  # noqa: F401 - imported before the forks
+from sfr_loc_map.pipeline import doctor  # noqa: F401 - imported before the forks
 
 
 def fork(run: dict[str, object]) -> int:

@@ -23,8 +23,8 @@ from processes import Process, wait_until
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE, POINTS, POSE
-from sfr_loc_map.pipeline.doctor.checks import examine
-from sfr_loc_map.pipeline.doctor.observation import (
+from sfr_loc_map.pipeline.doctor import examine
+from sfr_loc_map.pipeline.doctor_observation import (
     TASKS,
     HostMemory,
     Observation,

@@ -12,7 +12,7 @@ from targets import SCORE
 from world import LOC_RIG
 
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.pipeline.online.resume import KnownPose, PoseFile
+from sfr_loc_map.pipeline.localisation_session import KnownPose, PoseFile
 
 
 def make_made_files(world: Path) -> None:

@@ -33,10 +33,10 @@ from sfr_loc_map.nodes.input.received_pair import ReceivedImage, ReceivedPair
 from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers, StereoSynchronizer
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_msg, odometry_row, transform_from_pose
-from sfr_loc_map.pipeline.online.latency import MessageTimes
-from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession
-from sfr_loc_map.pipeline.online.mapping_session import MappingSession
-from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
+from sfr_loc_map.pipeline.localisation_session import LocalisationSession
+from sfr_loc_map.pipeline.mapping_session import MappingSession
+from sfr_loc_map.pipeline.monitor_score import MonitorScore
+from sfr_loc_map.pipeline.reception import MessageTimes
 
 from made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, loc_pair, nav_pair, true_pose  # isort: skip
 

@@ -15,8 +15,7 @@ from world import KINDS, LOC_RIG, T_RB_LOCSB, loc_pair
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.pipeline.online.localisation_session import LocalisationSession
-from sfr_loc_map.pipeline.online.resume import PoseFile
+from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 
 
 def _localise(source: str) -> Command:

@@ -34,7 +34,7 @@ from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.io.trajectory_formats import write_trajectory_file
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.pipeline.evo_export import save_evo_result
+from sfr_loc_map.pipeline.scoring import save_evo_result
 
 __all__ = ["KINDS", "LOC_RIG", "T_RB_LOCSB", "encoded_image", "loc_pair", "make_world"]
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -36,7 +36,7 @@ from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.bag_writer import CheckedWriter
 from sfr_loc_map.io.rectification import rectified_rig
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.pipeline.playback.message_stream import messages_of
+from sfr_loc_map.pipeline.message_stream import messages_of
 
 
 def write_messages(path: Path, entries: list[tuple[str, int, Any]], *, mcap: bool = True) -> Path:

@@ -29,8 +29,7 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample, TimeLine, View
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score_json import to_dict
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.offline import save_stats
+from sfr_loc_map.pipeline.call_stats import CallRecord, save_stats
 from sfr_loc_map.pipeline.score_inputs import ScoreInputs
 from sfr_loc_map.pipeline.scoring import score_files
 

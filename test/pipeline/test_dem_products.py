@@ -15,8 +15,8 @@ from sfr_loc_map.io.cloud_file import LoadedCloud
 from sfr_loc_map.mapping.terrain.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
-from sfr_loc_map.pipeline import dem_products
-from sfr_loc_map.pipeline.dem_figure import VOID, elevation_figure, shaded_heights, ticks
+from sfr_loc_map.pipeline import map_files
+from sfr_loc_map.pipeline.map_files import VOID, elevation_figure, shaded_heights, ticks
 from sfr_loc_map.report.dem_page import dem_page
 
 rasterio = pytest.importorskip("rasterio", reason="extra dem")
@@ -47,7 +47,7 @@ def grid(cloud: PointCloud) -> TerrainGrid:
 
 def test_geotiff_and_archive_hold_the_grid_itself(grid: TerrainGrid, tmp_path: Path) -> None:
     for name in ("a.tif", "a.npz"):
-        dem_products.save_dem(tmp_path / name, grid)
+        map_files.save_dem(tmp_path / name, grid)
     read = np.load(tmp_path / "a.npz")
     with rasterio.open(tmp_path / "a.tif") as file:
         assert file.driver == "GTiff"
@@ -70,7 +70,7 @@ def test_geotiff_and_archive_hold_the_grid_itself(grid: TerrainGrid, tmp_path: P
 
 
 def test_figure_has_axes_scale_and_colour_bar(grid: TerrainGrid, tmp_path: Path) -> None:
-    dem_products.save_dem(tmp_path / "a.png", grid)
+    map_files.save_dem(tmp_path / "a.png", grid)
     image = cv2.imread(str(tmp_path / "a.png"))
     assert image is not None
     np.testing.assert_array_equal(image, elevation_figure(grid.elevation))
@@ -98,7 +98,7 @@ def test_ticks_are_round_and_within(low: float, high: float) -> None:
 
 
 def test_page_shows_every_layer(grid: TerrainGrid) -> None:
-    page = dem_page(dem_products.dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m)
+    page = dem_page(map_files.dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m)
     for name in NAMES:
         assert f'id="dem-{name}"' in page
     assert "in cells of 0.1 m" in page
@@ -106,17 +106,17 @@ def test_page_shows_every_layer(grid: TerrainGrid) -> None:
 
 
 def test_a_cloud_without_sigma_has_heights_without_sigma(cloud: PointCloud) -> None:
-    bare = dem_products.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), None), TerrainConfig())
+    bare = map_files.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), None), TerrainConfig())
     assert np.isnan(bare.elevation.sigma_m).all()
-    whole = dem_products.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), cloud), TerrainConfig())
+    whole = map_files.grid_of_file(LoadedCloud(cloud.xyz.astype(np.float64), cloud), TerrainConfig())
     np.testing.assert_allclose(bare.elevation.height_m, whole.elevation.height_m, atol=1e-6)
     assert np.nanmax(whole.elevation.sigma_m) > 0
 
 
 def test_values_of_the_option(monkeypatch: pytest.MonkeyPatch) -> None:
     cloud, terrain = Path("c.ply"), TerrainConfig()
-    assert dem_products.dem_outputs((), cloud, terrain) is None
-    wanted = dem_products.dem_outputs(("x.tif", "0.05"), cloud, terrain)
+    assert map_files.dem_outputs((), cloud, terrain) is None
+    wanted = map_files.dem_outputs(("x.tif", "0.05"), cloud, terrain)
     assert wanted is not None
     assert wanted.files == (Path("x.tif"), Path("c.dem.npz"), Path("c.dem.png"))
     assert (wanted.terrain.cell_m, wanted.terrain.max_step_m) == (0.05, terrain.max_step_m)
@@ -128,7 +128,7 @@ def test_values_of_the_option(monkeypatch: pytest.MonkeyPatch) -> None:
         (("1e9",), "cell_m"),
     ):
         with pytest.raises(ConfigError, match=said):
-            dem_products.dem_outputs(words, cloud, terrain)
+            map_files.dem_outputs(words, cloud, terrain)
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(MissingExtraError, match=r"GeoTIFF needs rasterio .*: pip install 'sfr_loc_map\[dem\]'"):
-        dem_products.dem_outputs(("x.tif",), cloud, terrain)
+        map_files.dem_outputs(("x.tif",), cloud, terrain)

@@ -14,10 +14,8 @@ from sfr_loc_map.metrics.calls import NODE_CLOCK, ScoredCalls, score_calls, with
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
 from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MemoryScore, ProcessUsage, TimingScore
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
+from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, load_call_stats, save_stats
 from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
-from sfr_loc_map.pipeline.offline import save_stats
 from sfr_loc_map.pipeline.scoring import Correction
 
 USAGE = ProcessUsage(cpu_s=1.0, peak_rss_bytes=5_000, processes=2, method="as seen from outside")

@@ -20,9 +20,7 @@ from sfr_loc_map.metrics.association import lost_by_covariance
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.method_record import FindingKind, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score_json import from_json, to_json
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.call_stats import load_call_stats
-from sfr_loc_map.pipeline.offline import save_stats
+from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
 from sfr_loc_map.pipeline.score_inputs import ScoreInputs, estimates_of
 from sfr_loc_map.pipeline.scoring import Run, score_run
 

@@ -14,7 +14,7 @@ import pytest
 from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.errors import MissingExtraError, OutputError
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.pipeline.perturb import perturb
+from sfr_loc_map.pipeline.convert import perturb
 from sfr_loc_map.pipeline.simulate import SETTINGS, settings_text, simulate
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import parse_fault

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.tracking_summary import CAUSES, states_text, tracking_warning
+from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.pipeline.offline import CAUSES, states_text, tracking_warning
 
 
 def calls(*states: tuple[TrackingState, StateReason | None, int]) -> list[CallRecord]:

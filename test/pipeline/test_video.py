@@ -15,8 +15,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.visualisation import STRIP
-from sfr_loc_map.pipeline.offline import localise
-from sfr_loc_map.pipeline.video import track_video
+from sfr_loc_map.pipeline.offline import localise, track_video
 
 
 @pytest.mark.parametrize("ending", [".avi", ".mp4"])

@@ -29,8 +29,8 @@ from sfr_loc_map.live.updates import (
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits, parse_limits
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
+from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.pipeline.monitor_score import MonitorScore
 
 NODES = ("localisation_node", "mapping_node", "monitor_node")
 STEP_NS = NS_PER_S // 10

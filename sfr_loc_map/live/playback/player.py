@@ -31,7 +31,7 @@ from sfr_loc_map.live.updates import (
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
+from sfr_loc_map.pipeline.monitor_score import MonitorScore
 
 TICK_S = 0.05
 REPORT_PERIOD_S = 1.0

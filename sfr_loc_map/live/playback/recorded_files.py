@@ -26,8 +26,7 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score_json import SCHEMA
-from sfr_loc_map.pipeline.call_stats import STEP_NAMES, load_call_stats
-from sfr_loc_map.pipeline.call_status import STATISTIC, TaskRecord, call_of
+from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, TaskRecord, call_of, load_call_stats
 from sfr_loc_map.pipeline.replay import ReplayFiles
 from sfr_loc_map.pipeline.score_inputs import load_estimates, load_truth
 

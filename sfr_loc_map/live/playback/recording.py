@@ -21,8 +21,8 @@ from sfr_loc_map.live.media import cloud_sample
 from sfr_loc_map.live.updates import CloudSample, ElevationSample, PoseSample, Status, StatusKind, Track
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import ScoredMap
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.online.monitor_score import MonitorScore
+from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.pipeline.monitor_score import MonitorScore
 
 LOST = np.eye(6) * LOST_VARIANCE
 MAPPING_NODE, POINTS = "mapping_node", "mapping/points"

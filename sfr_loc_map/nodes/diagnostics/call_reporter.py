@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.resources import CallMeter, CallUsage
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, Value, array_msg, call_name, status_msg, values_of
 from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.pipeline.call_status import STATISTIC, TaskRecord, call_of
+from sfr_loc_map.pipeline.call_stats import STATISTIC, TaskRecord, call_of
 
 _ONE_AT_A_TIME = Lock()
 """Time and memory are those of the whole process: nodes that share one take turns."""

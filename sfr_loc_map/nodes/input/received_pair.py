@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier
 from sfr_loc_map.nodes.messages.image import grey_from_image
-from sfr_loc_map.pipeline.online.latency import MessageTimes
+from sfr_loc_map.pipeline.reception import MessageTimes
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,7 @@ from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers, StereoSync
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.lifecycle.qos import profile
 from sfr_loc_map.nodes.process.environment import EXPORT_LINE
-from sfr_loc_map.pipeline.online.latency import MessageTimes
-from sfr_loc_map.pipeline.online.transport_gaps import LossWatch, TransportGaps
+from sfr_loc_map.pipeline.reception import LossWatch, MessageTimes, TransportGaps
 
 
 class StereoSubscriber:

@@ -17,8 +17,7 @@ from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
 from sfr_loc_map.nodes.input.config import StereoInputConfig
 from sfr_loc_map.nodes.input.received_pair import ReceivedImage, ReceivedPair
 from sfr_loc_map.nodes.messages.image import check_image
-from sfr_loc_map.pipeline.online.stamp_order import jumped_back
-from sfr_loc_map.pipeline.online.stamp_pairing import StampPairing
+from sfr_loc_map.pipeline.reception import StampPairing, jumped_back
 
 
 @dataclass(slots=True)

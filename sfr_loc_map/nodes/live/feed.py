@@ -35,7 +35,7 @@ from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.live_process import node_name_of
 from sfr_loc_map.nodes.process.ros_start import start_ros
-from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
+from sfr_loc_map.pipeline.reception import TransportGaps
 
 SUITE_NODES = frozenset({"localisation_node", "mapping_node", "monitor_node"})
 KINDS = frozenset(kind.value for kind in StatusKind)

@@ -27,7 +27,7 @@ from sfr_loc_map.live.media import file_sample, image_sample
 from sfr_loc_map.live.updates import Sampled, TrackSample, View
 from sfr_loc_map.nodes.live.map_feed import ELEVATION, HAZARD, POINTS, TRUE_POINTS, MapFeed
 from sfr_loc_map.nodes.messages.tracks import MASK_SCALE, tracks_from_msg
-from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
+from sfr_loc_map.pipeline.reception import TransportGaps
 
 IMAGE_PERIOD_S = 0.15
 """Shortest time between two pairs of images that are shown."""

@@ -9,7 +9,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.pipeline.online.thinned_path import ThinnedPath
+from sfr_loc_map.pipeline.reception import ThinnedPath
 
 PERIOD_NS = NS_PER_S
 """A path is published at most once in that time, by the stamps of the pairs: it may have 2000 poses."""

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from sfr_loc_map.pipeline.playback.controls import Controls
+from sfr_loc_map.pipeline.controls import Controls
 
 SEEK, RATE = "seek_s", "rate"
 RATE_TEXT = "0: lock step; else multiple of the recorded speed."

@@ -24,7 +24,7 @@ from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg, cloud_msg, po
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, pose_msg
 from sfr_loc_map.nodes.replay.external_options import ExternalOptions
 from sfr_loc_map.nodes.replay.results import ReplayResults
-from sfr_loc_map.pipeline.online.answers import Answer
+from sfr_loc_map.pipeline.external_run import Answer
 
 DEPTH = 1000
 WORLD, BODY, MAP = "ds", "rb", "lm"

@@ -15,8 +15,7 @@ from sfr_loc_map.nodes.replay.external_answers import CloudAnswers, OdometryAnsw
 from sfr_loc_map.nodes.replay.external_options import ExternalOptions
 from sfr_loc_map.nodes.replay.replay_node import ReplayNode
 from sfr_loc_map.nodes.replay.results import ObservedNode, ReplayResults
-from sfr_loc_map.pipeline.online.answers import AnswerBook
-from sfr_loc_map.pipeline.online.process_watch import ProcessWatch, processes_named
+from sfr_loc_map.pipeline.external_run import AnswerBook, ProcessWatch, processes_named
 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0

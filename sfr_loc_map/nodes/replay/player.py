@@ -16,10 +16,8 @@ from sfr_loc_map.nodes.messages.pose import pose_msg
 from sfr_loc_map.nodes.replay.control_services import offer_controls
 from sfr_loc_map.nodes.replay.replay_node import ANSWER_TIMEOUT_S, SPIN_S, ReplayNode
 from sfr_loc_map.nodes.replay.result_collector import ResultCollector
-from sfr_loc_map.pipeline.playback.controls import Controls
-from sfr_loc_map.pipeline.playback.keyboard import Keyboard
-from sfr_loc_map.pipeline.playback.message_stream import Message
-from sfr_loc_map.pipeline.playback.pacing import Pacer, PairTracker
+from sfr_loc_map.pipeline.controls import Controls, Keyboard
+from sfr_loc_map.pipeline.message_stream import Message, Pacer, PairTracker
 
 START_TIMEOUT_S = 300.0
 """The first start after an installation compiles the kernels."""

@@ -22,9 +22,8 @@ from sfr_loc_map.nodes.replay.replay_node import ReplayNode
 from sfr_loc_map.nodes.replay.result_collector import ResultCollector
 from sfr_loc_map.nodes.replay.results import ReplayResults
 from sfr_loc_map.nodes.replay.static_frames import publish_extrinsics
-from sfr_loc_map.pipeline.playback.controls import HELP, Controls
-from sfr_loc_map.pipeline.playback.keyboard import Keyboard
-from sfr_loc_map.pipeline.playback.message_stream import POINTS_TOPIC, end_of, messages_of, start_at, topics_of
+from sfr_loc_map.pipeline.controls import HELP, Controls, Keyboard
+from sfr_loc_map.pipeline.message_stream import POINTS_TOPIC, end_of, messages_of, start_at, topics_of
 
 AGAIN = "plays again from"
 """Beginning of the line that announces another run."""

@@ -13,9 +13,9 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import ProcessUsage
 from sfr_loc_map.nodes.replay.external_options import ExternalOptions
-from sfr_loc_map.pipeline.call_record import CallRecord
-from sfr_loc_map.pipeline.online.answers import AnswerBook
-from sfr_loc_map.pipeline.online.pair_sets import PairSet, PairSets
+from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.pipeline.external_run import AnswerBook
+from sfr_loc_map.pipeline.monitor_score import PairSet, PairSets
 
 
 @dataclass(frozen=True, slots=True)

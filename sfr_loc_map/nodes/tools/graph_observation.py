@@ -32,7 +32,7 @@ from sfr_loc_map.nodes.messages.pose import tf_message_type
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.ros_start import start_ros
 from sfr_loc_map.nodes.replay import replay_node
-from sfr_loc_map.pipeline.doctor.observation import (
+from sfr_loc_map.pipeline.doctor_observation import (
     EXPECTED,
     MESSAGES_KEPT,
     TASK_OF_NODE,
@@ -43,7 +43,7 @@ from sfr_loc_map.pipeline.doctor.observation import (
     ObservedTopic,
     Reliability,
 )
-from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
+from sfr_loc_map.pipeline.reception import TransportGaps
 
 QUIET_S = 1.5
 """Discovery counts as complete when there are images and the graph has not changed for so long,"""

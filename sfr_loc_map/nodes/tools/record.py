@@ -26,7 +26,7 @@ from sfr_loc_map.io.bag_recorder import BagRecorder
 from sfr_loc_map.nodes.messages.message_types import definition_of, message_type
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.ros_start import start_ros
-from sfr_loc_map.pipeline.online.transport_gaps import TransportGaps
+from sfr_loc_map.pipeline.reception import TransportGaps
 
 INPUTS = (
     *(f"{task}/{side}/{name}" for task in ("loc", "nav") for side in SIDES for name in ("image_rect", "camera_info")),

@@ -21,7 +21,7 @@ from sfr_loc_map.nodes.input.config import StereoInputConfig
 from sfr_loc_map.nodes.input.received_pair import ReceivedImage
 from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers, StereoSynchronizer
 from sfr_loc_map.nodes.messages.fields import header_msg
-from sfr_loc_map.pipeline.online.latency import MessageTimes
+from sfr_loc_map.pipeline.reception import MessageTimes
 
 S = 1_000_000_000
 OTHER_RIG = replace(LOC_RIG, fx=151.0, fy=151.0)

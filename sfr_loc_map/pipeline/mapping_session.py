@@ -1,0 +1,176 @@
+"""The stereo pairs of one map to come: matched with their poses, mapped one by one, then fused."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+
+T = TypeVar("T")
+MAX_POSES = 1000
+"""Poses that are kept for pairs still to come."""
+MAX_WAITING = 2 * MAX_PAIRS
+"""Pairs that are kept for poses still to come."""
+
+
+class PoseMatching(Generic[T]):
+    """Holds pairs until the pose of their stamp was received.
+
+    Attributes:
+        dropped: Pairs dropped so far because no pose came.
+    """
+
+    def __init__(
+        self,
+        tolerance_ns: float,
+        timeout_s: float,
+        on_drop: Callable[[int], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start empty.
+
+        Args:
+            tolerance_ns: Largest difference of the stamps of pair and pose.
+            timeout_s: How long a pair waits.
+            on_drop: Called with the stamp of a pair that is dropped.
+            clock: Seconds, monotonic.
+        """
+        self.dropped = 0
+        self._tolerance_ns, self._timeout_s, self._on_drop, self._clock = tolerance_ns, timeout_s, on_drop, clock
+        self._poses: dict[int, Transform] = {}
+        self._waiting: dict[int, tuple[float, T]] = {}
+
+    def add_pose(self, stamp_ns: int, pose: Transform) -> list[tuple[T, Transform]]:
+        """Take a pose; return the pairs that now have one, in the order of their arrival."""
+        self._poses[stamp_ns] = pose
+        if len(self._poses) > MAX_POSES:
+            self._poses.pop(next(iter(self._poses)))
+        return self._matched()
+
+    def add_pair(self, stamp_ns: int, pair: T) -> list[tuple[T, Transform]]:
+        """Take a pair; return the pairs that now have a pose, in the order of their arrival."""
+        self._waiting[stamp_ns] = (self._clock(), pair)
+        if len(self._waiting) > MAX_WAITING:
+            self._drop(next(iter(self._waiting)))
+        return self._matched()
+
+    def drop_overdue(self) -> None:
+        """Drop the pairs that have waited too long."""
+        limit = self._clock() - self._timeout_s
+        for stamp_ns in [stamp for stamp, (since, _) in self._waiting.items() if since < limit]:
+            self._drop(stamp_ns)
+
+    def clear_pairs(self) -> None:
+        """Forget the pairs, without counting; poses stay, since those of the next pairs may be among them."""
+        self._waiting.clear()
+
+    def clear(self) -> None:
+        """Forget pairs and poses, without counting."""
+        self._waiting.clear()
+        self._poses.clear()
+
+    def _matched(self) -> list[tuple[T, Transform]]:
+        found = []
+        for stamp_ns in list(self._waiting):
+            pose = self._pose_of(stamp_ns)
+            if pose is not None:
+                found.append((self._waiting.pop(stamp_ns)[1], pose))
+        return found
+
+    def _pose_of(self, stamp_ns: int) -> Transform | None:
+        nearest = min(self._poses, key=lambda stamp: abs(stamp - stamp_ns), default=None)
+        if nearest is None or abs(nearest - stamp_ns) > self._tolerance_ns:
+            return None
+        return self._poses[nearest]
+
+    def _drop(self, stamp_ns: int) -> None:
+        self._waiting.pop(stamp_ns)
+        self.dropped += 1
+        self._on_drop(stamp_ns)
+
+
+class MappingSession:
+    """Owns the mapper of a node and the pairs mapped so far; to be used by one thread.
+
+    Attributes:
+        last_ns: Stamp of the last pair that was mapped.
+    """
+
+    def __init__(self, config: MappingConfig) -> None:
+        """Start without a rig."""
+        self.last_ns = 0
+        self._config = config
+        self._rig: StereoRig | None = None
+        self._mapper: Mapper | None = None
+        self._pairs: list[PairMap] = []
+
+    def __len__(self) -> int:
+        """Return how many pairs the map to come has."""
+        return len(self._pairs)
+
+    def is_other_rig(self, rig: StereoRig) -> bool:
+        """Tell whether a rig differs from the present one."""
+        return self._rig is not None and not self._rig.same_cameras(rig)
+
+    def set_rig(self, rig: StereoRig) -> None:
+        """Start a new map with a rig, unless it is the present one.
+
+        Raises:
+            SfrError: If the configuration does not fit the rig: pairs are then refused.
+        """
+        if self._rig is not None and not self.is_other_rig(rig):
+            return
+        self.restart()
+        self._rig, self._mapper = rig, None
+        self._mapper = Mapper(rig, self._config)
+
+    def set_config(self, config: MappingConfig) -> None:
+        """Map the next pairs with another configuration; those of the map begun stay as they are."""
+        self._config = config
+        if self._rig is not None:
+            self._mapper = Mapper(self._rig, config)
+
+    def restart(self) -> None:
+        """Start a new map."""
+        self._pairs.clear()
+
+    @property
+    def has_mapper(self) -> bool:
+        """Whether rig and configuration are known and fit."""
+        return self._mapper is not None
+
+    def map_pair(self, pair: StereoPair, T_lm_sb: Transform) -> PairMap:
+        """Map a pair and keep the result for the fusion.
+
+        Raises:
+            SfrError: If it cannot be mapped.
+        """
+        result = self._present_mapper().process(pair, T_lm_sb, len(self._pairs))
+        self._pairs.append(result)
+        self.last_ns = result.stamp_ns
+        return result
+
+    def fuse(self) -> FusedMap:
+        """Fuse the pairs and start a new map.
+
+        Raises:
+            SfrError: If there are none.
+        """
+        pairs, self._pairs = self._pairs, []
+        return self._present_mapper().fuse(pairs)
+
+    def searched_px(self, rig: StereoRig) -> tuple[float, float]:
+        """Return the smallest and the largest disparity that is searched with a rig."""
+        product = rig.fx * rig.baseline_m
+        return product / self._config.max_range_m, product / self._config.min_range_m
+
+    def _present_mapper(self) -> Mapper:
+        if self._mapper is None:
+            raise InputError("there is no camera_info yet: publish that of both navigation cameras")
+        return self._mapper

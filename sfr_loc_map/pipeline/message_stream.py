@@ -1,0 +1,243 @@
+"""A source as a stream of serialised messages, in the order in which they are to be published.
+
+Messages of a bag are passed on byte by byte. Those of other sources are made as for a bag that is written.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, TYPESTORE, Bag
+from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.pipeline.controls import Controls
+
+POSE_TOPIC = "nav/pose"
+TRUTH_TOPIC = "ground_truth/odometry"
+POINTS_TOPIC = "ground_truth/points"
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message to be published.
+
+    Attributes:
+        topic: Relative name of the suite.
+        msgtype: Its type, such as `sensor_msgs/msg/Image`.
+        stamp_ns: Stamp of its header.
+        raw: The serialised message (CDR).
+    """
+
+    topic: str
+    msgtype: str
+    stamp_ns: int
+    raw: bytes
+
+    @property
+    def task(self) -> str:
+        """Stereo rig whose clock it follows: `loc` or `nav`."""
+        return "nav" if self.topic.startswith("nav/") or self.topic == POINTS_TOPIC else "loc"
+
+
+def topics_of(source: Source, remap: Mapping[str, str]) -> dict[str, str]:
+    """Return the topics that `messages_of` publishes: types by relative name.
+
+    Raises:
+        InputError: If the source is broken.
+    """
+    if source.format == "bag":
+        bag = Bag(source.path, remap)
+        found = [bag.find(name, *_types(name)) for name in _names(source)]
+        return {topic.name: topic.msgtype for topic in found if topic is not None}
+    images = {f"{task}/{side}/image_rect": IMAGE for task in _tasks(source) for side in SIDES}
+    infos = {f"{task}/{side}/camera_info": CAMERA_INFO for task in _tasks(source) for side in SIDES}
+    others: dict[str, str] = {}
+    if source.loc is not None and source.loc.ground_truth is not None:
+        others[TRUTH_TOPIC] = "nav_msgs/msg/Odometry"
+    if source.nav is not None:
+        others |= {POSE_TOPIC: "geometry_msgs/msg/PoseStamped", POINTS_TOPIC: "sensor_msgs/msg/PointCloud2"}
+    return images | infos | others
+
+
+def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
+    """Yield the messages of a source; camera_info of both rigs comes first.
+
+    Args:
+        source: An opened source.
+        remap: New names of topics by the names in the bag, as it was opened with.
+
+    Raises:
+        InputError: If the source is broken.
+    """
+    if source.format == "bag":
+        yield from _bag_messages(source.path, remap, _names(source))
+        return
+    if source.loc is not None:
+        yield from _loc_messages(source.loc)
+    if source.nav is not None:
+        yield from _nav_messages(source.nav)
+
+
+def start_at(
+    messages: Iterator[Message], offset_s: float, on_position: Callable[[float], None] = lambda position_s: None
+) -> Iterator[Message]:
+    """Yield the messages from a position on; the first camera_info of each camera stays, whatever its stamp.
+
+    Args:
+        messages: From their beginning.
+        offset_s: Seconds after the first message of each task.
+        on_position: Called with the position of each message before it is yielded.
+    """
+    first: dict[str, int] = {}
+    infos: set[str] = set()
+    for message in messages:
+        position_s = (message.stamp_ns - first.setdefault(message.task, message.stamp_ns)) * 1e-9
+        is_first_info = message.topic.endswith("camera_info") and message.topic not in infos
+        if is_first_info:
+            infos.add(message.topic)
+        if is_first_info or position_s >= offset_s:
+            on_position(max(position_s, offset_s))
+            yield message
+
+
+def end_of(source: Source) -> float:
+    """Return the position of the last pair of a source, seconds after the first message of its task."""
+    ends = [0.0]
+    for part in (source.loc, source.nav):
+        stamps: tuple[int, ...] = getattr(part, "stamps_ns", ())  # files and bags know them without their images
+        if stamps:
+            first, last = stamps[0], stamps[-1]
+            truth = getattr(part, "ground_truth", None)
+            if truth is not None:
+                first = min(first, int(truth.stamps_ns[0]))
+            ends.append((last - first) * 1e-9)
+    return max(ends)
+
+
+def _tasks(source: Source) -> list[str]:
+    return [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
+
+
+def _names(source: Source) -> list[str]:
+    """Return the topics of a bag that are played; camera_info first."""
+    names = [f"{task}/{side}/camera_info" for task in _tasks(source) for side in SIDES]
+    names += [f"{task}/{side}/image_rect" for task in _tasks(source) for side in SIDES]
+    if source.loc is not None:
+        names.append(TRUTH_TOPIC)
+    if source.nav is not None:
+        names += [POSE_TOPIC, POINTS_TOPIC]
+    return names
+
+
+def _types(name: str) -> tuple[str, ...]:
+    return (IMAGE, COMPRESSED) if name.endswith("image_rect") else ()
+
+
+def _bag_messages(path: Path, remap: Mapping[str, str], names: list[str]) -> Iterator[Message]:
+    bag = Bag(path, remap)
+    infos = {name for name in names if name.endswith("camera_info")}
+    for item in bag.raw_messages(sorted(infos)):
+        if item[0] in infos:
+            infos.remove(item[0])
+            yield Message(*item)
+        if not infos:
+            break
+    for item in bag.raw_messages(names):
+        yield Message(*item)
+
+
+def _loc_messages(sequence: LocSequence) -> Iterator[Message]:
+    truth = sequence.ground_truth or Trajectory.empty()
+    stamps = truth.stamps_ns.tolist()
+    done = 0
+    for pair in sequence.pairs():
+        while done < len(stamps) and stamps[done] <= pair.stamp_ns:
+            yield _true_pose(truth, done)
+            done += 1
+        yield from _pair_messages("loc", sequence.rig, pair)
+    for index in range(done, len(stamps)):
+        yield _true_pose(truth, index)
+
+
+def _nav_messages(sequence: NavSequence) -> Iterator[Message]:
+    for item in sequence.pairs():
+        stamp_ns = item.pair.stamp_ns
+        yield _message(POSE_TOPIC, stamp_ns, bag_messages.pose(stamp_ns, item.T_lm_navsb))
+        if item.truth is not None:
+            yield _message(POINTS_TOPIC, stamp_ns, bag_messages.points(stamp_ns, item.truth, None))
+        yield from _pair_messages("nav", sequence.rig, item.pair)
+
+
+def _pair_messages(task: str, rig: StereoRig, pair: StereoPair) -> Iterator[Message]:
+    stamp_ns = pair.stamp_ns
+    for side in SIDES:
+        info = bag_messages.camera_info(stamp_ns, rig, task, side)
+        yield _message(f"{task}/{side}/camera_info", stamp_ns, info)
+    for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):
+        image = bag_messages.image(stamp_ns, pixels, task, side)
+        yield _message(f"{task}/{side}/image_rect", stamp_ns, image)
+
+
+def _true_pose(truth: Trajectory, index: int) -> Message:
+    stamp_ns = int(truth.stamps_ns[index])
+    odometry = bag_messages.odometry(stamp_ns, truth.positions[index], truth.quats_xyzw[index])
+    return _message(TRUTH_TOPIC, stamp_ns, odometry)
+
+
+def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN401 - types are made at run time
+    raw = bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
+    return Message(topic, message.__msgtype__, stamp_ns, raw)
+
+
+class Pacer:
+    """Says when a message is due; each task starts with its first message, and again after a pause."""
+
+    def __init__(self, controls: Controls, clock: Callable[[], float] = time.monotonic) -> None:
+        """Begin.
+
+        Args:
+            controls: Their rate is used.
+            clock: Monotonic seconds.
+        """
+        self._controls, self._clock = controls, clock
+        self._rate = controls.rate
+        self._origins: dict[str, tuple[float, int]] = {}
+
+    def wait_s(self, message: Message) -> float:
+        """Return for how long a message has to wait, 0 if it is due."""
+        controls = self._controls
+        if controls.held or controls.steps or controls.rate != self._rate:
+            self._origins.clear()
+            self._rate = controls.rate
+        if controls.rate <= 0 or controls.steps:
+            return 0.0
+        begin, first_ns = self._origins.setdefault(message.task, (self._clock(), message.stamp_ns))
+        return max(begin + (message.stamp_ns - first_ns) * 1e-9 / controls.rate - self._clock(), 0.0)
+
+
+class PairTracker:
+    """Tells when a stereo pair, with its pose where it needs one, has been published."""
+
+    def __init__(self) -> None:
+        """Start with none."""
+        self._parts: dict[tuple[str, int], set[str]] = {}
+
+    def add(self, message: Message) -> tuple[str, int] | None:
+        """Add a published message; return task and stamp of the pair that it completes."""
+        part = message.topic.removesuffix("/compressed")
+        if not part.endswith("image_rect") and part != POSE_TOPIC:
+            return None
+        key = (message.task, message.stamp_ns)
+        parts = self._parts.setdefault(key, set())
+        parts.add(part)
+        if len(parts) < (2 if message.task == "loc" else 3):
+            return None
+        del self._parts[key]
+        return key

@@ -1,1 +1,0 @@
-"""The parts of a live run that know no ROS."""

@@ -1,0 +1,301 @@
+"""Messages as they are received: stereo pairs by stamp, jumps of the clock, latency, losses; the path travelled."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import JUMP_BACK_NS
+
+
+def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
+    """Tell whether a stamp lies so far behind the latest one that a new run must have begun."""
+    return latest_ns - stamp_ns >= JUMP_BACK_NS
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting(Generic[T]):
+    """An item without its partner.
+
+    Attributes:
+        stamp_ns: Its stamp.
+        run: Run of its stream that it belongs to.
+        item: The item.
+    """
+
+    stamp_ns: int
+    run: int
+    item: T
+
+
+class StampPairing(Generic[T]):
+    """Pairs the items of two streams by their stamps, with a bounded memory.
+
+    Each stream comes in the order of its stamps, as one publisher's messages do, until a new run begins at an earlier
+    stamp. So an item is dropped, and counted, when the other stream has come to a later stamp of the same run: its
+    partner was lost, or there never was one.
+
+    Attributes:
+        unpaired: Items dropped because their partner never came.
+        overflowed: Items dropped because the queue of their side was full.
+    """
+
+    def __init__(self, tolerance_ns: int, depth: int) -> None:
+        """Start empty.
+
+        Args:
+            tolerance_ns: Largest difference of the stamps of a pair, nanoseconds; 0 for equal stamps.
+            depth: Most items that wait on each side.
+        """
+        self._tolerance_ns = tolerance_ns
+        self._depth = depth
+        self._waiting: tuple[deque[_Waiting[T]], deque[_Waiting[T]]] = (deque(), deque())
+        self._latest_ns: list[int | None] = [None, None]
+        self._runs = [0, 0]
+        self.unpaired = 0
+        self.overflowed = 0
+
+    def add_left(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
+        """Take an item of the left stream; return `(left, right)` if it completes a pair."""
+        return self._add(0, stamp_ns, item)
+
+    def add_right(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
+        """Take an item of the right stream; return `(left, right)` if it completes a pair."""
+        return self._add(1, stamp_ns, item)
+
+    def clear(self) -> None:
+        """Forget what waits, without counting it as dropped."""
+        for queue in self._waiting:
+            queue.clear()
+        self._latest_ns, self._runs = [None, None], [0, 0]
+
+    def _add(self, side: int, stamp_ns: int, item: T) -> tuple[T, T] | None:
+        latest = self._latest_ns[side]
+        self._runs[side] += latest is not None and stamp_ns < latest
+        self._latest_ns[side] = stamp_ns
+        own, other = self._waiting[side], self._waiting[1 - side]
+        best = min(range(len(other)), key=lambda i: abs(other[i].stamp_ns - stamp_ns), default=None)
+        if best is None or abs(other[best].stamp_ns - stamp_ns) > self._tolerance_ns:
+            own.append(_Waiting(stamp_ns, self._runs[side], item))
+            if len(own) > self._depth:
+                own.popleft()
+                self.overflowed += 1
+            self._drop_hopeless()
+            return None
+        partner = other[best].item
+        self._runs[side] = other[best].run  # the same moment, so the same run
+        while own and own[0].stamp_ns < stamp_ns:
+            own.popleft()
+            self.unpaired += 1
+        for _ in range(best):
+            other.popleft()
+        self.unpaired += best
+        other.popleft()
+        return (item, partner) if side == 0 else (partner, item)
+
+    def _drop_hopeless(self) -> None:
+        """Drop what the other stream has gone past."""
+        for side, queue in enumerate(self._waiting):
+            latest, run = self._latest_ns[1 - side], self._runs[1 - side]
+            if latest is None:
+                continue
+            while queue and queue[0].run == run and queue[0].stamp_ns < latest - self._tolerance_ns:
+                queue.popleft()
+                self.unpaired += 1
+
+
+COMPARABLE_NS = 60 * 1_000_000_000
+"""Clocks that are further apart, or in the wrong order, cannot be compared (a recording that is played back, a host
+whose clock is not set)."""
+CLOCK_NOISE_NS = 1_000_000
+"""Tolerance for the wrong order: clocks are read and rounded differently."""
+
+
+@dataclass(frozen=True, slots=True)
+class MessageTimes:
+    """When a message was sent and received, nanoseconds of the hosts' system clocks; None where not known."""
+
+    sent_ns: int | None
+    received_ns: int | None
+
+    @classmethod
+    def of(cls, info: Mapping[str, Any]) -> MessageTimes:
+        """Return what the message info of a subscription says; the middleware gives 0 for what it does not know."""
+        return cls(info.get("source_timestamp") or None, info.get("received_timestamp") or None)
+
+
+def latencies(times: Sequence[MessageTimes], stamp_ns: int, published_ns: int, node_time_ns: int) -> dict[str, float]:
+    """Return the latencies of one result, seconds, as far as their clocks can be compared.
+
+    Args:
+        times: Of the messages that the result is made of.
+        stamp_ns: Stamp of the result: when the images were taken.
+        published_ns: System time at which the result was published.
+        node_time_ns: The same moment on the node's clock (simulated time where the node uses it).
+
+    Returns:
+        `latency_transport_s`: from the publisher's publish call to the receipt by the middleware, the slowest message;
+        `latency_receive_to_publish_s`: from the receipt of the last message to the publication of the result, with the
+        wait in queues; `latency_stamp_to_publish_s`: from the stamp to the publication.
+    """
+    found = {
+        "latency_transport_s": _transport(times),
+        "latency_receive_to_publish_s": _since_last_receipt(times, published_ns),
+        "latency_stamp_to_publish_s": _seconds(stamp_ns, node_time_ns),
+    }
+    return {name: seconds for name, seconds in found.items() if seconds is not None}
+
+
+def _transport(times: Sequence[MessageTimes]) -> float | None:
+    """Return the longest transport of the messages whose times are known; None if one cannot be compared."""
+    if any(message.received_ns is None for message in times):
+        return None
+    known = [
+        _seconds(message.sent_ns, message.received_ns)
+        for message in times
+        if message.sent_ns is not None and message.received_ns is not None
+    ]
+    comparable = [seconds for seconds in known if seconds is not None]
+    return max(comparable) if known and len(comparable) == len(known) else None
+
+
+def _since_last_receipt(times: Sequence[MessageTimes], published_ns: int) -> float | None:
+    received = [message.received_ns for message in times if message.received_ns is not None]
+    return _seconds(max(received), published_ns) if received and len(received) == len(times) else None
+
+
+def _seconds(begin_ns: int, end_ns: int) -> float | None:
+    passed = end_ns - begin_ns
+    return max(passed, 0) * 1e-9 if -CLOCK_NOISE_NS <= passed <= COMPARABLE_NS else None
+
+
+LOSS_WINDOW = 40
+"""Messages of which the share lost is taken."""
+MUCH_LOST = 0.1
+"""Share lost above which the transport is not set up for the messages."""
+
+
+class TransportGaps:
+    """Counts messages that were published but not received, for topics with one publisher at a time.
+
+    A publisher numbers its messages from 1, so a lower number is a new publisher; its identity is not transmitted.
+
+    Attributes:
+        lost: Messages missing so far.
+    """
+
+    def __init__(self) -> None:
+        """Start with a topic of which nothing was received."""
+        self.lost = self._last = 0
+
+    def add(self, info: dict[str, Any]) -> int:
+        """Count the gap before a message, and return it.
+
+        Args:
+            info: Its message info of rclpy; without a sequence number no loss is counted.
+        """
+        number, last = int(info.get("publication_sequence_number") or 0), self._last
+        self._last = number
+        gap = number - last - 1 if last and number > last else 0
+        self.lost += gap
+        return gap
+
+
+class LossWatch:
+    """Says when a large share of the messages of a transport is lost."""
+
+    def __init__(self, what: str, export_line: str, warn: Callable[[str], None]) -> None:
+        """Begin.
+
+        Args:
+            what: What the messages are, in the plural.
+            export_line: Line of a shell that gives the publisher the memory it should have.
+            warn: Called with the share and what to do.
+        """
+        self._what, self._export_line, self._warn = what, export_line, warn
+        self._lost = self._sent = 0
+
+    def add(self, gap: int) -> None:
+        """Count a message that was received, and those lost before it."""
+        self._lost += gap
+        self._sent += gap + 1
+        if self._sent < LOSS_WINDOW:
+            return
+        share, self._lost, self._sent = self._lost / self._sent, 0, 0
+        if share > MUCH_LOST:
+            self._warn(f"{share:.0%} of the {self._what} are lost in transport: {loss_fix(self._export_line)}")
+
+
+def loss_fix(export_line: str) -> str:
+    """Return what to do about messages that are lost between two processes of a host.
+
+    Args:
+        export_line: Names the profile of Fast DDS.
+    """
+    return (
+        f"start the process that publishes them (the camera driver) with "
+        f"`{export_line}`: its shared memory counts, and holds 0.5 MB unless set"
+    )
+
+
+P = TypeVar("P")
+MAX_POSES = 2000
+FIRST_SPACING_M = 0.02
+TURN_PER_METRE = math.radians(100.0)
+"""A turn of so much counts as a metre: a rover that turns on the spot leaves poses as well."""
+
+
+class ThinnedPath(Generic[P]):
+    """Keeps poses at a spacing that doubles when there would be too many; the first and the last one always stay."""
+
+    def __init__(self, max_poses: int = MAX_POSES) -> None:
+        """Start empty; `max_poses` is at least 3."""
+        self._max_poses = max_poses
+        self.clear()
+
+    def clear(self) -> None:
+        """Start a new path."""
+        self._kept: list[tuple[Transform, P]] = []
+        self._last: tuple[Transform, P] | None = None
+        self._last_ns: int | None = None
+        self._spacing_m = FIRST_SPACING_M
+
+    @property
+    def poses(self) -> Sequence[P]:
+        """What was given with the poses that are left, in order."""
+        kept = [item for _, item in self._kept]
+        if self._last is not None and (not self._kept or self._last is not self._kept[-1]):
+            kept.append(self._last[1])
+        return kept
+
+    def add(self, stamp_ns: int, pose: Transform, item: P) -> None:
+        """Add a pose; a stamp that is not later than the last one starts a new path.
+
+        Args:
+            stamp_ns: Its stamp.
+            pose: The pose.
+            item: What stands for it, such as its message.
+        """
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            self.clear()
+        self._last, self._last_ns = (pose, item), stamp_ns
+        if not self._kept or _distance(self._kept[-1][0], pose) >= self._spacing_m:
+            self._kept.append(self._last)
+        if len(self._kept) >= self._max_poses:
+            self._kept = self._kept[::2]
+            self._spacing_m *= 2.0
+
+
+def _distance(before: Transform, now: Transform) -> float:
+    """Return how far apart two poses are, metres; the angle is that of the trace, `1 + 2 cos`."""
+    cosine = 0.5 * (float(np.vdot(before.rotation, now.rotation)) - 1.0)
+    return math.dist(before.translation, now.translation) + math.acos(max(-1.0, min(1.0, cosine))) / TURN_PER_METRE

@@ -1,0 +1,251 @@
+"""The phases of a localisation session: each transition from each phase, and what the estimates of a run inherit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.errors import InputError, LocalisationError
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.start_pose import StartPose
+from sfr_loc_map.pipeline.localisation_session import KnownPose, LocalisationSession, Phase, PoseFile
+
+RIG = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12)
+OTHER_RIG = replace(RIG, fx=151.0, fy=151.0)
+EXTRINSICS = Transform.identity()
+RIG_ON_ROVER = replace(RIG, T_rb_sb=EXTRINSICS)
+S = 1_000_000_000
+COVARIANCE = np.diag([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
+
+
+def at(x: float) -> Transform:
+    return Transform(np.eye(3), np.array([x, 0.0, 0.0]))
+
+
+KEPT, GIVEN, LAST = at(7.0), at(3.0), at(1.5)
+
+
+class FakeLocaliser:
+    """Remembers where it was started or moved."""
+
+    def __init__(self, rig: StereoRig, config: LocalisationConfig, start: StartPose) -> None:
+        self.rig, self.config, self.start, self.moved = rig, config, start, False
+
+    @property
+    def pose(self) -> Transform:
+        return self.start.T_ds_rb
+
+    def set_pose(self, pose: StartPose) -> None:
+        self.start, self.moved = pose, True
+
+
+def estimate(stamp_ns: int, pose: Transform, state: TrackingState = TrackingState.TRACKING) -> PoseEstimate:
+    return PoseEstimate(stamp_ns, pose, COVARIANCE, state)
+
+
+def session_in(phase: Phase, folder: Path) -> LocalisationSession:
+    """Return a session with a kept pose; a running one has tracked two pairs, 0.5 m apart."""
+    file = PoseFile(folder / "pose.json", 10.0)
+    file.save(KnownPose(1 * S, KEPT, COVARIANCE), RIG_ON_ROVER)
+    session = LocalisationSession(LocalisationConfig(), file, make_localiser=FakeLocaliser)  # type: ignore[arg-type]
+    session.set_rig(RIG)
+    if phase is not Phase.NEW:
+        session.restart()
+    if phase is Phase.RUNNING:
+        session.localiser_at(2 * S, EXTRINSICS)
+        session.accept(replace(estimate(2 * S, at(1.0)), covariance=4 * COVARIANCE))
+        session.accept(estimate(3 * S, LAST))
+    assert session.phase is phase
+    return session
+
+
+def pair(session: LocalisationSession) -> None:
+    session.localiser_at(4 * S, EXTRINSICS)
+
+
+def set_pose(session: LocalisationSession) -> None:
+    session.set_pose(StartPose(GIVEN))
+
+
+EVENTS: dict[str, Callable[[LocalisationSession], object]] = {
+    "pair": pair,
+    "set_pose": set_pose,
+    "restart": LocalisationSession.restart,
+    "restart after set_pose": lambda session: (session.set_pose(StartPose(GIVEN)), session.restart()),
+    "reset after set_pose": lambda session: (session.set_pose(StartPose(GIVEN)), session.reset()),
+    "continue": LocalisationSession.continue_at_last_pose,
+    "same rig": lambda session: session.set_rig(RIG),
+    "other rig": lambda session: session.set_rig(OTHER_RIG),
+    "other configuration": lambda session: session.set_config(LocalisationConfig(max_features=300)),
+    "continue after set_pose": lambda session: (session.set_pose(StartPose(GIVEN)), session.continue_at_last_pose()),
+}
+FIRST = Transform.identity()
+UNCHANGED = "the running localiser"
+NEW, READY, RUNNING = Phase.NEW, Phase.READY, Phase.RUNNING
+# event, phase before, phase after, pose at which the localiser of the next pair starts, how well that is known
+TRANSITIONS = [
+    ("pair", NEW, RUNNING, KEPT, "kept"),
+    ("pair", READY, RUNNING, FIRST, "none"),
+    ("pair", RUNNING, RUNNING, UNCHANGED, "none"),
+    ("set_pose", NEW, READY, GIVEN, "none"),
+    ("set_pose", READY, READY, GIVEN, "none"),
+    ("set_pose", RUNNING, RUNNING, GIVEN, "none"),
+    ("restart", NEW, READY, FIRST, "none"),
+    ("restart", READY, READY, FIRST, "none"),
+    ("restart", RUNNING, READY, FIRST, "none"),
+    *[("restart after set_pose", phase, READY, GIVEN, "none") for phase in Phase],
+    *[("reset after set_pose", phase, READY, FIRST, "none") for phase in Phase],
+    *[
+        (event, before, after, pose, known)
+        for event in ("continue", "other rig", "other configuration")
+        for before, after, pose, known in (
+            (NEW, NEW, FIRST, "none") if event == "other rig" else (NEW, NEW, KEPT, "kept"),
+            (READY, READY, FIRST, "none"),
+            (RUNNING, READY, LAST, "last"),
+        )
+    ],
+    ("same rig", NEW, NEW, KEPT, "kept"),
+    ("same rig", READY, READY, FIRST, "none"),
+    ("same rig", RUNNING, RUNNING, UNCHANGED, "none"),
+    *[("continue after set_pose", phase, READY, GIVEN, "none") for phase in Phase],
+]
+KNOWN = {"none": (0.0, None), "kept": (COVARIANCE[0, 0], 1 * S), "last": (COVARIANCE[0, 0], 3 * S)}
+"""Variance of x, and the stamp at which the pose holds; None: at the next pair."""
+
+
+@pytest.mark.parametrize(("event", "before", "after", "pose", "known"), TRANSITIONS)
+def test_each_transition_from_each_phase(
+    tmp_path: Path, event: str, before: Phase, after: Phase, pose: Transform | str, known: str
+) -> None:
+    session = session_in(before, tmp_path)
+    running = session.localiser_at(3 * S, EXTRINSICS) if before is RUNNING else None
+    EVENTS[event](session)
+    assert session.phase is after
+    localiser = session.localiser_at(4 * S, EXTRINSICS)
+    assert session.phase is RUNNING
+    if isinstance(pose, str):
+        assert localiser is running
+    else:
+        assert np.array_equal(localiser.pose.translation, pose.translation)  # type: ignore[attr-defined]
+        start = localiser.start  # type: ignore[attr-defined]
+        assert (start.covariance[0, 0], start.stamp_ns) == KNOWN[known]
+
+
+def test_every_transition_is_in_the_table() -> None:
+    assert {(event, before) for event, before, *_ in TRANSITIONS} == {(e, phase) for e in EVENTS for phase in Phase}
+
+
+def test_a_pair_before_rig_or_extrinsics_is_refused_and_changes_nothing(tmp_path: Path) -> None:
+    session = LocalisationSession(LocalisationConfig(), PoseFile(tmp_path / "pose.json", 10.0))
+    with pytest.raises(InputError, match=r"T_rb_locsb\.translation_m"):
+        session.localiser_at(S, EXTRINSICS)
+    assert not session.set_rig(RIG)
+    with pytest.raises(InputError, match=r"T_rb_locsb\.translation_m"):
+        session.localiser_at(S, None)
+    assert session.phase is Phase.NEW
+    assert not session.set_rig(RIG)
+    assert session.set_rig(OTHER_RIG)
+
+
+def test_a_localiser_that_cannot_be_made_leaves_the_start_as_it_is(tmp_path: Path) -> None:
+    session = session_in(Phase.NEW, tmp_path)
+
+    def refuse(*_: object) -> FakeLocaliser:
+        raise InputError("no")
+
+    session._make_localiser = refuse  # type: ignore[assignment]
+    with pytest.raises(InputError, match="no"):
+        session.localiser_at(4 * S, EXTRINSICS)
+    assert session.phase is Phase.READY
+    session._make_localiser = FakeLocaliser  # type: ignore[assignment]
+    assert np.array_equal(session.localiser_at(5 * S, EXTRINSICS).pose.translation, KEPT.translation)  # type: ignore[attr-defined]
+
+
+def test_wheel_odometry_counts_from_the_last_pair_that_was_tracked(tmp_path: Path) -> None:
+    session = session_in(Phase.RUNNING, tmp_path)
+    assert session.tracked_ns == 3 * S
+    session.accept(estimate(4 * S, LAST, TrackingState.LOST))
+    assert session.tracked_ns == 3 * S
+    session.set_pose(StartPose(GIVEN))
+    assert session.tracked_ns == 3 * S
+    session.continue_at_last_pose()
+    session.localiser_at(5 * S, EXTRINSICS)
+    assert session.tracked_ns is None
+
+
+def test_a_lost_pose_is_not_kept_and_the_next_localiser_starts_at_the_last_known_one(tmp_path: Path) -> None:
+    session = session_in(Phase.RUNNING, tmp_path)
+    session.accept(estimate(4 * S, at(9.0), TrackingState.LOST))
+    kept = PoseFile(tmp_path / "pose.json", 10.0).load(5 * S, RIG_ON_ROVER)
+    assert kept is not None
+    assert kept.stamp_ns == 3 * S
+    session.continue_at_last_pose()
+    start = session.localiser_at(5 * S, EXTRINSICS).start  # type: ignore[attr-defined]
+    assert (start.T_ds_rb.translation[0], start.stamp_ns) == (1.5, 3 * S)
+
+
+@pytest.mark.parametrize("given", [None, StartPose(GIVEN, COVARIANCE)])
+def test_a_start_without_a_stamp_holds_at_its_first_pair_whatever_that_showed(
+    tmp_path: Path, given: StartPose | None
+) -> None:
+    """A localiser that follows must not take it for the pose of a later pair."""
+    session = session_in(Phase.READY, tmp_path)
+    if given is not None:
+        session.set_pose(given)
+    session.localiser_at(4 * S, EXTRINSICS)
+    session.accept(estimate(4 * S, FIRST, TrackingState.LOST))
+    session.continue_at_last_pose()
+    assert session.localiser_at(6 * S, EXTRINSICS).start.stamp_ns == 4 * S  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
+def test_an_estimate_whose_covariance_is_none_is_neither_published_nor_kept(tmp_path: Path, value: float) -> None:
+    session = session_in(Phase.RUNNING, tmp_path)
+    covariance = COVARIANCE.copy()
+    covariance[2, 2] = value
+    with pytest.raises(LocalisationError, match="restarts at its last pose"):
+        session.accept(replace(estimate(4 * S, at(2.0)), covariance=covariance))
+    kept = PoseFile(tmp_path / "pose.json", 10.0).load(5 * S, RIG_ON_ROVER)
+    assert kept is not None
+    assert kept.stamp_ns == 3 * S
+    start = session.localiser_at(5 * S, EXTRINSICS).start  # type: ignore[attr-defined]
+    assert (start.T_ds_rb.translation[0], start.stamp_ns) == (1.5, 3 * S)
+
+
+@pytest.mark.parametrize("extrinsics", [at(0.01), EXTRINSICS])
+def test_a_kept_pose_of_another_rig_is_told_and_not_resumed_from(tmp_path: Path, extrinsics: Transform) -> None:
+    session_in(Phase.NEW, tmp_path)
+    warnings: list[str] = []
+    file = PoseFile(tmp_path / "pose.json", 10.0)
+    session = LocalisationSession(LocalisationConfig(), file, warnings.append, FakeLocaliser)  # type: ignore[arg-type]
+    session.set_rig(OTHER_RIG if extrinsics is EXTRINSICS else RIG)
+    localiser = session.localiser_at(2 * S, extrinsics)
+    assert np.array_equal(localiser.pose.translation, FIRST.translation)  # type: ignore[attr-defined]
+    assert "of another rig or calibration" in warnings[0]
+
+
+@pytest.mark.parametrize(("age_s", "start"), [(5, KEPT), (11, FIRST), (-1, FIRST)])
+def test_only_a_recent_kept_pose_of_the_same_run_is_resumed_from(tmp_path: Path, age_s: int, start: Transform) -> None:
+    session = session_in(Phase.NEW, tmp_path)
+    localiser = session.localiser_at((1 + age_s) * S, EXTRINSICS)
+    assert np.array_equal(localiser.pose.translation, start.translation)  # type: ignore[attr-defined]
+
+
+def test_a_kept_pose_that_cannot_be_read_or_written_is_a_warning(tmp_path: Path) -> None:
+    path = tmp_path / "pose.json"
+    path.write_text("{", encoding="utf-8")
+    warnings: list[str] = []
+    session = LocalisationSession(LocalisationConfig(), PoseFile(path, 10.0), warnings.append, FakeLocaliser)  # type: ignore[arg-type]
+    session.set_rig(RIG)
+    session.localiser_at(S, EXTRINSICS)
+    assert "cannot be read" in warnings[0]
+    (tmp_path / ".pose.json.part").mkdir()
+    session.accept(estimate(S, LAST))
+    assert "cannot write" in warnings[1]
