@@ -27,7 +27,6 @@ from sfr_loc_map.methods.registry import find_method, record_of_ours
 from sfr_loc_map.metrics.method_record import MethodRecord
 from sfr_loc_map.pipeline import offline
 from sfr_loc_map.pipeline.call_stats import CallRecord
-from sfr_loc_map.pipeline.map_files import map_warnings
 from sfr_loc_map.pipeline.offline import localise_with, map_pairs_with, tracking_warning
 
 C = TypeVar("C")
@@ -158,7 +157,7 @@ def map(
                 raise ConfigError(f"refine_poses is of our mapper: leave it out with method {method}")
             chosen = find_method(method, MethodTask.MAP, _text(config))
             run, about = map_pairs_with(chosen, sequence, MethodLimits())
-    for line in map_warnings(run):
+    for line in run.warnings:
         _warn(line)
     return PointCloud.of(run.fused.cloud if fuse else run.unfused, run.records, about)
 

@@ -23,14 +23,20 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.config import aligned_error_config, score_config
 from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
 from sfr_loc_map.pipeline.call_stats import CallStats, stats_of
-from sfr_loc_map.pipeline.score_inputs import (
+from sfr_loc_map.pipeline.scoring import (
+    Correction,
+    Run,
+    ScoredCloud,
+    ScoredDrive,
     ScoreInputs,
     camera_rig,
+    converted_run,
     load_drive,
     load_map_truth,
+    load_run,
     said_fused,
+    score_run,
 )
-from sfr_loc_map.pipeline.scoring import Correction, Run, ScoredCloud, ScoredDrive, converted_run, load_run, score_run
 
 Estimate = PathLike | base.Trajectory | cloud_base.PointCloud
 Truth = PathLike | base.Trajectory | Source

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,12 +17,11 @@ from sfr_loc_map.cli.output import (
     progress_bar,
     say,
     warn,
-    write_text,
 )
 from sfr_loc_map.errors import ConfigError, InputError, naming
 
 if TYPE_CHECKING:
-    from sfr_loc_map.mapping.terrain.grid import TerrainGrid
+    pass
 
 CLOUDS = (".ply", ".pcd", ".npz", ".las", ".laz")
 """Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
@@ -151,7 +149,7 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
     from sfr_loc_map.io import geotiff
     from sfr_loc_map.io.cloud_file import check_cloud_format, load_cloud, save_cloud
     from sfr_loc_map.mapping.terrain.config import TerrainConfig
-    from sfr_loc_map.pipeline.map_files import WRITERS, grid_of_file, save_dem, with_cell
+    from sfr_loc_map.pipeline.map_files import grid_of_file, save_dem, with_cell
 
     is_model = destination.suffix in MODELS or destination.name.endswith(ARCHIVE)
     check_suffix(destination, (*CLOUDS, ARCHIVE, *MODELS) if not is_model else (destination.suffix,))
@@ -175,22 +173,10 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
     terrain = TerrainConfig() if cell_m is None else with_cell(TerrainConfig(), cell_m)
     with naming(source):
         grid = grid_of_file(load_cloud(source), terrain)
-    if destination.suffix in WRITERS:
-        save_dem(destination, grid)
-    write_dem_pages([destination], grid)
+    save_dem(destination, grid)
     rows, columns = grid.hazard.shape
     say(f"{columns} x {rows} cells of {grid.elevation.cell_m:g} m: {destination}", err=True)
     if destination.suffix in geotiff.SUFFIXES:
         propose("gdalinfo", destination, why="its bands; QGIS opens it")
     else:
         propose("sfr", "convert", source, destination.with_suffix(".html"), why="all layers as a page")
-
-
-def write_dem_pages(files: Sequence[Path], grid: TerrainGrid) -> None:
-    """Write those files of an elevation model that are pages."""
-    from sfr_loc_map.pipeline.map_files import PAGE, dem_bands
-    from sfr_loc_map.report.dem_page import dem_page
-
-    for path in files:
-        if path.suffix == PAGE:
-            write_text(dem_page(dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m), path)

@@ -64,7 +64,6 @@ def localise(
     from sfr_loc_map.pipeline.offline import localise as localise_with_ours
     from sfr_loc_map.pipeline.offline import (
         localise_with,
-        no_observer,
         start_pose,
         states_text,
         track_video,
@@ -84,7 +83,7 @@ def localise(
         first_pose = start_pose(sequence, start)
         if theirs is None:
             about = record_of_ours(MethodTask.LOCALISE)
-            with nullcontext(no_observer) if video is None else track_video(video, sequence.rig) as watch:
+            with nullcontext(None) if video is None else track_video(video, sequence.rig) as watch:
                 done = _finished(localise_with_ours(sequence, parameters, first_pose, watch), len(sequence))
         else:
             results = localise_with(theirs, sequence, first_pose.T_ds_rb, under_test.limits)

@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.convert import write_dem_pages
 from sfr_loc_map.cli.options import MethodOptions, OverwriteOption, RemapOption, SourceArgument, open_panorama
 from sfr_loc_map.cli.output import check_outputs, check_suffix, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude_findings
@@ -59,14 +58,14 @@ def map_cloud(
     from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.call_stats import save_stats
-    from sfr_loc_map.pipeline.map_files import MapOutputs, dem_outputs, map_warnings, save_map
+    from sfr_loc_map.pipeline.map_files import MapOutputs, dem_outputs, save_map
     from sfr_loc_map.pipeline.offline import map_pairs, map_pairs_with
 
     check_suffix(output, SUFFIXES)
     check_cloud_format(output)
     parameters = read_config(MappingConfig, under_test.config if under_test.is_ours else None, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
-    outputs = MapOutputs(output, fuse, dem_outputs(dem or (), output, parameters.terrain), colour, covariance)
+    outputs = MapOutputs(output, fuse, *dem_outputs(dem or (), output, parameters.terrain), colour, covariance)
     check_outputs(output, stats, *outputs.more, overwrite=overwrite, inputs=(source,))
     limits = under_test.limits
     theirs = None if under_test.is_ours else under_test.find(MethodTask.MAP)
@@ -83,14 +82,12 @@ def map_cloud(
             run, about = map_pairs(sequence, parameters, progress), record_of_ours(MethodTask.MAP)
         else:
             run, about = map_pairs_with(theirs, sequence, limits, progress)
-    saved = save_map(run, sequence.rig.fx, outputs)
-    if saved.terrain is not None and outputs.dem is not None:
-        write_dem_pages(outputs.dem.files, saved.terrain)
+    cloud = save_map(run, sequence.rig.fx, outputs)
     if stats is not None:
         save_stats(stats, run.records, about)
-    for line in map_warnings(run):
+    for line in run.warnings:
         warn(line)
-    say(f"{len(saved.cloud)} points of {len(run.maps)} pairs: {output}", err=True)
+    say(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)
     for path in outputs.more:
         say(str(path), err=True)
     propose("sfr", "score", output, source, why="against the truth, if the source has it")

@@ -165,14 +165,27 @@ def plot(
 ) -> None:
     """Draw trajectories from above, in height and, with --truth, their distance to it, for a quick look."""
     from sfr_loc_map.config import build
+    from sfr_loc_map.io.bag_files import is_bag
+    from sfr_loc_map.metrics.aligned_error import curves_of
     from sfr_loc_map.metrics.config import AlignedErrorConfig
-    from sfr_loc_map.pipeline.paths import load_curves
+    from sfr_loc_map.pipeline.scoring import load_drive, load_estimates, load_truth
     from sfr_loc_map.report.path_figure import save_path_html, save_path_png
 
     check_suffix(output, (*HTML_SUFFIXES, ".png"))
     check_outputs(output, overwrite=overwrite, inputs=[*trajectories, *([truth] if truth is not None else [])])
     config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
-    curves = load_curves(trajectories, truth, config)
+    names = [path.name if sum(path.name == item.name for item in trajectories) == 1 else path for path in trajectories]
+    poses, true_poses = {}, None
+    for name, path in zip(map(str, names), trajectories, strict=True):
+        is_source = path.is_dir() and not is_bag(path)
+        if truth is not None and not is_source:  # poses without stamps have those of the truth
+            drive = load_drive(path, truth)
+            poses[name], true_poses = drive.estimates.trajectory, true_poses or drive.truth
+        else:
+            poses[name] = load_truth(path) if is_source else load_estimates(path).trajectory
+    if truth is not None and true_poses is None:
+        true_poses = load_truth(truth)
+    curves = curves_of(poses, true_poses, config)
     save = save_path_png if output.suffix == ".png" else save_path_html
     save(curves, output)
     say(f"{', '.join(curve.name for curve in curves)}: {output}", err=True)

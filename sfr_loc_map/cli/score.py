@@ -99,8 +99,7 @@ def score(
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
     from sfr_loc_map.metrics.config import aligned_error_config, score_config
-    from sfr_loc_map.pipeline.score_inputs import ScoreInputs
-    from sfr_loc_map.pipeline.scoring import converted_run, load_run, save_evo_result, score_run
+    from sfr_loc_map.pipeline.scoring import ScoreInputs, converted_run, load_run, save_evo_result, score_run
 
     limits, asked = judge.read()
     settings: dict[str, object] = {

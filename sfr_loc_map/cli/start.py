@@ -24,13 +24,11 @@ def init(
     Each parameter stands there with its description, unit, range and default. sfr replay, localise and map take the
     configuration as it is (--config), sfr score and replay the limits (--limits).
     """
-    from sfr_loc_map.pipeline.starter_files import configuration_text, limits_text
-
     configuration, limits = folder / "configuration.yaml", folder / "limits.yaml"
     make_folder(folder, "name")
     check_outputs(configuration, limits, overwrite=overwrite)
-    write_text(configuration_text(), configuration)
-    write_text(limits_text(), limits)
+    write_text(_configuration_text(), configuration)
+    write_text(_limits_text(), limits)
     say(f"configuration: {configuration}")
     say(f"limits: {limits}")
     words = ("sfr", "replay", "SRC", "--start", "truth", "--config", configuration, "--limits", limits, "--out", "out/")
@@ -68,3 +66,61 @@ def methods(
     )
     columns = tuple(Column(title, words=True) for title in ("task", "method", "version", "kind", ""))
     show(json_line({"methods": found}), json_path, [Table("methods", "Methods", columns, rows)])
+
+
+def _configuration_text() -> str:
+    """Return a configuration file of localiser and mapper with the defaults."""
+    from sfr_loc_map.config import to_yaml_lines
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.mapping.config import MappingConfig
+
+    lines = [
+        "# Parameters of localiser and mapper: [unit] (smallest .. largest), at their defaults. Change what you need,",
+        "# delete what you do not: a parameter that is missing has its default. Taken by",
+        "#   sfr localise SRC -o T.csv --config FILE, sfr map SRC -o C.ply --config FILE, sfr replay SRC --config FILE",
+        "# The nodes have more: config/localisation.yaml, config/mapping.yaml and config/monitor.yaml of the package.",
+    ]
+    for name, config_type in (("localisation", LocalisationConfig), ("mapping", MappingConfig)):
+        lines += ["", f"{name}:", *to_yaml_lines(config_type, "  ")]
+    return "\n".join(lines) + "\n"
+
+
+def _limits_text() -> str:
+    """Return a limits file: those of the trajectory in force, all others behind a '#', to be taken in."""
+    from sfr_loc_map.metrics.limits import COVERAGE_MIN, NAMES, LimitPart
+
+    active = {
+        "position_mean_plus_3sigma_m": "0.1  # 2 % of the distance",
+        "attitude_mean_plus_3sigma_deg": "1.0",
+        "heading_mean_plus_3sigma_deg": "1.0",
+    }
+    meanings = {
+        LimitPart.MAP: "Of a map; a score without one then says: not enough data",
+        LimitPart.TIMING: "Time of a call on this host, which says nothing of a flight computer",
+        LimitPart.MEMORY: "Resident memory of the process during a call, on this host",
+        LimitPart.TARGET: "Calls that were measured on the target (--target, --target-timing)",
+    }
+    examples_by_unit = {COVERAGE_MIN: "0.8", "_m": "0.5", "_deg": "1.0", "_s": "1.0", "_bytes": "2000000000"}
+
+    def example(name: str) -> str:
+        return f"{name}: {next(value for ending, value in examples_by_unit.items() if name.endswith(ending))}"
+
+    lines = [
+        "# Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the",
+        "# name of a figure ends in its unit. A line that begins with '#' is not in force. Taken by",
+        "#   sfr score EST TRUTH --limits FILE, sfr replay SRC --limits FILE",
+        "# Exit code 1 if one is missed, 3 if one cannot be judged.",
+        "",
+        "# Fewer values than this are not enough data for a verdict. (2 or more)",
+        "minimum_count: 2",
+        "",
+        "# Errors at the end of sub-trajectories: one entry for each condition.",
+        "trajectory:",
+        "  # distance=METRES, time=SECONDS or frames=NUMBER",
+        "  - condition: distance=5",
+    ]
+    for name in NAMES[LimitPart.TRAJECTORY]:
+        lines.append(f"    {name}: {active[name]}" if name in active else f"    # {example(name)}")
+    for part, meaning in meanings.items():
+        lines += ["", f"# {meaning}.", f"# {part}:", *(f"#   {example(name)}" for name in NAMES[part])]
+    return "\n".join(lines) + "\n"

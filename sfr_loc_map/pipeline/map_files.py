@@ -1,4 +1,7 @@
-"""The files that `sfr map` writes: the cloud, elevation models, a coloured cloud, covariances."""
+"""The files that `sfr map` and `sfr convert` write of a map: cloud, elevation models, coloured cloud, covariances.
+
+One grid, that of the topics, is in all files of an elevation model.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +27,11 @@ from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.offline import MapRun
 
+BESIDE = ("dem.npz", "dem.png")
+"""Endings of the files beside the cloud that a cell's side alone asks for."""
+COLOURED_TYPE = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("sigma", "<f4")]
+)
 HEIGHT_QUANTILES = (0.01, 0.99)
 """Heights between these fill the range of colours; what is beyond takes the colour at the end."""
 LIGHT = np.array([-1.0, 1.0, 1.5])
@@ -41,185 +49,97 @@ BAR_WIDTH = 22
 TICKS = 6
 """About so many ticks an axis."""
 INK, PAPER = (40, 40, 40), (255, 255, 255)
-_FONT, _SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
+FONT, FONT_SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShadedHeights:
-    """Heights as an image.
+@dataclass(frozen=True, slots=True)
+class MapOutputs:
+    """Which files to write.
 
     Attributes:
-        image: `(R, C, 3)` blue, green, red; rows along y.
-        origin_m: x and y of the outer corner of its cell (0, 0).
-        cell_m: Side of a cell.
-        range_m: Heights at the two ends of the colours.
+        cloud: The cloud; all others lie beside it, or have names of their own.
+        fuse: Whether it is the fused cloud, or holds the points of every pair.
+        dem: Files of an elevation model.
+        terrain: Size of its cells, and what its other layers need.
+        colour: Whether to write a PLY coloured by height.
+        covariance: Whether to write the covariance of each point.
     """
 
-    image: ColourImage
-    origin_m: tuple[float, float]
-    cell_m: float
-    range_m: tuple[float, float]
+    cloud: Path
+    fuse: bool
+    dem: tuple[Path, ...]
+    terrain: TerrainConfig
+    colour: bool
+    covariance: bool
+
+    @property
+    def coloured_ply(self) -> Path:
+        """Place of the coloured cloud."""
+        return self.cloud.with_suffix(".colour.ply")
+
+    @property
+    def covariances(self) -> Path:
+        """Place of the covariances."""
+        return self.cloud.with_suffix(".covariance.npz")
+
+    @property
+    def more(self) -> list[Path]:
+        """Files besides the cloud."""
+        return [*self.dem, *([self.coloured_ply] * self.colour), *([self.covariances] * self.covariance)]
 
 
-def shaded_heights(model: ElevationModel) -> ShadedHeights:
-    """Return heights as colours, shaded by their slopes.
+def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
+    """Write the files of a map, and return the cloud.
 
-    For the look of it gaps of a cell or two are bridged, and sparse rows and columns at the rim are left out.
+    Raises:
+        MissingExtraError: If a format needs an extra that is not installed.
+        OutputError: If a file cannot be written.
     """
-    rows, columns = _dense(model.count)
-    heights = _bridged(model.height_m)[rows, columns]
-    known = np.isfinite(heights)
-    filled = np.where(known, heights, np.float32(np.nanmedian(model.height_m) if known.any() else 0.0))
-    slope_y, slope_x = np.gradient(filled.astype(np.float64), model.cell_m) if min(filled.shape) > 1 else (0.0, 0.0)
-    light = LIGHT / np.linalg.norm(LIGHT)
-    lit = (light[2] - slope_x * light[0] - slope_y * light[1]) / np.sqrt(1.0 + np.square(slope_x) + np.square(slope_y))
-    shade = AMBIENT + (1.0 - AMBIENT) * np.clip(lit / light[2], 0.0, 1.3)
-    range_m = height_range(filled[known])
-    image = height_colours(filled, range_m) * np.asarray(shade)[..., None]
-    image[~known] = VOID
-    x, y = model.origin_m
-    corner = (x + columns.start * model.cell_m, y + rows.start * model.cell_m)
-    return ShadedHeights(np.asarray(np.clip(image, 0.0, 255.0), np.uint8), corner, model.cell_m, range_m)
+    cloud = run.fused.cloud if outputs.fuse else run.unfused
+    save_cloud(outputs.cloud, cloud)
+    if not outputs.more:
+        return cloud
+    T_lm_left = run.fused.T_lm_left if outputs.fuse else tuple(item.view.T_lm_left for item in run.maps)
+    random_sigma = run.fused.random_sigma if outputs.fuse else run.unfused_random_sigma
+    if outputs.dem:
+        load_kernels("terrain")
+        grid = elevation_grid(cloud, outputs.terrain, T_lm_left, random_sigma)
+        for path in outputs.dem:
+            save_dem(path, grid)
+    if outputs.colour:
+        save_coloured_ply(outputs.coloured_ply, cloud)
+    if outputs.covariance:
+        with atomic_path(outputs.covariances) as temporary:
+            covariances = point_covariances(cloud, T_lm_left, focal_px)
+            np.savez_compressed(temporary, covariance_m2=covariances, random_sigma_m=random_sigma)
+    return cloud
 
 
-def height_range(height_m: NDArray[np.float32]) -> tuple[float, float]:
-    """Return the heights at the two ends of the colours; 0 and 1 without any height."""
-    if not height_m.size:
-        return 0.0, 1.0
-    low, high = np.quantile(height_m, HEIGHT_QUANTILES)
-    return float(low), float(max(high, low + 1e-6))
-
-
-def height_colours(height_m: NDArray[np.float32], range_m: tuple[float, float]) -> ColourImage:
-    """Return colours `(..., 3)`, in the order blue, green, red, of heights."""
-    level = np.clip((height_m - range_m[0]) / (range_m[1] - range_m[0]), 0.0, 1.0)
-    flat = np.asarray(np.rint(255.0 * level), np.uint8).reshape(-1, 1)
-    return np.asarray(cv2.applyColorMap(flat, cv2.COLORMAP_VIRIDIS), np.uint8).reshape(*height_m.shape, 3)
-
-
-def elevation_figure(model: ElevationModel) -> ColourImage:
-    """Return the figure: y of LM upwards, cells without height dark."""
-    shaded = shaded_heights(model)
-    rows, columns = shaded.image.shape[:2]
-    zoom = LONGER_SIDE / max(rows, columns)
-    width, height = max(1, round(columns * zoom)), max(1, round(rows * zoom))
-    method = cv2.INTER_NEAREST if zoom >= 1.0 else cv2.INTER_AREA
-    canvas = np.full((TOP + max(height, 200) + BOTTOM, LEFT + max(width, 200) + RIGHT, 3), PAPER, np.uint8)
-    canvas[TOP : TOP + height, LEFT : LEFT + width] = cv2.resize(
-        shaded.image[::-1], (width, height), None, 0, 0, method
-    )
-    cv2.rectangle(canvas, (LEFT - 1, TOP - 1), (LEFT + width, TOP + height), INK)
-    _axes(canvas, shaded, (width, height))
-    _colour_bar(canvas, shaded.range_m, LEFT + width + 30, max(height, 200))
-    _scale(canvas, width / (columns * shaded.cell_m), (LEFT, TOP + height + 58), width)
-    return canvas
-
-
-def save_elevation_figure(path: Path, model: ElevationModel) -> None:
-    """Write the figure as PNG.
+def save_coloured_ply(path: Path, cloud: PointCloud) -> None:
+    """Write a PLY with x, y, z, red, green, blue and sigma: colour by height, brightness of the image.
 
     Raises:
         OutputError: If the file cannot be written.
     """
+    colours = height_colours(cloud.xyz[:, 2], height_range(cloud.xyz[:, 2])) if len(cloud) else np.zeros((0, 3))
+    bright = max(float(np.quantile(cloud.intensity, 0.95)), 1.0) if len(cloud) else 1.0
+    lit = np.clip(colours * np.clip(cloud.intensity / bright, 0.2, 1.2)[:, None], 0.0, 255.0).astype(np.uint8)
+    records = np.empty(len(cloud), COLOURED_TYPE)
+    records["x"], records["y"], records["z"] = cloud.xyz.T
+    records["blue"], records["green"], records["red"] = lit.T
+    records["sigma"] = cloud.sigma
+    kinds = {"f4": "float", "u1": "uchar"}
+    properties = [f"property {kinds[COLOURED_TYPE[name].str[1:]]} {name}" for name in COLOURED_TYPE.names or ()]
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}", *properties, "end_header"]
     with atomic_path(path) as temporary:
-        if not cv2.imwrite(str(temporary), elevation_figure(model)):
-            raise OutputError(f"cannot write '{path}': the image could not be encoded")
+        temporary.write_bytes(("\n".join(head) + "\n").encode() + records.tobytes())
 
 
-def ticks(low: float, high: float, count: int = TICKS) -> list[float]:
-    """Return round numbers between two, about `count` of them; their step is 1, 2 or 5 times a power of ten."""
-    step = _round_step((high - low) / count)
-    return [n * step for n in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+# ---- elevation models
 
 
-def _round_step(value: float) -> float:
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= value * (1.0 - 1e-9))
-
-
-def _axes(canvas: ColourImage, shaded: ShadedHeights, size: tuple[int, int]) -> None:
-    x0, y0 = shaded.origin_m
-    rows, columns = shaded.image.shape[:2]
-    across, up = columns * shaded.cell_m, rows * shaded.cell_m
-    for x in ticks(x0, x0 + across):
-        column, row = LEFT + round((x - x0) / across * size[0]), TOP + size[1]
-        cv2.line(canvas, (column, row), (column, row + 5), INK)
-        _text(canvas, f"{x:g}", (column, row + 18), centre=True)
-    for y in ticks(y0, y0 + up):
-        row = TOP + size[1] - round((y - y0) / up * size[1])
-        cv2.line(canvas, (LEFT - 6, row), (LEFT - 1, row), INK)
-        _text(canvas, f"{y:g}", (LEFT - 10, row + 4), right=True)
-    _text(canvas, "x of LM, m", (LEFT + size[0] // 2, TOP + size[1] + 36), centre=True)
-    _text(canvas, "y of LM, m", (8, TOP - 14))
-
-
-def _colour_bar(canvas: ColourImage, range_m: tuple[float, float], column: int, height: int) -> None:
-    low, high = range_m
-    levels = np.linspace(high, low, height, dtype=np.float32)[:, None]
-    canvas[TOP : TOP + height, column : column + BAR_WIDTH] = height_colours(levels, range_m)
-    cv2.rectangle(canvas, (column - 1, TOP - 1), (column + BAR_WIDTH, TOP + height), INK)
-    for level in ticks(low, high):
-        row = TOP + round((high - level) / (high - low) * (height - 1))
-        cv2.line(canvas, (column + BAR_WIDTH, row), (column + BAR_WIDTH + 5, row), INK)
-        _text(canvas, f"{level:g}", (column + BAR_WIDTH + 9, row + 4))
-    _text(canvas, "height, m", (column - 4, TOP - 14))
-
-
-def _scale(canvas: ColourImage, px_per_m: float, place: tuple[int, int], width: int) -> None:
-    """Draw a bar of a round length of about a fifth of the width."""
-    length = _round_step(width / px_per_m / 5.0)
-    column, row = place
-    end = column + round(length * px_per_m)
-    cv2.rectangle(canvas, (column, row - 6), (end, row), INK, cv2.FILLED)
-    _text(canvas, f"{length:g} m", (end + 8, row))
-
-
-def _text(canvas: ColourImage, text: str, place: tuple[int, int], *, centre: bool = False, right: bool = False) -> None:
-    (width, _), _ = cv2.getTextSize(text, _FONT, _SIZE, 1)
-    column = place[0] - (width // 2 if centre else width if right else 0)
-    cv2.putText(canvas, text, (column, place[1]), _FONT, _SIZE, INK, 1, cv2.LINE_AA)
-
-
-def _bridged(height_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    known = np.isfinite(height_m).astype(np.float32)
-    total, share = (cv2.GaussianBlur(image, (0, 0), 1.0) for image in (np.where(known > 0, height_m, 0.0), known))
-    near = np.asarray(total / np.maximum(share, 1e-6), np.float32)
-    near[share < BRIDGED_SHARE] = np.nan
-    return np.where(known > 0, height_m, near)
-
-
-def _dense(count: NDArray[np.int32]) -> tuple[slice, slice]:
-    """Return the rows and columns between which nearly all cells with points lie."""
-    some = count > 0
-    spans = []
-    for axis in (1, 0):
-        share = np.cumsum(some.sum(axis=axis)) / some.sum()
-        first, last = np.searchsorted(share, RIM_SHARE), np.searchsorted(share, 1.0 - RIM_SHARE)
-        spans.append(slice(int(first), int(last) + 1))
-    return spans[0], spans[1]
-
-
-PAGE = ".html"
-"""Ending of a page of figures, which the command line writes."""
-BESIDE = ("dem.npz", "dem.png")
-"""Endings of the files beside the cloud that a cell's side alone asks for."""
-
-
-@dataclass(frozen=True, slots=True)
-class DemOutputs:
-    """Which files of an elevation model to write.
-
-    Attributes:
-        files: Their places; the ending says the format.
-        terrain: Size of the cells, and what the other layers need.
-    """
-
-    files: tuple[Path, ...]
-    terrain: TerrainConfig
-
-
-def dem_outputs(words: Sequence[str], cloud: Path, terrain: TerrainConfig) -> DemOutputs | None:
-    """Return what the values of `--dem` ask for, None without any.
+def dem_outputs(words: Sequence[str], cloud: Path, terrain: TerrainConfig) -> tuple[tuple[Path, ...], TerrainConfig]:
+    """Return the files that the values of `--dem` ask for, and the parameters of their grid.
 
     Args:
         words: Each is the side of a cell in metres (`C.dem.npz` and `C.dem.png`) or a file.
@@ -233,17 +153,22 @@ def dem_outputs(words: Sequence[str], cloud: Path, terrain: TerrainConfig) -> De
     files: list[Path] = []
     sides = []
     for word in words:
-        path = Path(word)
-        if path.suffix in (*WRITERS, PAGE):
-            files.append(path)
-        else:
-            sides.append(_side(word))
-            files += [cloud.with_suffix(f".{ending}") for ending in BESIDE]
+        if Path(word).suffix in WRITERS:
+            files.append(Path(word))
+            continue
+        try:
+            sides.append(float(word))
+        except ValueError as error:
+            names = ", ".join(f"*{suffix}" for suffix in WRITERS)
+            raise ConfigError(f"'--dem {word}': give the side of a cell in metres, or a file {names}") from error
+        if not sides[-1] > 0.0:
+            raise ConfigError(f"'--dem {sides[-1]}': the side of a cell must be more than 0")
+        files += [cloud.with_suffix(f".{ending}") for ending in BESIDE]
     if len(sides) > 1:
         raise ConfigError(f"'--dem' has {len(sides)} sides of a cell: give one, and the names of files")
     if any(file.suffix in geotiff.SUFFIXES for file in files):
         geotiff.check_geotiff()
-    return DemOutputs(tuple(files), with_cell(terrain, sides[0]) if sides else terrain) if files else None
+    return tuple(files), with_cell(terrain, sides[0]) if sides else terrain
 
 
 def with_cell(terrain: TerrainConfig, cell_m: float) -> TerrainConfig:
@@ -287,15 +212,23 @@ def save_dem(path: Path, grid: TerrainGrid) -> None:
     WRITERS[path.suffix](path, grid)
 
 
-def save_npz(path: Path, grid: TerrainGrid) -> None:
-    """Write a grid as NPZ.
+def dem_bands(grid: TerrainGrid) -> list[geotiff.Band]:
+    """Return the layers of a grid by name and unit, float32, NaN where not known (hazard, too)."""
+    model = grid.elevation
+    hazard = np.where(grid.hazard < 0, np.float32(np.nan), grid.hazard.astype(np.float32))
+    return [
+        geotiff.Band("height", "m", model.height_m),
+        geotiff.Band("sigma", "m", model.sigma_m),
+        geotiff.Band("count", "points", model.count.astype(np.float32)),
+        geotiff.Band("slope", "rad", grid.slope_rad),
+        geotiff.Band("roughness", "m", grid.roughness_m),
+        geotiff.Band("step", "m", grid.step_m),
+        geotiff.Band("hazard", "percent", hazard),
+    ]
 
-    Its arrays: `height_m`, `sigma_m`, `count`, `slope_rad`, `roughness_m`, `step_m`, `hazard` (rows along y, columns
-    along x of LM), `origin_m` (x and y of the outer corner of cell (0, 0)), `cell_m`.
 
-    Raises:
-        OutputError: If the file cannot be written.
-    """
+def _save_npz(path: Path, grid: TerrainGrid) -> None:
+    """Write the layers (rows along y, columns along x of LM), x and y of the outer corner of cell (0, 0), the side."""
     model = grid.elevation
     with atomic_path(path) as temporary:
         np.savez_compressed(
@@ -312,159 +245,135 @@ def save_npz(path: Path, grid: TerrainGrid) -> None:
         )
 
 
-def dem_bands(grid: TerrainGrid) -> list[geotiff.Band]:
-    """Return the layers of a grid by name and unit, float32, NaN where not known (hazard, too)."""
-    model = grid.elevation
-    hazard = np.where(grid.hazard < 0, np.float32(np.nan), grid.hazard.astype(np.float32))
-    return [
-        geotiff.Band("height", "m", model.height_m),
-        geotiff.Band("sigma", "m", model.sigma_m),
-        geotiff.Band("count", "points", model.count.astype(np.float32)),
-        geotiff.Band("slope", "rad", grid.slope_rad),
-        geotiff.Band("roughness", "m", grid.roughness_m),
-        geotiff.Band("step", "m", grid.step_m),
-        geotiff.Band("hazard", "percent", hazard),
-    ]
-
-
 def _save_tif(path: Path, grid: TerrainGrid) -> None:
     geotiff.save_geotiff(path, dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m)
 
 
-def _side(word: str) -> float:
-    try:
-        side = float(word)
-    except ValueError as error:
-        names = ", ".join(f"*{suffix}" for suffix in (*WRITERS, PAGE))
-        raise ConfigError(f"'--dem {word}': give the side of a cell in metres, or a file {names}") from error
-    if not side > 0.0:
-        raise ConfigError(f"'--dem {side}': the side of a cell must be more than 0")
-    return side
+def _save_png(path: Path, grid: TerrainGrid) -> None:
+    with atomic_path(path) as temporary:
+        if not cv2.imwrite(str(temporary), elevation_figure(grid.elevation)):
+            raise OutputError(f"cannot write '{path}': the image could not be encoded")
+
+
+def _save_page(path: Path, grid: TerrainGrid) -> None:
+    from sfr_loc_map.report.dem_page import dem_page  # few maps have a page
+
+    with atomic_path(path) as temporary:
+        page = dem_page(dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m)
+        temporary.write_text(page, encoding="utf-8")
 
 
 WRITERS: dict[str, Callable[[Path, TerrainGrid], None]] = {
-    ".npz": save_npz,
+    ".npz": _save_npz,
     **dict.fromkeys(geotiff.SUFFIXES, _save_tif),
-    ".png": lambda path, grid: save_elevation_figure(path, grid.elevation),
+    ".png": _save_png,
+    ".html": _save_page,
 }
 """What writes a grid, by the ending of the file."""
 
 
-COLOURED_TYPE = np.dtype(
-    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("sigma", "<f4")]
-)
+# ---- the figure of an elevation model
 
 
-def save_coloured_ply(path: Path, cloud: PointCloud) -> None:
-    """Write a PLY with x, y, z, red, green, blue and sigma: colour by height, brightness of the image.
+def elevation_figure(model: ElevationModel) -> ColourImage:
+    """Return heights coloured and shaded, with axes in metres, a scale and a colour bar; y of LM upwards."""
+    image, (x0, y0), range_m = shaded_heights(model)
+    rows, columns = image.shape[:2]
+    across, up = columns * model.cell_m, rows * model.cell_m
+    zoom = LONGER_SIDE / max(rows, columns)
+    width, height = max(1, round(columns * zoom)), max(1, round(rows * zoom))
+    canvas = np.full((TOP + max(height, 200) + BOTTOM, LEFT + max(width, 200) + RIGHT, 3), PAPER, np.uint8)
 
-    Raises:
-        OutputError: If the file cannot be written.
+    def write(text: str, column: int, row: int, share_left: float = 0.0) -> None:
+        (length, _), _ = cv2.getTextSize(text, FONT, FONT_SIZE, 1)
+        column -= length // 2 if share_left == 0.5 else length if share_left else 0
+        cv2.putText(canvas, text, (column, row), FONT, FONT_SIZE, INK, 1, cv2.LINE_AA)
+
+    method = cv2.INTER_NEAREST if zoom >= 1.0 else cv2.INTER_AREA
+    canvas[TOP : TOP + height, LEFT : LEFT + width] = cv2.resize(image[::-1], (width, height), None, 0, 0, method)
+    cv2.rectangle(canvas, (LEFT - 1, TOP - 1), (LEFT + width, TOP + height), INK)
+    for x in ticks(x0, x0 + across):
+        column, row = LEFT + round((x - x0) / across * width), TOP + height
+        cv2.line(canvas, (column, row), (column, row + 5), INK)
+        write(f"{x:g}", column, row + 18, 0.5)
+    for y in ticks(y0, y0 + up):
+        row = TOP + height - round((y - y0) / up * height)
+        cv2.line(canvas, (LEFT - 6, row), (LEFT - 1, row), INK)
+        write(f"{y:g}", LEFT - 10, row + 4, 1.0)
+    write("x of LM, m", LEFT + width // 2, TOP + height + 36, 0.5)
+    write("y of LM, m", 8, TOP - 14)
+
+    low, high = range_m
+    bar, length = LEFT + width + 30, max(height, 200)
+    levels = np.linspace(high, low, length, dtype=np.float32)[:, None]
+    canvas[TOP : TOP + length, bar : bar + BAR_WIDTH] = height_colours(levels, range_m)
+    cv2.rectangle(canvas, (bar - 1, TOP - 1), (bar + BAR_WIDTH, TOP + length), INK)
+    for level in ticks(low, high):
+        row = TOP + round((high - level) / (high - low) * (length - 1))
+        cv2.line(canvas, (bar + BAR_WIDTH, row), (bar + BAR_WIDTH + 5, row), INK)
+        write(f"{level:g}", bar + BAR_WIDTH + 9, row + 4)
+    write("height, m", bar - 4, TOP - 14)
+
+    px_per_m = width / across
+    scale_m = _round_step(width / px_per_m / 5.0)  # about a fifth of the width
+    end, row = LEFT + round(scale_m * px_per_m), TOP + height + 58
+    cv2.rectangle(canvas, (LEFT, row - 6), (end, row), INK, cv2.FILLED)
+    write(f"{scale_m:g} m", end + 8, row)
+    return canvas
+
+
+def shaded_heights(model: ElevationModel) -> tuple[ColourImage, tuple[float, float], tuple[float, float]]:
+    """Return heights as colours, shaded by their slopes; x and y of the outer corner; heights at the colours' ends.
+
+    For the look of it gaps of a cell or two are bridged, and sparse rows and columns at the rim are left out.
     """
-    colours = height_colours(cloud.xyz[:, 2], height_range(cloud.xyz[:, 2])) if len(cloud) else np.zeros((0, 3))
-    bright = max(float(np.quantile(cloud.intensity, 0.95)), 1.0) if len(cloud) else 1.0
-    lit = np.clip(colours * np.clip(cloud.intensity / bright, 0.2, 1.2)[:, None], 0.0, 255.0).astype(np.uint8)
-    records = np.empty(len(cloud), COLOURED_TYPE)
-    records["x"], records["y"], records["z"] = cloud.xyz.T
-    records["blue"], records["green"], records["red"] = lit.T
-    records["sigma"] = cloud.sigma
-    kinds = {"f4": "float", "u1": "uchar"}
-    properties = [f"property {kinds[COLOURED_TYPE[name].str[1:]]} {name}" for name in COLOURED_TYPE.names or ()]
-    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}", *properties, "end_header"]
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(("\n".join(head) + "\n").encode() + records.tobytes())
+    spans = []
+    for axis in (1, 0):  # the rows and columns between which nearly all cells with points lie
+        share = np.cumsum((model.count > 0).sum(axis=axis)) / (model.count > 0).sum()
+        first, last = np.searchsorted(share, RIM_SHARE), np.searchsorted(share, 1.0 - RIM_SHARE)
+        spans.append(slice(int(first), int(last) + 1))
+    rows, columns = spans
+    weight = np.isfinite(model.height_m).astype(np.float32)
+    weighted = np.where(weight > 0, model.height_m, 0.0)
+    total, near_share = (cv2.GaussianBlur(image, (0, 0), 1.0) for image in (weighted, weight))
+    near = np.asarray(total / np.maximum(near_share, 1e-6), np.float32)
+    near[near_share < BRIDGED_SHARE] = np.nan
+    heights = np.where(weight > 0, model.height_m, near)[rows, columns]
+    known = np.isfinite(heights)
+    filled = np.where(known, heights, np.float32(np.nanmedian(model.height_m) if known.any() else 0.0))
+    slope_y, slope_x = np.gradient(filled.astype(np.float64), model.cell_m) if min(filled.shape) > 1 else (0.0, 0.0)
+    light = LIGHT / np.linalg.norm(LIGHT)
+    lit = (light[2] - slope_x * light[0] - slope_y * light[1]) / np.sqrt(1.0 + np.square(slope_x) + np.square(slope_y))
+    shade = AMBIENT + (1.0 - AMBIENT) * np.clip(lit / light[2], 0.0, 1.3)
+    range_m = height_range(filled[known])
+    image = height_colours(filled, range_m) * np.asarray(shade)[..., None]
+    image[~known] = VOID
+    x, y = model.origin_m
+    corner = (x + columns.start * model.cell_m, y + rows.start * model.cell_m)
+    return np.asarray(np.clip(image, 0.0, 255.0), np.uint8), corner, range_m
 
 
-def save_covariances(path: Path, covariance_m2: NDArray[np.float32], random_sigma_m: NDArray[np.float32]) -> None:
-    """Write the uncertainty of a cloud's points, in its order, as NPZ.
-
-    Its arrays: `covariance_m2` `(N, 3, 3)`, and `random_sigma_m` `(N,)`, the part of sigma along the ray that differs
-    from point to point.
-
-    Raises:
-        OutputError: If the file cannot be written.
-    """
-    with atomic_path(path) as temporary:
-        np.savez_compressed(temporary, covariance_m2=covariance_m2, random_sigma_m=random_sigma_m)
+def height_range(height_m: NDArray[np.float32]) -> tuple[float, float]:
+    """Return the heights at the two ends of the colours; 0 and 1 without any height."""
+    if not height_m.size:
+        return 0.0, 1.0
+    low, high = np.quantile(height_m, HEIGHT_QUANTILES)
+    return float(low), float(max(high, low + 1e-6))
 
 
-@dataclass(frozen=True, slots=True)
-class MapOutputs:
-    """Which files to write.
-
-    Attributes:
-        cloud: The cloud; all others lie beside it, or have names of their own.
-        fuse: Whether it is the fused cloud, or holds the points of every pair.
-        dem: Files of an elevation model; None for none.
-        colour: Whether to write a PLY coloured by height.
-        covariance: Whether to write the covariance of each point.
-    """
-
-    cloud: Path
-    fuse: bool = True
-    dem: DemOutputs | None = None
-    colour: bool = False
-    covariance: bool = False
-
-    @property
-    def coloured_ply(self) -> Path | None:
-        """Place of the coloured cloud, None for none."""
-        return self.cloud.with_suffix(".colour.ply") if self.colour else None
-
-    @property
-    def covariances(self) -> Path | None:
-        """Place of the covariances, None for none."""
-        return self.cloud.with_suffix(".covariance.npz") if self.covariance else None
-
-    @property
-    def more(self) -> list[Path]:
-        """Files besides the cloud."""
-        dem = self.dem.files if self.dem is not None else ()
-        return [*dem, *(path for path in (self.coloured_ply, self.covariances) if path is not None)]
+def height_colours(height_m: NDArray[np.float32], range_m: tuple[float, float]) -> ColourImage:
+    """Return colours `(..., 3)`, in the order blue, green, red, of heights."""
+    level = np.clip((height_m - range_m[0]) / (range_m[1] - range_m[0]), 0.0, 1.0)
+    flat = np.asarray(np.rint(255.0 * level), np.uint8).reshape(-1, 1)
+    return np.asarray(cv2.applyColorMap(flat, cv2.COLORMAP_VIRIDIS), np.uint8).reshape(*height_m.shape, 3)
 
 
-@dataclass(frozen=True, slots=True)
-class SavedMap:
-    """What was written.
-
-    Attributes:
-        cloud: The cloud.
-        terrain: The grid of the elevation model, None without one.
-    """
-
-    cloud: PointCloud
-    terrain: TerrainGrid | None
+def ticks(low: float, high: float) -> list[float]:
+    """Return round numbers between two, about `TICKS` of them; their step is 1, 2 or 5 times a power of ten."""
+    step = _round_step((high - low) / TICKS)
+    return [n * step for n in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
 
 
-def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> SavedMap:
-    """Write the files of a map, all but pages, and return what is in them.
-
-    Raises:
-        MissingExtraError: If a format needs an extra that is not installed.
-        OutputError: If a file cannot be written.
-    """
-    cloud = run.fused.cloud if outputs.fuse else run.unfused
-    save_cloud(outputs.cloud, cloud)
-    terrain: TerrainGrid | None = None
-    if not outputs.more:
-        return SavedMap(cloud, terrain)
-    T_lm_left = run.fused.T_lm_left if outputs.fuse else tuple(item.view.T_lm_left for item in run.maps)
-    random_sigma = run.fused.random_sigma if outputs.fuse else run.unfused_random_sigma
-    if outputs.dem is not None:
-        load_kernels("terrain")
-        terrain = elevation_grid(cloud, outputs.dem.terrain, T_lm_left, random_sigma)
-        for path in outputs.dem.files:
-            if path.suffix != PAGE:
-                save_dem(path, terrain)
-    if outputs.coloured_ply is not None:
-        save_coloured_ply(outputs.coloured_ply, cloud)
-    if outputs.covariances is not None:
-        covariances = point_covariances(cloud, T_lm_left, focal_px)
-        save_covariances(outputs.covariances, covariances, random_sigma)
-    return SavedMap(cloud, terrain)
-
-
-def map_warnings(run: MapRun) -> list[str]:
-    """Return what is suspicious about each pair and about their fusion, one line each."""
-    pairs = [f"pair {number}: {line}" for number, item in enumerate(run.maps) for line in item.warnings]
-    return [*pairs, *run.fused.warnings]
+def _round_step(value: float) -> float:
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= value * (1.0 - 1e-9))

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Final
 
 import cv2
 import numpy as np
@@ -34,7 +33,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
-from sfr_loc_map.methods.isolated_mapper import IsolatedMapper, MapperCall
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method import Method, MethodLimits
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.method_record import MethodRecord
@@ -44,47 +43,36 @@ from sfr_loc_map.pipeline.kernels import load_kernels
 
 MAX_START_GAP_NS = NS_PER_S
 """Longest gap of the truth in which a drive can start."""
+DEFAULT_STEP_S = 0.1
+CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
+"""Coding of a film by the ending of the file's name; both are part of OpenCV's wheels."""
+FRAMES_PER_SECOND = 10.0
+MANY = 0.05
+"""Share of pairs without a good pose from which there is a warning."""
+SEE_SOURCE = "sfr doctor {source}"
+SEE_TRACKS = "sfr localise {source} -o again.csv --video tracks.avi"
+SEE_CALLS = "sfr localise {source} -o again.csv --stats stats.csv"
+CAUSES: Mapping[str, tuple[str, str]] = {
+    StateReason.UNSEEN_MOTION: ("the images before showed nothing that was known", SEE_TRACKS),
+    StateReason.REPEATED_IMAGES: ("images are those of the pair before", SEE_SOURCE),
+    StateReason.UNTEXTURED_IMAGES: ("images show nothing: black, white or blinded", SEE_TRACKS),
+    StateReason.TORN_IMAGES: ("parts of images are of different moments", SEE_TRACKS),
+    StateReason.NO_STEREO: (
+        "left and right are not a stereo pair of the rig: equal, swapped, or of different moments",
+        SEE_SOURCE,
+    ),
+    StateReason.FEW_LANDMARKS: ("too few landmarks were found again", SEE_TRACKS),
+    StateReason.MOVING_REGIONS: ("large parts of the images do not move with the ground", SEE_TRACKS),
+    StateReason.CALIBRATION_DRIFT: ("the right camera moves against the left one", SEE_CALLS),
+    StateReason.IMPLAUSIBLE_MOTION: ("no rover moves like what was found", SEE_CALLS),
+}
+"""In words, and the command that shows more, by reason of the state."""
 Progress = Callable[[int], None]
 FrameObserver = Callable[[StereoPair, PoseEstimate, Localiser], None]
 """Looks at a pair, its estimate and the localiser after the call; its time is not the call's."""
 
 
-def no_observer(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
-    """FrameObserver nothing."""
-
-
-def localise(
-    sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver = no_observer
-) -> Iterator[tuple[PoseEstimate, CallRecord]]:
-    """Yield the estimate and the cost of each pair of a drive.
-
-    Args:
-        sequence: The drive.
-        config: Parameters of the localiser.
-        start: Pose of RB in DS, at its stamp or at the first pair.
-        watch: Called after each pair.
-    """
-    localiser = Localiser(sequence.rig, config, start)
-    load_kernels("localisation")
-    meter = CallMeter()
-    for pair in sequence.pairs():
-        with meter.measure() as call:
-            estimate = localiser.process(pair)
-        watch(pair, estimate, localiser)
-        yield (
-            estimate,
-            CallRecord(
-                pair.stamp_ns,
-                call.processing_time_s,
-                estimate.state.value,
-                call.peak_rss_bytes,
-                call.above_idle_bytes,
-                estimate.figures,
-                estimate.covariance,
-                estimate.reason_text,
-                None if estimate.step is None else estimate.step.uncertainty,
-            ),
-        )
+# ---- drives
 
 
 def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> StartPose:
@@ -117,6 +105,127 @@ def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> Star
     return StartPose(interpolated(truth.pose(after - 1), truth.pose(after), share), stamp_ns=wanted)
 
 
+def localise(
+    sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver | None = None
+) -> Iterator[tuple[PoseEstimate, CallRecord]]:
+    """Yield the estimate and the cost of each pair of a drive.
+
+    Args:
+        sequence: The drive.
+        config: Parameters of the localiser.
+        start: Pose of RB in DS, at its stamp or at the first pair.
+        watch: Called after each pair.
+    """
+    localiser = Localiser(sequence.rig, config, start)
+    load_kernels("localisation")
+    meter = CallMeter()
+    for pair in sequence.pairs():
+        with meter.measure() as call:
+            estimate = localiser.process(pair)
+        if watch is not None:
+            watch(pair, estimate, localiser)
+        step = None if estimate.step is None else estimate.step.uncertainty
+        about = (estimate.figures, estimate.covariance, estimate.reason_text, step)
+        yield estimate, CallRecord.of(pair.stamp_ns, call, estimate.state.value, *about)
+
+
+def localise_with(
+    method: Method, sequence: LocSequence, T_ds_rb: Transform, limits: MethodLimits
+) -> Iterator[tuple[PoseEstimate, CallRecord, MethodRecord]]:
+    """Yield the estimate and the cost of each pair of a drive by a method under test, and whose they are.
+
+    Args:
+        method: The localiser.
+        sequence: The drive.
+        T_ds_rb: Pose of RB in DS at the first pair.
+        limits: What it may take.
+
+    Raises:
+        MethodError: If it does not start.
+    """
+    first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
+    step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
+    with IsolatedLocaliser(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}) as localiser:
+        for pair in sequence.pairs():
+            call = localiser.process(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
+            about = (call.statistics, call.covariance, call.reason, call.step, call.finding)
+            record = CallRecord.of(pair.stamp_ns, call.usage, call.estimate.state.value, *about)
+            yield call.estimate, record, localiser.record
+
+
+def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
+    """Return the trajectory of estimates."""
+    return Trajectory.from_poses((estimate.stamp_ns, estimate.T_ds_rb) for estimate in estimates)
+
+
+@contextmanager
+def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
+    """Give an observer that appends an image of the tracks of each pair to a film.
+
+    The film takes its name when the block ends well.
+
+    Args:
+        path: File that ends in .avi (Motion JPEG) or .mp4 (MPEG-4).
+        rig: Rig of the drive.
+
+    Raises:
+        OutputError: If the ending is another one, or the file cannot be written.
+    """
+    if path.suffix not in CODECS:
+        raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
+    with atomic_path(path) as temporary:
+        code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
+        writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
+        if not writer.isOpened():
+            raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
+        frames = 0
+
+        def watch(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
+            nonlocal frames
+            writer.write(draw_tracks(pair.left, localiser.last_result, estimate))
+            frames += 1
+
+        try:
+            yield watch
+        finally:
+            writer.release()
+        reader = cv2.VideoCapture(str(temporary))  # the coder does not say when the disk is full
+        found = int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if frames and reader.isOpened() else 0
+        reader.release()
+        if found < frames:
+            raise OutputError(
+                f"cannot write '{path}': the film has {found} of {frames} images; check the space and the rights"
+            )
+
+
+def states_text(records: Sequence[CallRecord]) -> str:
+    """Return how many calls of the localiser are lost, and degraded if any is."""
+    counts = Counter(record.state for record in records)
+    degraded = counts[TrackingState.DEGRADED]
+    return f"{counts[TrackingState.LOST]} lost" + (f", {degraded} degraded" if degraded else "")
+
+
+def tracking_warning(records: Sequence[CallRecord], source: object) -> str | None:
+    """Return a warning with cause and next command if many pairs are lost or degraded, None otherwise.
+
+    Args:
+        records: Calls of the localiser.
+        source: What was localised, as the user named it.
+    """
+    bad = [record for record in records if record.state in (TrackingState.LOST, TrackingState.DEGRADED)]
+    if not bad or len(bad) < MANY * len(records):
+        return None
+    reason, count = Counter(record.reason for record in bad).most_common(1)[0]
+    cause, command = CAUSES.get(reason, ("the reason is not known", SEE_CALLS))
+    return (
+        f"{states_text(records)} of {len(records)} pairs; {count} of them because {cause} ({reason or 'no reason'}): "
+        f"look with {command.format(source=source)}"
+    )
+
+
+# ---- maps
+
+
 @dataclass(frozen=True, slots=True)
 class MapRun:
     """The map of a source.
@@ -142,6 +251,12 @@ class MapRun:
         """The random part of the sigma of the points of every pair `(N,)`, metres."""
         return np.concatenate([item.random_sigma for item in self.maps])
 
+    @property
+    def warnings(self) -> list[str]:
+        """What is suspicious about each pair and about their fusion, one line each."""
+        pairs = [f"pair {number}: {line}" for number, item in enumerate(self.maps) for line in item.warnings]
+        return [*pairs, *self.fused.warnings]
+
 
 def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress = lambda done: None) -> MapRun:
     """Map the pairs of a source and fuse them.
@@ -149,202 +264,52 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
     Raises:
         MappingError: If there are more pairs than a map may have, or none.
     """
-    if not 1 <= len(sequence) <= MAX_PAIRS:
-        raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")
+    _check_count(sequence)
     mapper = Mapper(sequence.rig, config)
     load_kernels("mapping")
     meter = CallMeter()
     maps: list[PairMap] = []
     records: list[CallRecord] = []
     for index, item in enumerate(sequence.pairs()):
-        with meter.measure() as call:
-            result = mapper.process(item.pair, item.T_lm_navsb, index)
-        maps.append(result)
-        cost = (call.processing_time_s, MappingState.MAPPED.value, call.peak_rss_bytes, call.above_idle_bytes)
-        records.append(CallRecord(item.pair.stamp_ns, *cost, result.statistics))
+        with meter.measure() as usage:
+            done = mapper.process(item.pair, item.T_lm_navsb, index)
+        maps.append(done)
+        records.append(CallRecord.of(item.pair.stamp_ns, usage, MappingState.MAPPED, done.statistics))
         progress(index + 1)
-    with meter.measure() as call:
+    with meter.measure() as usage:
         fused = mapper.fuse(maps)
-    cost = (call.processing_time_s, MappingState.FUSED.value, call.peak_rss_bytes, call.above_idle_bytes)
-    records.append(CallRecord(maps[-1].stamp_ns, *cost, fused.statistics))
+    records.append(CallRecord.of(maps[-1].stamp_ns, usage, MappingState.FUSED, fused.statistics))
     return MapRun(maps, fused, records)
-
-
-def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
-    """Return the trajectory of estimates."""
-    return Trajectory.from_poses((estimate.stamp_ns, estimate.T_ds_rb) for estimate in estimates)
-
-
-DEFAULT_STEP_S = 0.1
-
-
-def localise_with(
-    method: Method, sequence: LocSequence, T_ds_rb: Transform, limits: MethodLimits
-) -> Iterator[tuple[PoseEstimate, CallRecord, MethodRecord]]:
-    """Yield the estimate and the cost of each pair of a drive, and whose they are.
-
-    Args:
-        method: The localiser.
-        sequence: The drive.
-        T_ds_rb: Pose of RB in DS at the first pair.
-        limits: What it may take.
-
-    Raises:
-        MethodError: If it does not start.
-    """
-    first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
-    step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
-    with IsolatedLocaliser(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}) as localiser:
-        for pair in sequence.pairs():
-            call = localiser.process(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
-            record = CallRecord(
-                pair.stamp_ns,
-                call.usage.processing_time_s,
-                call.estimate.state.value,
-                call.usage.peak_rss_bytes,
-                call.usage.above_idle_bytes,
-                call.statistics,
-                call.covariance,
-                call.reason,
-                call.step,
-                call.finding,
-            )
-            yield call.estimate, record, localiser.record
 
 
 def map_pairs_with(
     method: Method, sequence: NavSequence, limits: MethodLimits, progress: Progress = lambda done: None
 ) -> tuple[MapRun, MethodRecord]:
-    """Map the pairs of a source; return the map and whose it is.
-
-    Args:
-        method: The mapper.
-        sequence: The pairs.
-        limits: What it may take.
-        progress: Called with the number of pairs that are done.
+    """Map the pairs of a source by a method under test; return the map and whose it is.
 
     Raises:
         MappingError: If there are more pairs than a map may have, or none.
-        MethodError: If it does not start.
+        MethodError: If the method does not start.
     """
-    if not 1 <= len(sequence) <= MAX_PAIRS:
-        raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")
-    maps, records = [], []
+    _check_count(sequence)
+    maps: list[PairMap] = []
+    records: list[CallRecord] = []
     searched = search_range(sequence.rig, MappingConfig()).count
     with IsolatedMapper(method, sequence.rig, limits, {"disparities": searched}) as mapper:
         for index, item in enumerate(sequence.pairs()):
             done, call = mapper.process(item.pair, item.T_lm_navsb, index)
+            stamp_ns = item.pair.stamp_ns
             maps.append(done)
-            records.append(_record(item.pair.stamp_ns, MappingState.MAPPED, call, dict(done.statistics)))
+            mapped = CallRecord.of(stamp_ns, call.usage, MappingState.MAPPED, done.statistics, finding=call.finding)
+            records.append(mapped)
             progress(index + 1)
         fused, fusion = mapper.fuse(maps, item.pair)
         if fusion is not None:
-            records.append(_record(item.pair.stamp_ns, MappingState.FUSED, fusion, dict(fused.statistics)))
+            about = (MappingState.FUSED, fused.statistics)
+            records.append(CallRecord.of(stamp_ns, fusion.usage, *about, finding=fusion.finding))
         return MapRun(maps, fused, records), mapper.record
 
 
-def _record(stamp_ns: int, state: MappingState, call: MapperCall, figures: dict[str, float]) -> CallRecord:
-    usage = call.usage
-    costs = (usage.processing_time_s, state.value, usage.peak_rss_bytes, usage.above_idle_bytes)
-    return CallRecord(stamp_ns, *costs, figures, finding=call.finding)
-
-
-MANY: Final = 0.05
-"""Share of pairs without a good pose from which there is a warning."""
-SEE_SOURCE = "sfr doctor {source}"
-SEE_TRACKS = "sfr localise {source} -o again.csv --video tracks.avi"
-SEE_CALLS = "sfr localise {source} -o again.csv --stats stats.csv"
-CAUSES: Mapping[str, tuple[str, str]] = {
-    StateReason.UNSEEN_MOTION: ("the images before showed nothing that was known", SEE_TRACKS),
-    StateReason.REPEATED_IMAGES: ("images are those of the pair before", SEE_SOURCE),
-    StateReason.UNTEXTURED_IMAGES: ("images show nothing: black, white or blinded", SEE_TRACKS),
-    StateReason.TORN_IMAGES: ("parts of images are of different moments", SEE_TRACKS),
-    StateReason.NO_STEREO: (
-        "left and right are not a stereo pair of the rig: equal, swapped, or of different moments",
-        SEE_SOURCE,
-    ),
-    StateReason.FEW_LANDMARKS: ("too few landmarks were found again", SEE_TRACKS),
-    StateReason.MOVING_REGIONS: ("large parts of the images do not move with the ground", SEE_TRACKS),
-    StateReason.CALIBRATION_DRIFT: ("the right camera moves against the left one", SEE_CALLS),
-    StateReason.IMPLAUSIBLE_MOTION: ("no rover moves like what was found", SEE_CALLS),
-}
-"""In words, and the command that shows more, by reason of the state."""
-
-
-def states_text(records: Sequence[CallRecord]) -> str:
-    """Return how many calls of the localiser are lost, and degraded if any is."""
-    counts = Counter(record.state for record in records)
-    degraded = counts[TrackingState.DEGRADED]
-    return f"{counts[TrackingState.LOST]} lost" + (f", {degraded} degraded" if degraded else "")
-
-
-def tracking_warning(records: Sequence[CallRecord], source: object) -> str | None:
-    """Return a warning with cause and next command if many pairs are lost or degraded, None otherwise.
-
-    Args:
-        records: Calls of the localiser.
-        source: What was localised, as the user named it.
-    """
-    bad = [record for record in records if record.state in (TrackingState.LOST, TrackingState.DEGRADED)]
-    if not bad or len(bad) < MANY * len(records):
-        return None
-    reasons = Counter(record.reason for record in bad)
-    reason, count = reasons.most_common(1)[0]
-    cause, command = CAUSES.get(reason, ("the reason is not known", SEE_CALLS))
-    return (
-        f"{states_text(records)} of {len(records)} pairs; {count} of them because {cause} ({reason or 'no reason'}): "
-        f"look with {command.format(source=source)}"
-    )
-
-
-CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
-"""Coding by the ending of the file's name; both are part of OpenCV's wheels."""
-FRAMES_PER_SECOND = 10.0
-
-
-@contextmanager
-def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
-    """Give a watch of the localiser that appends an image of the tracks of each pair to a film.
-
-    The film takes its name when the block ends well.
-
-    Args:
-        path: File that ends in .avi (Motion JPEG) or .mp4 (MPEG-4).
-        rig: Rig of the drive.
-
-    Raises:
-        OutputError: If the ending is another one, or the file cannot be written.
-    """
-    if path.suffix not in CODECS:
-        raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
-    with atomic_path(path) as temporary:
-        code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
-        writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
-        if not writer.isOpened():
-            raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
-
-        frames = 0
-
-        def watch(pair: StereoPair, estimate: PoseEstimate, localiser: Localiser) -> None:
-            nonlocal frames
-            writer.write(draw_tracks(pair.left, localiser.last_result, estimate))
-            frames += 1
-
-        try:
-            yield watch
-        finally:
-            writer.release()
-        found = _frames_in(temporary) if frames else 0
-        if found < frames:  # the coder does not say when the disk is full
-            raise OutputError(
-                f"cannot write '{path}': the film has {found} of {frames} images; check the space and the rights"
-            )
-
-
-def _frames_in(path: Path) -> int:
-    """Return the number of images of a film, 0 where it cannot be opened."""
-    reader = cv2.VideoCapture(str(path))
-    try:
-        return int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
-    finally:
-        reader.release()
+def _check_count(sequence: NavSequence) -> None:
+    if not 1 <= len(sequence) <= MAX_PAIRS:
+        raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")

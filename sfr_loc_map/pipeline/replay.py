@@ -24,8 +24,15 @@ from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, load_call_stats, save_stats
 from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
-from sfr_loc_map.pipeline.score_inputs import ScoreInputs, camera_rig, load_estimates
-from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoredDrive, score_run
+from sfr_loc_map.pipeline.scoring import (
+    Run,
+    ScoredCloud,
+    ScoredDrive,
+    ScoreInputs,
+    camera_rig,
+    load_estimates,
+    score_run,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

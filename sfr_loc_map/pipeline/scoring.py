@@ -1,56 +1,123 @@
-"""From what there is of a run to its score: trajectory, map, time, memory, verdicts, provenance."""
+"""From files, or from what is in memory, to the score: trajectory, map, time, memory, verdicts, provenance."""
 
 from __future__ import annotations
 
+import logging
+import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sfr_loc_map import __version__
+from sfr_loc_map.config import flatten
+from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.cloud_file import LoadedCloud
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
+from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.evo_result import evo_result_bytes
-from sfr_loc_map.io.hashing import hash_arrays
+from sfr_loc_map.io.hashing import hash_arrays, hash_path
 from sfr_loc_map.io.trajectory_file import trajectory_text
+from sfr_loc_map.io.trajectory_formats import FOREIGN, LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.metrics.aligned_error import absolute_errors, aligned_errors, aligned_poses
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, score_calls, score_target, with_external
-from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest
+from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, truths_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
 from sfr_loc_map.metrics.limits import Limits, build_score
 from sfr_loc_map.metrics.method_record import FindingRecord, MethodKind, MethodRecord
-from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MemoryScore, Score, TimingScore
+from sfr_loc_map.metrics.score import (
+    ConventionRecord,
+    ExternalScore,
+    InputFile,
+    MemoryScore,
+    Provenance,
+    Score,
+    TimingScore,
+)
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallStats, load_call_stats
-from sfr_loc_map.pipeline.score_inputs import (
-    ScoreInputs,
-    camera_rig,
-    load_drive,
-    load_map_truth,
-    load_scored_cloud,
-    provenance,
-)
+
+if TYPE_CHECKING:
+    from sfr_loc_map.io.sequence import Source
+
+_log = logging.getLogger(__name__)
+IN_MEMORY = "(in memory)"
+"""Path of an input that is no file."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreInputs:
+    """Files that a score is made of; what is None is left out.
+
+    Attributes:
+        estimate: Estimated trajectory (TUM, csv or bag).
+        truth: True trajectory (TUM, csv, bag or data set folder).
+        cloud: Cloud file.
+        map_truth: Source with mapping pairs and their truth.
+        stats: CSV files with the calls of localiser and mapper.
+        target: CSV file with calls that were measured on a target.
+        target_name: Name of the target.
+    """
+
+    estimate: Path | None = None
+    truth: Path | None = None
+    cloud: Path | None = None
+    map_truth: Path | None = None
+    stats: tuple[Path, ...] = ()
+    target: Path | None = None
+    target_name: str = ""
+
+    @classmethod
+    def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] = ()) -> ScoreInputs:
+        """Return the inputs of one estimate, a cloud by its ending or a trajectory, and its truth."""
+        if estimate.suffix in CLOUD_SUFFIXES:
+            return cls(cloud=estimate, map_truth=truth, stats=tuple(stats))
+        return cls(estimate=estimate, truth=truth, stats=tuple(stats))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredDrive:
-    """Estimated poses and their truth.
+    """Estimated and true poses of RB in DS.
 
     Attributes:
-        estimates: Estimated poses of RB in DS.
-        truth: True poses of RB in DS.
+        estimates: Estimated poses.
+        truth: True poses.
         rig: Rig of the localisation cameras, None where it is not known.
+        notes: What the format of each file was found to be, one line each.
     """
 
     estimates: Estimates
     truth: Trajectory
-    rig: StereoRig | None
+    rig: StereoRig | None = None
+    notes: tuple[str, ...] = ()
+
+    def diagnosis(self, config: ScoreConfig) -> Diagnosis:
+        """Return which single convention mismatch explains how the estimates disagree with the truth."""
+        T_rb_left = None if self.rig is None or self.rig.T_rb_sb is None else self.rig.T_rb_left
+        return diagnose(self.estimates.trajectory, self.truth, config.trajectory.association, T_rb_left)
+
+    def converted(self, convention: PoseConvention) -> ScoredDrive:
+        """Return it with estimates that were written in a convention as poses of RB in DS."""
+        T_rb_child = convention.T_rb_child(self.rig)
+        return replace(self, estimates=converted_estimates(self.estimates, convention, T_rb_child, self.truth))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoredCloud:
+    """A cloud and the truth of its pairs."""
+
+    loaded: LoadedCloud
+    truths: Sequence[PairTruth]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,54 +138,6 @@ class Correction:
         return self.apply_diagnosis or bool(self.declared.settings)
 
 
-def corrected(
-    drive: ScoredDrive, correction: Correction, config: ScoreConfig
-) -> tuple[ScoredDrive, ConventionRecord | None]:
-    """Return a drive as its convention says, and what was done; None where nothing was.
-
-    Args:
-        drive: Estimated poses as they were written.
-        correction: How they are converted.
-        config: Settings.
-
-    Raises:
-        ConfigError: If a frame is declared that the rig does not tell.
-        MetricsError: If the world frame cannot be aligned.
-    """
-    done = ConventionRecord(declared=correction.declared.settings)
-    if done.declared:
-        drive = _converted(drive, correction.declared)
-    found = _diagnosis(drive, config).found if correction.apply_diagnosis else None
-    if found is not None and found.setting:
-        drive = _converted(drive, PoseConvention.parse([found.setting]))
-        done = replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
-    return drive, None if done == ConventionRecord() else done
-
-
-def _converted(drive: ScoredDrive, convention: PoseConvention) -> ScoredDrive:
-    T_rb_child = convention.T_rb_child(drive.rig)
-    return replace(drive, estimates=converted_estimates(drive.estimates, convention, T_rb_child, drive.truth))
-
-
-def _diagnosis(drive: ScoredDrive, config: ScoreConfig) -> Diagnosis:
-    """Return which single convention mismatch explains how a drive disagrees with its truth."""
-    T_rb_left = None if drive.rig is None or drive.rig.T_rb_sb is None else drive.rig.T_rb_left
-    return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, T_rb_left)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScoredCloud:
-    """A cloud and its truth.
-
-    Attributes:
-        loaded: The cloud.
-        truths: Truth of its pairs.
-    """
-
-    loaded: LoadedCloud
-    truths: Sequence[PairTruth]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
     """What there is of a run; what is absent is None or empty.
@@ -134,7 +153,6 @@ class Run:
         findings: What was wrong with its answers.
         convention: How the poses of `drive` have been converted, None where they have not.
         in_memory: Hash of inputs that are no file, by role.
-        notes: What the format of its files was found to be, one line each.
     """
 
     inputs: ScoreInputs
@@ -147,7 +165,55 @@ class Run:
     findings: tuple[FindingRecord, ...] = ()
     convention: ConventionRecord | None = None
     in_memory: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the formats of its files were found to be, one line each."""
+        return () if self.drive is None else self.drive.notes
+
+
+# ---- from a run to its score
+
+
+def score_files(inputs: ScoreInputs, config: ScoreConfig, limits: Limits | None = None) -> Score:
+    """Return the score of files.
+
+    Raises:
+        SfrError: If a file cannot be read, or nothing can be scored.
+    """
+    return score_run(load_run(inputs), config, limits)
+
+
+def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> Run:
+    """Return a run whose estimate is converted as its convention says.
+
+    Raises:
+        ConfigError: If a frame is declared that the rig does not tell.
+        MetricsError: If the world frame cannot be aligned.
+    """
+    if run.drive is None:
+        return run
+    drive, convention = corrected(run.drive, correction, config)
+    return replace(run, drive=drive, convention=convention)
+
+
+def corrected(
+    drive: ScoredDrive, correction: Correction, config: ScoreConfig
+) -> tuple[ScoredDrive, ConventionRecord | None]:
+    """Return a drive as its convention says, and what was done; None where nothing was.
+
+    Raises:
+        ConfigError: If a frame is declared that the rig does not tell.
+        MetricsError: If the world frame cannot be aligned.
+    """
+    done = ConventionRecord(declared=correction.declared.settings)
+    if done.declared:
+        drive = drive.converted(correction.declared)
+    found = drive.diagnosis(config).found if correction.apply_diagnosis else None
+    if found is not None and found.setting:
+        drive = drive.converted(PoseConvention.parse([found.setting]))
+        done = replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
+    return drive, None if done == ConventionRecord() else done
 
 
 def score_run(
@@ -166,7 +232,10 @@ def score_run(
         InputError: If an input cannot be read for its hash.
     """
     if limits is not None:
-        config = _with_conditions(config, limits)
+        present = [Condition.parse(text) for text in config.trajectory.conditions]
+        missing = tuple(item.setting for item in limits.conditions if item not in present)
+        conditions = (*config.trajectory.conditions, *missing)
+        config = replace(config, trajectory=replace(config.trajectory, conditions=conditions))
     drive, cloud, convention = run.drive, run.cloud, run.convention
     trajectory, aligned_parts, scored_map, contradiction = None, None, None, None
     warnings: list[str] = []
@@ -176,7 +245,7 @@ def score_run(
         warnings += [f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}"]
     if drive is not None:
         data["truth"] = hash_arrays((drive.truth.stamps_ns, drive.truth.positions))
-        if (found := _diagnosis(drive, config).found) is not None:
+        if (found := drive.diagnosis(config).found) is not None:
             remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
             contradiction = f"{found.sentence} ({remedy}sfr doctor EST TRUTH tells more)"
             warnings += [contradiction]
@@ -206,53 +275,34 @@ def score_run(
         verdicts=(),
         warnings=tuple(warnings),
         contradiction=contradiction,
-        provenance=provenance(run.inputs, config, data, run.in_memory),
+        provenance=_provenance(run, config, data),
     )
     return build_score(rest, limits, trajectory=trajectory, map=scored_map, calls=calls)
 
 
-def score_files(
-    inputs: ScoreInputs,
-    config: ScoreConfig,
-    limits: Limits | None = None,
-    *,
-    fused: bool | None = None,
-    correction: Correction | None = None,
-) -> Score:
-    """Return the score of files.
-
-    Args:
-        inputs: Files.
-        config: Settings; conditions that only the limits name are scored as well.
-        limits: Limits to judge by.
-        fused: Whether the cloud is fused, for files that do not say so.
-        correction: How the estimate is converted first, None: not at all.
-
-    Raises:
-        SfrError: If a file cannot be read, or nothing can be scored.
-    """
-    run = load_run(inputs, fused)
-    if correction is not None:
-        run = converted_run(run, config, correction)
-    return score_run(run, config, limits)
+def _provenance(run: Run, config: ScoreConfig, data: Mapping[str, str]) -> Provenance:
+    """Return where a score came from; `data` are hashes of what the inputs mean, by their names."""
+    inputs, files = run.inputs, {}
+    named = {name: getattr(inputs, name) for name in ("estimate", "truth", "cloud", "map_truth", "target")}
+    for name, path in (named | {f"stats_{number}": path for number, path in enumerate(inputs.stats)}).items():
+        if path is None:
+            continue
+        if name == "truth" and path.is_dir() and not is_bag(path):  # of the folder only the trajectory counts
+            found = [item for item in (path / "groundtruth.csv", path / "loc" / "groundtruth.csv") if item.is_file()]
+            path = found[0] if found else path
+        files[name] = InputFile(path=str(path), sha256=hash_path(path), data_sha256=data.get(name))
+    for name, sha256 in run.in_memory.items():
+        files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
+    return Provenance(
+        version=__version__,
+        inputs=files,
+        configuration=flatten(config),
+        host={"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()},
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
 
 
-def converted_run(run: Run, config: ScoreConfig, correction: Correction | None) -> Run:
-    """Return a run whose estimate is converted as its convention says.
-
-    Args:
-        run: What there is of it.
-        config: Settings.
-        correction: How the estimate is converted, None: not at all.
-
-    Raises:
-        ConfigError: If a frame is declared that the rig does not tell.
-        MetricsError: If the world frame cannot be aligned.
-    """
-    if run.drive is None or correction is None:
-        return run
-    drive, convention = corrected(run.drive, correction, config)
-    return replace(run, drive=drive, convention=convention)
+# ---- from files to a run
 
 
 def load_run(inputs: ScoreInputs, fused: bool | None = None) -> Run:
@@ -267,15 +317,171 @@ def load_run(inputs: ScoreInputs, fused: bool | None = None) -> Run:
     """
     stats = [load_call_stats(path) for path in inputs.stats]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
-    drive, cloud, notes = None, None, tuple[str, ...]()
+    drive, cloud = None, None
     if inputs.estimate is not None and inputs.truth is not None:
-        read = load_drive(inputs.estimate, inputs.truth, stats)
-        drive, notes = ScoredDrive(read.estimates, read.truth, camera_rig(inputs.truth)), read.notes
+        drive = load_drive(inputs.estimate, inputs.truth, stats)
     if inputs.cloud is not None and inputs.map_truth is not None:
-        loaded = load_scored_cloud(inputs.cloud, fused)
+        loaded = said_fused(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
         stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
         cloud = ScoredCloud(loaded, load_map_truth(inputs.map_truth, stamps_ns))
-    return Run(inputs, stats, target, drive, cloud, notes=notes)
+    return Run(inputs, stats, target, drive, cloud)
+
+
+def load_drive(estimate: Path | Trajectory, truth: Path | Trajectory, stats: Sequence[CallStats] = ()) -> ScoredDrive:
+    """Read estimated and true poses; poses without stamps get those of the other ones, pose by pose.
+
+    Args:
+        estimate: A file or bag, or poses in memory.
+        truth: The same, or a data set.
+        stats: Calls that may have given the estimates.
+
+    Raises:
+        InputError: If there are none, or poses without stamps are not as many as the other ones.
+    """
+    if not isinstance(truth, Path):
+        true_poses = LoadedTrajectory.of(Path(IN_MEMORY), truth)
+    elif _holds_source(truth):
+        true_poses = LoadedTrajectory.of(truth, load_truth(truth))
+    else:
+        true_poses = read_trajectory_file(truth, "truth")
+    if isinstance(estimate, Path) and is_bag(estimate):
+        estimates = load_estimates(estimate)
+        true_poses = true_poses.with_stamps_of(LoadedTrajectory.of(estimate, estimates.trajectory))
+        loaded = [true_poses]
+    else:
+        read = (
+            read_trajectory_file(estimate)
+            if isinstance(estimate, Path)
+            else LoadedTrajectory.of(Path(IN_MEMORY), estimate)
+        )
+        read, true_poses = read.with_stamps_of(true_poses), true_poses.with_stamps_of(read)
+        estimates, loaded = estimates_of(read.trajectory, stats), [read, true_poses]
+    notes = tuple(item.text for item in loaded if item.format in FOREIGN)
+    rig = camera_rig(truth) if isinstance(truth, Path) else None
+    return ScoredDrive(estimates, true_poses.trajectory, rig, notes)
+
+
+def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
+    """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls.
+
+    Raises:
+        InputError: If there are none.
+    """
+    if not is_bag(path):
+        return estimates_of(read_trajectory_file(path).trajectory, stats)
+    from sfr_loc_map.pipeline.bag_estimates import bag_estimates
+
+    return bag_estimates(path)
+
+
+def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Estimates:
+    """Return estimated poses with the lost flags and covariances of the calls that gave them."""
+    stamps = set(trajectory.stamps_ns.tolist())
+    for item in stats:
+        if not stamps.isdisjoint(item.localised):
+            return item.estimates(trajectory)
+    if any(item.localised for item in stats):
+        _log.warning("no call of the statistics has the stamp of an estimate: which poses are lost is not known")
+    return Estimates.of(trajectory)
+
+
+def load_truth(path: Path) -> Trajectory:
+    """Read true poses of RB in DS from a trajectory file, a bag or a data set folder.
+
+    Raises:
+        InputError: If there are none.
+    """
+    if not _holds_source(path):
+        return read_trajectory_file(path, "truth").trajectory
+    if is_bag(path):
+        from sfr_loc_map.pipeline.bag_estimates import bag_truth
+
+        truth = bag_truth(path)
+    else:
+        loc = _open_source(path).loc
+        truth = None if loc is None else loc.ground_truth
+    if truth is None or not len(truth):
+        raise InputError(
+            f"'{path}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
+        )
+    return truth
+
+
+def camera_rig(truth: Path) -> StereoRig | None:
+    """Return the rig of the localisation cameras of a source, None where it has none."""
+    if not _holds_source(truth):
+        return None
+    try:
+        loc = _open_source(truth).loc
+    except SfrError:  # true poses alone, without cameras: whoever needs the images reports what is wrong with them
+        return None
+    return None if loc is None else loc.rig
+
+
+def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[PairTruth]:
+    """Read the truth of the mapping pairs of a source.
+
+    Args:
+        path: The source.
+        stamps_ns: Pairs that are wanted, in their order; None for all.
+
+    Raises:
+        InputError: If the source has no mapping pairs, or one that is wanted is not there.
+        MetricsError: If a pair has no truth.
+    """
+    nav = _open_source(path).nav
+    if nav is None:
+        raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
+    if stamps_ns is None:
+        return truths_of(list(nav.pairs()), nav.rig)
+    pairs = {item.pair.stamp_ns: item for item in nav.pairs() if item.pair.stamp_ns in set(stamps_ns)}
+    missing = [str(stamp_ns) for stamp_ns in stamps_ns if stamp_ns not in pairs]
+    if missing:
+        raise InputError(
+            f"the cloud was made of pairs of stamps {', '.join(missing)}, which '{path}' does not have: give the "
+            "source that it was made from"
+        )
+    return truths_of([pairs[stamp_ns] for stamp_ns in stamps_ns], nav.rig)
+
+
+def said_fused(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedCloud:
+    """Return a cloud that says whether it is fused, unless its points have no pixels.
+
+    Args:
+        loaded: The cloud.
+        fused: What the user says of one that does not say so.
+        name: Its name, for messages.
+
+    Raises:
+        InputError: If neither says whether the cloud is fused.
+        ConfigError: If the user says otherwise than the cloud.
+    """
+    if loaded.cloud is None:
+        return loaded
+    said = loaded.cloud.fused
+    if said is None and fused is None:
+        raise InputError(
+            f"{name} does not say whether it is fused: give --fused (one surface of several pairs) or "
+            "--not-fused (each pair's own points); coverage is counted differently"
+        )
+    if said is not None and fused is not None and said != fused:
+        option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
+        raise ConfigError(f"'{option}': {name} says that it is {word}; leave the option out")
+    return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
+
+
+def _holds_source(path: Path) -> bool:
+    """Tell whether a path is a bag or folder rather than a trajectory file."""
+    return not path.is_file() or is_bag(path)
+
+
+def _open_source(path: Path) -> Source:
+    from sfr_loc_map.io.registry import open_source  # files of trajectories need no images
+
+    return open_source(path)
+
+
+# ---- beside the score
 
 
 def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
@@ -284,25 +490,16 @@ def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosi
     Raises:
         InputError: If a file cannot be read.
     """
-    read = load_drive(estimate, truth)
-    return _diagnosis(ScoredDrive(read.estimates, read.truth, camera_rig(truth)), config)
-
-
-def _with_conditions(config: ScoreConfig, limits: Limits) -> ScoreConfig:
-    """Return the settings with the conditions that the limits name added at the end."""
-    present = [Condition.parse(text) for text in config.trajectory.conditions]
-    missing = tuple(c.setting for c in limits.conditions if c not in present)
-    conditions = (*config.trajectory.conditions, *missing)
-    return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
+    return load_drive(estimate, truth).diagnosis(config)
 
 
 def save_evo_result(
     path: Path, estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig, names: Mapping[str, str]
 ) -> None:
-    """Write the APE of the positions: statistics, single errors, aligned estimate and truth.
+    """Write the APE of the positions as a result of evo (zip): statistics, single errors, aligned estimate and truth.
 
     Args:
-        path: The zip file.
+        path: The zip file, for `evo_res`.
         estimate: Estimated poses.
         truth: True poses.
         config: Alignment and association.

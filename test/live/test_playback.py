@@ -30,8 +30,7 @@ from sfr_loc_map.live.updates import CloudSample, ElevationSample, TimeLine, Vie
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.pipeline.call_stats import CallRecord, save_stats
-from sfr_loc_map.pipeline.score_inputs import ScoreInputs
-from sfr_loc_map.pipeline.scoring import score_files
+from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
 
 COUNT, NAV_COUNT, LOST_AT = 40, 2, 25
 CONFIG = build(ScoreConfig, {"trajectory.conditions": ("frames=5", "time=1"), "trajectory.spacing": 3})

@@ -12,7 +12,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.bag_messages import header, odometry
 from sfr_loc_map.pipeline.bag_estimates import DIAGNOSTICS
-from sfr_loc_map.pipeline.score_inputs import load_estimates
+from sfr_loc_map.pipeline.scoring import load_estimates
 
 STEP = np.random.default_rng(0).normal(size=27) / 3.0
 

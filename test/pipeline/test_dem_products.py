@@ -84,10 +84,10 @@ def test_heights_are_dark_in_holes_and_brighter_uphill() -> None:
     height[10:20, 10:20] = np.nan
     known = np.isfinite(height)
     model = ElevationModel(height, np.full_like(height, 0.01), known.astype(np.int32), (-1.0, 2.0), 0.1)
-    shaded = shaded_heights(model)
-    assert shaded.origin_m == pytest.approx((-1.0, 2.0), abs=0.11)
-    assert (shaded.image[15, 15] == VOID).all()
-    assert shaded.image[2, -3].sum() > shaded.image[2, 3].sum()
+    image, origin_m, _ = shaded_heights(model)
+    assert origin_m == pytest.approx((-1.0, 2.0), abs=0.11)
+    assert (image[15, 15] == VOID).all()
+    assert image[2, -3].sum() > image[2, 3].sum()
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-3.2, 41.0), (0.101, 0.113), (5.0, 5.000001)])
@@ -115,11 +115,10 @@ def test_a_cloud_without_sigma_has_heights_without_sigma(cloud: PointCloud) -> N
 
 def test_values_of_the_option(monkeypatch: pytest.MonkeyPatch) -> None:
     cloud, terrain = Path("c.ply"), TerrainConfig()
-    assert map_files.dem_outputs((), cloud, terrain) is None
-    wanted = map_files.dem_outputs(("x.tif", "0.05"), cloud, terrain)
-    assert wanted is not None
-    assert wanted.files == (Path("x.tif"), Path("c.dem.npz"), Path("c.dem.png"))
-    assert (wanted.terrain.cell_m, wanted.terrain.max_step_m) == (0.05, terrain.max_step_m)
+    assert map_files.dem_outputs((), cloud, terrain) == ((), terrain)
+    files, wanted = map_files.dem_outputs(("x.tif", "0.05"), cloud, terrain)
+    assert files == (Path("x.tif"), Path("c.dem.npz"), Path("c.dem.png"))
+    assert (wanted.cell_m, wanted.max_step_m) == (0.05, terrain.max_step_m)
     for words, said in (
         (("0",), "must be more than 0"),
         (("0,05",), r"'--dem 0,05': give the side of a cell"),

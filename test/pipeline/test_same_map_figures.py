@@ -20,8 +20,7 @@ from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
 from sfr_loc_map.pipeline.offline import MapRun, map_pairs
 from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult, save_replay, score_replay
-from sfr_loc_map.pipeline.score_inputs import ScoreInputs
-from sfr_loc_map.pipeline.scoring import score_files
+from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
 

@@ -21,8 +21,7 @@ from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.method_record import FindingKind, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
-from sfr_loc_map.pipeline.score_inputs import ScoreInputs, estimates_of
-from sfr_loc_map.pipeline.scoring import Run, score_run
+from sfr_loc_map.pipeline.scoring import Run, ScoreInputs, estimates_of, score_run
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 60.0
 
@@ -103,8 +102,8 @@ def test_statistics_bring_states_times_and_memory(
 def test_a_file_of_calls_holds_each_step_to_the_last_bit(tmp_path: Path) -> None:
     step, path = np.random.default_rng(0).normal(size=27) / 3.0, tmp_path / "stats.csv"
     call, pose = (0.1, "tracking", None, None), {"covariance": np.eye(6)}
-    save_stats(path, [CallRecord(0, *call, **pose), CallRecord(1, *call, **pose, step=step)])
-    found = load_call_stats(path).steps_at(np.array([0, 1, 2]))
+    save_stats(path, [CallRecord(0, *call, **pose), CallRecord(100_000_000, *call, **pose, step=step)])
+    found = load_call_stats(path).estimates(straight(3)).steps
     assert found is not None
     np.testing.assert_array_equal(found, [np.full(27, np.nan), step, np.full(27, np.nan)])
 
@@ -134,14 +133,13 @@ def test_calls_of_another_drive_are_told(tmp_path: Path, caplog: pytest.LogCaptu
 
 
 def test_calls_of_a_mapper_at_the_same_stamps_hide_none_of_the_localiser(tmp_path: Path) -> None:
-    path, stamps = tmp_path / "stats.csv", np.array([0, 1])
-    calls = [CallRecord(stamp, 0.1, "degraded", None, None, covariance=np.eye(6)) for stamp in stamps.tolist()]
-    save_stats(path, [*calls, *(CallRecord(1, 0.1, state, None, None) for state in MappingState)])
-    found = load_call_stats(path)
-    covariance = found.covariance_at(stamps)
-    assert covariance is not None
-    assert np.isfinite(covariance).all()
-    assert found.degraded_at(stamps).all()
+    path, poses = tmp_path / "stats.csv", straight(2)
+    calls = [CallRecord(stamp, 0.1, "degraded", None, None, covariance=np.eye(6)) for stamp in poses.stamps_ns.tolist()]
+    save_stats(path, [*calls, *(CallRecord(100_000_000, 0.1, state, None, None) for state in MappingState)])
+    found = load_call_stats(path).estimates(poses)
+    assert found.covariance is not None
+    assert np.isfinite(found.covariance).all()
+    assert found.degraded.all()
 
 
 def test_times_of_a_target_stand_under_its_name(

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.pipeline.score_inputs import ScoreInputs
-from sfr_loc_map.pipeline.scoring import score_files
+from sfr_loc_map.pipeline.scoring import ScoreInputs, score_files
 
 
 def main() -> None:

@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score_json import SCHEMA
 from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, TaskRecord, call_of, load_call_stats
 from sfr_loc_map.pipeline.replay import ReplayFiles
-from sfr_loc_map.pipeline.score_inputs import load_estimates, load_truth
+from sfr_loc_map.pipeline.scoring import load_estimates, load_truth
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 LOCALISATION_NODE = "localisation_node"
