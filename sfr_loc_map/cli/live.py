@@ -1,9 +1,10 @@
-"""`sfr live`: a page that shows a run while it goes on."""
+"""`sfr live`: a page or a terminal that shows a run while it goes on."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,52 +12,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.live_views import Played, Views, show_graph, show_recording
 from sfr_loc_map.cli.options import ConditionOption, JudgeOptions, LimitsOption, NamespaceOption, require_ros
-from sfr_loc_map.errors import ConfigError, MissingExtraError
+from sfr_loc_map.cli.output import TolerantFile
+from sfr_loc_map.errors import ConfigError, InterruptedRunError, MissingExtraError
 
 if TYPE_CHECKING:
+    from sfr_loc_map.live.foxglove import FoxgloveView
+    from sfr_loc_map.live.hub import Hub
+    from sfr_loc_map.live.server import LiveConfig
     from sfr_loc_map.nodes.process.live_process import LivePage
 
-HostOption = Annotated[
-    str, typer.Option("--host", metavar="H", help="Address to listen on; but for loopback it needs --token.")
-]
 LiveOption = Annotated[bool, typer.Option("--live", help="Show the run on a page while it goes on (see sfr live).")]
 LivePortOption = Annotated[
     int, typer.Option("--live-port", metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")
 ]
-PortOption = Annotated[int, typer.Option("--port", metavar="P", min=0, max=65535, help="Port; 0: a free one.")]
-TerminalOption = Annotated[
-    bool, typer.Option("--terminal", help="Show the figures on this terminal; one line a second where there is none.")
-]
-PlayedArgument = Annotated[
-    Path | None,
-    typer.Argument(metavar="[SRC]", help="Folder of sfr replay --out, bag or data set to play; none: running nodes."),
-]
-PlayedRateOption = Annotated[
-    float, typer.Option("--rate", metavar="R", min=0.01, max=100.0, help="Multiple of the recorded speed.")
-]
-TruthOption = Annotated[
-    Path | None, typer.Option("--truth", metavar="SRC", help="Source with truth and images of what is played.")
-]
-FoxgloveOption = Annotated[
-    bool, typer.Option("--foxglove", help="Serve the same over the Foxglove protocol besides, on loopback.")
-]
-FoxglovePortOption = Annotated[
-    int, typer.Option("--foxglove-port", metavar="P", min=0, max=65535, help="Its port; 0: a free one.")
-]
-
-
-def require_foxglove() -> None:
-    """Check that Foxglove's SDK can be imported.
-
-    Raises:
-        MissingExtraError: If it cannot.
-    """
-    try:
-        import foxglove  # noqa: F401 - does it import?
-    except ImportError as error:
-        raise MissingExtraError(f"--foxglove needs its SDK ({error}): pip install 'sfr_loc_map[foxglove]'") from error
 
 
 def require_live() -> None:
@@ -71,18 +40,10 @@ def require_live() -> None:
 
 @contextmanager
 def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool = False) -> Iterator[LivePage | None]:
-    """Show what the `with` block runs on a page, if it is wanted.
+    """Show what the `with` block runs on a page, if it is wanted; yield the page, None where none is wanted.
 
-    The page starts first of all: the imports of a run take longer than those of the page.
-
-    Args:
-        wanted: Whether there is a page.
-        port: Its port; 0: a free one.
-        namespace: Of the rover.
-        isolated: Whether the run chooses a domain of its own, in which the page must be.
-
-    Yields:
-        The page, None where none is wanted.
+    The page starts first of all: the imports of a run take longer than those of the page. It must be in the domain of a
+    run that chooses one of its own (`isolated`).
 
     Raises:
         MissingExtraError: If a page is wanted and the web server or ROS cannot be imported.
@@ -110,19 +71,37 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
     )
 )
 def live(
-    source: PlayedArgument = None,
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SRC]", help="Folder of sfr replay --out, bag or data set to play; none: running nodes."
+        ),
+    ] = None,
     namespace: NamespaceOption = "",
-    host: HostOption = "127.0.0.1",
-    port: PortOption = 8080,
+    host: Annotated[
+        str, typer.Option("--host", metavar="H", help="Address to listen on; but for loopback it needs --token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", metavar="P", min=0, max=65535, help="Port; 0: a free one.")] = 8080,
     token: Annotated[str, typer.Option("--token", metavar="WORD", help="Word that each request must have.")] = "",
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    terminal: TerminalOption = False,
-    rate: PlayedRateOption = 1.0,
-    truth: TruthOption = None,
+    terminal: Annotated[
+        bool,
+        typer.Option("--terminal", help="Show the figures on this terminal; one line a second where there is none."),
+    ] = False,
+    rate: Annotated[
+        float, typer.Option("--rate", metavar="R", min=0.01, max=100.0, help="Multiple of the recorded speed.")
+    ] = 1.0,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="SRC", help="Source with truth and images of what is played.")
+    ] = None,
     limits: LimitsOption = None,
     condition: ConditionOption = None,
-    foxglove: FoxgloveOption = False,
-    foxglove_port: FoxglovePortOption = 8765,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Serve the same over the Foxglove protocol besides, on loopback.")
+    ] = False,
+    foxglove_port: Annotated[
+        int, typer.Option("--foxglove-port", metavar="P", min=0, max=65535, help="Its port; 0: a free one.")
+    ] = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
@@ -130,35 +109,57 @@ def live(
     recorded, without nodes, on a time line; the figures are those of its place, at the end those of sfr score. On a
     terminal q ends, and of what is played space pauses and the arrows go 5 s back and on.
     """
-    from sfr_loc_map.config import build
+    from sfr_loc_map.live.hub import Hub
     from sfr_loc_map.metrics.config import score_config
 
-    if not terminal:
-        require_live()
     if source is None:
-        refuse_without_source(rate=rate != 1.0, truth=truth, limits=limits, condition=condition)
+        options = {"rate": rate != 1.0, "truth": truth, "limits": limits, "condition": condition}
+        if given := next((name for name, value in options.items() if value), ""):
+            raise ConfigError(f"'--{given}' is of a recording: give SRC, or leave it out (the monitor has its own)")
         require_ros("live")
-    page = None
-    if not terminal:
-        from sfr_loc_map.live.config import LiveConfig
+    for_foxglove = Hub() if foxglove else None
+    hub, config = Hub(for_foxglove), _page_config(host, port, token) if not terminal else None
+    with ExitStack() as stack:
+        if source is None:
+            from sfr_loc_map.nodes.live.feed import RosFeed
 
-        page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
-    if foxglove:
-        require_foxglove()
-    views = Views(page, open_browser, foxglove_port if foxglove else None)
-    if source is None:
-        show_graph(namespace, views)
-    else:
-        parsed, _ = JudgeOptions(limits, condition).read()
-        show_recording(Played(source, truth, rate, score_config(condition, {}), parsed), views)
+            title = namespace or "live"
+            stack.enter_context(RosFeed(hub, namespace))
+        else:
+            from sfr_loc_map.live.player import Player
+            from sfr_loc_map.live.recording import open_recording
+
+            recording, (parsed, _) = open_recording(source, truth), JudgeOptions(limits, condition).read()
+            title = recording.title
+            stack.enter_context(Player(hub, recording, score_config(condition, {}), parsed, rate))
+        if for_foxglove is not None:
+            view = stack.enter_context(_foxglove_view(for_foxglove, foxglove_port, title))
+            print(f"foxglove: {view.url}", flush=True)
+        if config is not None:
+            from sfr_loc_map.live.server import LiveServer, serve_until_signal
+
+            asyncio.run(serve_until_signal(LiveServer(config, hub, title), open_browser=open_browser))
+            return
+        from sfr_loc_map.live.terminal import Terminal
+
+        TolerantFile.reader_needed = True
+        try:
+            Terminal(hub, title).show()
+        except KeyboardInterrupt:
+            raise InterruptedRunError("interrupted: the view has ended, nothing else") from None
 
 
-def refuse_without_source(**options: object) -> None:
-    """Check that nothing is said of a recording where none is played.
+def _page_config(host: str, port: int, token: str) -> LiveConfig:
+    require_live()
+    from sfr_loc_map.config import build
+    from sfr_loc_map.live.server import LiveConfig
 
-    Raises:
-        ConfigError: If something is: names it.
-    """
-    given = [name for name, value in options.items() if value]
-    if given:
-        raise ConfigError(f"'--{given[0]}' is of a recording: give SRC, or leave it out (the monitor has its own)")
+    return build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
+
+
+def _foxglove_view(hub: Hub, port: int, title: str) -> FoxgloveView:
+    try:
+        from sfr_loc_map.live.foxglove import FoxgloveView
+    except ImportError as error:
+        raise MissingExtraError(f"--foxglove needs its SDK ({error}): pip install 'sfr_loc_map[foxglove]'") from error
+    return FoxgloveView(hub, port, title)

@@ -1,4 +1,4 @@
-"""Where the thread that receives a run and the one that shows it meet.
+"""Where the thread that receives a run and those that show it meet: records one way, requests the other.
 
 The receiving thread never waits: of images and clouds the newest replaces what nobody has taken yet, all other records
 queue up to a bound, beyond which the oldest is dropped and counted.
@@ -8,34 +8,103 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
 from threading import Lock
+from typing import Protocol
 
-from sfr_loc_map.live.updates import MEDIA, Media, Update, View
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import one_line
+from sfr_loc_map.live.updates import Media, Update, View
 
 MAX_WAITING = 20_000
 """Records that wait: at 100 a second more than three minutes."""
+MAX_TEXT = 200
 
 
-def _no_one() -> None:
-    """Wake nobody."""
+class Action(StrEnum):
+    """What may be asked of the nodes or of a player."""
+
+    ACTIVATE = "activate"
+    DEACTIVATE = "deactivate"
+    RESET = "reset"
+    FINISH = "finish"
+    SAVE = "save"
+    BOOKMARK = "bookmark"
+    PLAY = "play"
+    PAUSE = "pause"
+    SEEK = "seek"
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One request: of which node, the words of a bookmark, seconds to seek to, as far as it needs them."""
+
+    action: Action
+    node: str = ""
+    text: str = ""
+    at_s: float = 0.0
+
+    @classmethod
+    def parse(cls, content: object) -> Command:
+        """Return the command of JSON values that a stranger may have written.
+
+        Raises:
+            InputError: If it is none.
+        """
+        if not isinstance(content, dict):
+            raise InputError("a command is an object with an action")
+        try:
+            action, at_s = Action(content.get("action", "")), float(content.get("at_s", 0.0))
+        except (ValueError, TypeError, OverflowError) as error:
+            known = ", ".join(Action)
+            raise InputError(f"no command: an action of {known} is needed, at_s is a number") from error
+        if not 0.0 <= at_s < 1e9:
+            raise InputError("at_s must be seconds from 0 on")
+        node, text = (one_line(str(content.get(name, "")))[:MAX_TEXT] for name in ("node", "text"))
+        return cls(action, node, text, at_s)
+
+
+class Operator(Protocol):
+    """Carries commands out: the nodes' services, or a player."""
+
+    @property
+    def actions(self) -> frozenset[Action]:
+        """What it can do."""
+        ...
+
+    def run(self, command: Command) -> str:
+        """Carry a command out and say what was done; may take seconds, called in a thread of its own.
+
+        Raises:
+            SfrError: If it cannot be done: why.
+        """
+        ...
+
+    def close(self) -> None:
+        """Give up what is under way: a program that ends waits for its threads."""
+        ...
 
 
 class Hub:
     """Takes records of a feed in one thread and gives them out in another. All methods may be called in any thread.
 
     Attributes:
+        operator: Carries out what is asked; set by the feed once it can.
         dropped: Records that found no room, since the start.
         replaced: Images and clouds that a newer one replaced before they were taken, since the start.
     """
 
-    def __init__(self) -> None:
-        """Start empty, with nobody who looks on."""
+    def __init__(self, also: Hub | None = None) -> None:
+        """Start empty, with nobody who looks on; `also` is given the same records, for a second view."""
+        self.operator: Operator | None = None
         self.dropped = self.replaced = 0
+        self._also = also
         self._lock = Lock()
         self._waiting: deque[Update] = deque()
         self._newest: dict[tuple[type[Media], str], Media] = {}
         self._wanted: frozenset[View] = frozenset()
-        self._wake: Callable[[], None] = _no_one
+        self._wake: Callable[[], None] = lambda: None
 
     def on_arrival(self, wake: Callable[[], None]) -> None:
         """Call something when records arrive where none waited; it must return at once."""
@@ -45,7 +114,7 @@ class Hub:
         """Give a record; returns at once."""
         with self._lock:
             was_empty = not self._waiting and not self._newest
-            if isinstance(update, MEDIA):
+            if isinstance(update, Media):
                 key = (type(update), update.topic)
                 self.replaced += key in self._newest
                 self._newest[key] = update
@@ -56,6 +125,8 @@ class Hub:
                 self._waiting.append(update)
         if was_empty:
             self._wake()
+        if self._also is not None:
+            self._also.put(update)
 
     def take(self) -> list[Update]:
         """Return all records that wait, in their order, images and clouds last."""
@@ -67,14 +138,29 @@ class Hub:
 
     @property
     def waiting(self) -> int:
-        """How many records wait, but for images and clouds."""
-        return len(self._waiting)
+        """How many records wait where most do, but for images and clouds."""
+        return max(len(self._waiting), 0 if self._also is None else self._also.waiting)
 
     @property
     def wanted(self) -> frozenset[View]:
         """What somebody looks at; a feed makes nothing else of it."""
-        return self._wanted
+        return self._wanted if self._also is None else self._wanted | self._also.wanted
 
     def want(self, views: frozenset[View]) -> None:
         """Say what somebody looks at."""
         self._wanted = views
+
+    @property
+    def actions(self) -> list[Action]:
+        """What can be asked now."""
+        return [] if self.operator is None else sorted(self.operator.actions)
+
+    def run(self, command: Command) -> str:
+        """Carry a command out and say what was done.
+
+        Raises:
+            SfrError: If it cannot be done: why.
+        """
+        if self.operator is None:
+            raise InputError(f"'{command.action}' is not possible (yet): no nodes have been joined")
+        return self.operator.run(command)

@@ -1,15 +1,23 @@
-"""Images and clouds made small enough for a screen."""
+"""Images, clouds, maps from above and masks made small enough for a screen."""
 
 from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray32, GreyImage
+from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.io.image_codec import decode_grey, encode_jpeg
 from sfr_loc_map.io.image_header import JPEG_MAGIC, claimed_size
-from sfr_loc_map.live.updates import CloudSample, ImageSample
+from sfr_loc_map.io.point_image import points_image
+from sfr_loc_map.live.updates import ELEVATION, CloudSample, ElevationSample, ImageSample
+from sfr_loc_map.mapping.config import MAX_PAIRS
 
 IMAGE_WIDTH = 640
 """Widest image that is shown, pixels."""
@@ -18,33 +26,35 @@ MAX_JPEG_BYTES = 100_000
 """Largest file that is shown as it is: a page has 2 MB/s for 14 images and the clouds."""
 MAX_POINTS = 40_000
 """Most points of a cloud that are shown."""
+CELL_M = 0.1
+MAX_SIDE = 512
+"""Cells along each axis of a grid that is made of a cloud; beyond them they are larger."""
+MAX_CELLS = 30_000
+"""Most cells that are shown."""
+WORST = frozenset({"hazard", "step"})
+"""Layers of which the worst of several cells is shown."""
+MAX_OUTLINES, MAX_CORNERS = 40, 200
+TOLERANCE_PX = 0.7
+"""Largest distance of an outline from the edge of a mask, pixels of the mask."""
 
 
 def image_sample(topic: str, stamp_ns: int, image: NDArray[np.uint8], published_s: float) -> ImageSample:
-    """Return an image reduced for the screen.
-
-    Args:
-        topic: Where it comes from.
-        stamp_ns: Its stamp.
-        image: `(H, W)` grey, or `(H, W, 3)` blue, green, red; 8 bits.
-        published_s: When it was published, seconds of the host's clock.
-    """
+    """Return an image, `(H, W)` grey or `(H, W, 3)` blue, green, red, reduced for the screen."""
     height, width = image.shape[:2]
     shown = image
     if width > IMAGE_WIDTH:
         size = (IMAGE_WIDTH, max(round(height * IMAGE_WIDTH / width), 1))
         shown = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return ImageSample(topic, stamp_ns, _jpeg(shown), (shown.shape[1], shown.shape[0]), (width, height), published_s)
+    shown = np.ascontiguousarray(shown)
+    if shown.ndim == 2:
+        jpeg = encode_jpeg(shown, JPEG_QUALITY)
+    else:
+        jpeg = bytes(cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+    return ImageSample(topic, stamp_ns, jpeg, (shown.shape[1], shown.shape[0]), (width, height), published_s)
 
 
 def file_sample(topic: str, stamp_ns: int, data: bytes, published_s: float) -> ImageSample:
     """Return an image file reduced for the screen; a small JPEG file is shown as it is.
-
-    Args:
-        topic: Where it comes from.
-        stamp_ns: Its stamp.
-        data: The file.
-        published_s: When it was published, seconds of the host's clock.
 
     Raises:
         InputError: If it is no image that is read.
@@ -55,11 +65,48 @@ def file_sample(topic: str, stamp_ns: int, data: bytes, published_s: float) -> I
     return image_sample(topic, stamp_ns, decode_grey(data), published_s)
 
 
-def _jpeg(image: GreyImage) -> bytes:
-    image = np.ascontiguousarray(image)
-    if image.ndim == 2:
-        return encode_jpeg(image, JPEG_QUALITY)
-    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+def outlines(mask: NDArray[np.uint8], scale: float) -> tuple[FloatArray32, ...]:
+    """Return the largest outlines `(K, 2)`, pixels of the image, of where a mask is 0; it is `scale` times smaller."""
+    found, _ = cv2.findContours((mask == 0).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    largest = sorted(found, key=cv2.contourArea, reverse=True)[:MAX_OUTLINES]
+    corners = (cv2.approxPolyDP(ring, TOLERANCE_PX, True).reshape(-1, 2)[:MAX_CORNERS] for ring in largest)
+    return tuple((ring.astype(np.float32) + 0.5) * np.float32(scale) - 0.5 for ring in corners)
+
+
+class CloudTruth:
+    """Keeps the true points of the last pairs of a map, and tells how far points are from those of their pixels."""
+
+    def __init__(self) -> None:
+        """Start without truth."""
+        self._truths: deque[tuple[int, PointImage]] = deque(maxlen=MAX_PAIRS)
+
+    def add(self, stamp_ns: int, message: Any) -> None:  # noqa: ANN401 - a PointCloud2 of any library
+        """Keep the true points of a pair, an organised sensor_msgs/PointCloud2.
+
+        Raises:
+            SfrError: If it is none.
+        """
+        width, height = int(message.width), int(message.height)
+        check_image_size(width, height, "ground_truth/points")
+        self.add_points(stamp_ns, points_image(message, (width, height)))
+
+    def add_points(self, stamp_ns: int, points: PointImage) -> None:
+        """Keep the true points of a pair, `(H, W, 3)` metres, LM; an earlier stamp begins a new run."""
+        self._truths = deque([item for item in self._truths if item[0] < stamp_ns], maxlen=MAX_PAIRS)
+        self._truths.append((stamp_ns, points))
+
+    def errors(self, cloud: PointCloud) -> FloatArray32 | None:
+        """Return the distances `(N,)` float32, metres, NaN where a point has no truth; None where none has."""
+        if not self._truths or not len(cloud):
+            return None
+        error = np.full(len(cloud), np.nan, np.float32)
+        for number, (_, truth) in enumerate(self._truths):
+            rows = np.flatnonzero(cloud.pair == number)
+            u, v = cloud.u[rows].astype(np.intp), cloud.v[rows].astype(np.intp)
+            inside = (v < truth.shape[0]) & (u < truth.shape[1])
+            rows, u, v = rows[inside], u[inside], v[inside]
+            error[rows] = np.linalg.norm(cloud.xyz[rows] - truth[v, u], axis=1)
+        return error if np.isfinite(error).any() else None
 
 
 def cloud_sample(
@@ -70,15 +117,9 @@ def cloud_sample(
     published_s: float,
     error: ArrayLike | None = None,
 ) -> CloudSample:
-    """Return a cloud thinned for the screen: points without a number are left out, then every k-th is kept.
+    """Return a cloud `(N, 3)` thinned for the screen: points without a number are left out, then every k-th is kept.
 
-    Args:
-        topic: Where it comes from.
-        stamp_ns: Its stamp.
-        xyz: `(N, 3)` metres.
-        sigma: `(N,)` metres, None where it is not known.
-        published_s: When it was published, seconds of the host's clock.
-        error: `(N,)` distance to the truth, metres, NaN or None where it is not known.
+    Sigma and the distance to the truth are `(N,)`, metres; NaN or None where they are not known.
     """
     points = np.asarray(xyz, np.float32).reshape(-1, 3)
     rows = np.flatnonzero(np.isfinite(points).all(axis=1))
@@ -91,3 +132,77 @@ def cloud_sample(
         columns[:, 3] = np.asarray(sigma, np.float32)[rows]
     thinned: FloatArray32 | None = None if error is None else np.asarray(error, np.float32)[rows]
     return CloudSample(topic, stamp_ns, columns, total, published_s, thinned)
+
+
+def grid_of_cloud(
+    stamp_ns: int, xyz: ArrayLike, sigma: ArrayLike | None, published_s: float, error: ArrayLike | None = None
+) -> ElevationSample | None:
+    """Return the means over the points of each cell, thinned for the screen; arguments as those of `cloud_sample`.
+
+    An empty cloud has None.
+    """
+    points = np.asarray(xyz, np.float32).reshape(-1, 3)
+    known = np.isfinite(points).all(axis=1)
+    points = points[known]
+    if not len(points):
+        return None
+    nowhere = np.full(len(points), np.nan, np.float32)
+    deviation, distance = (nowhere if a is None else np.asarray(a, np.float32)[known] for a in (sigma, error))
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    origin = (float(low[0]), float(low[1]))
+    cell_m = max(CELL_M, float((high - low).max()) / (MAX_SIDE - 1))
+    columns, rows = (int(size) for size in np.floor((high - low) / cell_m) + 1)
+    cell = cells_of(points, origin, cell_m, (rows, columns))
+    count = np.bincount(cell, minlength=rows * columns).astype(np.float64)
+    means = [means_of(cell, values, rows * columns) for values in (points[:, 2], deviation, distance)]
+    layers = np.stack([*means, np.where(count > 0, count, np.nan)], axis=-1).astype(np.float32)
+    names = ("height", "sigma", "error", "count")
+    return thinned(
+        ElevationSample(ELEVATION, stamp_ns, origin, cell_m, names, layers.reshape(rows, columns, -1), published_s)
+    )
+
+
+def cells_of(
+    points: FloatArray32, origin_m: tuple[float, float], cell_m: float, shape: tuple[int, int]
+) -> NDArray[np.intp]:
+    """Return the cell of each point `(N, >= 2)`, counted along the rows; -1 outside the grid."""
+    at = np.floor((points[:, :2] - np.asarray(origin_m, np.float32)) / cell_m).astype(np.intp)
+    rows, columns = shape
+    inside = (at >= 0).all(axis=1) & (at[:, 0] < columns) & (at[:, 1] < rows)
+    return np.where(inside, at[:, 1] * columns + at[:, 0], -1)
+
+
+def means_of(cell: NDArray[np.intp], values: FloatArray32, size: int) -> NDArray[np.float64]:
+    """Return the mean of the values in each cell, NaN without."""
+    known = np.isfinite(values) & (cell >= 0)
+    count = np.bincount(cell[known], minlength=size)
+    total = np.bincount(cell[known], values[known].astype(np.float64), minlength=size)
+    return np.asarray(np.divide(total, count, out=np.full(size, np.nan), where=count > 0))
+
+
+def with_layer(sample: ElevationSample, name: str, values: NDArray[np.floating]) -> ElevationSample:
+    """Return a grid with one more layer `(rows, columns)`, or with another one of that name."""
+    names = tuple(known for known in sample.names if known != name)
+    kept = sample.layers[..., [sample.names.index(known) for known in names]]
+    layers = np.concatenate([kept, np.asarray(values, np.float32)[..., None]], axis=-1)
+    return replace(sample, names=(*names, name), layers=layers)
+
+
+def thinned(sample: ElevationSample) -> ElevationSample:
+    """Return larger cells where there are more than a screen shows: means, worst hazard and step, sums of counts."""
+    rows, columns, layers = sample.layers.shape
+    every = max(int(np.ceil(np.sqrt(rows * columns / MAX_CELLS))), 1)
+    if every == 1:
+        return sample
+    padding = ((0, -rows % every), (0, -columns % every), (0, 0))
+    cells = np.pad(sample.layers, padding, constant_values=np.nan)
+    tall, wide = cells.shape[0] // every, cells.shape[1] // every
+    blocks = cells.reshape(tall, every, wide, every, layers).swapaxes(1, 2).reshape(tall, wide, -1, layers)
+    counts, sums = np.isfinite(blocks).sum(axis=2), np.nansum(blocks, axis=2)
+    made = np.divide(sums, counts, out=np.full(sums.shape, np.nan, np.float32), where=counts > 0)
+    for index, name in enumerate(sample.names):
+        if name in WORST:
+            made[..., index] = np.fmax.reduce(blocks[..., index], axis=2)
+        elif name == "count":
+            made[..., index] = np.where(counts[..., index] > 0, sums[..., index], np.nan)
+    return replace(sample, layers=made.astype(np.float32), cell_m=sample.cell_m * every, every=every)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.rotation import quat_normalised
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.config import Condition, ConditionKind
@@ -34,54 +34,50 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class PathRow:
-    """One estimate, in the frame of the truth.
+    """One estimate in the frame of the truth, metres.
 
-    Attributes:
-        n: Its number, from 0.
-        stamp_ns: Its stamp.
-        received_s: When it was received.
-        position: Metres.
-        covariance_xy: Variances of x and y and their covariance, m^2; None where it is lost or not known.
-        lost: Whether localisation was lost.
-        truth: True position, metres; None where there is none (yet).
-        error: Estimate less truth, metres.
-        distance_m: Length of the true path so far, of the estimated one without truth.
+    The covariance has the variances of x and y and their covariance, m^2, None where lost or not known. The distance is
+    the length of the true path so far, of the estimated one without truth.
     """
 
     n: int
     stamp_ns: int
     received_s: float
-    position: Point
-    covariance_xy: Point | None
+    published_s: float | None
+    position_m: Point
+    covariance_xy_m2: Point | None
     lost: bool
-    truth: Point | None
-    error: Point | None
+    truth_m: Point | None
+    error_m: Point | None
     distance_m: float
 
+    def to_plain(self) -> list[Any]:
+        """Return it as a list of JSON values in the order of `ROW_FIELDS`; stamps have too many digits for a script."""
+        covariance = self.covariance_xy_m2
+        return [
+            self.n,
+            str(self.stamp_ns),
+            round(self.received_s, 4),
+            self.published_s,
+            _rounded(self.position_m),
+            None if covariance is None else [float(f"{value:.4g}") for value in covariance],
+            int(self.lost),
+            _rounded(self.truth_m),
+            _rounded(self.error_m, 6),
+            round(self.distance_m, 4),
+        ]
 
-@dataclass(frozen=True, slots=True)
-class UnderWay:
-    """The oldest sub-trajectory that has not ended.
 
-    Attributes:
-        start_n: Number of the row that it starts at.
-        condition: What ends it, in words.
-        progress: Share of it that is done, 0 to 1.
-        error: Estimate less truth now, re-based at the start, metres, DS.
-    """
-
-    start_n: int
-    condition: str
-    progress: float
-    error: Point
+ROW_FIELDS = tuple(field.name for field in fields(PathRow))
 
 
 @dataclass(frozen=True, slots=True)
 class _Start:
+    """Where a sub-trajectory starts, and what takes the estimate from there to the truth."""
+
     row: PathRow
     frame: int
-    estimate: Transform
-    truth: Transform
+    to_truth: Transform
 
 
 class LivePath:
@@ -91,120 +87,101 @@ class LivePath:
         version: Changes whenever rows that were given out do not hold any more.
         condition: What ends a sub-trajectory.
         spacing: Frames from one start of a sub-trajectory to the next.
-        under_way: The sub-trajectory under way, None without truth.
+        rows: All rows that are kept, the oldest first.
+        under_way: The oldest sub-trajectory that has not ended, as JSON values; None without truth.
     """
 
     def __init__(self) -> None:
         """Start empty."""
-        self.version = 0
+        self.version = -1
         self.condition = Condition(ConditionKind.DISTANCE, 5.0)
         self.spacing = 10
-        self._clear()
+        self.restart()
 
     def restart(self) -> None:
         """Forget all poses: a new run begins."""
         self.version += 1
-        self._clear()
-
-    def _clear(self) -> None:
-        self.under_way: UnderWay | None = None
-        self._rows: list[PathRow] = []
+        self.rows: list[PathRow] = []
+        self.under_way: dict[str, Any] | None = None
         self._count = self._frames = 0
         self._every = 1
-        self._changed_from = 0
-        self._truths: deque[PoseSample] = deque(maxlen=MAX_TRUTHS)
-        self._pending: deque[PoseSample] = deque(maxlen=MAX_PENDING)
+        self._latest_ns: dict[Track, int] = {}
+        self._truths: deque[tuple[int, Transform]] = deque(maxlen=MAX_TRUTHS)
+        self._pending: deque[tuple[PoseSample, float | None]] = deque(maxlen=MAX_PENDING)
         self._starts: deque[_Start] = deque(maxlen=MAX_OPEN_STARTS)
         self._to_truth: Transform | None = None
         self._last: tuple[Point, float] | None = None
 
-    @property
-    def rows(self) -> list[PathRow]:
-        """All rows that are kept, the oldest first."""
-        return self._rows
+    def add(self, sample: PoseSample, published_s: float | None = None) -> None:
+        """Add a pose, and when its image was published; a stamp far behind the latest one begins a new run.
 
-    @property
-    def has_truth(self) -> bool:
-        """Whether a pose has found a truth."""
-        return self._to_truth is not None
-
-    def add(self, sample: PoseSample) -> None:
-        """Add a pose; one whose stamp lies far behind the latest begins a new run."""
-        latest = self._latest_ns(sample.track)
-        if latest is not None and jumped_back(latest, sample.stamp_ns):
+        Raises:
+            GeometryError: If it is no pose.
+        """
+        stamp_ns = sample.stamp_ns
+        if jumped_back(self._latest_ns.get(sample.track, stamp_ns), stamp_ns):
             self.restart()
-        if sample.track is Track.TRUTH:
-            if latest is None or sample.stamp_ns > latest or not self._truths:
-                self._truths.append(sample)
-                self._match_pending()
-        else:
-            self._pending.append(sample)
-            self._match_pending()
-
-    def _latest_ns(self, track: Track) -> int | None:
-        if track is Track.TRUTH:
-            return self._truths[-1].stamp_ns if self._truths else None
-        return self._rows[-1].stamp_ns if self._rows else None
-
-    def _match_pending(self) -> None:
-        """Make rows of the estimates whose truth is there, or which a truth does not keep waiting."""
+        latest_ns = self._latest_ns.get(sample.track, -1)
+        self._latest_ns[sample.track] = max(latest_ns, stamp_ns)
+        if sample.track is Track.ESTIMATE:
+            self._pending.append((sample, published_s))
+        elif stamp_ns > latest_ns:
+            self._truths.append((stamp_ns, Transform.from_quat(sample.position, sample.quat_xyzw)))
         while self._pending:
-            sample = self._pending[0]
-            newest = self._truths[-1].stamp_ns if self._truths else None
-            behind_ns = -1 if newest is None else sample.stamp_ns - newest
-            if newest is not None and 0 < behind_ns <= MAX_GAP_NS:
+            estimate, published_s = self._pending[0]
+            newest_ns = self._truths[-1][0] if self._truths else estimate.stamp_ns
+            if 0 < estimate.stamp_ns - newest_ns <= MAX_GAP_NS:
                 return  # its truth may be on its way
             self._pending.popleft()
-            self._add_row(sample, None if behind_ns > 0 or newest is None else self._truth_at(sample.stamp_ns))
+            self._add_row(estimate, published_s, self._truth_at(estimate.stamp_ns))
 
     def _truth_at(self, stamp_ns: int) -> Transform | None:
         """Return the true pose of a stamp, between two of them where none has it."""
-        after: PoseSample | None = None
-        for sample in reversed(self._truths):
-            if sample.stamp_ns == stamp_ns:
-                return Transform.from_quat(sample.position, sample.quat_xyzw)
-            if sample.stamp_ns < stamp_ns:
-                return None if after is None else _between(sample, after, stamp_ns)
-            after = sample
+        after_ns, after = 0, None
+        for truth_ns, truth in reversed(self._truths):
+            if truth_ns == stamp_ns:
+                return truth
+            if truth_ns < stamp_ns:
+                gap_ns = after_ns - truth_ns
+                if after is None or gap_ns > MAX_GAP_NS:
+                    return None
+                return interpolated(truth, after, (stamp_ns - truth_ns) / gap_ns)
+            after_ns, after = truth_ns, truth
         return None
 
-    def _add_row(self, sample: PoseSample, truth: Transform | None) -> None:
-        estimate = Transform.from_quat(sample.position, sample.quat_xyzw)
-        lost = sample.covariance is not None and bool((np.diagonal(sample.covariance) >= LOST_VARIANCE).all())
-        estimate = self._in_frame_of_truth(estimate, truth)
-        position = _point(estimate.translation)
+    def _add_row(self, sample: PoseSample, published_s: float | None, truth: Transform | None) -> None:
+        estimate, covariance = Transform.from_quat(sample.position, sample.quat_xyzw), sample.covariance
+        if truth is not None and self._to_truth is None:
+            to_truth = self._to_truth = truth @ estimate.inverse()
+            self.version += 1
+            self.rows = [replace(row, position_m=_point(to_truth.apply(row.position_m))) for row in self.rows]
+        if self._to_truth is not None:
+            estimate = self._to_truth @ estimate
+        lost = covariance is not None and bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
+        travelled = _point((estimate if truth is None else truth).translation)
+        distance_m = 0.0 if self._last is None else self._last[1] + math.dist(self._last[0], travelled)
+        self._last = (travelled, distance_m)
         row = PathRow(
             n=self._count,
             stamp_ns=sample.stamp_ns,
             received_s=sample.received_s,
-            position=position,
-            covariance_xy=None if lost else self._covariance_xy(sample.covariance),
+            published_s=published_s,
+            position_m=_point(estimate.translation),
+            covariance_xy_m2=None if lost else self._covariance_xy(covariance),
             lost=lost,
-            truth=None if truth is None else _point(truth.translation),
-            error=None if truth is None else _point(estimate.translation - truth.translation),
-            distance_m=self._travelled(position if truth is None else _point(truth.translation)),
+            truth_m=None if truth is None else _point(truth.translation),
+            error_m=None if truth is None else _point(estimate.translation - truth.translation),
+            distance_m=distance_m,
         )
         if truth is not None:
-            self._follow(_Start(row, self._frames, estimate, truth))
-            self._frames += 1
+            self._follow(row, estimate, truth)
         self._count += 1
         if row.n % self._every == 0 or lost:
-            self._keep(row)
-
-    def _in_frame_of_truth(self, estimate: Transform, truth: Transform | None) -> Transform:
-        """Return an estimate in the frame of the truth; the first one with a truth tells where that is."""
-        if truth is not None and self._to_truth is None:
-            to_truth = self._to_truth = truth @ estimate.inverse()
-            self.version += 1
-            self._rows = [replace(row, position=_point(to_truth.apply(row.position))) for row in self._rows]
-        return estimate if self._to_truth is None else self._to_truth @ estimate
-
-    def _keep(self, row: PathRow) -> None:
-        self._rows.append(row)
-        if len(self._rows) > MAX_ROWS:
-            self._every *= 2
-            self._rows = self._rows[::2]
-            self.version += 1
+            self.rows.append(row)
+            if len(self.rows) > MAX_ROWS:
+                self._every *= 2
+                self.rows = self.rows[::2]
+                self.version += 1
 
     def _covariance_xy(self, covariance: FloatArray | None) -> Point | None:
         if covariance is None or not np.isfinite(covariance).all():
@@ -214,35 +191,31 @@ class LivePath:
             part = self._to_truth.rotation @ part @ self._to_truth.rotation.T
         return float(part[0, 0]), float(part[1, 1]), float(part[0, 1])
 
-    def _travelled(self, position: Point) -> float:
-        before = self._last
-        distance = 0.0 if before is None else before[1] + math.dist(before[0], position)
-        self._last = (position, distance)
-        return distance
-
-    def _follow(self, now: _Start) -> None:
+    def _follow(self, row: PathRow, estimate: Transform, truth: Transform) -> None:
         """Find the oldest sub-trajectory that has not ended, and its error now."""
-        if now.frame % self.spacing == 0:
-            self._starts.append(now)
-        while self._starts and (progress := self._progress(self._starts[0], now)) >= 1.0:
+        if self._frames % self.spacing == 0:
+            self._starts.append(_Start(row, self._frames, truth @ estimate.inverse()))
+        while self._starts and self._progress(self._starts[0], row) >= 1.0:
             self._starts.popleft()
-        if not self._starts:
-            self.under_way = None
-            return
-        start = self._starts[0]
-        moved = (start.truth @ start.estimate.inverse() @ now.estimate).translation
-        error = _point(moved - now.truth.translation)
-        self.under_way = UnderWay(start.row.n, self.condition.label, progress, error)
+        self.under_way = None
+        if self._starts:
+            start = self._starts[0]
+            error = (start.to_truth @ estimate).translation - truth.translation
+            self.under_way = {
+                "start_n": start.row.n,
+                "condition": self.condition.label,
+                "progress": round(self._progress(start, row), 4),
+                "error": error.tolist(),
+            }
+        self._frames += 1
 
-    def _progress(self, start: _Start, now: _Start) -> float:
-        kind = self.condition.kind
-        if kind is ConditionKind.DISTANCE:
-            done = now.row.distance_m - start.row.distance_m
-        elif kind is ConditionKind.TIME:
-            done = (now.row.stamp_ns - start.row.stamp_ns) / NS_PER_S
-        else:
-            done = now.frame - start.frame
-        return done / self.condition.value
+    def _progress(self, start: _Start, now: PathRow) -> float:
+        done = {
+            ConditionKind.DISTANCE: now.distance_m - start.row.distance_m,
+            ConditionKind.TIME: (now.stamp_ns - start.row.stamp_ns) / NS_PER_S,
+            ConditionKind.FRAMES: self._frames - start.frame,
+        }
+        return done[self.condition.kind] / self.condition.value
 
 
 def _point(values: FloatArray) -> Point:
@@ -250,13 +223,5 @@ def _point(values: FloatArray) -> Point:
     return x, y, z
 
 
-def _between(before: PoseSample, after: PoseSample, stamp_ns: int) -> Transform | None:
-    """Return a pose between two: linear in position and (normalised) in attitude; None where they lie far apart."""
-    gap_ns = after.stamp_ns - before.stamp_ns
-    if gap_ns > MAX_GAP_NS:
-        return None
-    share = (stamp_ns - before.stamp_ns) / gap_ns
-    first, second = np.array(before.quat_xyzw), np.array(after.quat_xyzw)
-    second = second if first @ second >= 0.0 else -second
-    position = np.array(before.position) * (1.0 - share) + np.array(after.position) * share
-    return Transform.from_quat(position, quat_normalised(first * (1.0 - share) + second * share))
+def _rounded(values: Point | None, digits: int = 5) -> list[float] | None:
+    return None if values is None else [round(value, digits) for value in values]

@@ -1,44 +1,77 @@
-"""The server of the page: one page, its state as JSON, a websocket with figures, images and clouds, commands."""
+"""The server of the page: one page, its state as JSON, a websocket with figures, images and clouds, commands.
+
+Who may look on: on loopback no token is needed, but the name that the page was asked by must be one of loopback, as a
+name of somebody else's may resolve to this host (DNS rebinding). Served to other hosts, each request needs the token,
+as `?token=` once (a cookie keeps it) or as `Authorization: Bearer`. Who may command: whoever has the word in the page.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import gc
+import hmac
+import ipaddress
 import json
 import logging
 import secrets
+import signal
 import socket
 import time
+import webbrowser
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
+from urllib.parse import urlsplit
 
 from aiohttp import WSMsgType, http_exceptions, web
 
 from sfr_loc_map import __version__
-from sfr_loc_map.errors import NodeError, SfrError
+from sfr_loc_map.config import param
+from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import parse_json
-from sfr_loc_map.live.access import COOKIE, HEADERS, Access
-from sfr_loc_map.live.broadcast import Broadcast
-from sfr_loc_map.live.client import Client
-from sfr_loc_map.live.commands import Command, NoOperator, Operator
-from sfr_loc_map.live.config import LiveConfig
-from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.hub import Command, Hub
+from sfr_loc_map.live.pages import Page, Pages
 from sfr_loc_map.live.state import LiveState
 
+DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
-TOKEN_MARK = "@COMMAND_TOKEN@"
-MAX_CLIENTS = 32
-MAX_COMMAND_BYTES = 4096
+TOKEN_MARK = b"@COMMAND_TOKEN@"
+MIN_TOKEN = 8
+COOKIE, COMMAND_HEADER = "sfr_live_token", "X-SFR-Token"
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+MAX_PAGES = 32
 MAX_MESSAGE_BYTES = 4096
 SOCKET_BUFFER_BYTES = 262_144
 """Of the kernel, for each page: what waits there is older than what waits here."""
 SHUTDOWN_S = 1.0
 """Time for requests under way when the server ends: a page that keeps its connection open keeps nobody."""
+LAST_MESSAGE_S = 0.1
+"""Time for the last message to the pages."""
 PERIOD_S = 0.1
 """Longest time between two looks at what is stale."""
 COALESCE_S = 0.01
 """Records within this time are sent together."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveConfig:
+    """How the page is served."""
+
+    host: str = param(DEFAULT_HOST, doc="Address to listen on; another than loopback needs a token.")
+    port: int = param(DEFAULT_PORT, doc="Port to listen on; 0: a free one.", low=0, high=65535)
+    token: str = param("", doc="Word that each request must have; needed where other hosts are let in.")
+    bytes_per_s: float = param(2e6, unit="B/s", doc="Budget of images and clouds for each page.", low=1e4, high=1e9)
 
 
 class LiveServer:
@@ -47,75 +80,81 @@ class LiveServer:
     Attributes:
         state: What is known of the run.
         url: Where the page is, once it is served.
-        is_over: Whether the run has ended.
     """
 
-    def __init__(self, config: LiveConfig, hub: Hub, operator: Operator | None = None, title: str = "") -> None:
-        """Read the page.
-
-        Args:
-            config: How it is served.
-            hub: Where the feed puts what it receives.
-            operator: Carries commands out; None: there is nothing to command.
-            title: What is shown, such as a namespace or the name of a bag.
+    def __init__(self, config: LiveConfig, hub: Hub, title: str = "") -> None:
+        """Read the page; the title may be a namespace or the name of a bag.
 
         Raises:
             ConfigError: If other hosts are let in without a token.
         """
+        token = config.token
+        if not token and not _is_loopback(config.host):
+            raise ConfigError(f"'{config.host}' lets other hosts in: give --token, {MIN_TOKEN} letters or more")
+        if token and (len(token) < MIN_TOKEN or not token.isascii() or not token.isprintable()):
+            raise ConfigError(f"--token must have at least {MIN_TOKEN} printable ASCII letters")
         self.state = LiveState()
         self.url = ""
-        self.is_over = False
         self._config, self._hub, self._title = config, hub, title
-        self._operator: Operator = operator or NoOperator()
-        self._access = Access(config.host, config.token, secrets.token_urlsafe(18))
-        self._files = _read_files(self._access.command_token)
-        self._broadcast = Broadcast(self.state, hub, self._operator)
+        self._command_token = secrets.token_urlsafe(18)
+        folder = files("sfr_loc_map.live") / "web"
+        self._files = {item.name: item.read_bytes() for item in folder.iterdir() if _suffix(item.name) in KINDS}
+        page = self._files["index.html"].replace(TOKEN_MARK, self._command_token.encode())
+        self._files["index.html"] = page
+        self._pages = Pages(self.state, hub)
         self._begin_s = time.time()
         self._arrived = asyncio.Event()
 
     async def serve(self, ready: Callable[[str], None]) -> None:
-        """Serve until the task is cancelled.
-
-        Args:
-            ready: Called with the address once the page can be opened.
+        """Serve until the task is cancelled; `ready` is called with the address once the page can be opened.
 
         Raises:
             NodeError: If the port cannot be listened on.
         """
         loop = asyncio.get_running_loop()
-        self._hub.on_arrival(lambda: _wake(loop, self._arrived))
+
+        def wake() -> None:
+            with suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(self._arrived.set)
+
+        self._hub.on_arrival(wake)
         options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": _logger()}
-        runner = web.AppRunner(self.application(), shutdown_timeout=SHUTDOWN_S, **options)
+        runner = web.AppRunner(self._application(), shutdown_timeout=SHUTDOWN_S, **options)
         await runner.setup()
         try:
             await self._listen(runner)
             ready(self.url)
-            await self._follow()
+            while True:
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._arrived.wait(), PERIOD_S)
+                self._arrived.clear()
+                for update in self._hub.take():
+                    if self.state.apply(update):
+                        self._pages.note(update)
+                self._pages.tell(time.time())
+                await asyncio.sleep(COALESCE_S)
         finally:
-            self._operator.close()
+            if self._hub.operator is not None:
+                self._hub.operator.close()
             await runner.cleanup()
 
     def end(self) -> None:
         """Tell the pages that the run is over: what is silent from now on is not missing."""
-        self.is_over = True
-        self._broadcast.end()
+        self._pages.end()
 
-    def application(self) -> web.Application:
-        """Return the routes."""
-        app = web.Application(middlewares=[self._guard], client_max_size=MAX_COMMAND_BYTES)
-        app.router.add_get("/", self._page)
+    def _application(self) -> web.Application:
+        app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
         app.router.add_get("/healthz", self._healthz)
         app.router.add_get("/state.json", self._state_json)
         app.router.add_get("/ws", self._websocket)
         app.router.add_post("/command", self._command)
-        app.router.add_get("/{name}", self._file)
+        app.router.add_get("/{name:[^/]*}", self._file)
         return app
 
     async def _listen(self, runner: web.AppRunner) -> None:
         config = self._config
-        site = web.TCPSite(runner, config.host, config.port)
         try:
-            await site.start()
+            await web.TCPSite(runner, config.host, config.port).start()
         except OSError as error:
             place = f"{config.host} port {config.port}"
             reason = error.strerror or str(error)
@@ -124,23 +163,11 @@ class LiveServer:
         port = runner.addresses[0][1]
         self.url = f"http://{name}:{port}/" + (f"?token={config.token}" if config.token else "")
 
-    async def _follow(self) -> None:
-        """Take records in and send what follows from them."""
-        while True:
-            with suppress(TimeoutError):
-                await asyncio.wait_for(self._arrived.wait(), PERIOD_S)
-            self._arrived.clear()
-            for update in self._hub.take():
-                if self.state.apply(update):
-                    self._broadcast.note(update)
-            self._broadcast.send(time.time())
-            await asyncio.sleep(COALESCE_S)
-
     @web.middleware
     async def _guard(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
-        refusal = self._access.refusal(request) if request.path != "/healthz" else ""
+        refusal = self._refusal(request) if request.path != "/healthz" else ""
         if refusal:
             return web.Response(status=403, text=refusal + "\n", headers=HEADERS)
         try:
@@ -153,17 +180,24 @@ class LiveServer:
                 response.set_cookie(COOKIE, self._config.token, httponly=True, samesite="Strict")
         return response
 
-    async def _page(self, request: web.Request) -> web.Response:
-        return self._named("index.html")
+    def _refusal(self, request: web.Request) -> str:
+        """Return why a request is refused, empty if it is not."""
+        host, origin, token = request.headers.get("Host", ""), request.headers.get("Origin"), self._config.token
+        if not token and not _is_loopback(_split(f"//{host}")[0]):
+            return "this page is for 127.0.0.1 and localhost alone"
+        if origin is not None and _split(origin)[1] != host:
+            return "the request comes from another page"
+        scheme, _, bearer = request.headers.get("Authorization", "").partition(" ")
+        given = (request.query.get("token", ""), request.cookies.get(COOKIE, ""), bearer if scheme == "Bearer" else "")
+        if token and not any(_equal(word, token) for word in given):
+            return "a token is needed: open the address that sfr live has printed"
+        return ""
 
     async def _file(self, request: web.Request) -> web.Response:
-        return self._named(request.match_info["name"])
-
-    def _named(self, name: str) -> web.Response:
-        if name not in self._files:
+        name = request.match_info["name"] or "index.html"
+        if name not in self._files:  # nothing but the files of the page is ever served
             raise web.HTTPNotFound
-        kind = KINDS["." + name.rpartition(".")[2]]
-        return web.Response(body=self._files[name], content_type=kind, charset="utf-8")
+        return web.Response(body=self._files[name], content_type=KINDS[_suffix(name)], charset="utf-8")
 
     async def _healthz(self, request: web.Request) -> web.Response:
         return web.json_response({"status": "ok"})
@@ -181,51 +215,103 @@ class LiveServer:
             "title": self._title,
             "time_s": now_s,
             "uptime_s": round(now_s - self._begin_s, 3),
-            "actions": sorted(self._operator.actions),
+            "actions": self._hub.actions,
             "bytes_per_s": self._config.bytes_per_s,
-            **self._broadcast.load(),
+            **self._pages.load(),
         }
 
     async def _websocket(self, request: web.Request) -> web.StreamResponse:
-        if len(self._broadcast.clients) >= MAX_CLIENTS:
+        if len(self._pages.pages) >= MAX_PAGES:
             raise web.HTTPServiceUnavailable
         channel = web.WebSocketResponse(heartbeat=20.0, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
         await channel.prepare(request)
         transport = request.transport
-        if transport is not None and (found := transport.get_extra_info("socket")) is not None:
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
-        client = Client(channel, self._config.bytes_per_s)
-        self._broadcast.join(client, self._server(time.time()))
-        sender = asyncio.create_task(self._send(client, transport))
+        if transport is None:
+            return channel
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
+        page = Page(self._pages, channel, self._config.bytes_per_s, transport.get_write_buffer_size)
+        self._pages.join(page)
+        sender = asyncio.create_task(self._send(page, transport))
         try:
             async for received in channel:
                 if received.type is WSMsgType.TEXT:
-                    self._broadcast.receive(client, received.data)
+                    self._pages.receive(page, received.data)
         finally:
-            self._broadcast.leave(client)
+            self._pages.leave(page)
             sender.cancel()
         return channel
 
-    async def _send(self, client: Client, transport: asyncio.Transport | None) -> None:
+    async def _send(self, page: Page, transport: asyncio.Transport) -> None:
         """Send to a page, and close the connection of one that is cut off without waiting for it."""
         with suppress(ConnectionError):
-            await client.send_all()
-        if client.cut_off:
-            self._broadcast.note_cut_off()
-        if transport is not None:
-            transport.abort()
+            await page.send_all(self._server(time.time()))
+        transport.abort()
 
     async def _command(self, request: web.Request) -> web.Response:
-        if not self._access.may_command(request):
+        if not _equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
             return web.json_response({"ok": False, "text": "the page is of an earlier server: reload it"}, status=403)
         try:
             command = Command.parse(parse_json(await request.read()))
-            text = await asyncio.to_thread(self._operator.run, command)
+            text = await asyncio.to_thread(self._hub.run, command)
         except SfrError as error:
             return web.json_response({"ok": False, "text": str(error)}, status=400)
         except (ValueError, web.RequestPayloadError):
             return web.json_response({"ok": False, "text": "the command is no JSON"}, status=400)
         return web.json_response({"ok": True, "text": text})
+
+
+async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) -> None:
+    """Serve until SIGINT or SIGTERM; print the address when the page can be opened.
+
+    SIGUSR1 says that the run is over: the pages are told, and can be opened still.
+    """
+    gc.collect()
+    gc.freeze()  # what is imported stays: cycles of pages that have gone are then found soon
+    task = asyncio.ensure_future(server.serve(lambda url: announce(url, open_browser=open_browser)))
+    loop = asyncio.get_running_loop()
+
+    def end() -> None:
+        server.end()
+        loop.call_later(LAST_MESSAGE_S, task.cancel)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, end)
+    loop.add_signal_handler(signal.SIGUSR1, server.end)
+    with suppress(asyncio.CancelledError):
+        await task
+
+
+def announce(url: str, *, open_browser: bool) -> None:
+    """Say where the page is."""
+    print(f"live: {url}", flush=True)
+    if open_browser:
+        webbrowser.open(url)
+
+
+def _is_loopback(host: str) -> bool:
+    """Tell whether a host can be reached from this machine alone."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _split(url: str) -> tuple[str, str]:
+    """Return the name, and the name with the port, of an address; empty where it is none."""
+    try:
+        found = urlsplit(url)
+        return found.hostname or "", found.netloc
+    except ValueError:
+        return "", ""
+
+
+def _equal(given: str, wanted: str) -> bool:
+    # Bytes of a header that are no UTF-8 come as halves of surrogate pairs.
+    return hmac.compare_digest(given.encode(errors="surrogatepass"), wanted.encode())
+
+
+def _suffix(name: str) -> str:
+    return "." + name.rpartition(".")[2]
 
 
 def _logger() -> logging.Logger:
@@ -237,19 +323,4 @@ def _logger() -> logging.Logger:
 
 def _is_fault(record: logging.LogRecord) -> bool:
     error = record.exc_info[1] if record.exc_info else None
-    return not isinstance(error, (http_exceptions.HttpProcessingError, web.RequestPayloadError))
-
-
-def _read_files(command_token: str) -> dict[str, bytes]:
-    """Return all files of the page by name; nothing else is ever served."""
-    folder = files("sfr_loc_map.live") / "web"
-    found = {item.name: item.read_bytes() for item in folder.iterdir() if "." + item.name.rpartition(".")[2] in KINDS}
-    found["index.html"] = found["index.html"].replace(TOKEN_MARK.encode(), command_token.encode())
-    return found
-
-
-def _wake(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
-    try:
-        loop.call_soon_threadsafe(event.set)
-    except RuntimeError:  # the loop has ended
-        return
+    return not isinstance(error, http_exceptions.HttpProcessingError | web.RequestPayloadError)

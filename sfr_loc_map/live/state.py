@@ -1,20 +1,21 @@
-"""The state of a run while it goes on: typed, of bounded memory, fed by the records of `updates`."""
+"""The state of a run while it goes on, of bounded memory, fed by the records of `updates`, shown by every view."""
 
 from __future__ import annotations
 
 import math
+import statistics
 from collections import OrderedDict, deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.live.node_view import MAX_CALLS, CallSample, NodeView
-from sfr_loc_map.live.path import LivePath, PathRow
+from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.report_view import ReportView
 from sfr_loc_map.live.updates import (
-    MEDIA,
+    LOCALISATION,
+    REPORT,
+    TRUTH,
     CloudSample,
     ElevationSample,
     GraphView,
@@ -30,26 +31,30 @@ from sfr_loc_map.live.updates import (
 )
 from sfr_loc_map.metrics.score_json import SCHEMA
 
-LIVE_SCHEMA = "sfr-live/1"
-MAX_NODES = 32
-MAX_TOPICS = 32
-MAX_STAMPS = 2000
-MAX_PROBLEMS = 20
+MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
+MAX_VALUES, MAX_LETTERS = 100, 300
+"""Of the health of a node that are kept."""
 TOPIC_STALE_S = 1.7
+STALE_AFTER_S = 1.6
+"""A node reports its health each second; one that has not for so long is stale,"""
+STALE_PERIODS = 1.6
+"""or for so many of its own periods, where they are longer."""
 MIN_PERIOD_S = 1e-6
 """Shortest period that a rate is told of: messages that are all of one moment have none."""
-LOCALISATION, TRUTH, REPORT = "localisation/odometry", "ground_truth/odometry", "metrics/report"
+LEVELS = ("ok", "warning", "error", "stale")
+CALL_TIMES = (
+    "processing_time_s",
+    "conversion_s",
+    "latency_transport_s",
+    "latency_receive_to_publish_s",
+    "latency_stamp_to_publish_s",
+)
+"""Times of a call that are drawn, each apart."""
 
 
 @dataclass(slots=True)
 class TopicView:
-    """When a topic was last received.
-
-    Attributes:
-        stamp_ns: Stamp of the last message, None where it has none.
-        received_s: When it was received.
-        period_s: Smoothed time between two messages, 0 before the second.
-    """
+    """When a topic was last received, its last stamp, and the smoothed time between two messages (0: not known)."""
 
     stamp_ns: int | None
     received_s: float
@@ -65,6 +70,68 @@ class TopicView:
         """Tell whether nothing has come for longer than its period explains; what came once has none."""
         return self.period_s > 0.0 and now_s - self.received_s > max(TOPIC_STALE_S, 3.0 * self.period_s)
 
+    def to_plain(self, now_s: float, lost: int) -> dict[str, Any]:
+        """Return it as JSON values."""
+        return {
+            "stamp_ns": None if self.stamp_ns is None else str(self.stamp_ns),
+            "age_s": round(max(now_s - self.received_s, 0.0), 3),
+            "rate_hz": round(1.0 / self.period_s, 2) if self.period_s > MIN_PERIOD_S else None,
+            "stale": self.is_stale(now_s),
+            "lost": lost,
+        }
+
+
+@dataclass(slots=True)
+class NodeView:
+    """What a node says of itself: its last health, the result of its last call, its last input that was unusable."""
+
+    name: str
+    level: int = 3
+    message: str = ""
+    values: dict[str, str] = field(default_factory=dict)
+    state: str = ""
+    problem: str | None = None
+    heard_s: float = 0.0
+    health_s: float | None = None
+    in_graph: bool | None = None
+    _periods: deque[float] = field(default_factory=lambda: deque(maxlen=5))
+
+    def add(self, status: Status) -> None:
+        """Take a status in."""
+        message = status.message[:MAX_LETTERS]
+        if status.kind is StatusKind.HEALTH:
+            if self.health_s is not None:
+                self._periods.append(status.received_s - self.health_s)
+            self.health_s, self.level, self.message = status.received_s, min(max(status.level, 0), 3), message
+            kept = list(status.values.items())[:MAX_VALUES]
+            self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
+        elif status.kind is StatusKind.INPUT:
+            self.problem = message
+        else:
+            self.state = message
+        self.heard_s = max(self.heard_s, status.received_s)
+
+    def is_stale(self, now_s: float) -> bool:
+        """Tell whether it has been silent for too long."""
+        period = statistics.median(self._periods) if len(self._periods) > 2 else 0.0
+        return now_s - self.heard_s > max(STALE_AFTER_S, STALE_PERIODS * period)
+
+    def to_plain(self, now_s: float) -> dict[str, Any]:
+        """Return it as JSON values."""
+        stale = self.is_stale(now_s)
+        return {
+            "name": self.name,
+            "stale": stale,
+            "age_s": round(max(now_s - self.heard_s, 0.0), 3) if self.heard_s else None,
+            "level": "stale" if stale else LEVELS[self.level],
+            "message": self.message,
+            "lifecycle": self.values.get("lifecycle", "unknown"),
+            "state": self.state,
+            "in_graph": self.in_graph,
+            "problem": self.problem,
+            "values": self.values,
+        }
+
 
 class LiveState:
     """What is known of a run. One thread alone uses it.
@@ -73,9 +140,10 @@ class LiveState:
         path: Estimates, truth and errors.
         report: The monitor's latest report, None before the first.
         nodes: By name.
-        calls: The last calls.
+        calls: The last calls as JSON values, each with its number `n`.
         media: Newest image, cloud, map and tracks by topic.
         topics: By name.
+        lost: Messages that did not arrive here, by topic.
         time_line: Of the player of a recorded run, None of a live one.
         problems: What could not be read, the latest last.
     """
@@ -85,53 +153,39 @@ class LiveState:
         self.path = LivePath()
         self.report: ReportView | None = None
         self.nodes: dict[str, NodeView] = {}
-        self.calls: deque[CallSample] = deque(maxlen=MAX_CALLS)
+        self.calls: deque[dict[str, Any]] = deque(maxlen=MAX_CALLS)
         self.media: dict[str, Media] = {}
         self.topics: dict[str, TopicView] = {}
         self.lost: dict[str, int] = {}
         self.time_line: TimeLine | None = None
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)
-        self._sampled: OrderedDict[int, float] = OrderedDict()
+        self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
         self._heard_s = 0.0
-        self._appliers: dict[type[Any], Callable[[Any], None]] = {
-            Report: self._add_report,
-            PoseSample: self._add_pose,
-            Status: self._add_status,
-            Sampled: self._add_sampled,
-            **dict.fromkeys(MEDIA, self._add_media),
-            GraphView: self._add_graph,
-            TimeLine: self._add_time_line,
-        }
 
     def apply(self, update: Update) -> bool:
         """Take a record in and return True; one that makes no sense is noted as a problem."""
         try:
             self._heard_s = max(self._heard_s, _time_of(update))
-            self._appliers[type(update)](update)
+            match update:
+                case Report():
+                    self._add_report(update)
+                case PoseSample():
+                    self._add_pose(update)
+                case Status():
+                    self._add_status(update)
+                case Sampled():
+                    self._add_sampled(update)
+                case GraphView():
+                    self._add_graph(update)
+                case TimeLine():
+                    self._add_time_line(update)
+                case _:
+                    self._add_media(update)
         except (SfrError, ValueError, OverflowError) as error:
             self.problems.append(one_line(str(error)))
             return False
         return True
-
-    def published_s(self, stamp_ns: int) -> float | None:
-        """Return when the image of a stamp was published, None where that is not known."""
-        return self._sampled.get(stamp_ns)
-
-    def row_to_plain(self, row: PathRow) -> list[Any]:
-        """Return a row of the path as a list in the order of `ROW_FIELDS`."""
-        return [
-            row.n,
-            str(row.stamp_ns),
-            round(row.received_s, 4),
-            self.published_s(row.stamp_ns),
-            _rounded(row.position),
-            None if row.covariance_xy is None else [float(f"{value:.4g}") for value in row.covariance_xy],
-            int(row.lost),
-            _rounded(row.truth),
-            _rounded(row.error, 6),
-            round(row.distance_m, 4),
-        ]
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest report (`sfr-score/1`) with the state of the run as `live`, as JSON values."""
@@ -143,22 +197,27 @@ class LiveState:
         """Return what `state.json` adds to the score, as JSON values; the tables change with the report only."""
         now_s = self.moment(now_s)
         report, latest = self.report, self.path.rows[-1] if self.path.rows else None
-        view = report.to_plain() if report is not None and tables else None
+        shown = report.to_plain() if report is not None and tables else {"overall": None, "tables": []}
+        line, node = self.time_line, self.nodes.get("localisation_node")
+        localisation = None
+        if latest is not None:
+            localisation = dict(zip(ROW_FIELDS, latest.to_plain(), strict=True))
+            localisation["state"] = "" if node is None else node.state
         return {
-            "schema": LIVE_SCHEMA,
+            "schema": "sfr-live/1",
             "time_s": now_s,
             "stale": self.is_stale(now_s),
-            "overall": None if view is None else view["overall"],
-            "tables": [] if view is None else view["tables"],
+            "overall": shown["overall"],
+            "tables": shown["tables"],
             "report_age_s": None if report is None else round(now_s - report.received_s, 3),
             "nodes": [self.nodes[name].to_plain(now_s) for name in sorted(self.nodes)],
-            "topics": {name: self._topic(name, now_s) for name in sorted(self.topics)},
-            "localisation": None if latest is None else self._localisation(latest),
-            "under_way": self.under_way_to_plain(),
-            "last_call": {call.node: call.to_plain() for call in self.calls},
+            "topics": {name: self.topics[name].to_plain(now_s, self.lost.get(name, 0)) for name in sorted(self.topics)},
+            "localisation": localisation,
+            "under_way": self.path.under_way,
+            "last_call": {call["node"]: call for call in self.calls},
             "poses": 0 if latest is None else latest.n + 1,
             "problems": list(self.problems),
-            "time_line": self.time_line_to_plain(),
+            "time_line": None if line is None else {"at_s": line.at_s, "end_s": line.end_s, "playing": line.playing},
         }
 
     def moment(self, now_s: float) -> float:
@@ -170,38 +229,11 @@ class LiveState:
         topic = self.topics.get(LOCALISATION)
         return topic is not None and topic.is_stale(self.moment(now_s))
 
-    def under_way_to_plain(self) -> dict[str, Any] | None:
-        """Return the sub-trajectory under way as JSON values."""
-        found = self.path.under_way
-        if found is None:
-            return None
-        return {
-            "start_n": found.start_n,
-            "condition": found.condition,
-            "progress": round(found.progress, 4),
-            "error": list(found.error),
-        }
-
-    def time_line_to_plain(self) -> dict[str, Any] | None:
-        """Return the place of a player as JSON values."""
-        line = self.time_line
-        return None if line is None else {"at_s": line.at_s, "end_s": line.end_s, "playing": line.playing}
-
-    def _localisation(self, row: PathRow) -> dict[str, Any]:
-        node = self.nodes.get("localisation_node")
-        return dict(zip(ROW_FIELDS, self.row_to_plain(row), strict=True)) | {
-            "state": "" if node is None else node.state
-        }
-
-    def _topic(self, name: str, now_s: float) -> dict[str, Any]:
-        topic = self.topics[name]
-        return {
-            "stamp_ns": None if topic.stamp_ns is None else str(topic.stamp_ns),
-            "age_s": round(max(now_s - topic.received_s, 0.0), 3),
-            "rate_hz": round(1.0 / topic.period_s, 2) if topic.period_s > MIN_PERIOD_S else None,
-            "stale": topic.is_stale(now_s),
-            "lost": self.lost.get(name, 0),
-        }
+    def silent(self, now_s: float) -> frozenset[str]:
+        """Return the names of nodes and topics that are silent."""
+        now_s = self.moment(now_s)
+        views: dict[str, NodeView | TopicView] = {**self.nodes, **self.topics}
+        return frozenset(name for name, view in views.items() if view.is_stale(now_s))
 
     def _note_topic(self, name: str, stamp_ns: int | None, received_s: float) -> None:
         if name in self.topics:
@@ -209,47 +241,42 @@ class LiveState:
         elif len(self.topics) < MAX_TOPICS:
             self.topics[name] = TopicView(stamp_ns, received_s)
 
+    def _node(self, name: str) -> NodeView | None:
+        if name not in self.nodes and len(self.nodes) < MAX_NODES:
+            self.nodes[name] = NodeView(name)
+        return self.nodes.get(name)
+
     def _add_report(self, update: Report) -> None:
         self._note_topic(REPORT, None, update.received_s)
         self.report = ReportView.read(update.text, update.received_s)
-        if self.report.conditions:
-            self.path.condition = self.report.conditions[0]
-        if self.report.spacing:
-            self.path.spacing = self.report.spacing
+        self.path.condition = self.report.condition or self.path.condition
+        self.path.spacing = self.report.spacing or self.path.spacing
 
     def _add_pose(self, update: PoseSample) -> None:
         self._note_topic(LOCALISATION if update.track is Track.ESTIMATE else TRUTH, update.stamp_ns, update.received_s)
-        self.path.add(update)
+        self.path.add(update, self._published.get(update.stamp_ns))
 
     def _add_status(self, update: Status) -> None:
         node = self._node(update.node)
         if node is None:
             return
         node.add(update)
-        if update.kind is StatusKind.CALL:
-            call = CallSample.of(self._call_count, update)
-            if call is not None:
-                self.calls.append(call)
-                self._call_count += 1
-
-    def _node(self, name: str) -> NodeView | None:
-        if name not in self.nodes and len(self.nodes) < MAX_NODES:
-            self.nodes[name] = NodeView(name)
-        return self.nodes.get(name)
+        if update.kind is StatusKind.CALL and (call := _call_to_plain(self._call_count, update)) is not None:
+            self.calls.append(call)
+            self._call_count += 1
 
     def _add_sampled(self, update: Sampled) -> None:
         self._note_topic(update.topic, update.stamp_ns, update.published_s)
-        self._sampled[update.stamp_ns] = update.published_s
-        if len(self._sampled) > MAX_STAMPS:
-            self._sampled.popitem(last=False)
+        self._published[update.stamp_ns] = update.published_s
+        if len(self._published) > MAX_STAMPS:
+            self._published.popitem(last=False)
 
     def _add_media(self, update: Media) -> None:
         before = self.media.get(update.topic)
         if before is None and len(self.media) >= MAX_TOPICS:
             return
-        if isinstance(update, (CloudSample, ElevationSample)) and (
-            before is None or before.stamp_ns != update.stamp_ns
-        ):
+        is_new = before is None or before.stamp_ns != update.stamp_ns
+        if is_new and isinstance(update, CloudSample | ElevationSample):
             self._note_topic(update.topic, update.stamp_ns, update.published_s)
         self.media[update.topic] = update
 
@@ -268,19 +295,20 @@ class LiveState:
             self.report = None
 
 
-ROW_FIELDS = (
-    "n",
-    "stamp_ns",
-    "received_s",
-    "published_s",
-    "position_m",
-    "covariance_xy_m2",
-    "lost",
-    "truth_m",
-    "error_m",
-    "distance_m",
-)
-"""What stands in a row of the path, in this order."""
+def _call_to_plain(n: int, status: Status) -> dict[str, Any] | None:
+    """Return the call that a status describes as JSON values, None where a number of it cannot be read."""
+    values = status.values
+    try:
+        times = {name: float(values[name]) for name in CALL_TIMES if name in values}
+        memory = int(values["peak_rss_bytes"]) if "peak_rss_bytes" in values else None
+        stamp_ns = int(values["stamp_ns"])
+    except (KeyError, ValueError):
+        return None
+    if not all(map(math.isfinite, times.values())):
+        return None
+    state = f"{values.get('state', '')} {values.get('reason', '')}".strip()[:MAX_LETTERS]
+    call = {"n": n, "node": status.node, "stamp_ns": str(stamp_ns), "received_s": status.received_s, "state": state}
+    return call | {"memory_bytes": memory, **times}
 
 
 def _time_of(update: Update) -> float:
@@ -293,7 +321,3 @@ def _time_of(update: Update) -> float:
     if not (math.isfinite(received_s) and math.isfinite(published_s)):
         raise ValueError(f"a {type(update).__name__} whose time is no number is left out")
     return received_s
-
-
-def _rounded(values: tuple[float, float, float] | None, digits: int = 5) -> list[float] | None:
-    return None if values is None else [round(value, digits) for value in values]

@@ -1,103 +1,47 @@
-"""A run shown on a terminal while it goes on, for a shell far away; lines, where there is no terminal."""
+"""A run shown on a terminal while it goes on, for a shell far away, 80 columns wide; lines, where there is no terminal.
+
+The strings are those of the tables. A verdict and a level are told by a word and a sign; colour only repeats them.
+"""
 
 from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from threading import Thread
+from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.layout import Layout
 from rich.live import Live
+from rich.table import Table as Grid
 from rich.text import Text
 
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.inputs import one_line
-from sfr_loc_map.live.commands import Action, Command, Operator
-from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.inputs import one_line, printable
+from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.terminal_screen import line, screen
+from sfr_loc_map.live.updates import LOCALISATION, REPORT
 from sfr_loc_map.pipeline.controls import SEEK_STEP_S, Keyboard
+from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Row, Table, number
 
-PERIOD_S = 0.5
-"""Time between two drawings of the screen,"""
-LINE_PERIOD_S = 1.0
-"""or between two lines."""
-KEY_PERIOD_S = 0.05
-
-
-@dataclass(slots=True)
-class Keys:
-    """What the keys do: q ends; of a player, space pauses and the arrows go back and on.
-
-    Attributes:
-        operator: Carries it out, None where nothing plays.
-        ended: Whether q was pressed.
-        answer: What came of the last key, in words.
-    """
-
-    operator: Operator | None = None
-    ended: bool = False
-    answer: str = ""
-
-    def press(self, key: str, state: LiveState) -> None:
-        """Do what a key says."""
-        place = state.time_line
-        if key in ("q", "Q"):
-            self.ended = True
-        elif self.operator is None or place is None:
-            return
-        elif key == " ":
-            self._run(Command(Action.PAUSE if place.playing else Action.PLAY))
-        elif key in ("left", "right"):
-            step = SEEK_STEP_S if key == "right" else -SEEK_STEP_S
-            self._run(Command(Action.SEEK, at_s=min(max(place.at_s + step, 0.0), place.end_s)))
-
-    def help(self, state: LiveState) -> str:
-        """Return the last line: which keys there are, and where a player is."""
-        place = state.time_line
-        if place is None:
-            return "q ends"
-        word = "playing" if place.playing else "at its end" if place.at_s >= place.end_s else "paused"
-        return (
-            f"{place.at_s:.1f} of {place.end_s:.1f} s, {word}   q ends, space pauses, left and right 5 s  {self.answer}"
-        )
-
-    def _run(self, command: Command) -> None:
-        Thread(target=self._carry_out, args=(command,), daemon=True).start()
-
-    def _carry_out(self, command: Command) -> None:
-        assert self.operator is not None
-        try:
-            self.operator.run(command)
-            self.answer = ""
-        except SfrError as error:
-            self.answer = one_line(str(error))
+PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
+"""Time between two drawings of the screen, two lines, two looks at the keys."""
+LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
+FIGURE_WIDTH, NUMBER_WIDTH, VERDICT_WIDTH = 18, 10, 17
+WAITING = "no figures yet: waiting for metrics/report of the monitor"
 
 
 class Terminal:
-    """Draws what a hub brings, until q is pressed.
+    """Draws what a hub brings, until q is pressed. Of a player, space pauses and the arrows go back and on."""
 
-    Attributes:
-        state: What is known of the run.
-    """
-
-    def __init__(self, hub: Hub, title: str, operator: Operator | None = None, console: Console | None = None) -> None:
-        """Draw nothing yet.
-
-        Args:
-            hub: Where the feed puts what it receives.
-            title: What is shown.
-            operator: Of a player, None of a live run.
-            console: Where to draw; None: standard output.
-        """
+    def __init__(self, hub: Hub, title: str, console: Console | None = None) -> None:
+        """Draw nothing yet; without a console standard output is drawn on."""
         self.state = LiveState()
         self._hub, self._title = hub, title
-        self._keys = Keys(operator)
         self._console = console or Console(highlight=False)
+        self._ended, self._answer = False, ""
 
     def show(self) -> None:
         """Draw until q is pressed.
@@ -105,59 +49,72 @@ class Terminal:
         Raises:
             KeyboardInterrupt: On SIGINT and SIGTERM; the terminal is as it was before.
         """
-        stream = self._console.file
-        with suppress(AttributeError, ValueError):
-            stream.reconfigure(errors="replace")  # type: ignore[attr-defined]  # a terminal without these signs
-        with _sigterm_interrupts():
-            if self._console.is_terminal:
-                self._draw()
-            else:
-                self._print_lines()
-
-    def drawing(self, now_s: float) -> RenderableType:
-        """Return the whole screen; the last line says how many lines found no room."""
-        body = screen(self.state, now_s, self._title)
         console = self._console
-        wanted = len(console.render_lines(body, console.options.update(height=None), pad=False))
-        hidden = wanted - (console.height - 1)
-        words = f"{hidden} lines more: enlarge the window   " if hidden > 0 else ""
-        foot = Text(words + self._keys.help(self.state), "reverse", no_wrap=True, overflow="ellipsis")
-        layout = Layout()
-        layout.split_column(Layout(body), Layout(foot, size=1))
-        return layout
-
-    def _draw(self) -> None:
-        with Keyboard() as keyboard, Live(console=self._console, screen=True, auto_refresh=False) as drawn:
-
-            def redraw() -> None:
-                drawn.update(self.drawing(time.time()), refresh=True)
-
-            self._loop(PERIOD_S, redraw, keyboard.pressed)
-        self._console.print(Text(line(self.state, time.time())), soft_wrap=True)
-
-    def _print_lines(self) -> None:
-        def write() -> None:
-            self._console.print(Text(line(self.state, time.time())), soft_wrap=True)
-            self._console.file.flush()
-
-        self._loop(LINE_PERIOD_S, write, list)
-
-    def _loop(self, period_s: float, show: Callable[[], None], pressed: Callable[[], list[str]]) -> None:
-        due_s = time.monotonic()
-        while not self._keys.ended:
-            self.take()
-            for key in pressed():
-                self._keys.press(key, self.state)
-                due_s = 0.0
-            if time.monotonic() >= due_s:
-                show()
-                due_s = time.monotonic() + period_s
-            time.sleep(KEY_PERIOD_S)
+        with suppress(AttributeError, ValueError):  # a terminal without these signs
+            console.file.reconfigure(errors="replace")  # type: ignore[attr-defined]
+        screen = console.is_terminal
+        drawn = Live(console=console, screen=True, auto_refresh=False) if screen else None
+        with _sigterm_interrupts(), Keyboard() if screen else nullcontext() as keyboard, drawn or nullcontext():
+            due_s = time.monotonic()
+            while not self._ended:
+                self.take()
+                for key in keyboard.pressed() if keyboard is not None else ():
+                    self._press(key)
+                    due_s = 0.0
+                if time.monotonic() >= due_s:
+                    if drawn is not None:
+                        drawn.update(self.drawing(time.time()), refresh=True)
+                    else:
+                        self._print_line()
+                    due_s = time.monotonic() + (PERIOD_S if screen else LINE_PERIOD_S)
+                time.sleep(KEY_PERIOD_S)
+        if screen:
+            self._print_line()
 
     def take(self) -> None:
         """Take in what has arrived."""
         for update in self._hub.take():
             self.state.apply(update)
+
+    def drawing(self, now_s: float) -> RenderableType:
+        """Return the whole screen, the most important first; the last line says how many lines found no room."""
+        live, console = self.state.live_to_plain(now_s, tables=False), self._console
+        body = Group(*_parts(self.state, live, now_s, self._title))
+        hidden = len(console.render_lines(body, console.options.update(height=None), pad=False)) - console.height + 1
+        words = f"{hidden} lines more: enlarge the window   " if hidden > 0 else ""
+        if (line := live["time_line"]) is None:
+            words += "q ends"
+        else:
+            state = "playing" if line["playing"] else "at its end" if line["at_s"] >= line["end_s"] else "paused"
+            words += f"{line['at_s']:.1f} of {line['end_s']:.1f} s, {state}   q ends, space pauses, left and right 5 s"
+        layout = Layout()
+        foot = Text(f"{words}  {self._answer}", "reverse", no_wrap=True, overflow="ellipsis")
+        layout.split_column(Layout(body), Layout(foot, size=1))
+        return layout
+
+    def _print_line(self) -> None:
+        self._console.print(Text(one_line_of(self.state, time.time())), soft_wrap=True)
+        self._console.file.flush()
+
+    def _press(self, key: str) -> None:
+        place = self.state.time_line
+        if key in ("q", "Q"):
+            self._ended = True
+        elif place is not None and key == " ":
+            self._run(Command(Action.PAUSE if place.playing else Action.PLAY))
+        elif place is not None and key in ("left", "right"):
+            step = SEEK_STEP_S if key == "right" else -SEEK_STEP_S
+            self._run(Command(Action.SEEK, at_s=min(max(place.at_s + step, 0.0), place.end_s)))
+
+    def _run(self, command: Command) -> None:
+        def carry_out() -> None:
+            try:
+                self._hub.run(command)
+                self._answer = ""
+            except SfrError as error:
+                self._answer = one_line(str(error))
+
+        Thread(target=carry_out, daemon=True).start()
 
 
 @contextmanager
@@ -168,3 +125,186 @@ def _sigterm_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def one_line_of(state: LiveState, now_s: float) -> str:
+    """Return what is shown in one line: verdict, headline figures, state, nodes, what is stale."""
+    live, report = state.live_to_plain(now_s, tables=False), state.report
+    parts = [_clock(now_s), *(f"STALE: {words}" for words in _stale(live))]
+    if report is None:
+        parts.append(WAITING)
+    else:
+        parts.append(f"{report.overall.state}: {report.overall.text.rstrip('.')}")
+        for row in _table(state, "headline"):
+            mean, sigma, bound, interval, count = (cell.text for cell in row[2:7])
+            parts.append(f"{_with_unit(row)} mean {mean} sigma {sigma} mean + 3 sigma {bound} ({interval}, n {count})")
+    parts += _now(live)
+    for node in live["nodes"]:
+        call = live["last_call"].get(node["name"])
+        parts.append(" ".join((node["name"], node["level"], *(_call_words(call) if call is not None else ()))))
+    return printable(" ".join("; ".join(parts).split()))
+
+
+def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str) -> Iterator[RenderableType]:
+    head = Grid.grid(expand=True)
+    head.add_column(ratio=1, no_wrap=True, overflow="ellipsis")
+    head.add_column(justify="right", no_wrap=True)
+    stale = ", ".join(_stale(live))
+    right = Text.assemble((f" STALE: {stale} ", "reverse bold yellow"), " ") if stale else Text()
+    head.add_row(Text(f"sfr live  {one_line(title)}", "bold"), right + Text(_clock(now_s)))
+    yield head
+    if state.report is None:
+        yield Text(f" {WAITING}", "italic")
+    else:
+        overall = state.report.overall
+        style = VERDICTS.get(overall.state, OPEN).colour
+        yield Text.assemble((f" {overall.icon} {overall.state} ", f"reverse {style}"), f" {overall.text}")
+        yield from (_figures(table) for table in state.report.tables if table.name == "headline")
+    yield from map(Text, _now(live))
+    if live["nodes"]:
+        yield _nodes(live)
+    if verdicts := _table(state, "verdicts"):
+        yield _verdicts(verdicts)
+    yield from map(Text, _notes(state, live))
+
+
+def _table(state: LiveState, name: str) -> tuple[Row, ...]:
+    tables = () if state.report is None else state.report.tables
+    return next((table.rows for table in tables if table.name == name), ())
+
+
+def _figures(table: Table) -> RenderableType:
+    """Return figure, mean, sigma, mean + 3 sigma, interval, n, with the unit behind the figure."""
+    grid = _grid("figure", FIGURE_WIDTH)
+    for column in table.columns[2:5]:
+        grid.add_column(column.title.replace("mean + ", "mean +\n"), justify="right", max_width=NUMBER_WIDTH)
+    grid.add_column(table.columns[5].title, justify="right", min_width=FIGURE_WIDTH)
+    grid.add_column(table.columns[6].title, justify="right", no_wrap=True)
+    for row in table.rows:
+        grid.add_row(Text(_with_unit(row)), *(Text(cell.text) for cell in row[2:7]))
+    return _Fitting(grid)
+
+
+def _verdicts(rows: tuple[Row, ...]) -> RenderableType:
+    grid = _grid("verdict", VERDICT_WIDTH)
+    grid.add_column("figure", min_width=FIGURE_WIDTH)
+    grid.add_column("limit", justify="right", no_wrap=True)
+    grid.add_column("value", justify="right", max_width=NUMBER_WIDTH)
+    grid.add_column("n", justify="right", no_wrap=True)
+    for verdict, head, unit, limit, value, _, count, _ in rows:
+        style = VERDICTS.get(verdict.text, OPEN).colour
+        words = (head.text, f"{limit.text} {unit.text}", value.text, count.text)
+        grid.add_row(Text(f"{verdict.icon} {verdict.text}", style), *map(Text, words))
+    return _Fitting(grid)
+
+
+def _nodes(live: dict[str, Any]) -> RenderableType:
+    grid = _grid("node")
+    grid.add_column("health")
+    grid.add_column("state")
+    for title in ("call", "memory", "dropped", "heard"):
+        grid.add_column(title, justify="right", no_wrap=True)
+    for node in live["nodes"]:
+        icon, style = LEVELS[node["level"]]
+        health = Text(f"{icon} {node['level']}", style)
+        if node["lifecycle"] not in ("active", "unknown"):
+            health.append(f", {one_line(node['lifecycle'])}")
+        call = live["last_call"].get(node["name"])
+        took, memory = _call_words(call) if call is not None else (ABSENT, ABSENT)
+        heard = "never" if node["age_s"] is None else f"{node['age_s']:.1f} s"
+        words = (node["state"], took, memory, str(sum(_drops(node).values())), heard)
+        grid.add_row(Text(one_line(node["name"])), health, *(Text(one_line(word)) for word in words))
+    return _Fitting(grid)
+
+
+def _stale(live: dict[str, Any]) -> Iterator[str]:
+    """Say what is not of this moment any more."""
+    for name, words in ((LOCALISATION, "pose"), (REPORT, "figures")):
+        topic = live["topics"].get(name)
+        if topic is not None and topic["stale"]:
+            yield f"no {words} for {topic['age_s']:.1f} s"
+
+
+def _now(live: dict[str, Any]) -> Iterator[str]:
+    """Say where the rover is and how the sub-trajectory under way stands."""
+    if (row := live["localisation"]) is not None:
+        word = "lost" if row["lost"] else one_line(row["state"]) or "state unknown"
+        place = " ".join(f"{value:.3f}" for value in row["position_m"])
+        yield f"pose {row['n'] + 1}: {word}, at {place} m, {number(row['distance_m'], unit=METRE)} m driven"
+        if row["error_m"] is not None:
+            yield f"error x y z: {' '.join(number(value, signed=True) for value in row['error_m'])} m"
+    if (found := live["under_way"]) is not None:
+        size = number(sum(value * value for value in found["error"]) ** 0.5)
+        yield f"under way: {found['condition']}, {found['progress']:.0%}, error {size} m"
+
+
+def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
+    """Say what is wrong with nodes, what was dropped and why, how late things are, what could not be read."""
+    for node in live["nodes"]:
+        name, view = one_line(node["name"]), state.nodes[node["name"]]
+        if view.health_s is not None and view.level:
+            yield f"{name}: {one_line(node['message'])}"
+        if drops := [f"{count} {cause}" for cause, count in _drops(node).items() if count]:
+            yield f"{name} dropped: {', '.join(drops)}"
+        if late := list(_latencies(node)):
+            yield f"{name} p95: {', '.join(late)}"
+    if lost := [f"{count} of {topic}" for topic, count in state.lost.items() if count]:
+        yield "not received here: " + ", ".join(lost)
+    if state.report is not None:
+        yield from (f"warning: {one_line(text)}" for text in state.report.warnings)
+    if state.problems:
+        yield f"not readable: {state.problems[-1]}"
+
+
+def _call_words(call: dict[str, Any]) -> tuple[str, str]:
+    """Return time and memory of a call."""
+    took, memory = number(call.get("processing_time_s"), ABSENT, MILLISECOND), call["memory_bytes"]
+    return f"{took} ms", ABSENT if memory is None else f"{number(memory, unit=MIB)} MiB"
+
+
+def _drops(node: dict[str, Any]) -> dict[str, int]:
+    """Return how much a node has dropped, by cause."""
+    dropped = [(name, text) for name, text in node["values"].items() if name.startswith("dropped_")]
+    return {name.removeprefix("dropped_").replace("_", " "): int(text) for name, text in dropped if text.isdecimal()}
+
+
+def _latencies(node: dict[str, Any]) -> Iterator[str]:
+    for name, text in node["values"].items():
+        if name.startswith("latency_") and name.endswith("_p95_s"):
+            with suppress(ValueError, OverflowError):
+                took = number(float(text), unit=MILLISECOND)
+                yield f"{name.removeprefix('latency_').removesuffix('_p95_s').replace('_', ' ')} {took} ms"
+
+
+def _with_unit(row: Row) -> str:
+    return f"{row[0].text}, {row[1].text}" if row[1].text else row[0].text
+
+
+def _clock(now_s: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(now_s))
+
+
+class _Fitting:
+    """A table without the columns at its right that find no room: half a number would be another one."""
+
+    def __init__(self, grid: Grid) -> None:
+        self._grid = grid
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        while len(self._grid.columns) > 2 and not self._is_whole(console, options):
+            self._grid.columns.pop()
+        yield self._grid
+
+    def _is_whole(self, console: Console, options: ConsoleOptions) -> bool:
+        """Tell whether every word is drawn, none of them cut."""
+        lines = console.render_lines(self._grid, options.update(height=None), pad=False)
+        drawn = {word for line in lines for word in "".join(segment.text for segment in line).split()}
+        texts = (str(text) for column in self._grid.columns for text in (column.header, *column.cells))
+        return {word for text in texts for word in text.split()} <= drawn
+
+
+def _grid(first: str, min_width: int | None = None) -> Grid:
+    """Return a table without lines, with its first column."""
+    grid = Grid(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold", expand=False)
+    grid.add_column(first, min_width=min_width)
+    return grid

@@ -1,7 +1,7 @@
 """What a feed tells the live state: one small frozen record for each thing that has happened.
 
-A feed is whatever receives a run (the ROS node, a player of a recorded source). It puts records into a `Hub`; times are
-seconds of the host's system clock, stamps are those of the messages.
+A feed is whatever receives a run: the ROS node, or the player of a recorded one. It puts records into a `Hub`. Times
+are seconds of the host's system clock, stamps are those of the messages.
 """
 
 from __future__ import annotations
@@ -9,8 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import ClassVar
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
+
+LOCALISATION, TRUTH, REPORT = "localisation/odometry", "ground_truth/odometry", "metrics/report"
+POINTS, TRUE_POINTS, TRACKS = "mapping/points", "ground_truth/points", "localisation/tracks"
+ELEVATION, HAZARD = "mapping/elevation", "mapping/hazard"
 
 
 class Track(StrEnum):
@@ -38,12 +43,7 @@ class View(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The monitor's report.
-
-    Attributes:
-        text: JSON of the score.
-        received_s: When it was received.
-    """
+    """The monitor's report: JSON of a score."""
 
     text: str
     received_s: float
@@ -51,16 +51,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class PoseSample:
-    """One pose of RB in DS.
-
-    Attributes:
-        track: Whose.
-        stamp_ns: Its stamp.
-        position: Metres.
-        quat_xyzw: Unit quaternion.
-        received_s: When it was received.
-        covariance: `(6, 6)` of the pose in ROS order; None of a true pose.
-    """
+    """One pose of RB in DS: metres, a unit quaternion, for estimates the covariance `(6, 6)` in ROS order."""
 
     track: Track
     stamp_ns: int
@@ -72,16 +63,7 @@ class PoseSample:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """One status of a node on /diagnostics.
-
-    Attributes:
-        node: Name of the node, such as `localisation_node`.
-        kind: What it is about.
-        level: 0 well, 1 warning, 2 error, 3 stale.
-        message: In words.
-        values: Figures and words by name.
-        received_s: When it was received.
-    """
+    """One status of a node on /diagnostics; levels are 0 well, 1 warning, 2 error, 3 stale."""
 
     node: str
     kind: StatusKind
@@ -93,13 +75,7 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """When the images of a stamp were published, by which the delay of all that follows from them is told.
-
-    Attributes:
-        topic: Topic of the image.
-        stamp_ns: Its stamp.
-        published_s: When it was published.
-    """
+    """When the images of a stamp were published, by which the delay of all that follows from them is told."""
 
     topic: str
     stamp_ns: int
@@ -108,17 +84,9 @@ class Sampled:
 
 @dataclass(frozen=True, slots=True)
 class ImageSample:
-    """One image, reduced for the screen.
+    """One image, reduced for the screen: a JPEG file, its width and height, and those before it was reduced."""
 
-    Attributes:
-        topic: Where it comes from, such as `loc/left`.
-        stamp_ns: Its stamp.
-        jpeg: The image as a JPEG file.
-        size: Its width and height.
-        full_size: Width and height before it was reduced.
-        published_s: When it was published.
-    """
-
+    view: ClassVar[View] = View.IMAGES
     topic: str
     stamp_ns: int
     jpeg: bytes
@@ -127,7 +95,7 @@ class ImageSample:
     published_s: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CloudSample:
     """One cloud, thinned for the screen.
 
@@ -140,6 +108,7 @@ class CloudSample:
         error: `(N,)` distance to the truth in metres, None where it is not known.
     """
 
+    view: ClassVar[View] = View.CLOUDS
     topic: str
     stamp_ns: int
     points: FloatArray32
@@ -164,6 +133,7 @@ class ElevationSample:
         every: Cells of the grid, along each axis, for one that is shown.
     """
 
+    view: ClassVar[View] = View.CLOUDS
     topic: str
     stamp_ns: int
     origin_m: tuple[float, float]
@@ -187,6 +157,7 @@ class TrackSample:
         published_s: When it was published.
     """
 
+    view: ClassVar[View] = View.TRACKS
     topic: str
     stamp_ns: int
     tracks: FloatArray32
@@ -196,13 +167,7 @@ class TrackSample:
 
 @dataclass(frozen=True, slots=True)
 class GraphView:
-    """Which nodes of the suite are in the graph.
-
-    Attributes:
-        nodes: Their names.
-        received_s: When that was looked up.
-        lost: Messages that did not arrive at the feed, by topic.
-    """
+    """Which nodes of the suite are in the graph, and how many messages of each topic did not arrive at the feed."""
 
     nodes: frozenset[str]
     received_s: float
@@ -211,14 +176,7 @@ class GraphView:
 
 @dataclass(frozen=True, slots=True)
 class TimeLine:
-    """Where the player of a recorded run is; a live run has none.
-
-    Attributes:
-        at_s: Seconds since its begin.
-        end_s: Its length.
-        playing: Whether it goes on.
-        restarted: Whether it has gone back, so that what was shown does not hold any more.
-    """
+    """Where the player of a recorded run is; `restarted` where it has gone back and what was shown does not hold."""
 
     at_s: float
     end_s: float
@@ -228,5 +186,4 @@ class TimeLine:
 
 Media = ImageSample | CloudSample | ElevationSample | TrackSample
 """What is large: the newest of each topic replaces what nobody has taken yet."""
-MEDIA = (ImageSample, CloudSample, ElevationSample, TrackSample)
 Update = Report | PoseSample | Status | Sampled | Media | GraphView | TimeLine

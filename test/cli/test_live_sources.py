@@ -34,17 +34,17 @@ def test_open_opens_the_page_in_the_browser_once_it_is_served(
     wanted: bool, sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
-    from sfr_loc_map.live import serve
+    from sfr_loc_map.live import server
 
     opened: list[str] = []
-    announce = serve.announce
+    announce = server.announce
 
     def announced(url: str, *, open_browser: bool) -> None:
         announce(url, open_browser=open_browser)
         signal.raise_signal(signal.SIGTERM)  # the page has been seen
 
     monkeypatch.setattr(webbrowser, "open", opened.append)
-    monkeypatch.setattr(serve, "announce", announced)
+    monkeypatch.setattr(server, "announce", announced)
     source = write_folder(tmp_path / "source", 2, 0)
     result = sfr("live", source, "--port", "0", *(["--open"] if wanted else []))
     assert result.code == 0

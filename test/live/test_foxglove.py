@@ -19,14 +19,10 @@ from foxglove_client import first_messages
 from live_run import tracks, updates
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.live.config import LiveConfig
-from sfr_loc_map.live.elevation import grid_of_cloud
-from sfr_loc_map.live.foxglove.messages import ERROR_SCALE
-from sfr_loc_map.live.foxglove.view import IMAGES, TOPICS, FoxgloveView
+from sfr_loc_map.live.foxglove import ERROR_SCALE, IMAGES, TOPICS, FoxgloveView
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.media import cloud_sample, image_sample
-from sfr_loc_map.live.server import LiveServer
-from sfr_loc_map.live.tee import Tee
+from sfr_loc_map.live.media import cloud_sample, grid_of_cloud, image_sample
+from sfr_loc_map.live.server import LiveConfig, LiveServer
 from sfr_loc_map.live.updates import View
 
 BEGIN_S = 1_700_000_000.0  # so long ago that all is stale, whenever it is asked for
@@ -54,8 +50,8 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
     images = [image_sample(topic, STAMP_NS, pixels, BEGIN_S) for topic in topics]
 
     async def run() -> tuple[Any, ...]:
-        for_page, for_foxglove = Hub(), Hub()
-        tee = Tee((for_page, for_foxglove))
+        for_foxglove = Hub()
+        for_page = tee = Hub(for_foxglove)
         server = LiveServer(LiveConfig(port=0), for_page)
         ready = asyncio.Event()
         task = asyncio.create_task(server.serve(lambda _: ready.set()))
@@ -110,8 +106,8 @@ def test_path_and_scene_are_those_of_state_json(shown: Any) -> None:
         name: [[pose["position"][axis] for axis in "xyz"] for pose in messages[f"/path/{name}"]["poses"]]
         for name in ("estimate", "truth")
     }
-    assert xyz["estimate"] == [list(row.position) for row in rows]
-    assert xyz["truth"] == [list(row.truth) for row in rows]
+    assert xyz["estimate"] == [list(row.position_m) for row in rows]
+    assert xyz["truth"] == [list(row.truth_m) for row in rows]
     assert xyz["estimate"][-1] == pytest.approx(latest["position_m"], abs=1e-5)
     stamp = messages["/path/estimate"]["timestamp"]
     assert str(stamp["seconds"] * 10**9 + stamp["nanos"]) == latest["stamp_ns"]

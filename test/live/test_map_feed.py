@@ -20,9 +20,8 @@ from scenes import sent
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.live.elevation import MAX_CELLS, thinned
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.tracks import outlines
+from sfr_loc_map.live.media import MAX_CELLS, outlines, thinned
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid

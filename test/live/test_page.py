@@ -16,10 +16,8 @@ from made_scores import HOSTILE, whole_score
 
 pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
-from sfr_loc_map.live.commands import Action, Command
-from sfr_loc_map.live.config import LiveConfig
-from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.server import LiveServer
+from sfr_loc_map.live.hub import Action, Command, Hub
+from sfr_loc_map.live.server import LiveConfig, LiveServer
 from sfr_loc_map.live.updates import Report, Status, StatusKind
 from sfr_loc_map.metrics.score_json import to_json
 
@@ -58,7 +56,8 @@ class Noted:
 @asynccontextmanager
 async def page_of(hub: Hub, operator: Noted | None = None) -> AsyncIterator[tuple[Browser, LiveServer]]:
     ready = asyncio.Event()
-    server = LiveServer(LiveConfig(port=0), hub, operator, HOSTILE)
+    hub.operator = operator
+    server = LiveServer(LiveConfig(port=0), hub, HOSTILE)
     task = asyncio.create_task(server.serve(lambda _: ready.set()))
     await asyncio.wait_for(ready.wait(), 10)
     async with Browser(height=4000) as browser:

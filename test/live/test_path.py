@@ -39,8 +39,8 @@ def test_estimate_is_shown_in_the_frame_of_the_truth() -> None:
         path.add(pose(Track.ESTIMATE, number, other_frame @ drive(number)))
     assert len(path.rows) == 20
     for row in path.rows:
-        assert row.error == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-        assert row.position == pytest.approx(drive(row.n).translation.tolist(), abs=1e-9)
+        assert row.error_m == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+        assert row.position_m == pytest.approx(drive(row.n).translation.tolist(), abs=1e-9)
     assert path.rows[-1].distance_m == pytest.approx(19 * math.hypot(0.1, 0.02))
 
 
@@ -51,9 +51,9 @@ def test_poses_wait_for_a_truth_that_is_on_its_way_and_are_interpolated() -> Non
     path.add(pose(Track.ESTIMATE, 2.5, drive(2.5)))
     assert len(path.rows) == 1
     path.add(pose(Track.TRUTH, 5, drive(5)))
-    assert path.rows[-1].error == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert path.rows[-1].error_m == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     path.add(pose(Track.ESTIMATE, 30, drive(30)))  # the truth has ended
-    assert path.rows[-1].truth is None
+    assert path.rows[-1].truth_m is None
 
 
 def test_without_truth_every_pose_is_shown_at_once() -> None:
@@ -62,7 +62,7 @@ def test_without_truth_every_pose_is_shown_at_once() -> None:
     path.add(pose(Track.ESTIMATE, 1, drive(1), LOST_VARIANCE))
     assert [row.lost for row in path.rows] == [False, True]
     assert path.under_way is None
-    assert path.rows[1].covariance_xy is None
+    assert path.rows[1].covariance_xy_m2 is None
 
 
 def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
@@ -76,15 +76,15 @@ def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
         estimate = estimate @ drive(number).inverse() @ drive(number + 1) @ drift
     found = path.under_way
     assert found is not None
-    assert (found.start_n, found.progress) == (20, 0.75)
+    assert (found["start_n"], found["progress"]) == (20, 0.75)
     start, now = 20, 35
     # what the score compares: T_gt(N) inv(T_est(N)) T_est(N+x) with T_gt(N+x)
     estimates = [Transform.identity()]
     for number in range(now):
         estimates.append(estimates[-1] @ drive(number).inverse() @ drive(number + 1) @ drift)
     moved = drive(start) @ estimates[start].inverse() @ estimates[now]
-    assert found.error == pytest.approx((moved.translation - drive(now).translation).tolist(), abs=1e-9)
-    assert math.hypot(*found.error) > 1e-3
+    assert found["error"] == pytest.approx((moved.translation - drive(now).translation).tolist(), abs=1e-9)
+    assert math.hypot(*found["error"]) > 1e-3
 
 
 def test_stamps_that_go_back_begin_a_new_run() -> None:

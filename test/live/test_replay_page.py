@@ -24,7 +24,7 @@ from processes import Process, wait_until
 
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.live.state import ROW_FIELDS
+from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.nodes.process.live_process import live_page
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")

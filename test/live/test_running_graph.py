@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 from processes import Process, node_process, wait_until
 
 from sfr_loc_map.io.bag import Bag
-from sfr_loc_map.live.node_view import STALE_AFTER_S
+from sfr_loc_map.live.state import STALE_AFTER_S
 from sfr_loc_map.nodes.process import environment
 
 PAGE = ("-m", "sfr_loc_map.nodes.process.start", "nodes.live.page", "--port", "0")

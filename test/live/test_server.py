@@ -18,16 +18,15 @@ from made_scores import json_of, whole_score
 
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.live.client import MAX_FIGURE_BYTES, Client
-from sfr_loc_map.live.commands import Action, Command
-from sfr_loc_map.live.config import LiveConfig
-from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.media import file_sample
-from sfr_loc_map.live.updates import View
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import ImageSample, View
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
-from sfr_loc_map.live.server import LiveServer  # noqa: E402 - needs aiohttp
+from sfr_loc_map.live.pages import Page, Pages  # noqa: E402 - as below
+from sfr_loc_map.live.server import LiveConfig, LiveServer  # noqa: E402 - needs aiohttp
 
 
 class Recorder:
@@ -71,7 +70,8 @@ class Served:
 @asynccontextmanager
 async def served(**config: Any) -> AsyncIterator[Served]:
     hub, operator, ready = Hub(), Recorder(), asyncio.Event()
-    server = LiveServer(LiveConfig(port=0, **config), hub, operator, "test")
+    hub.operator = operator
+    server = LiveServer(LiveConfig(port=0, **config), hub, "test")
     task = asyncio.create_task(server.serve(lambda _: ready.set()))
     await asyncio.wait_for(ready.wait(), 10)
     async with aiohttp.ClientSession() as session:
@@ -260,68 +260,61 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
     in_loop(test)
 
 
-class Stuck:
-    """A page that takes nothing."""
+class Channel:
+    """A page that takes everything, or nothing."""
 
-    async def send_str(self, data: str) -> None:
-        await asyncio.Event().wait()
-
-    send_bytes = send_str  # type: ignore[assignment]
-
-
-class Fast:
-    """A page that takes everything."""
-
-    def __init__(self) -> None:
-        self.texts: list[str] = []
+    def __init__(self, *, takes: bool = True) -> None:
+        self.texts: list[dict[str, Any]] = []
         self.frames: list[bytes] = []
+        self._takes = takes
 
     async def send_str(self, data: str) -> None:
-        self.texts.append(data)
+        await self._taken()
+        self.texts.append(json.loads(data))
 
     async def send_bytes(self, data: bytes) -> None:
+        await self._taken()
         self.frames.append(data)
 
+    async def _taken(self) -> None:
+        if not self._takes:
+            await asyncio.Event().wait()
 
-def test_a_page_that_does_not_read_is_cut_off_within_bounds() -> None:
+
+def test_a_page_that_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfr_loc_map.live.pages.SEND_TIMEOUT_S", 0.05)
+
     async def run() -> None:
-        client = Client(Stuck(), 2e6)
-        most = 0
-        sender = asyncio.create_task(client.send_all())
-        for number in range(100_000):
-            client.add_figures("x" * 1000)
-            client.add_media("loc/left", bytes(50_000))
-            most = max(most, client.waiting_bytes)
-            if client.cut_off:
-                break
-            if number % 100 == 0:
-                await asyncio.sleep(0)
-        assert client.cut_off
-        assert most <= MAX_FIGURE_BYTES + 51_000
-        assert client.waiting_bytes <= 50_000
-        sender.cancel()
+        page = Page(Pages(LiveState(), Hub()), Channel(takes=False), 2e6)
+        await asyncio.wait_for(page.send_all({}), 5.0)
+        assert page.is_cut_off
 
     asyncio.run(run())
 
 
-def test_figures_are_never_left_out_and_media_keep_to_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sfr_loc_map.live.client.PAUSE_S", 0.0005)
-
+def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
     async def run() -> None:
-        now = [0.0]
-        page = Fast()
-        client = Client(page, 100_000.0, lambda: now[0])
-        sender = asyncio.create_task(client.send_all())
+        now, channel, size = [0.0], Channel(), 20_000
+        pages = Pages(LiveState(), Hub())
+        page = Page(pages, channel, 100_000.0, clock=lambda: now[0])
+        pages.join(page)
+        page.want(frozenset(View))
+        sender = asyncio.create_task(page.send_all({}))
         for number in range(200):  # ten seconds of 20 images a second, 20 kB each: four times the budget
             now[0] = number * 0.05
-            client.add_figures(str(number))
-            client.add_media("loc/left", bytes(20_000))
-            client.add_media("loc/right", bytes(20_000))
-            await asyncio.sleep(0.002)
-        assert page.texts == [str(number) for number in range(200)]
-        sent = sum(map(len, page.frames))
-        assert 0.5 * 1e6 < sent <= 1.1e6 + 40_000
-        assert client.replaced > 200
+            images = [
+                ImageSample(topic, number, bytes(size), (1, 1), (1, 1), 0.0) for topic in ("loc/left", "loc/right")
+            ]
+            for update in (*frame(number, 1.0), *images):
+                pages.state.apply(update)
+                pages.note(update)
+            pages.tell(1.0)
+            await asyncio.sleep(0.001)
+        rows = [row[0] for text in channel.texts if text["type"] == "path" for row in text["rows"]]
+        assert rows[-199:] == list(range(1, 200))
+        sent = sum(map(len, channel.frames))
+        assert 0.5 * 1e6 < sent <= 1.1e6 + 2 * size
+        assert page.replaced > 200
         sender.cancel()
 
     asyncio.run(run())

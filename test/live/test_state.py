@@ -11,8 +11,7 @@ from live_run import NODES, call, fill, health
 from made_scores import HOSTILE, dig, json_of, whole_score
 
 from sfr_loc_map.live.hub import MAX_WAITING, Hub
-from sfr_loc_map.live.node_view import MAX_CALLS, STALE_AFTER_S
-from sfr_loc_map.live.state import MAX_NODES, LiveState, TopicView
+from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, STALE_AFTER_S, LiveState, TopicView
 from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
 from sfr_loc_map.metrics.score_json import from_dict, to_json
 from sfr_loc_map.report.score_tables import score_tables
@@ -159,8 +158,8 @@ def test_whatever_comes_the_state_can_be_told(found: list[Update]) -> None:
     for update in found:
         state.apply(update)
     json.dumps(state.to_plain(1e9), allow_nan=False)
-    json.dumps([call.to_plain() for call in state.calls], allow_nan=False)
-    json.dumps([state.row_to_plain(row) for row in state.path.rows], allow_nan=False)
+    json.dumps(list(state.calls), allow_nan=False)
+    json.dumps([row.to_plain() for row in state.path.rows], allow_nan=False)
 
 
 def test_a_report_that_is_none_leaves_the_last_one() -> None:

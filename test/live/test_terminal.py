@@ -20,8 +20,7 @@ from rich.console import Console
 
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.terminal import Terminal
-from sfr_loc_map.live.terminal_screen import line
+from sfr_loc_map.live.terminal import Terminal, one_line_of
 from sfr_loc_map.live.updates import Report, TimeLine
 
 BEGIN_S = 1_700_000_000.0
@@ -75,7 +74,7 @@ def test_every_figure_is_shown_as_the_tables_have_it(recorded: list[Any]) -> Non
     assert state.report.overall.text in words
     for expected in ("pose 200: tracking", "under way: 5 m", "35.1 ms", "3 in transport", "2 of loc/left/image_rect"):
         assert expected in words, words
-    one = line(state, END_S)
+    one = one_line_of(state, END_S)
     for row in tables["headline"].rows:
         assert all(cell.text in one for cell in row[2:7])
     assert "\n" not in one

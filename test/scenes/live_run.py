@@ -9,9 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
-from sfr_loc_map.live.elevation import grid_of_cloud, with_layer
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.media import cloud_sample, image_sample
+from sfr_loc_map.live.media import cloud_sample, grid_of_cloud, image_sample, with_layer
 from sfr_loc_map.live.updates import (
     CloudSample,
     ElevationSample,

@@ -26,7 +26,18 @@ from std_msgs.msg import String
 
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Status, StatusKind, Track, Update
+from sfr_loc_map.live.updates import (
+    LOCALISATION,
+    REPORT,
+    TRUTH,
+    GraphView,
+    PoseSample,
+    Report,
+    Status,
+    StatusKind,
+    Track,
+    Update,
+)
 from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, level_of, values_of
 from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
 from sfr_loc_map.nodes.live.media_feed import NO_EVENTS, MediaFeed
@@ -45,11 +56,7 @@ SPIN_S = 0.1
 
 
 class RosFeed:
-    """A ROS node that receives for a page; a context manager that runs its thread.
-
-    Attributes:
-        operator: Carries out what is asked of the nodes.
-    """
+    """A ROS node that receives for a page; a context manager that runs its thread."""
 
     def __init__(self, hub: Hub, namespace: str = "") -> None:
         """Join the graph; signals stay with the program.
@@ -70,7 +77,7 @@ class RosFeed:
         self._executor.add_node(self._node)
         self._gaps: dict[str, TransportGaps] = {}
         self._media = MediaFeed(self._node, hub)
-        self.operator = RosOperator(self._node)
+        hub.operator = RosOperator(self._node)
         self._subscribe()
         self._node.create_timer(GRAPH_PERIOD_S, self._look_around)
         self._running = True
@@ -100,10 +107,10 @@ class RosFeed:
     def _subscribe(self) -> None:
         best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        for track, topic in ((Track.ESTIMATE, "localisation/odometry"), (Track.TRUTH, "ground_truth/odometry")):
+        for track, topic in ((Track.ESTIMATE, LOCALISATION), (Track.TRUTH, TRUTH)):
             self._receive(Odometry, topic, partial(self._on_odometry, track), best_effort)
         self._receive(DiagnosticArray, TOPIC, self._on_diagnostics, best_effort)
-        self._receive(String, "metrics/report", self._on_report, latched)
+        self._receive(String, REPORT, self._on_report, latched)
 
     def _receive(self, kind: type[Any], topic: str, callback: Callable[[Any, float], None], qos: QoSProfile) -> None:
         gaps = TransportGaps()

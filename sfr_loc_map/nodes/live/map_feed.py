@@ -13,16 +13,21 @@ from sensor_msgs.msg import PointCloud2
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.live import elevation
-from sfr_loc_map.live.cloud_truth import CloudTruth
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.media import cloud_sample
-from sfr_loc_map.live.updates import ElevationSample
+from sfr_loc_map.live.media import (
+    CELL_M,
+    CloudTruth,
+    cells_of,
+    cloud_sample,
+    grid_of_cloud,
+    means_of,
+    thinned,
+    with_layer,
+)
+from sfr_loc_map.live.updates import ELEVATION, POINTS, ElevationSample
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.terrain import ELEVATION_FIELDS, elevation_from_msg, hazard_from_msg
 
-POINTS, TRUE_POINTS = "mapping/points", "ground_truth/points"
-ELEVATION, HAZARD = "mapping/elevation", "mapping/hazard"
 ENOUGH_POINTS = 100_000
 """Points of a cloud that are read where the mapper publishes its grid."""
 NAMES = ("height", *ELEVATION_FIELDS[3:])
@@ -67,7 +72,7 @@ class MapFeed:
         self._hub.put(sample if every == 1 else replace(sample, total=count))
         self._points = None if error is None else (stamp_ns, np.asarray(cloud.xyz[:, :2], np.float32), error)
         if not has_grid:
-            grid = elevation.grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
+            grid = grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
             if grid is not None:
                 self._hub.put(grid)
 
@@ -88,9 +93,9 @@ class MapFeed:
         if self._points is not None and self._points[0] == stamp_ns:
             _, xy, error = self._points
             shape = cells.shape[0], cells.shape[1]
-            means = elevation.means_of(elevation.cells_of(xy, origin, cell_m, shape), error, shape[0] * shape[1])
+            means = means_of(cells_of(xy, origin, cell_m, shape), error, shape[0] * shape[1])
             known = np.where(np.isfinite(cells[..., 2]), means.reshape(shape), np.nan)
-            grid = elevation.with_layer(grid, elevation.ERROR, known)
+            grid = with_layer(grid, "error", known)
         self._points, self._grid = None, grid
         self._put()
 
@@ -109,8 +114,8 @@ class MapFeed:
         if grid is None:
             return
         if hazard is not None and hazard[0] == grid.stamp_ns and hazard[1].shape == grid.layers.shape[:2]:
-            grid = elevation.with_layer(grid, elevation.HAZARD, hazard[1])
-        self._hub.put(elevation.thinned(grid))
+            grid = with_layer(grid, "hazard", hazard[1])
+        self._hub.put(thinned(grid))
 
 
 def _cell_m(cells: FloatArray32) -> float:
@@ -118,4 +123,4 @@ def _cell_m(cells: FloatArray32) -> float:
     rows, columns, _ = cells.shape
     if columns > 1:
         return float(cells[0, -1, 0] - cells[0, 0, 0]) / (columns - 1)
-    return float(cells[-1, 0, 1] - cells[0, 0, 1]) / (rows - 1) if rows > 1 else elevation.CELL_M
+    return float(cells[-1, 0, 1] - cells[0, 0, 1]) / (rows - 1) if rows > 1 else CELL_M

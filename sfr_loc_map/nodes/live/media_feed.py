@@ -21,11 +21,10 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.image_codec import image_from_message, stamp_of
-from sfr_loc_map.live import tracks
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.media import file_sample, image_sample
-from sfr_loc_map.live.updates import Sampled, TrackSample, View
-from sfr_loc_map.nodes.live.map_feed import ELEVATION, HAZARD, POINTS, TRUE_POINTS, MapFeed
+from sfr_loc_map.live.media import file_sample, image_sample, outlines
+from sfr_loc_map.live.updates import ELEVATION, HAZARD, POINTS, TRACKS, TRUE_POINTS, Sampled, TrackSample, View
+from sfr_loc_map.nodes.live.map_feed import MapFeed
 from sfr_loc_map.nodes.messages.tracks import MASK_SCALE, tracks_from_msg
 from sfr_loc_map.pipeline.reception import TransportGaps
 
@@ -99,7 +98,7 @@ class MediaFeed:
                 self._raw(Image, f"localisation/{side}_mask", partial(self._on_mask, side), self._best_effort)
                 for side in SIDES
             ]
-            return [*found, self._raw(PointCloud2, tracks.TOPIC, self._on_tracks, self._best_effort)]
+            return [*found, self._raw(PointCloud2, TRACKS, self._on_tracks, self._best_effort)]
         if view is View.CLOUDS:
             latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             return [
@@ -140,7 +139,7 @@ class MediaFeed:
 
     def _on_mask(self, side: str, raw: bytes, info: dict[str, Any]) -> None:
         message = deserialize_message(raw, Image)
-        self._masks[side] = stamp_of(message), tracks.outlines(image_from_message(message), MASK_SCALE)
+        self._masks[side] = stamp_of(message), outlines(image_from_message(message), MASK_SCALE)
 
     def _on_tracks(self, raw: bytes, info: dict[str, Any]) -> None:
         stamp_ns = _stamp_ns(raw)
@@ -148,7 +147,7 @@ class MediaFeed:
             return
         found = tracks_from_msg(deserialize_message(raw, PointCloud2))
         masks = {side: rings for side, (at_ns, rings) in self._masks.items() if 0 <= stamp_ns - at_ns <= MASK_HOLD_NS}
-        self._hub.put(TrackSample(tracks.TOPIC, stamp_ns, found, masks, _published_s(info)))
+        self._hub.put(TrackSample(TRACKS, stamp_ns, found, masks, _published_s(info)))
 
     def _on_map(self, kind: type[Any], add: Callable[[Any, float], None], raw: bytes, info: dict[str, Any]) -> None:
         """Take a map in, beside the thread that receives: figures do not wait for it."""

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
-from sfr_loc_map.live.commands import Action, Command
+from sfr_loc_map.live.hub import Action, Command
 
 FOUND_S, ANSWER_S = 2.0, 10.0
 POLL_S = 0.02

@@ -15,11 +15,8 @@ from contextlib import ExitStack
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.live.commands import LateOperator
-from sfr_loc_map.live.config import DEFAULT_HOST, DEFAULT_PORT, LiveConfig
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.serve import serve_until_signal
-from sfr_loc_map.live.server import LiveServer
+from sfr_loc_map.live.server import DEFAULT_HOST, DEFAULT_PORT, LiveConfig, LiveServer, serve_until_signal
 from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
 from sfr_loc_map.nodes.process.node_process import end_with_supervisor
 from sfr_loc_map.nodes.process.priority import give_way
@@ -42,11 +39,11 @@ def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = Fals
 
 async def _serve(config: LiveConfig, namespace: str, *, open_browser: bool) -> None:
     """Serve at once and join the graph meanwhile; end with the server, or if the graph cannot be joined."""
-    hub, operator = Hub(), LateOperator()
+    hub = Hub()
     with ExitStack() as stack:
-        server = LiveServer(config, hub, operator, namespace or "live")
+        server = LiveServer(config, hub, namespace or "live")
         serving = asyncio.create_task(serve_until_signal(server, open_browser=open_browser))
-        joining = asyncio.create_task(asyncio.to_thread(_join, stack, hub, namespace, operator))
+        joining = asyncio.create_task(asyncio.to_thread(_join, stack, hub, namespace))
         await asyncio.wait({serving, joining}, return_when=asyncio.FIRST_COMPLETED)
         try:
             if joining.done():
@@ -57,11 +54,10 @@ async def _serve(config: LiveConfig, namespace: str, *, open_browser: bool) -> N
             await asyncio.wait({serving, joining})
 
 
-def _join(stack: ExitStack, hub: Hub, namespace: str, operator: LateOperator) -> None:
+def _join(stack: ExitStack, hub: Hub, namespace: str) -> None:
     from sfr_loc_map.nodes.live.feed import RosFeed
 
-    feed = stack.enter_context(RosFeed(hub, namespace))
-    operator.follow(feed.operator)
+    stack.enter_context(RosFeed(hub, namespace))
     gc.collect()
     gc.freeze()  # what is imported stays: cycles of pages that have gone are then found soon
 

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.ros
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.live.commands import Action, Command
+from sfr_loc_map.live.hub import Action, Command
 from sfr_loc_map.nodes.live.operator import RosOperator
 
 

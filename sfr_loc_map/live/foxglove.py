@@ -1,0 +1,337 @@
+"""Serves a run over the Foxglove protocol, in a thread of its own beside the page or the terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from threading import Event, Lock, Thread
+from typing import Any
+
+import foxglove
+import numpy as np
+from foxglove.channels import (
+    CompressedImageChannel,
+    GridChannel,
+    ImageAnnotationsChannel,
+    PointCloudChannel,
+    PosesInFrameChannel,
+    SceneUpdateChannel,
+)
+from foxglove.messages import (
+    Color,
+    CompressedImage,
+    Grid,
+    ImageAnnotations,
+    LinePrimitive,
+    LinePrimitiveLineType,
+    PackedElementField,
+    PackedElementFieldNumericType,
+    Point2,
+    Point3,
+    PointCloud,
+    PointsAnnotation,
+    PointsAnnotationType,
+    Pose,
+    PosesInFrame,
+    Quaternion,
+    SceneEntity,
+    SceneUpdate,
+    Timestamp,
+    Vector2,
+    Vector3,
+)
+from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketServer
+
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.path import PathRow, Point
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, Media, TrackSample, View
+
+HOST = "127.0.0.1"
+"""The protocol has no token, so other hosts are not let in: a tunnel (ssh -L) reaches it."""
+BACKLOG_MESSAGES = 64
+"""Messages that wait for a client; beyond them the SDK drops the oldest."""
+TICK_S, PERIOD_S = 0.1, 1.0
+"""Time between two looks at what has come, two messages of figures, paths and scene."""
+FIGURES, CALLS, ESTIMATE, TRUTH, SCENE = "/figures", "/calls", "/path/estimate", "/path/truth", "/path/scene"
+POINTS, GRID, TRACKS = "/mapping/points", "/mapping/grid", "/localisation/tracks"
+IMAGES = ("/loc/left", "/loc/right", "/nav/left", "/nav/right")
+VIEWS = {**dict.fromkeys(IMAGES, View.IMAGES), TRACKS: View.TRACKS, POINTS: View.CLOUDS, GRID: View.CLOUDS}
+"""What a feed has to make for a topic."""
+CHANNELS = {
+    ESTIMATE: PosesInFrameChannel,
+    TRUTH: PosesInFrameChannel,
+    SCENE: SceneUpdateChannel,
+    POINTS: PointCloudChannel,
+    GRID: GridChannel,
+    TRACKS: ImageAnnotationsChannel,
+    **dict.fromkeys(IMAGES, CompressedImageChannel),
+}
+TOPICS = (FIGURES, CALLS, *CHANNELS)
+MAP_FRAME, DRIVE_FRAME = "lm", "ds"
+ERROR_SCALE = 20.0
+"""So much larger are errors drawn than they are."""
+ELLIPSE_POINTS = 36
+FLOAT32 = PackedElementFieldNumericType.Float32
+GREEN, BLUE = Color(r=0.1, g=0.6, b=0.2, a=1.0), Color(r=0.1, g=0.3, b=0.9, a=1.0)
+VIOLET, GREY = Color(r=0.86, g=0.24, b=0.86, a=1.0), Color(r=0.6, g=0.6, b=0.6, a=1.0)
+RED, YELLOW = Color(r=0.9, g=0.1, b=0.1, a=1.0), Color(r=0.9, g=0.7, b=0.0, a=1.0)
+
+
+class _Subscriptions(ServerListener):
+    """Who looks at what. Called in threads of the SDK."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub, self._lock = hub, Lock()
+        self._clients: dict[str, set[int]] = {}
+        self._new: set[str] = set()
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        """Note that a client wants a topic."""
+        with self._lock:
+            self._clients.setdefault(channel.topic, set()).add(client.id)
+            self._new.add(channel.topic)
+            self._want()
+
+    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
+        """Note that it does not any more, or is gone."""
+        with self._lock:
+            self._clients.get(channel.topic, set()).discard(client.id)
+            self._want()
+
+    def take_new(self) -> set[str]:
+        """Return the topics that somebody has begun to look at."""
+        with self._lock:
+            new, self._new = self._new, set()
+        return new
+
+    def _want(self) -> None:
+        self._hub.want(frozenset(view for topic, view in VIEWS.items() if self._clients.get(topic)))
+
+
+class FoxgloveView:
+    """Serves what a hub brings on a port of loopback (0: a free one); a context manager.
+
+    Attributes:
+        url: Address of the server, once it runs.
+    """
+
+    def __init__(self, hub: Hub, port: int, title: str) -> None:
+        """Make the channels."""
+        self.url = ""
+        self._hub, self._port, self._title = hub, port, title
+        self._state = LiveState()
+        self._subscriptions = _Subscriptions(hub)
+        self._context = context = foxglove.Context()
+        of_json = {FIGURES: "sfr-live/1", CALLS: "sfr-call"}
+        self._channels: dict[str, Any] = {  # whose classes have no common one
+            topic: foxglove.Channel(topic, schema={"type": "object", "title": name}, context=context)
+            for topic, name in of_json.items()
+        } | {topic: kind(topic, context=context) for topic, kind in CHANNELS.items()}
+        self._server: WebSocketServer | None = None
+        self._due_s, self._next_call = 0.0, 0
+        self._stopped = Event()
+        self._thread = Thread(target=self._run, name="sfr-live-foxglove", daemon=True)
+
+    def __enter__(self) -> FoxgloveView:
+        """Begin to serve.
+
+        Raises:
+            NodeError: If the port cannot be listened on.
+        """
+        try:
+            self._server = foxglove.start_server(
+                name=f"sfr live {self._title}",
+                host=HOST,
+                port=self._port,
+                server_listener=self._subscriptions,
+                message_backlog_size=BACKLOG_MESSAGES,
+                context=self._context,
+            )
+        except Exception as error:
+            place = f"{HOST} port {self._port}"
+            raise NodeError(
+                f"cannot listen on {place}: {error}; choose another --foxglove-port (0: a free one)"
+            ) from error
+        self.url = f"ws://{HOST}:{self._server.port}"
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End."""
+        self._stopped.set()
+        self._thread.join(5.0)
+        if self._server is not None:
+            self._server.stop()
+        for channel in self._channels.values():
+            channel.close()
+
+    def _run(self) -> None:
+        state = self._state
+        while not self._stopped.wait(TICK_S):
+            for update in self._hub.take():
+                state.apply(update)
+                if isinstance(update, Media):
+                    self._show(update)
+            new, now_s = self._subscriptions.take_new(), time.monotonic()
+            for media in state.media.values():
+                if _channel_of(media) in new:  # what came before somebody looked
+                    self._show(media)
+            latest = {call["node"]: call for call in state.calls} if CALLS in new else {}
+            for call in (*latest.values(), *(call for call in state.calls if call["n"] >= self._next_call)):
+                self._next_call = max(self._next_call, call["n"] + 1)
+                self._send(CALLS, dict, call)
+            if new or now_s >= self._due_s:
+                self._due_s, rows = now_s + PERIOD_S, state.path.rows
+                known = [row for row in rows if row.truth_m is not None]
+                self._send(FIGURES, state.to_plain, time.time())
+                self._send(ESTIMATE, _poses, rows, [row.position_m for row in rows])
+                self._send(TRUTH, _poses, known, [row.truth_m for row in known])
+                self._send(SCENE, _scene, rows)
+
+    def _show(self, media: Media) -> None:
+        match media:
+            case ImageSample():
+                self._send(_channel_of(media), _image, media)
+            case CloudSample():
+                self._send(_channel_of(media), _cloud, media)
+            case ElevationSample():
+                self._send(_channel_of(media), _grid, media)
+            case TrackSample():
+                left = self._state.media.get("loc/left")
+                scale = left.size[0] / left.full_size[0] if isinstance(left, ImageSample) else 1.0
+                self._send(_channel_of(media), _annotations, media, scale)
+
+    def _send(self, topic: str, make: Callable[..., Any], *arguments: object) -> None:
+        """Send a message where somebody looks; it is made for nobody else."""
+        channel = self._channels.get(topic)
+        if channel is not None and channel.has_sinks():
+            content = make(*arguments)
+            channel.log(json.dumps(content, allow_nan=False).encode() if isinstance(content, dict) else content)
+
+
+def _channel_of(media: Media) -> str:
+    return GRID if isinstance(media, ElevationSample) else f"/{media.topic}"
+
+
+def _image(sample: ImageSample) -> CompressedImage:
+    frame = sample.topic.replace("/", "_")
+    return CompressedImage(timestamp=_stamp(sample.stamp_ns), frame_id=frame, data=sample.jpeg, format="jpeg")
+
+
+def _cloud(sample: CloudSample) -> PointCloud:
+    """Return a cloud with the fields x y z sigma error float32, metres; error is NaN where it is not known."""
+    error = np.full(len(sample.points), np.nan, np.float32) if sample.error is None else sample.error
+    columns = np.ascontiguousarray(np.column_stack([sample.points, error]), "<f4")
+    return PointCloud(
+        timestamp=_stamp(sample.stamp_ns),
+        frame_id=MAP_FRAME,
+        pose=_pose((0.0, 0.0, 0.0)),
+        point_stride=columns.itemsize * columns.shape[1],
+        fields=_fields(("x", "y", "z", "sigma", "error")),
+        data=columns.tobytes(),
+    )
+
+
+def _grid(sample: ElevationSample) -> Grid:
+    """Return a map from above with its layers as fields."""
+    layers = np.ascontiguousarray(sample.layers, "<f4")
+    return Grid(
+        timestamp=_stamp(sample.stamp_ns),
+        frame_id=MAP_FRAME,
+        pose=_pose((*sample.origin_m, 0.0)),
+        column_count=layers.shape[1],
+        cell_size=Vector2(x=sample.cell_m, y=sample.cell_m),
+        row_stride=layers.strides[0],
+        cell_stride=layers.strides[1],
+        fields=_fields(sample.names),
+        data=layers.tobytes(),
+    )
+
+
+def _annotations(sample: TrackSample, scale: float) -> ImageAnnotations:
+    """Return tracks (inliers, outliers, landmarks not found) and outlines of masks, to be drawn on the left image.
+
+    The image that is shown is `scale` times as large as the one that was tracked in.
+    """
+    tracks, residual, kinds = sample.tracks, sample.tracks[:, 4], PointsAnnotationType
+    found = np.isfinite(tracks[:, :4]).all(axis=1)
+    missed = np.isnan(residual) & np.isfinite(tracks[:, 2:4]).all(axis=1)
+    drawn = [
+        (tracks[found & (residual < 1.0), :4].reshape(-1, 2), kinds.LineList, YELLOW),
+        (tracks[found & (residual >= 1.0), :4].reshape(-1, 2), kinds.LineList, VIOLET),
+        (tracks[missed, 2:4], kinds.Points, GREY),
+        *((ring, kinds.LineLoop, RED) for ring in sample.masks.get("left", ())),
+    ]
+    return ImageAnnotations(
+        points=[
+            PointsAnnotation(
+                timestamp=_stamp(sample.stamp_ns),
+                type=kind,
+                points=[Point2(x=x, y=y) for x, y in (points * np.float32(scale)).tolist()],
+                outline_color=color,
+                thickness=1.0,
+            )
+            for points, kind, color in drawn
+        ]
+    )
+
+
+def _scene(rows: list[PathRow]) -> SceneUpdate:
+    """Return both paths, the errors enlarged (`ERROR_SCALE`) and the 3-sigma ellipse of the newest pose as lines."""
+    truths, errors = [], []
+    for row in rows:
+        if row.truth_m is not None and row.error_m is not None:
+            (x, y, z), (a, b, c) = row.truth_m, row.error_m
+            truths.append(row.truth_m)
+            errors += [row.truth_m, (x + ERROR_SCALE * a, y + ERROR_SCALE * b, z + ERROR_SCALE * c)]
+    kinds = LinePrimitiveLineType
+    lines = (
+        ("truth", GREEN, truths, kinds.LineStrip),
+        ("estimate", BLUE, [row.position_m for row in rows], kinds.LineStrip),
+        ("error", RED, errors, kinds.LineList),
+        ("3 sigma", YELLOW, _ellipse(rows[-1]) if rows else [], kinds.LineLoop),
+    )
+    stamp, pose = _stamp(rows[-1].stamp_ns if rows else 0), _pose((0.0, 0.0, 0.0))
+    entities = []
+    for name, color, places, kind in lines:
+        points = [Point3(x=x, y=y, z=z) for x, y, z in places]
+        line = LinePrimitive(type=kind, pose=pose, thickness=2.0, scale_invariant=True, points=points, color=color)
+        entities.append(SceneEntity(timestamp=stamp, frame_id=DRIVE_FRAME, id=name, lines=[line]))
+    return SceneUpdate(entities=entities)
+
+
+def _ellipse(row: PathRow) -> list[Point]:
+    """Return the 3-sigma ellipse of the position, x and y, of the size it has."""
+    if row.covariance_xy_m2 is None:
+        return []
+    xx, yy, xy = row.covariance_xy_m2
+    values, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+    half = 3.0 * np.sqrt(np.maximum(values, 0.0))
+    angles = np.linspace(0.0, 2.0 * math.pi, ELLIPSE_POINTS, endpoint=False)
+    ring = axes @ (half[:, None] * np.stack([np.cos(angles), np.sin(angles)]))
+    x, y, z = row.position_m
+    return [(x + dx, y + dy, z) for dx, dy in ring.T.tolist()]
+
+
+def _poses(rows: list[PathRow], places: list[Point | None]) -> PosesInFrame:
+    """Return positions; attitudes are not shown."""
+    stamp = _stamp(rows[-1].stamp_ns if rows else 0)
+    return PosesInFrame(timestamp=stamp, frame_id=DRIVE_FRAME, poses=[_pose(place) for place in places if place])
+
+
+def _pose(place: Point) -> Pose:
+    x, y, z = place
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+
+
+def _fields(names: tuple[str, ...]) -> list[PackedElementField]:
+    return [PackedElementField(name=name, offset=4 * n, type=FLOAT32) for n, name in enumerate(names)]
+
+
+def _stamp(stamp_ns: int) -> Timestamp:
+    return Timestamp(sec=stamp_ns // NS_PER_S, nsec=stamp_ns % NS_PER_S)

@@ -1,1 +1,0 @@
-"""A run over the Foxglove protocol, by its SDK (extra `[foxglove]`)."""

@@ -1,0 +1,318 @@
+"""The pages that look on, and what each has been sent.
+
+A page takes what is new for it when the network has room, so nothing waits here but what the state keeps anyway: all
+figures in their order, of each image and cloud topic the newest. One that does not read is cut off.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import struct
+import time
+from bisect import bisect_left
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, Protocol
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.inputs import parse_json
+from sfr_loc_map.live.hub import Hub
+from sfr_loc_map.live.path import ROW_FIELDS
+from sfr_loc_map.live.report_view import ReportView
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import (
+    CloudSample,
+    ElevationSample,
+    ImageSample,
+    Media,
+    TimeLine,
+    TrackSample,
+    Update,
+    View,
+)
+
+SEND_TIMEOUT_S = 10.0
+"""A page that takes nothing for so long is cut off."""
+PAUSE_S = 0.02
+NODES_PERIOD_S = 0.5
+"""At least so often the pages hear of the nodes, and by that of the server."""
+
+
+def message(kind: str, content: dict[str, Any]) -> str:
+    """Return a message of figures: JSON with its kind as `type`."""
+    return json.dumps({"type": kind, **content}, allow_nan=False, separators=(",", ":"))
+
+
+def frame_of(media: Media) -> bytes:
+    """Return the binary frame of an image, a cloud, a map or tracks.
+
+    bytes 0..3     length of the header with its padding, unsigned, little endian
+    bytes 4..      header: UTF-8 JSON, padded with spaces to four bytes
+    the rest       image: a JPEG file; others: float32, little endian. cloud: `count` points, x y z sigma (and error,
+                   where `error` is true); elevation: `rows` times `columns` cells with the layers of `names`; tracks:
+                   `count` rows u v before_u before_v residual
+    """
+    facts: dict[str, Any]
+    match media:
+        case ImageSample():
+            kind, facts, body = "image", {"size": media.size, "full_size": media.full_size}, media.jpeg
+        case CloudSample():
+            columns = media.points if media.error is None else np.column_stack([media.points, media.error])
+            facts = {"count": len(media.points), "total": media.total, "error": media.error is not None}
+            kind, body = "cloud", _bytes(columns)
+        case ElevationSample():
+            rows, columns_of_grid, _ = media.layers.shape
+            facts = {"rows": rows, "columns": columns_of_grid, "origin_m": media.origin_m, "cell_m": media.cell_m}
+            facts |= {"names": media.names, "every": media.every}
+            kind, body = "elevation", _bytes(media.layers)
+        case TrackSample():
+            masks = {side: [np.round(ring, 1).tolist() for ring in rings] for side, rings in media.masks.items()}
+            kind, facts, body = "tracks", {"count": len(media.tracks), "masks": masks}, _bytes(media.tracks)
+    name = {"type": kind, "topic": media.topic, "stamp_ns": str(media.stamp_ns), "published_s": media.published_s}
+    header = json.dumps(name | facts, allow_nan=False, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 4)
+    return struct.pack("<I", len(header)) + header + body
+
+
+def _bytes(values: FloatArray32) -> bytes:
+    return np.ascontiguousarray(values, "<f4").tobytes()
+
+
+class Channel(Protocol):
+    """Sends to a page; returns when the network has room again."""
+
+    async def send_str(self, data: str) -> None:
+        """Send a text."""
+        ...
+
+    async def send_bytes(self, data: bytes) -> None:
+        """Send bytes."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    view: View
+    number: int
+    data: bytes
+
+
+class Pages:
+    """What all pages are shown, and how many there are. Used by the thread of the server's loop alone.
+
+    Attributes:
+        state: What is known of the run.
+        pages: Those that look on.
+        report_text: Message of the latest report, empty before the first.
+        nodes_text: Message of the nodes.
+        frames: Newest image, cloud, map and tracks by topic.
+        epoch: Counts the restarts of a player.
+        is_over: Whether the run has ended.
+    """
+
+    def __init__(self, state: LiveState, hub: Hub) -> None:
+        """Start without pages; the hub is told what they look at."""
+        self.state = state
+        self.pages: list[Page] = []
+        self.report_text = self.nodes_text = ""
+        self.frames: dict[str, _Frame] = {}
+        self.epoch = 0
+        self.is_over = False
+        self._hub = hub
+        self._report: ReportView | None = None
+        self._nodes_s = 0.0
+        self._silent: frozenset[str] = frozenset()
+        self._cut_off = self._replaced_of_gone = 0
+
+    def note(self, update: Update) -> None:
+        """Note a record that the state has taken in."""
+        if isinstance(update, Media) and update.topic in self.state.media:
+            before = self.frames.get(update.topic)
+            number = 1 if before is None else before.number + 1
+            self.frames[update.topic] = _Frame(update.view, number, frame_of(update))
+        elif isinstance(update, TimeLine) and update.restarted:
+            self.epoch += 1
+            self.frames.clear()
+
+    def tell(self, now_s: float) -> None:
+        """Let the pages send what has changed."""
+        report, silent = self.state.report, self.state.silent(now_s)
+        if report is not None and report is not self._report:
+            self._report, self.report_text = report, message("report", report.to_plain())
+        if now_s - self._nodes_s >= NODES_PERIOD_S or silent != self._silent:
+            self._nodes_s, self._silent = now_s, silent
+            live = self.state.live_to_plain(now_s, tables=False)
+            self.nodes_text = message("nodes", live | {"load": self.load(), "actions": self._hub.actions})
+        for page in self.pages:
+            page.news.set()
+
+    def join(self, page: Page) -> None:
+        """Count a page."""
+        self.pages.append(page)
+        self.tell(time.time())
+
+    def leave(self, page: Page) -> None:
+        """Count a page no more."""
+        self.pages.remove(page)
+        self._replaced_of_gone += page.replaced
+        self._cut_off += page.is_cut_off
+        self._want()
+
+    def receive(self, page: Page, text: str) -> None:
+        """Take a message of a page in: what it looks at, or a request for the server's time."""
+        try:
+            content = parse_json(text)
+        except ValueError:
+            return
+        if not isinstance(content, dict):
+            return
+        if content.get("type") == "want" and isinstance(content.get("views"), list):
+            page.want(frozenset(view for view in View if view.value in content["views"]))
+            self._want()
+        elif content.get("type") == "ping":
+            sent_ms = content.get("sent_ms")
+            if isinstance(sent_ms, int | float) and math.isfinite(sent_ms):
+                page.pong = message("pong", {"sent_ms": sent_ms, "time_s": time.time()})
+                page.news.set()
+
+    def end(self) -> None:
+        """Tell all pages that the run is over."""
+        self.is_over = True
+        self.tell(time.time())
+
+    def load(self) -> dict[str, Any]:
+        """Return what the pages cost and what was thinned for them."""
+        return {
+            "pages": len(self.pages),
+            "waiting_bytes": sum(page.waiting() for page in self.pages),
+            "replaced": self._replaced_of_gone + self._hub.replaced + sum(page.replaced for page in self.pages),
+            "dropped": self._hub.dropped,
+            "cut_off": self._cut_off,
+        }
+
+    def _want(self) -> None:
+        self._hub.want(frozenset().union(*(page.views for page in self.pages)))
+
+
+class Page:
+    """One page: how far it is, what it looks at. Used by the thread of the server's loop alone.
+
+    Attributes:
+        views: What it looks at.
+        news: Set where there may be something new for it.
+        pong: Answer to its last request for the time, empty once sent.
+        replaced: Images and clouds that were not sent, as a newer one came.
+        is_cut_off: Whether it has not read for too long.
+        waiting: Tells how many bytes wait for the network.
+    """
+
+    def __init__(
+        self,
+        pages: Pages,
+        channel: Channel,
+        bytes_per_s: float,
+        waiting: Callable[[], int] = lambda: 0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start with nothing sent; the budget is that of images and clouds, figures count but never wait for it."""
+        self.views: frozenset[View] = frozenset()
+        self.news = asyncio.Event()
+        self.pong = ""
+        self.replaced = 0
+        self.is_cut_off = False
+        self.waiting = waiting
+        self._all, self._channel, self._rate, self._clock = pages, channel, bytes_per_s, clock
+        self._credit, self._credited_s = bytes_per_s, clock()
+        self._report = self._nodes = ""
+        self._version = self._epoch = -1
+        self._next_row = self._next_call = 0
+        self._sent: dict[str, tuple[int, int]] = {}
+        self._frames_sent = 0
+
+    def want(self, views: frozenset[View]) -> None:
+        """Look at other things; what has not been looked at is no newer one that was left out."""
+        self.views = views
+        frames = self._all.frames
+        self._sent = {name: sent for name, sent in self._sent.items() if name in frames and frames[name].view in views}
+
+    async def send_all(self, server: dict[str, Any]) -> None:
+        """Greet the page and send what is new, until it is cut off.
+
+        Raises:
+            ConnectionError: If the page is gone.
+        """
+        try:
+            await self._send(message("hello", {"server": server, "row_fields": ROW_FIELDS}))
+            ended = False
+            while True:
+                self.news.clear()
+                for text in self._new_figures():
+                    await self._send(text)
+                if self._all.is_over and not ended:
+                    ended = True
+                    await self._send(message("end", {"time_s": time.time()}))
+                topic = self._waiting_topic()
+                now_s = self._clock()
+                self._credit = min(self._credit + (now_s - self._credited_s) * self._rate, self._rate)
+                self._credited_s = now_s
+                if topic is not None and self._credit > 0.0:
+                    await self._send_frame(topic)
+                    continue
+                try:
+                    await asyncio.wait_for(self.news.wait(), None if topic is None else PAUSE_S)
+                except TimeoutError:
+                    continue
+        except TimeoutError:
+            self.is_cut_off = True
+
+    def _new_figures(self) -> Iterator[str]:
+        """Yield what the page has not been sent: report, path, calls, nodes, answers."""
+        every, state = self._all, self._all.state
+        if every.report_text is not self._report:
+            self._report = every.report_text
+            yield self._report
+        path = state.path
+        whole = path.version != self._version
+        rows = path.rows if whole else path.rows[bisect_left(path.rows, self._next_row, key=attrgetter("n")) :]
+        if whole or rows:
+            self._version, self._next_row = path.version, rows[-1].n + 1 if rows else 0
+            content = {"whole": whole, "rows": [row.to_plain() for row in rows], "under_way": path.under_way}
+            yield message("path", content)
+        whole = every.epoch != self._epoch
+        calls = [call for call in state.calls if whole or call["n"] >= self._next_call]
+        if whole or calls:
+            self._epoch, self._next_call = every.epoch, calls[-1]["n"] + 1 if calls else self._next_call
+            yield message("calls", {"calls": calls, "whole": whole})
+        if every.nodes_text is not self._nodes:
+            self._nodes = every.nodes_text
+            yield self._nodes
+        if self.pong:
+            pong, self.pong = self.pong, ""
+            yield pong
+
+    def _waiting_topic(self) -> str | None:
+        """Return the topic whose newest frame has not been sent, of several the one that was sent longest ago."""
+        frames, nothing = self._all.frames, (0, 0)
+        new = [
+            topic
+            for topic, frame in frames.items()
+            if frame.view in self.views and frame.number != self._sent.get(topic, nothing)[0]
+        ]
+        return min(new, key=lambda topic: self._sent.get(topic, nothing)[1], default=None)
+
+    async def _send(self, text: str) -> None:
+        self._credit -= len(text)
+        await asyncio.wait_for(self._channel.send_str(text), SEND_TIMEOUT_S)
+
+    async def _send_frame(self, topic: str) -> None:
+        frame, (before, _) = self._all.frames[topic], self._sent.get(topic, (0, 0))
+        self.replaced += max(frame.number - before - 1, 0) if before else 0
+        self._frames_sent += 1
+        self._sent[topic] = frame.number, self._frames_sent
+        self._credit -= len(frame.data)
+        await asyncio.wait_for(self._channel.send_bytes(frame.data), SEND_TIMEOUT_S)

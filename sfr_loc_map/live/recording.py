@@ -1,0 +1,328 @@
+"""A recorded run as the updates that a feed would give while it goes on, each with its place on a time line.
+
+It is the folder of a replay, a bag of a run, or any source with images. Drive and map have a clock each, which begins
+with their first stamps.
+"""
+
+from __future__ import annotations
+
+import csv
+import heapq
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, parse_json, read_table, read_text
+from sfr_loc_map.io.bag import ODOMETRY, Bag
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_trajectory
+from sfr_loc_map.io.cloud_file import load_cloud
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.live.media import CloudTruth, cloud_sample, grid_of_cloud
+from sfr_loc_map.live.report_view import MAX_REPORT_CHARACTERS
+from sfr_loc_map.live.updates import POINTS, PoseSample, Status, StatusKind, Track, Update
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.metrics.score_json import SCHEMA
+from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, call_of, load_call_stats
+from sfr_loc_map.pipeline.replay import ReplayFiles
+from sfr_loc_map.pipeline.scoring import load_estimates, load_truth
+
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+LOCALISATION_NODE, MAPPING_NODE = "localisation_node", "mapping_node"
+LEVELS = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}
+LOST = np.eye(6) * LOST_VARIANCE
+Moment = tuple[float, Update]
+"""Place, seconds since the begin of its task; the time of receipt is filled in when it is played."""
+Frame = tuple[float, str, int, GreyImage]
+"""Place, topic such as `loc/left`, stamp and pixels of one image of a pair."""
+Spoken = tuple[int | None, Status]
+"""What a node said, and the stamp of the call that it is of; None: said at that place of the recording."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedMap:
+    """A map, and its rig and pairs as far as there is a source."""
+
+    cloud: PointCloud
+    rig: StereoRig | None
+    pairs: Sequence[PosedStereoPair]
+
+    def moments(self, begin_ns: int) -> Iterator[Moment]:
+        """Yield the map with its distances to the truth, as a cloud and from above."""
+        stamp_ns, truth, cloud = _pair_stamps(self.cloud)[-1], CloudTruth(), self.cloud
+        for item in self.pairs:
+            if item.truth is not None:
+                truth.add_points(item.pair.stamp_ns, item.truth)
+        error, at_s = truth.errors(cloud), _place(stamp_ns, begin_ns)
+        yield at_s, cloud_sample(POINTS, stamp_ns, cloud.xyz, cloud.sigma, 0.0, error)
+        grid = grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, 0.0, error)
+        if grid is not None:
+            yield at_s, grid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """A recorded run; what is absent is None or empty.
+
+    Attributes:
+        title: Its name.
+        moments: All that has happened but images, in its order; the truth of a stamp comes first.
+        source: Images.
+        map: The map, for its score.
+        report: JSON of a score that was made before, for where it cannot be made again.
+        begin_ns: First stamp of the drive and of the mapping pairs.
+        end_s: Length.
+    """
+
+    title: str
+    moments: Sequence[Moment]
+    source: Source | None
+    map: RecordedMap | None
+    report: str
+    begin_ns: tuple[int, int]
+    end_s: float
+
+    @property
+    def silent_nodes(self) -> frozenset[str]:
+        """Nodes whose calls were recorded but not their health."""
+        said = [update for _, update in self.moments if isinstance(update, Status)]
+        spoken = {status.node for status in said if status.kind is StatusKind.HEALTH}
+        return frozenset(status.node for status in said) - spoken
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the images in their order, read from the disk as they are asked for."""
+        source = self.source
+        loc = iter(()) if source is None or source.loc is None else source.loc.pairs()
+        nav = iter(()) if source is None or source.nav is None else source.nav.pairs()
+        drive = (frame for pair in loc for frame in self._images("loc", pair))
+        panorama = (frame for item in nav for frame in self._images("nav", item.pair))
+        return heapq.merge(drive, panorama, key=itemgetter(0))
+
+    def _images(self, rig: str, pair: StereoPair) -> Iterator[Frame]:
+        at_s = _place(pair.stamp_ns, self.begin_ns[rig == "nav"])
+        for side, image in zip(SIDES, (pair.left, pair.right), strict=True):
+            yield at_s, f"{rig}/{side}", pair.stamp_ns, image
+
+
+def open_recording(path: Path, truth: Path | None = None) -> Recording:
+    """Return what is recorded in a folder of `sfr replay --out`, a bag or a data set.
+
+    Args:
+        path: Where it is.
+        truth: Source with the truth and the images of a replay; None: the one that its report names.
+
+    Raises:
+        InputError: If there is nothing to play, or it is broken.
+    """
+    files = ReplayFiles(path)
+    if path.is_dir() and any(file.is_file() for file in (files.estimate, files.cloud, files.report)):
+        return _replayed(files, truth)
+    if is_bag(path):
+        return _bag(path, truth)
+    source = open_source(path)
+    return _recording(path, None, load_truth(truth) if truth is not None else _truth_of(source), (), source)
+
+
+def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
+    """Return a finished replay; where its source is gone the figures are those of its report."""
+    report = ""
+    if files.report.is_file():
+        try:
+            report = read_text(files.report, MAX_REPORT_CHARACTERS)
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"cannot read the report '{files.report}': {error}; replay again") from error
+    place = truth if truth is not None else _source_of(report, files.report)
+    source = None if place is None else open_source(place)
+    stats = [load_call_stats(files.stats)] if files.stats.is_file() else []
+    estimates = load_estimates(files.estimate, stats) if files.estimate.is_file() else None
+    cloud = load_cloud(files.cloud).cloud if files.cloud.is_file() else None
+    said = list(_calls(files.stats, cloud)) if stats else []
+    true_poses = _truth_of(source)
+    if true_poses is not None or (source is not None and source.nav is not None):
+        report = ""
+    return _recording(files.folder, estimates, true_poses, said, source, cloud, report)
+
+
+def _bag(path: Path, truth: Path | None) -> Recording:
+    """Return a bag: with estimates that of a run, else the images and the truth of a drive."""
+    bag = Bag(path)
+    has_estimates = bag.find("localisation/odometry", ODOMETRY) is not None
+    try:
+        source = open_source(path if truth is None else truth)
+    except InputError:
+        if not has_estimates:
+            raise
+        source = None  # a recording without images
+    estimates = load_estimates(path) if has_estimates else None
+    true_poses = load_truth(truth) if truth is not None else read_trajectory(bag, GROUND_TRUTH)
+    return _recording(path, estimates, true_poses, list(_diagnostics(bag)), source)
+
+
+def _recording(
+    path: Path,
+    estimates: Estimates | None,
+    truth: Trajectory | None,
+    said: Sequence[Spoken],
+    source: Source | None,
+    cloud: PointCloud | None = None,
+    report: str = "",
+) -> Recording:
+    """Return the recording with its time line.
+
+    Raises:
+        InputError: If nothing is in it.
+    """
+    drive = [int(stamp) for track in (estimates and estimates.trajectory, truth) if track for stamp in track.stamps_ns]
+    panorama = [] if cloud is None else list(_pair_stamps(cloud))
+    for stamp_ns, status in said:
+        if stamp_ns is not None:
+            (panorama if status.node == MAPPING_NODE else drive).append(stamp_ns)
+    if source is not None:
+        drive += getattr(source.loc, "stamps_ns", ())  # files and bags know their stamps without their images
+        panorama += getattr(source.nav, "stamps_ns", ())
+    if not drive and not panorama and not report:
+        raise InputError(f"'{path}' holds nothing to play: give a bag, the folder of sfr replay --out, or a data set")
+    begin_ns = (min(drive, default=0), min(panorama, default=0))
+    end_s = max(
+        _place(max(stamps, default=0), first) for stamps, first in zip((drive, panorama), begin_ns, strict=True)
+    )
+    found = None
+    if cloud is not None:
+        nav = None if source is None else source.nav
+        pairs = [] if nav is None else [item for item in nav.pairs() if item.pair.stamp_ns in _pair_stamps(cloud)]
+        found = RecordedMap(cloud, None if nav is None else nav.rig, pairs)
+    moments = [
+        *_poses(truth, None, begin_ns[0]),
+        *_placed(said, begin_ns),
+        *_poses(None if estimates is None else estimates.trajectory, estimates, begin_ns[0]),
+        *(() if found is None else found.moments(begin_ns[1])),
+    ]
+    moments.sort(key=itemgetter(0))
+    return Recording(path.name or str(path), moments, source, found, report, begin_ns, end_s)
+
+
+def _place(stamp_ns: int, begin_ns: int) -> float:
+    """Return the place of a stamp on the time line, seconds."""
+    return max(stamp_ns - begin_ns, 0) / NS_PER_S
+
+
+def _pair_stamps(cloud: PointCloud) -> tuple[int, ...]:
+    return cloud.pair_stamps_ns or (0,)
+
+
+def _truth_of(source: Source | None) -> Trajectory | None:
+    truth = None if source is None or source.loc is None else source.loc.ground_truth
+    return truth if truth is not None and len(truth) else None
+
+
+def _poses(trajectory: Trajectory | None, estimates: Estimates | None, begin_ns: int) -> Iterator[Moment]:
+    """Yield poses in the order in which they were given; the covariance of a lost one says so."""
+    if trajectory is None:
+        return
+    track = Track.TRUTH if estimates is None else Track.ESTIMATE
+    covariances = None if estimates is None else estimates.covariance
+    latest_ns = 0
+    for row, stamp_ns in enumerate(trajectory.stamps_ns.tolist()):
+        (x, y, z), (a, b, c, d) = trajectory.positions[row].tolist(), trajectory.quats_xyzw[row].tolist()
+        covariance = None
+        if estimates is not None and estimates.lost[row]:
+            covariance = LOST
+        elif covariances is not None and np.isfinite(covariances[row]).all():
+            covariance = np.zeros((6, 6))
+            covariance[UPPER] = covariances[row]
+            covariance += np.triu(covariance, 1).T
+        latest_ns = max(latest_ns, stamp_ns)
+        yield _place(latest_ns, begin_ns), PoseSample(track, stamp_ns, (x, y, z), (a, b, c, d), 0.0, covariance)
+
+
+def _placed(said: Sequence[Spoken], begin_ns: tuple[int, int]) -> Iterator[Moment]:
+    """Give each status its place; health has no stamp of the drive and stands where it was recorded."""
+    latest = [0.0, 0.0]
+    for stamp_ns, status in said:
+        is_map = status.node == MAPPING_NODE
+        if stamp_ns is not None:
+            latest[is_map] = _place(stamp_ns, begin_ns[is_map])
+        yield latest[is_map] if stamp_ns is not None else max(latest), status
+
+
+def _source_of(report: str, file: Path) -> Path | None:
+    """Return the source that a replay was made of, None where the report does not name it or it is gone."""
+    try:
+        content = parse_json(report) if report else {}
+    except ValueError as error:
+        raise InputError(f"report '{file}' is no JSON ({error}); replay again") from error
+    inputs: Any = content
+    for name in ("provenance", "inputs"):
+        inputs = inputs.get(name) if isinstance(inputs, dict) and content.get("schema") == SCHEMA else None
+    for role in ("map_truth", "truth"):
+        item = inputs.get(role) if isinstance(inputs, dict) else None
+        if not isinstance(item, dict) or not isinstance(item.get("path"), str):
+            continue
+        path = Path(item["path"])
+        if path.name == "groundtruth.csv":
+            path = path.parent.parent if path.parent.name == "loc" else path.parent
+        if path.exists():
+            return path
+    return None
+
+
+def _calls(stats: Path, cloud: PointCloud | None) -> Iterator[Spoken]:
+    """Yield the calls of statistics as the nodes tell them on /diagnostics."""
+    text = read_table(stats).decode("utf-8-sig")
+    for read in csv.DictReader(io.StringIO(text, newline="")):
+        row = {name: value for name, value in read.items() if isinstance(name, str) and value}
+        state, reason = row.get("state", ""), row.get("reason", "")
+        is_map, steps = state in set(MappingState), [row.get(name, "") for name in STEP_NAMES]
+        values = row | {STATISTIC + name: value for name, value in row.items() if _is_number(value)}
+        values |= {"task": "mapping" if is_map else "localisation", "step": " ".join(steps) if all(steps) else ""}
+        values.setdefault("processing_time_s", "0")
+        if state == MappingState.FUSED and cloud is not None and cloud.fused is not None:
+            values[f"{STATISTIC}fused"] = str(float(cloud.fused))  # which the file of the cloud says
+        node, message = MAPPING_NODE if is_map else LOCALISATION_NODE, f"{state}: {reason}" if reason else state
+        status = Status(node, StatusKind.CALL, LEVELS.get(state, 0), message, values, 0.0)
+        yield _stamp_of(status), status
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _diagnostics(bag: Bag) -> Iterator[Spoken]:
+    """Yield what the nodes said of themselves in a run."""
+    topic = bag.find("diagnostics", DIAGNOSTICS)
+    if topic is None:
+        return
+    for _, _, message in bag.messages([topic]):
+        for item in message.status:
+            name, _, kind = item.name.partition(": ")
+            if kind in set(StatusKind):
+                values, node = {pair.key: pair.value for pair in item.values}, PurePosixPath("/" + name).name
+                status = Status(node, StatusKind(kind), int(item.level), item.message, values, 0.0)
+                yield _stamp_of(status), status
+
+
+def _stamp_of(status: Status) -> int | None:
+    """Return the stamp of the call that a status describes, None of another one.
+
+    Raises:
+        InputError: If a figure of the call is none.
+    """
+    call = call_of(status.values) if status.kind is StatusKind.CALL else None
+    return None if call is None else call.record.stamp_ns
