@@ -8,16 +8,23 @@ which file it needs.
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import re
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
+
+from sfr_loc_map.errors import InputError
+
+if TYPE_CHECKING:  # messages and short files do without it
+    import numpy as np
+    from numpy.typing import NDArray
 
 NS_PER_S = 1_000_000_000
 """Nanoseconds in a second."""
@@ -39,6 +46,10 @@ MAX_TABLE_BYTES = 256 * MB
 """Largest table of text: a trajectory of 1.5 million poses."""
 MAX_TABLE_LINES = 4_000_000
 MAX_LINE_BYTES = 64_000
+FREE_BYTES = 64 * 2**20
+LARGEST_RATIO = 20
+"""What is compressed may become `FREE_BYTES`, or this many times its own size where that is more: images and points of
+real sensors do not compress so well."""
 MAX_DEPTH = 64
 """Deepest nesting of JSON and YAML."""
 MAX_NODES = 100_000
@@ -140,6 +151,56 @@ def read_table(path: Path) -> bytes:
 def count_line_ends(data: bytes) -> int:
     """Return how many line feeds and carriage returns there are."""
     return data.count(b"\n") + data.count(b"\r")
+
+
+def expansion_limit(compressed: int) -> int:
+    """Return how many bytes something may become that is compressed to a number of bytes."""
+    return max(FREE_BYTES, LARGEST_RATIO * compressed)
+
+
+def check_expansion(compressed: int, size: int, what: str) -> None:
+    """Check a size that is claimed for something compressed, before memory is taken for it.
+
+    Raises:
+        ValueError: If it is larger than `expansion_limit`.
+    """
+    if size > expansion_limit(compressed):
+        raise ValueError(
+            f"{what} of {compressed} bytes claims to hold {size}: up to {expansion_limit(compressed)} are read"
+        )
+
+
+def hash_path(path: Path) -> str:
+    """Return the SHA-256 of a file, or of a folder's files: their relative names and hashes, in the order of names.
+
+    Hidden files are left out of a folder's hash.
+
+    Raises:
+        InputError: If the path is missing or cannot be read.
+    """
+    path = Path(path)
+    try:
+        if path.is_file():
+            with path.open("rb") as stream:
+                return hashlib.file_digest(stream, "sha256").hexdigest()
+        if not path.is_dir():
+            raise InputError(f"there is no '{path}' to hash: give a file or folder")
+        digest = hashlib.sha256()
+        for name, file in sorted((file.relative_to(path).as_posix(), file) for file in path.rglob("*")):
+            if file.is_file() and not any(part.startswith(".") for part in name.split("/")):
+                digest.update(f"{name}\0{hash_path(file)}\n".encode())
+        return digest.hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot read '{error.filename}' to hash it: {error.strerror}; check the rights") from error
+
+
+def hash_arrays(arrays: Iterable[NDArray[np.generic]]) -> str:
+    """Return the SHA-256 of the shapes, types and bytes of arrays, in their order."""
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
 
 
 def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401 - any JSON

@@ -1,16 +1,13 @@
 """NPY arrays and NPZ archives of numbers, with what they claim checked against what is there.
 
-The format is that of numpy.lib.format, versions 1 to 3. numpy's own reader takes objects, structures and text as well,
-allocates what the header claims, and ends in whatever Python's tokenizer says of a broken header.
+numpy's own readers take objects, structures and text as well, and allocate what the header claims.
 """
 
 from __future__ import annotations
 
-import ast
 import io
 import lzma
 import math
-import re
 import struct
 import zipfile
 import zlib
@@ -20,14 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-MAGIC = b"\x93NUMPY"
 MAX_HEADER = 1024
 """Bytes of a header; those of arrays of numbers have some 120."""
-KEYS = {"descr", "fortran_order", "shape"}
 MIN_UNPACKED = 16_000_000
 MAX_RATIO = 20
 """The members that are read may together have this many times the bytes of the archive, and `MIN_UNPACKED` anyhow."""
-_NUMBERS = re.compile(r"[<>|=](b1|[iu][1248]|f[248])")
 _BROKEN_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError),
     *(NotImplementedError, RuntimeError),  # an unknown compression, a password
@@ -35,22 +29,26 @@ _BROKEN_ARCHIVE = (
 
 
 def parse_npy(data: bytes) -> NDArray[Any]:
-    """Return the array of an NPY file: truth values, whole numbers or floating-point numbers, any shape.
+    """Return the array of an NPY file (version 1 or 2): truth values, whole or floating-point numbers, any shape.
 
     Raises:
         ValueError: If it is of another kind, or claims more than is there.
     """
-    if not data.startswith(MAGIC) or len(data) < 12 or data[6] not in (1, 2, 3):
-        raise ValueError("it is no NPY array")
-    kind, start = ("<H", 10) if data[6] == 1 else ("<I", 12)
-    (length,) = struct.unpack_from(kind, data, 8)
-    if length > MAX_HEADER:
-        raise ValueError(f"its header has {length} bytes: an array of numbers is needed")
-    dtype, shape, order = _header(data[start : start + length].decode("latin-1"))
-    count, begin = math.prod(shape), start + length
+    stream = io.BytesIO(data)
+    try:
+        first = np.lib.format.read_magic(stream) == (1, 0)
+        read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = read(stream, max_header_size=MAX_HEADER)
+    except Exception as error:  # whatever Python's tokenizer says of a broken header
+        raise ValueError("it is no NPY array, or its header is broken") from error
+    if dtype.kind not in "biuf" or dtype.itemsize > 8:
+        raise ValueError(f"its elements are {str(dtype)[:40]}: real numbers are needed")
+    if not all(type(n) is int and n >= 0 for n in shape):
+        raise ValueError("its header is broken: the shape must be whole numbers")
+    count, begin = math.prod(shape), stream.tell()
     if len(data) - begin < count * dtype.itemsize:
         raise ValueError(f"it claims {shape} numbers of {dtype}, but {len(data) - begin} bytes are there")
-    return np.frombuffer(data, dtype, count, begin).reshape(shape, order=order).copy()
+    return np.frombuffer(data, dtype, count, begin).reshape(shape, order="F" if fortran else "C").copy()
 
 
 def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
@@ -70,19 +68,3 @@ def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
     except _BROKEN_ARCHIVE as error:
         raise ValueError(f"it is not a complete NPZ archive ({error})") from error
     return {name: parse_npy(member) for name, member in members.items()}
-
-
-def _header(text: str) -> tuple[np.dtype[Any], tuple[int, ...], Any]:
-    """Return type, shape and order of a header."""
-    try:
-        header = ast.literal_eval(text.strip())
-    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
-        raise ValueError("its header is broken") from error
-    if not isinstance(header, dict) or set(header) != KEYS:
-        raise ValueError("its header is broken")
-    descr, shape = header["descr"], header["shape"]
-    if not isinstance(descr, str) or not _NUMBERS.fullmatch(descr):
-        raise ValueError(f"its elements are {str(descr)[:40]!r}: real numbers are needed")
-    if not isinstance(shape, tuple) or not all(type(n) is int and n >= 0 for n in shape) or len(shape) > 8:
-        raise ValueError("its header is broken: the shape must be whole numbers")
-    return np.dtype(descr), shape, "F" if header["fortran_order"] is True else "C"

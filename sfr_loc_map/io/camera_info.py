@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -16,26 +16,23 @@ from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import SIDES, Side
 
 TOLERANCE = 1e-6
 """How far a coefficient may be from that of a rectified camera (pixels for P and K, without unit for R and D)."""
 
 
-def projection(rig: StereoRig, side: Literal["left", "right"]) -> FloatArray:
+def projection(rig: StereoRig, side: Side) -> FloatArray:
     """Return the projection matrix P `(12,)`, row-major, of one camera."""
     shift = 0.0 if side == "left" else -(rig.fx * rig.baseline_m)
     return np.array([rig.fx, 0.0, rig.cx, shift, 0.0, rig.fy, rig.cy, 0.0, 0.0, 0.0, 1.0, 0.0])
 
 
 def baseline_from_projection(fx: float, shift: float) -> float:
-    """Return the baseline, metres, that `P[3] = -fx baseline` was made of.
+    """Return the baseline, metres, that `P[3] = -fx baseline` of the right camera was made of.
 
     The division alone gives the last digit wrong at times. Of the neighbouring numbers that make the very same
     `P[3]`, the one with the shortest decimal form is taken, so that rigs come through messages unchanged.
-
-    Args:
-        fx: Focal length, pixels.
-        shift: `P[3]` of the right camera.
     """
     middle = -shift / fx
     near = {middle, *(float(f"{middle:.{digits}g}") for digits in (12, 13, 14, 15, 16))}
@@ -62,7 +59,8 @@ def rig_from_projections(
     p_right: FloatArray,
     size: tuple[int, int],
     where: str,
-    names: tuple[str, str] = ("left", "right"),
+    names: tuple[str, str] = SIDES,
+    T_rb_sb: Transform | None = None,
 ) -> StereoRig:
     """Return the rig of two rectified cameras.
 
@@ -72,56 +70,47 @@ def rig_from_projections(
         size: Width and height of the images, pixels.
         where: What they come from, for messages.
         names: What the two are called there.
+        T_rb_sb: Pose of SB in RB, where known.
 
     Raises:
         InputError: If they are not those of a rectified pair.
     """
-    if np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() > TOLERANCE:
+    if not np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE:
         raise InputError(
-            f"{where}: {names[0]} and {names[1]} differ in their camera matrices: rectified cameras are needed"
+            f"{where}: the P of {names[0]} and {names[1]} differ in more than P[3]: rectify both to one camera matrix"
         )
     fx, cx, fy, cy = (float(p_left[i]) for i in (0, 2, 5, 6))
+    shift = float(p_right[3] - p_left[3])
+    if not shift < 0:
+        raise InputError(
+            f"{where}: P[3] of the {names[1]} camera is {p_right[3]:g}, so the baseline is {-shift / (fx or 1.0):g} m: "
+            f"it must be -fx * baseline < 0; are left and right swapped?"
+        )
     try:
-        baseline = baseline_from_projection(fx, float(p_right[3] - p_left[3])) if fx else 0.0
-        return StereoRig(*size, fx, fy, cx, cy, baseline)
+        return StereoRig(*size, fx, fy, cx, cy, baseline_from_projection(fx, shift) if fx else 0.0, T_rb_sb)
     except GeometryError as error:
-        raise InputError(f"{where}: {error}; are left and right swapped?") from error
+        raise InputError(f"{where}: {error}; correct the calibration") from error
 
 
 def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | None = None) -> StereoRig:  # noqa: ANN401
-    """Return the rig that two camera_info messages describe.
+    """Return the rig that two sensor_msgs/CameraInfo describe.
 
     Args:
-        left: sensor_msgs/CameraInfo of the left camera.
-        right: The same of the right camera.
+        left: That of the left camera.
+        right: That of the right camera.
         name: What they belong to, for messages (`loc`, `nav`).
         T_rb_sb: Pose of SB in RB, where known.
 
     Raises:
         InputError: If they are not those of a rectified pair with equal cameras, left and right in order.
     """
-    for side, info in (("left", left), ("right", right)):
+    for side, info in zip(SIDES, (left, right), strict=True):
         _check_rectified(f"{name}/{side}", info)
     if (left.width, left.height) != (right.width, right.height):
         sizes = f"{left.width} x {left.height} and {right.width} x {right.height}"
         raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: both images need one size")
-    p_left, p_right = _matrix(left.p), _matrix(right.p)
-    keep = np.ones(12, bool)
-    keep[3] = False
-    if not np.abs(p_left - p_right)[keep].max() <= TOLERANCE:
-        raise InputError(f"{name}: the P of left and right differ in more than P[3]: rectify both to one camera matrix")
-    shift = float(p_right[3] - p_left[3])
-    if not shift < 0:
-        raise InputError(
-            f"{name}: P[3] of the right camera is {p_right[3]:g}, so the baseline is {-shift / p_left[0]:g} m: it must "
-            f"be -fx * baseline < 0; are left and right swapped?"
-        )
-    fx, cx, fy, cy = (float(p_left[i]) for i in (0, 2, 5, 6))
-    baseline = baseline_from_projection(fx, shift)
-    try:
-        return StereoRig(int(left.width), int(left.height), fx, fy, cx, cy, baseline, T_rb_sb)
-    except GeometryError as error:
-        raise InputError(f"camera_info of {name}: {error}") from error
+    size = int(left.width), int(left.height)
+    return rig_from_projections(_matrix(left.p), _matrix(right.p), size, f"camera_info of {name}", T_rb_sb=T_rb_sb)
 
 
 def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraInfo of any library

@@ -1,33 +1,42 @@
-"""The layout of the EuRoC MAV data sets (Burri et al. 2016).
+"""The layout of the EuRoC MAV data sets (ASL; Burri et al. 2016), read and written.
 
     mav0/cam0/{sensor.yaml,data.csv,data/*.png}   left camera: pinhole, radial-tangential distortion, T_BS
     mav0/cam1/...                                 right camera
     mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
 
 Images are rectified here, unless they are already: equal cameras without distortion, side by side. RB is the body frame
-B, DS the world frame of the truth, whose rate is kept.
+B, DS the world frame of the truth, whose rate is kept. Written images are rectified; B is SB where the rig's pose on the
+rover is not known, and the truth is left out then. It has positions and orientations alone.
 """
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import IO, Any
 
 import numpy as np
 import yaml
 
 from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import parse_yaml
-from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines, whole_pairs
-from sfr_loc_map.io.raw_stereo import CalibratedCamera, rectified_pair
+from sfr_loc_map.io.image_codec import encode_png
+from sfr_loc_map.io.image_files import ImageFileSequence, pairs_of, whole_pairs
+from sfr_loc_map.io.rectification import CalibratedCamera, rectified_pair
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_numbers import parse_stamp_ns
-from sfr_loc_map.io.trajectory_file import check_order
+from sfr_loc_map.io.text_table import check_order, numbers_of, parse_stamp_ns, read_data, read_lines
+from sfr_loc_map.io.trajectory_file import EUROC_HEADER, parse_euroc_poses
 
+CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
+LIST_HEADER = "#timestamp [ns],filename"
+_log = logging.getLogger(__name__)
 
 
 def is_euroc(path: Path) -> bool:
@@ -42,10 +51,10 @@ def open_euroc(path: Path) -> Source:
         InputError: If a file is missing or broken, or the cameras cannot be rectified side by side.
     """
     folder = path / "mav0" if (path / "mav0").is_dir() else path
-    left, right = (_load_camera(folder / name / "sensor.yaml") for name in ("cam0", "cam1"))
-    rig, rectify = rectified_pair(f"'{folder}'", left, right)
-    entries, left_out = whole_pairs(_pairs(folder), f"'{folder}'")
-    sequence = ImageFileSequence(rig, load_body_truth(folder / TRUTH / "data.csv"), entries, left.size, rectify)
+    rig, rectify = rectified_pair(f"'{folder}'", *(_load_camera(folder / name / "sensor.yaml") for name in CAMERAS))
+    left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
+    entries, left_out = whole_pairs(pairs_of(left, right, f"'{folder}'"), f"'{folder}'")
+    sequence = ImageFileSequence(rig, load_body_truth(folder / TRUTH / "data.csv"), entries, rectify)
     return Source(path, "euroc", sequence, None, left_out)
 
 
@@ -73,27 +82,19 @@ def _load_camera(path: Path) -> CalibratedCamera:
         check_extrinsics(pose.translation)
     except GeometryError as error:
         raise InputError(f"'{path}': {error}; correct the file") from error
-    return CalibratedCamera(
-        (int(width), int(height)),
-        np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
-        np.array(numbers["distortion_coefficients"]),
-        pose,
-    )
-
-
-def _pairs(folder: Path) -> list[ImagePair]:
-    left, right = (_load_list(folder / name / "data.csv") for name in ("cam0", "cam1"))
-    entries = [ImagePair(stamp, left[stamp], right[stamp]) for stamp in sorted(left.keys() & right.keys())]
-    if not entries:
-        raise InputError(f"'{folder}': none of {len(left)} images of cam0 and {len(right)} of cam1 have equal stamps")
-    return entries
+    k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    return CalibratedCamera((int(width), int(height)), k, np.array(numbers["distortion_coefficients"]), pose)
 
 
 def _load_list(path: Path) -> dict[int, Path]:
     files = {}
     for number, line in enumerate(read_lines(path), start=1):
         stamp, _, name = line.partition(",")
-        files[_stamp(stamp, f"'{path}' entry {number}")] = path.parent / "data" / name.strip()
+        try:
+            files[parse_stamp_ns(stamp)] = path.parent / "data" / name.strip()
+        except ValueError as error:
+            where = f"'{path}' entry {number}"
+            raise InputError(f"{where}: stamp '{stamp[:40]}' is not whole nanoseconds") from error
     check_order(list(files), f"'{path}'", strict=True)
     return files
 
@@ -106,23 +107,78 @@ def load_body_truth(path: Path) -> Trajectory | None:
     """
     if not path.exists():
         return None
-    stamps, rows = [], []
-    for number, line in enumerate(read_lines(path), start=1):
-        words = line.split(",")
-        stamps.append(_stamp(words[0], f"'{path}' entry {number}"))
-        rows.append(numbers_of(words[1:8], 7, f"'{path}' entry {number}"))
-    if not rows:
-        return None
-    check_order(stamps, f"'{path}'", strict=False)
-    values = np.array(rows)
-    try:
-        return Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, [4, 5, 6, 3]])
-    except GeometryError as error:
-        raise InputError(f"'{path}': {error}") from error
+    truth = parse_euroc_poses(read_data(path), f"'{path}'")
+    check_order(truth.stamps_ns, f"'{path}'", strict=False)
+    return truth if len(truth) else None
 
 
-def _stamp(text: str, where: str) -> int:
-    try:
-        return parse_stamp_ns(text)
-    except ValueError as error:
-        raise InputError(f"{where}: stamp '{text[:40]}' is not whole nanoseconds") from error
+class EurocWriter:
+    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
+
+    def __init__(self, path: Path) -> None:
+        """Prepare a folder, made when the block begins."""
+        self._path = path
+        self._folder = path / "mav0"
+        self._tables: dict[str, IO[str]] = {}
+        self._has_body = True
+        self._told = False
+
+    def __enter__(self) -> EurocWriter:
+        """Make the folder."""
+        self._path.mkdir(exist_ok=True)
+        for name in CAMERAS:
+            (self._folder / name / "data").mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close all tables."""
+        for stream in self._tables.values():
+            stream.close()
+
+    def write_loc_rig(self, rig: StereoRig) -> None:
+        """Write the two cameras; comes before the first pair and the truth."""
+        self._has_body = rig.T_rb_sb is not None
+        T_body_left = rig.T_rb_left if self._has_body else rig.T_sb_left
+        T_left_right = Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
+        for name, pose in zip(CAMERAS, (T_body_left, T_body_left @ T_left_right), strict=True):
+            numbers = ", ".join(map(repr, pose.matrix.reshape(-1).tolist()))
+            (self._folder / name / "sensor.yaml").write_text(
+                f"%YAML:1.0\nsensor_type: camera\ncomment: rectified camera {name}\n"
+                f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{numbers}]\n"
+                f"resolution: [{rig.width}, {rig.height}]\ncamera_model: pinhole\n"
+                f"intrinsics: [{rig.fx!r}, {rig.fy!r}, {rig.cx!r}, {rig.cy!r}]\n"
+                "distortion_model: radial-tangential\ndistortion_coefficients: [0.0, 0.0, 0.0, 0.0]\n",
+                encoding="ascii",
+            )
+
+    def write_nav_rig(self, rig: StereoRig) -> None:
+        """Leave out the rig of mapping pairs."""
+
+    def write_loc_pair(self, pair: StereoPair) -> None:
+        """Write a pair of the drive."""
+        for name, image in zip(CAMERAS, (pair.left, pair.right), strict=True):
+            file = f"{pair.stamp_ns}.png"
+            (self._folder / name / "data" / file).write_bytes(encode_png(image))
+            self._append(name, LIST_HEADER, f"{pair.stamp_ns},{file}")
+
+    def write_nav_pair(self, nav: PosedStereoPair) -> None:
+        """Leave out a mapping pair."""
+
+    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
+        """Write one true pose of RB in DS."""
+        if not self._has_body:
+            if not self._told:
+                _log.warning("the truth is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
+            self._told = True
+            return
+        x, y, z, w = quat_xyzw.tolist()
+        self._append(TRUTH, EUROC_HEADER, ",".join([str(stamp_ns), *map(repr, (*position.tolist(), w, x, y, z))]))
+
+    def _append(self, name: str, header: str, row: str) -> None:
+        if name not in self._tables:
+            (self._folder / name).mkdir(exist_ok=True)
+            self._tables[name] = (self._folder / name / "data.csv").open("w", encoding="ascii", newline="\n")
+            self._tables[name].write(header + "\n")
+        self._tables[name].write(row + "\n")

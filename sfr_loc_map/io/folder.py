@@ -1,4 +1,4 @@
-"""The data set folder of the suite (`sfr` format).
+"""The data set folder of the suite (`sfr` format), read and written as a stream.
 
     rig.json            width, height, k, baseline_m, T_rb_locsb (localisation)
     pairs.csv           stamp_ns,left,right[,navsbOriginPos_m_Lm_{x,y,z},att_q_LmToNavsb_{1..4}[,truth]]
@@ -11,28 +11,33 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import read_bytes, read_table
+from sfr_loc_map.inputs import parse_json, read_bytes, read_text
 from sfr_loc_map.io.array_file import MAX_HEADER, parse_npy
-from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.image_file_sequence import whole_pairs
-from sfr_loc_map.io.point_image import checked_points
-from sfr_loc_map.io.rig_file import load_rig
+from sfr_loc_map.io.camera_info import message_baseline
+from sfr_loc_map.io.image_codec import checked_points, encode_png
+from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, read_pair, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_numbers import parse_number, parse_stamp_ns
-from sfr_loc_map.io.trajectory_file import check_order, load_trajectory
+from sfr_loc_map.io.text_table import check_order, parse_number, parse_stamp_ns, read_data
+from sfr_loc_map.io.trajectory_file import CSV_HEADER, csv_row, load_trajectory
 
+RIG_KEYS = ("width", "height", "k", "baseline_m")
+EXTRINSICS = "T_rb_locsb"
 LOC_COLUMNS = ("stamp_ns", "left", "right")
 NAV_COLUMNS = (
     *LOC_COLUMNS,
@@ -42,84 +47,21 @@ NAV_COLUMNS = (
 TRUTH_COLUMN = "truth"
 
 
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    """One line of pairs.csv."""
-
-    stamp_ns: int
-    left: Path
-    right: Path
-    T_lm_navsb: Transform | None
-    truth: Path | None
-
-
-class FolderLocSequence:
-    """The drive of a data set folder."""
-
-    def __init__(self, folder: Path) -> None:
-        """Read everything but the images.
-
-        Raises:
-            InputError: If a file is missing or broken, or stamps go backwards.
-        """
-        self._rig = load_rig(folder / "rig.json")
-        self._entries, self.left_out = _load_pairs(folder)
-        self._truth = _load_truth(folder / "groundtruth.csv")
-
-    @property
-    def rig(self) -> StereoRig:
-        """Rig of the localisation cameras."""
-        return self._rig
-
-    @property
-    def ground_truth(self) -> Trajectory | None:
-        """True poses of RB in DS, or None."""
-        return self._truth
-
-    @property
-    def stamps_ns(self) -> tuple[int, ...]:
-        """Stamps of the pairs, in their order."""
-        return tuple(entry.stamp_ns for entry in self._entries)
-
-    def __len__(self) -> int:
-        """Return the number of pairs."""
-        return len(self._entries)
-
-    def pairs(self) -> Iterator[StereoPair]:
-        """Yield the pairs, one in memory at a time.
-
-        Raises:
-            InputError: If an image is broken or not of the rig's size.
-        """
-        for entry in self._entries:
-            yield _load_pair(entry, self._rig)
-
-
+@dataclass(frozen=True, slots=True, eq=False)
 class FolderNavSequence:
-    """The mapping pairs of a data set folder."""
+    """The mapping pairs of a data set folder (`sequence.NavSequence`)."""
 
-    def __init__(self, folder: Path) -> None:
-        """Read everything but the images and the truth.
-
-        Raises:
-            InputError: If a file is missing or broken, or stamps go backwards.
-        """
-        self._rig = load_rig(folder / "rig.json")
-        self._entries, self.left_out = _load_pairs(folder)
-
-    @property
-    def rig(self) -> StereoRig:
-        """Rig of the navigation cameras."""
-        return self._rig
+    rig: StereoRig
+    entries: Sequence[ImagePair]
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
         """Stamps of the pairs, in their order."""
-        return tuple(entry.stamp_ns for entry in self._entries)
+        return tuple(entry.stamp_ns for entry in self.entries)
 
     def __len__(self) -> int:
         """Return the number of pairs."""
-        return len(self._entries)
+        return len(self.entries)
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs, one in memory at a time.
@@ -127,11 +69,11 @@ class FolderNavSequence:
         Raises:
             InputError: If an image or truth is broken or not of the rig's size.
         """
-        for entry in self._entries:
+        for entry in self.entries:
             if entry.T_lm_navsb is None:
                 raise InputError(f"pair of stamp {entry.stamp_ns} has no pose in LM")
-            truth = None if entry.truth is None else _load_point_image(entry.truth, self._rig)
-            yield PosedStereoPair(_load_pair(entry, self._rig), entry.T_lm_navsb, truth)
+            truth = None if entry.truth is None else _load_point_image(entry.truth, self.rig)
+            yield PosedStereoPair(read_pair(entry, self.rig), entry.T_lm_navsb, truth)
 
 
 def is_folder(path: Path) -> bool:
@@ -143,39 +85,22 @@ def open_folder(path: Path) -> Source:
     """Open a data set folder: of either task, or of both as `loc/` and `nav/`.
 
     Raises:
-        InputError: If a file is missing or broken.
+        InputError: If a file is missing or broken, or stamps go backwards.
     """
-    loc: FolderLocSequence | None = None
-    nav: FolderNavSequence | None = None
+    loc_folder, nav_folder = (path / part if (path / part).is_dir() else None for part in ("loc", "nav"))
     if (path / "pairs.csv").exists() or (path / "rig.json").exists():
-        if NAV_COLUMNS[3] in _header(path / "pairs.csv"):
-            nav = FolderNavSequence(path)
-        else:
-            loc = FolderLocSequence(path)
-    else:
-        loc = FolderLocSequence(path / "loc") if (path / "loc").is_dir() else None
-        nav = FolderNavSequence(path / "nav") if (path / "nav").is_dir() else None
-    return Source(path, "sfr", loc, nav, sum(part.left_out for part in (loc, nav) if part is not None))
-
-
-def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
-    """Check that an image has the rig's size.
-
-    Raises:
-        InputError: If not.
-    """
-    if image.shape != (rig.height, rig.width):
-        found = f"{image.shape[1]} x {image.shape[0]}"
-        raise InputError(f"{name} is {found}: its rig says {rig.width} x {rig.height}; both images need the rig's size")
-
-
-def _load_pair(entry: _Entry, rig: StereoRig) -> StereoPair:
-    images = []
-    for path in (entry.left, entry.right):
-        image = read_grey(path)
-        check_size(image, rig, f"image '{path}' (stamp {entry.stamp_ns})")
-        images.append(image)
-    return StereoPair(entry.stamp_ns, *images)
+        is_nav = NAV_COLUMNS[3] in _read_rows(path / "pairs.csv")[0]
+        loc_folder, nav_folder = (None, path) if is_nav else (path, None)
+    loc, nav, left_out = None, None, 0
+    if loc_folder is not None:
+        rig = load_rig(loc_folder / "rig.json")
+        entries, left_out = _load_pairs(loc_folder)
+        loc = ImageFileSequence(rig, _load_truth(loc_folder / "groundtruth.csv"), entries)
+    if nav_folder is not None:
+        rig = load_rig(nav_folder / "rig.json")
+        entries, missing = _load_pairs(nav_folder)
+        nav, left_out = FolderNavSequence(rig, entries), left_out + missing
+    return Source(path, "sfr", loc, nav, left_out)
 
 
 def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
@@ -194,32 +119,29 @@ def _load_truth(path: Path) -> Trajectory | None:
     if not path.exists():
         return None
     truth = load_trajectory(path)
-    check_order(truth.stamps_ns.tolist(), f"'{path}'", strict=False)
+    check_order(truth.stamps_ns, f"'{path}'", strict=False)
     return truth
-
-
-def _header(path: Path) -> list[str]:
-    return _read_rows(path)[0]
 
 
 def _read_rows(path: Path) -> list[list[str]]:
     try:
-        text = io.StringIO(read_table(path).decode("utf-8-sig"), newline="")
-        rows = [[word.strip() for word in row] for row in csv.reader(text)]
-    except (OSError, ValueError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"cannot read '{path}': {reason}; a data set folder needs its pairs.csv") from error
+        text = read_data(path, "a data set folder needs its pairs.csv").decode("utf-8-sig")
+        rows = [[word.strip() for word in row] for row in csv.reader(io.StringIO(text, newline=""))]
+    except (ValueError, csv.Error) as error:
+        raise InputError(f"cannot read '{path}': {error}; a data set folder needs its pairs.csv") from error
     if not rows or not rows[0]:
         raise InputError(f"'{path}' is empty: a header {','.join(LOC_COLUMNS)} and a line for each pair are needed")
     return rows
 
 
-def _load_pairs(folder: Path) -> tuple[list[_Entry], int]:
+def _load_pairs(folder: Path) -> tuple[list[ImagePair], int]:
+    """Return the pairs of a folder and how many are left out, as their images are not there."""
     path = folder / "pairs.csv"
     header, *rows = _read_rows(path)
     allowed = (LOC_COLUMNS, NAV_COLUMNS, (*NAV_COLUMNS, TRUTH_COLUMN))
     if tuple(header) not in allowed:
-        raise InputError(f"'{path}' line 1 is '{','.join(header)}': the header must be one of {_headers(allowed)}")
+        headers = " or ".join(f"'{','.join(names)}'" for names in allowed)
+        raise InputError(f"'{path}' line 1 is '{','.join(header)}': the header must be one of {headers}")
     entries = []
     for number, row in enumerate(rows, start=2):
         if row:
@@ -229,15 +151,13 @@ def _load_pairs(folder: Path) -> tuple[list[_Entry], int]:
     if not entries:
         raise InputError(f"'{path}' lists no pair: at least one is needed")
     check_order([entry.stamp_ns for entry in entries], f"'{path}'", strict=True)
-    _check_truth(path, entries)
+    missing = [entry.truth for entry in entries if entry.truth is not None and not entry.truth.is_file()]
+    if missing:  # said at once, not after an hour of work
+        raise InputError(f"'{path}' names a truth that is not there: {missing[0]}; restore it, or leave out its name")
     return whole_pairs(entries, f"'{path}'")
 
 
-def _headers(allowed: tuple[tuple[str, ...], ...]) -> str:
-    return " or ".join(f"'{','.join(names)}'" for names in allowed)
-
-
-def _entry(folder: Path, where: str, row: dict[str, str]) -> _Entry:
+def _entry(folder: Path, where: str, row: dict[str, str]) -> ImagePair:
     try:
         stamp = parse_stamp_ns(row["stamp_ns"])
     except ValueError as error:
@@ -250,11 +170,151 @@ def _entry(folder: Path, where: str, row: dict[str, str]) -> _Entry:
         except (ValueError, GeometryError) as error:
             raise InputError(f"{where}: {error}; correct or leave out the pair") from error
     truth = folder / row[TRUTH_COLUMN] if row.get(TRUTH_COLUMN) else None
-    return _Entry(stamp, folder / row["left"], folder / row["right"], pose, truth)
+    return ImagePair(stamp, folder / row["left"], folder / row["right"], pose, truth)
 
 
-def _check_truth(path: Path, entries: list[_Entry]) -> None:
-    """Say at once that a truth is missing, not after an hour of work."""
-    missing = [str(entry.truth) for entry in entries if entry.truth is not None and not entry.truth.is_file()]
-    if missing:
-        raise InputError(f"'{path}' names a truth that is not there: {missing[0]}; restore it, or leave out its name")
+def load_rig(path: Path) -> StereoRig:
+    """Read a rig.json.
+
+    Raises:
+        InputError: If it is missing, not JSON, or a value is missing, unknown or of the wrong type; names them.
+    """
+    try:
+        content = parse_json(read_text(path))
+    except OSError as error:
+        raise InputError(f"cannot read '{path}': {error.strerror}; a data set folder needs its rig.json") from error
+    except ValueError as error:
+        raise InputError(f"'{path}' is not valid JSON: {error}; correct the file") from error
+    if not isinstance(content, dict):
+        raise InputError(f"'{path}' holds a {type(content).__name__}: an object with {', '.join(RIG_KEYS)} is needed")
+    missing = [key for key in RIG_KEYS if key not in content]
+    unknown = [key for key in content if key not in (*RIG_KEYS, EXTRINSICS)]
+    if missing or unknown:
+        wrong = [f"{word} {', '.join(keys)}" for word, keys in (("misses", missing), ("has unknown", unknown)) if keys]
+        raise InputError(f"'{path}' {' and '.join(wrong)}: it needs {', '.join(RIG_KEYS)} and may have {EXTRINSICS}")
+    for key in ("width", "height"):
+        if not isinstance(content[key], int) or isinstance(content[key], bool):
+            raise InputError(f"'{path}': {key} is {content[key]!r}; a whole number of pixels is needed")
+    fx, skew, cx, low, fy, cy, *last = _numbers(path, "k", content["k"], 9)
+    if (skew, low, *last) != (0, 0, 0, 0, 1):
+        raise InputError(f"'{path}': k is {content['k']}; [fx, 0, cx, 0, fy, cy, 0, 0, 1] is needed")
+    (baseline,) = _numbers(path, "baseline_m", [content["baseline_m"]], 1)
+    extrinsics, pose = content.get(EXTRINSICS, {}), None
+    if EXTRINSICS in content and (
+        not isinstance(extrinsics, dict) or sorted(extrinsics) != ["quat_xyzw", "translation_m"]
+    ):
+        raise InputError(
+            f"'{path}': {EXTRINSICS} is {extrinsics!r}; an object with translation_m and quat_xyzw is needed"
+        )
+    try:
+        if extrinsics:
+            translation = _numbers(path, f"{EXTRINSICS}.translation_m", extrinsics["translation_m"], 3)
+            quat = _numbers(path, f"{EXTRINSICS}.quat_xyzw", extrinsics["quat_xyzw"], 4)
+            pose = Transform.from_quat(translation, quat)
+        return message_baseline(StereoRig(content["width"], content["height"], fx, fy, cx, cy, baseline, pose))
+    except GeometryError as error:
+        raise InputError(f"'{path}': {error}; correct the file") from error
+
+
+def _numbers(path: Path, name: str, value: Any, count: int) -> list[float]:  # noqa: ANN401 - any JSON value
+    good = isinstance(value, list) and len(value) == count
+    if not good or any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in value):
+        raise InputError(f"'{path}': {name} is {value!r}; {count} number{'s' if count > 1 else ''} needed")
+    return [float(v) for v in value]
+
+
+def rig_json(rig: StereoRig) -> str:
+    """Return the text of the rig.json that `load_rig` reads as this rig."""
+    content: dict[str, Any] = {
+        "width": rig.width,
+        "height": rig.height,
+        "k": rig.camera_matrix.reshape(-1).tolist(),
+        "baseline_m": rig.baseline_m,
+    }
+    if rig.T_rb_sb is not None:
+        pose = rig.T_rb_sb
+        content[EXTRINSICS] = {"translation_m": pose.translation.tolist(), "quat_xyzw": pose.file_quat_xyzw.tolist()}
+    return json.dumps(content, indent=1) + "\n"
+
+
+class FolderWriter:
+    """A data set folder that is being written; a context manager.
+
+    With one task the files are in the folder itself, with both in `loc/` and `nav/`. Images and the tables of the
+    drive are written as they come; only the few lines of the mapping pairs are kept to the end.
+    """
+
+    def __init__(self, path: Path, *, loc: bool, nav: bool) -> None:
+        """Prepare a folder, made when the block begins, of a drive, of mapping pairs or of both."""
+        self._path = path
+        self._loc = path / "loc" if loc and nav else path
+        self._nav = path / "nav" if loc and nav else path
+        self._tables: dict[Path, IO[str]] = {}
+        self._loc_count = 0
+        self._nav_rows: list[list[str]] = []
+
+    def __enter__(self) -> FolderWriter:
+        """Make the folder."""
+        self._path.mkdir(exist_ok=True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Write the list of mapping pairs and close all tables."""
+        if self._nav_rows:
+            has_truth = any(row[-1] for row in self._nav_rows)
+            header = (*NAV_COLUMNS, TRUTH_COLUMN) if has_truth else NAV_COLUMNS
+            for row in self._nav_rows:
+                self._append(self._nav / "pairs.csv", ",".join(header), ",".join(row[: len(header)]))
+        for stream in self._tables.values():
+            stream.close()
+
+    def write_loc_rig(self, rig: StereoRig) -> None:
+        """Write the rig of the localisation cameras; comes before their first pair."""
+        _start(self._loc, rig)
+
+    def write_nav_rig(self, rig: StereoRig) -> None:
+        """Write the rig of the navigation cameras; comes before their first pair."""
+        _start(self._nav, rig)
+
+    def write_loc_pair(self, pair: StereoPair) -> None:
+        """Write a pair of the drive."""
+        names = _write_images(self._loc, self._loc_count, pair)
+        self._append(self._loc / "pairs.csv", ",".join(LOC_COLUMNS), ",".join([str(pair.stamp_ns), *names]))
+        self._loc_count += 1
+
+    def write_nav_pair(self, nav: PosedStereoPair) -> None:
+        """Write a mapping pair with its pose and truth."""
+        index, truth = len(self._nav_rows), ""
+        attitude = quat_conjugate(nav.T_lm_navsb.file_quat_xyzw)  # att_q_LmToNavsb, see docs/conventions
+        numbers = [repr(value) for value in (*nav.T_lm_navsb.translation.tolist(), *attitude.tolist())]
+        if nav.truth is not None:
+            truth = f"truth/{index:06d}.npy"
+            (self._nav / "truth").mkdir(exist_ok=True)
+            np.save(self._nav / truth, np.asarray(nav.truth, np.float32))
+        names = _write_images(self._nav, index, nav.pair)
+        self._nav_rows.append([str(nav.pair.stamp_ns), *names, *numbers, truth])
+
+    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
+        """Write one true pose of RB in DS; comes after the rig of the localisation cameras."""
+        self._append(self._loc / "groundtruth.csv", CSV_HEADER, csv_row(stamp_ns, position, quat_xyzw))
+
+    def _append(self, path: Path, header: str, row: str) -> None:
+        if path not in self._tables:
+            self._tables[path] = path.open("w", encoding="utf-8", newline="\n")
+            self._tables[path].write(header + "\n")
+        self._tables[path].write(row + "\n")
+
+
+def _start(folder: Path, rig: StereoRig) -> None:
+    for name in (".", "left", "right"):
+        (folder / name).mkdir(exist_ok=True)
+    (folder / "rig.json").write_text(rig_json(rig), encoding="utf-8")
+
+
+def _write_images(folder: Path, index: int, pair: StereoPair) -> list[str]:
+    names = [f"{side}/{index:06d}.png" for side in ("left", "right")]
+    for name, image in zip(names, (pair.left, pair.right), strict=True):
+        (folder / name).write_bytes(encode_png(image))
+    return names

@@ -1,4 +1,4 @@
-"""Images as 8-bit grey arrays, from files and from image messages.
+"""Images as 8-bit grey arrays, from files and from messages; the true points of a pair, an image of points.
 
 The functions for messages read attributes only (`height`, `encoding`, `data`, ...), so messages of a bag reader and
 of a ROS client library are taken alike.
@@ -6,6 +6,7 @@ of a ROS client library are taken alike.
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -18,10 +19,16 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
-from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.inputs import MAX_IMAGE_BYTES, read_bytes
-from sfr_loc_map.io.image_header import FORMATS, JPEG_MAGIC, PNG_MAGIC, claimed_size, decoded_pixel_bytes
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, check_image_size
+from sfr_loc_map.inputs import MAX_IMAGE_BYTES, NS_PER_S, read_bytes
 
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+JPEG_MAGIC = b"\xff\xd8"
+FORMATS = "PNG, JPEG, PGM, PPM or BMP"
+"""Formats that are read: those whose size is known before they are decoded."""
+_PNM = re.compile(rb"P[2356](?:\s+|\s*#[^\n]*\n)+(\d{1,9})(?:\s+|\s*#[^\n]*\n)+(\d{1,9})\s")
+_PNM_HEAD = 4096
+"""Bytes that the header of a PGM or PPM may have, comments included."""
 BAYER = {
     "rggb": cv2.COLOR_BayerBG2GRAY,
     "bggr": cv2.COLOR_BayerRG2GRAY,
@@ -50,9 +57,6 @@ MIN_MOSAIC = 4
 """Least side of a Bayer mosaic, pixels."""
 MAX_DECODED_BYTES = 2**27
 """Largest image that is decoded: 8192 x 8192 in 8-bit grey twice, 5792 x 5792 in colour."""
-ROWS_AT_ONCE = 256
-SILENT = 0
-"""Level of OpenCV's log."""
 
 
 def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImage:
@@ -69,22 +73,13 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImag
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     if image.dtype == np.uint16:
-        image = _eight_bits(image)
+        image = cv2.convertScaleAbs(image, alpha=1 / 257)
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
         raise InputError(f"image of {image.dtype} {image.shape} found: 8 or 16 bit grey or colour is needed")
     if image.ndim == 3:
         code = cv2.COLOR_BGR2GRAY if order == "bgr" else cv2.COLOR_RGB2GRAY
         image = cv2.cvtColor(np.ascontiguousarray(image[:, :, :3]), code)
     return np.ascontiguousarray(image)
-
-
-def _eight_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return 16 bits as 8, rounded; a part at a time, so that large images take no multiple of their memory."""
-    out = np.empty(image.shape, np.uint8)
-    for first in range(0, len(image), ROWS_AT_ONCE):
-        rows = slice(first, first + ROWS_AT_ONCE)
-        out[rows] = (image[rows].astype(np.uint32) + 128) // 257
-    return out
 
 
 def read_grey(path: Path) -> GreyImage:
@@ -119,7 +114,7 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
         check_image_size(*size, "it")
     except GeometryError as error:
         raise InputError(str(error)) from error
-    if size[0] * size[1] * decoded_pixel_bytes(raw) > MAX_DECODED_BYTES:
+    if size[0] * size[1] * _decoded_pixel_bytes(raw) > MAX_DECODED_BYTES:
         raise InputError(
             f"it is {size[0]} x {size[1]} in colour or 16 bits: up to {MAX_DECODED_BYTES} bytes are decoded"
         )
@@ -128,6 +123,35 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
     if raw.startswith(PNG_MAGIC):
         raw = _critical_chunks(raw)
     return grey8(_decode_by_opencv(raw))
+
+
+def claimed_size(data: bytes) -> tuple[int, int] | None:
+    """Return width and height that an image file claims; None where it is of no format that is read."""
+    if data.startswith(PNG_MAGIC):  # the IHDR chunk comes first (ISO/IEC 15948, 11.2.2)
+        return struct.unpack(">II", data[16:24]) if len(data) >= 24 else None
+    if data.startswith(JPEG_MAGIC):
+        try:
+            height, width, *_ = simplejpeg.decode_jpeg_header(data)
+        except ValueError:
+            return None
+        return int(width), int(height)
+    if data.startswith(b"BM"):  # BITMAPINFOHEADER; rows from top to bottom have a negative height
+        if len(data) < 26 or struct.unpack("<I", data[14:18])[0] < 40:
+            return None
+        width, height = struct.unpack("<ii", data[18:26])
+        return width, abs(height)
+    found = _PNM.match(data[:_PNM_HEAD])
+    return (int(found[1]), int(found[2])) if found else None
+
+
+def _decoded_pixel_bytes(data: bytes) -> int:
+    """Return how many bytes a pixel of an image file may have once decoded."""
+    if data.startswith(PNG_MAGIC):
+        depth, colour = data[24:25], data[25:26]
+        return (2 if depth == b"\x10" else 1) * (1 if colour == b"\0" else 4)
+    if data.startswith((JPEG_MAGIC, b"P2", b"P5")):  # 8-bit grey, whatever the file has; rarely 16 bits
+        return 1
+    return 4
 
 
 def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/Image of any library
@@ -185,7 +209,7 @@ def image_from_compressed_message(message: Any) -> GreyImage:  # noqa: ANN401 - 
 def stamp_of(message: Any) -> int:  # noqa: ANN401 - any message with a header
     """Return the header's stamp of a message, nanoseconds."""
     stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def encode_png(image: GreyImage) -> bytes:
@@ -200,7 +224,7 @@ def encode_jpeg(image: GreyImage, quality: int) -> bytes:
 
 def _decode_by_opencv(raw: bytes) -> NDArray[Any]:
     """Decode an image file; what the library has to say of a broken one goes into the error, not to the terminal."""
-    level = cv2.utils.logging.setLogLevel(SILENT)
+    level = cv2.utils.logging.setLogLevel(0)
     try:
         image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -239,3 +263,45 @@ def _critical_chunks(raw: bytes) -> bytes:
             kept.append(raw[offset : end + 4])
         offset = end + 4
     return b"".join(kept)
+
+
+def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  # noqa: ANN401 - a PointCloud2 of any library
+    """Return an organised sensor_msgs/PointCloud2 as `(H, W, 3)` float32, metres.
+
+    Args:
+        message: The message.
+        size: Width and height of the images of the pair.
+
+    Raises:
+        InputError: If it is not of that size, has no float32 x, y, z, or a coordinate is absurd.
+    """
+    offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == 7}
+    shape, step, row = (int(message.height), int(message.width)), int(message.point_step), int(message.row_step)
+    size_ok = (shape[1], shape[0]) == size and row >= step * shape[1] and len(message.data) >= row * shape[0]
+    if not size_ok or any(name not in offsets or offsets[name] + 4 > step for name in "xyz"):
+        raise InputError(
+            f"ground_truth/points is {shape[1]} x {shape[0]} with float32 fields {sorted(offsets)}: an organised cloud "
+            f"of {size[0]} x {size[1]} with x, y, z is needed"
+        )
+    order = ">f4" if message.is_bigendian else "<f4"
+    layout = np.dtype(
+        {"names": list("xyz"), "formats": [order] * 3, "offsets": [offsets[n] for n in "xyz"], "itemsize": step}
+    )
+    records = np.ndarray(shape, layout, np.frombuffer(message.data, np.uint8), strides=(row, step))
+    points = np.stack([records[name].astype("<f4") for name in "xyz"], axis=-1)
+    return checked_points(points, "ground_truth/points")
+
+
+def checked_points(points: NDArray[np.floating], name: str) -> NDArray[np.float32]:
+    """Return true points as float32, NaN where a number is not finite.
+
+    Raises:
+        InputError: If a coordinate is absurd; `name` says whose.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):  # a NaN that signals; what is too large for float32
+        points = np.array(points, np.float32)
+    known = np.isfinite(points)
+    points[~known] = np.nan
+    if np.abs(points[known]).max(initial=0.0) > MAX_POSITION_M:
+        raise InputError(f"{name} has a coordinate beyond {MAX_POSITION_M:g} m; NaN stands for no truth")
+    return points

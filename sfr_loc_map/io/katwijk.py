@@ -11,7 +11,11 @@ orientation, so they are no truth.
 
 from __future__ import annotations
 
+import io
 import re
+import struct
+import zlib
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,12 +25,11 @@ import numpy as np
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
-from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import MB, read_bytes
 from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, whole_pairs
-from sfr_loc_map.io.mat_struct import load_struct
-from sfr_loc_map.io.raw_stereo import CalibratedCamera, rectified_pair
+from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, whole_pairs
+from sfr_loc_map.io.rectification import CalibratedCamera, rectified_pair
 from sfr_loc_map.io.sequence import Source
 
 FOLDER = "LocCam"
@@ -34,6 +37,10 @@ CALIBRATION, ORIGINAL = "LocCam_calibstruct.mat", "LocCam_calibration.mat"
 VARIABLE = "stereoParams"
 NAME = re.compile(r"LocCam_(\d{4})_(\d{2})_(\d{2})_(\d{2})_(\d{2})_(\d{2})_(\d{3})_0\.png")
 NS_PER_MS = 1_000_000
+MAX_MAT_BYTES, MAX_UNPACKED_BYTES = 16 * MB, 32 * MB
+MAT_HEADER_BYTES = 128
+MAT_COMPRESSED = 15
+"""Type of an element of a MATLAB file that is compressed."""
 
 
 def is_katwijk(path: Path) -> bool:
@@ -47,14 +54,18 @@ def open_katwijk(path: Path) -> Source:
     Raises:
         InputError: If a file is missing or broken, or the cameras cannot be rectified side by side.
     """
-    entries = _entries(path / FOLDER)
-    whole, left_out = whole_pairs(entries, f"'{path / FOLDER}'")
+    whole, left_out = whole_pairs(_entries(path / FOLDER), f"'{path / FOLDER}'")
     height, width = read_grey(whole[0].left).shape
-    file = _calibration(path)
-    left, right = _cameras(file, (width, height))
-    rig, rectify = rectified_pair(f"'{file}'", left, right)
-    rig = StereoRig(width, height, rig.fx, rig.fy, rig.cx, rig.cy, rig.baseline_m, Transform.identity())
-    return Source(path, "katwijk", ImageFileSequence(rig, None, whole, (width, height), rectify), None, left_out)
+    folders = (path, *list(path.resolve().parents)[:2])
+    file = next((folder / CALIBRATION for folder in folders if (folder / CALIBRATION).is_file()), None)
+    if file is None:
+        raise InputError(
+            f"'{path}' has no {CALIBRATION}, nor have the two folders above: {ORIGINAL} holds an object of MATLAB, "
+            "save it again as a struct (docs/formats.md)"
+        )
+    rig, rectify = rectified_pair(f"'{file}'", *load_cameras(file, (width, height)))
+    rig = replace(rig, T_rb_sb=Transform.identity())
+    return Source(path, "katwijk", ImageFileSequence(rig, None, whole, rectify), None, left_out)
 
 
 def _entries(folder: Path) -> list[ImagePair]:
@@ -75,33 +86,25 @@ def _entries(folder: Path) -> list[ImagePair]:
     return entries
 
 
-def _calibration(path: Path) -> Path:
-    folders = (path, *list(path.resolve().parents)[:2])
-    file = next((folder / CALIBRATION for folder in folders if (folder / CALIBRATION).is_file()), None)
-    if file is None:
-        raise InputError(
-            f"'{path}' has no {CALIBRATION}, nor have the two folders above: {ORIGINAL} holds an object of MATLAB, "
-            "save it again as a struct (docs/formats.md)"
-        )
-    return file
+def load_cameras(file: Path, size: tuple[int, int]) -> tuple[CalibratedCamera, CalibratedCamera]:
+    """Read the left and the right camera of a calibration, for images of a size (width, height).
 
-
-def _cameras(file: Path, size: tuple[int, int]) -> tuple[CalibratedCamera, CalibratedCamera]:
-    content = load_struct(file, VARIABLE)
-    where = f"'{file}'"
+    Raises:
+        InputError: If the file is broken, or its numbers are not those of two cameras.
+    """
+    content, where = _load_struct(file), f"'{file}'"
     rotation = _array(content, "RotationOfCamera2", (3, 3), where)
     shift = 1e-3 * _array(content, "TranslationOfCamera2", (3,), where)
     try:
         check_extrinsics(shift)
         T_right_left = Transform(rotation.T, shift)
-        poses = (Transform.identity(), T_right_left.inverse())
-        cameras = [
+        left, right = (
             _camera(content.get(f"CameraParameters{number}"), size, pose, f"{where} camera {number}")
-            for number, pose in enumerate(poses, start=1)
-        ]
+            for number, pose in ((1, Transform.identity()), (2, T_right_left.inverse()))
+        )
     except GeometryError as error:
         raise InputError(f"{where}: {error}; correct the file") from error
-    return cameras[0], cameras[1]
+    return left, right
 
 
 def _camera(content: Any, size: tuple[int, int], pose: Transform, where: str) -> CalibratedCamera:  # noqa: ANN401
@@ -129,3 +132,52 @@ def _array(content: dict[str, Any], name: str, shape: tuple[int, ...] | None, wh
     if (shape is not None and values.shape != shape) or not np.isfinite(values).all():
         raise InputError(f"{where}: '{name}' has the shape {values.shape} or is not finite: {shape} is needed")
     return values
+
+
+def _load_struct(path: Path) -> dict[str, Any]:
+    """Return the fields of the struct of a MATLAB file (version 5 to 7), structs within it as the same."""
+    from scipy.io import loadmat  # a fifth of a second that no other source needs
+
+    try:
+        data = io.BytesIO(_unpacked(read_bytes(path, MAX_MAT_BYTES)))
+        content: dict[str, Any] = loadmat(data, variable_names=[VARIABLE], simplify_cells=True)  # type: ignore[arg-type]
+    except OSError as error:
+        raise InputError(f"cannot read '{path}': {error.strerror or error}; a .mat file is needed") from error
+    except MemoryError:
+        raise
+    except Exception as error:  # of the library for broken data: of many kinds
+        text = " ".join(str(error).split())[:200]
+        raise InputError(f"'{path}' cannot be read as a .mat file (version 5 to 7): {text}") from error
+    value = content.get(VARIABLE)
+    if not isinstance(value, dict):
+        raise InputError(f"'{path}' has no struct '{VARIABLE}': save it again as a struct (docs/formats.md)")
+    return value
+
+
+def _unpacked(data: bytes) -> bytes:
+    """Return a MATLAB file of the same elements, none of them compressed, so that what they become is bounded.
+
+    Form of the file: "MAT-File Format", The MathWorks, chapter 1.
+
+    Raises:
+        ValueError: If it is broken, of another version, or holds too much.
+    """
+    if len(data) < MAT_HEADER_BYTES or data[126:128] != b"IM" or data[125] != 1:
+        raise ValueError("it has no header of a little-endian file of version 5")
+    parts, offset, left = [data[:MAT_HEADER_BYTES]], MAT_HEADER_BYTES, MAX_UNPACKED_BYTES
+    while offset + 8 <= len(data):
+        kind, size = struct.unpack_from("<II", data, offset)
+        body = data[offset + 8 : offset + 8 + size]
+        if kind == MAT_COMPRESSED:
+            decompressor = zlib.decompressobj()
+            part = decompressor.decompress(body, left + 1)
+            if not decompressor.eof and len(part) <= left:
+                raise ValueError("a compressed part is cut off")
+        else:
+            part = data[offset : offset + 8 + size]
+        left -= len(part)
+        if left < 0:
+            raise ValueError(f"it holds more than {MAX_UNPACKED_BYTES} bytes")
+        parts.append(part)
+        offset += 8 + size
+    return b"".join(parts)

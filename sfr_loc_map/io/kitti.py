@@ -1,35 +1,40 @@
-"""The layout of the KITTI odometry benchmark (Geiger et al. 2012).
+"""The layout of the KITTI odometry benchmark (Geiger et al. 2012), read and written.
 
     image_0/000000.png  image_1/000000.png   rectified images, left and right (or image_2, image_3: colour)
     calib.txt           P0: ... P3: ...      projection matrices of the rectified cameras, in the frame of camera 0
     times.txt           seconds, one a line
     poses.txt           optional; also found as ../../poses/NAME.txt: 3 x 4 matrices of camera 0 in its first frame
 
-RB is the stereo bench frame SB itself, and DS is RB at the first pose: x forward, y left, z up.
+RB is the stereo bench frame SB itself, and DS is RB at the first pose: x forward, y left, z up. Written poses are those
+of the left camera, one an image; they are left out where the rig's pose on the rover or the truth at an image is not
+known.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import logging
+from collections.abc import Sequence
 from pathlib import Path
+from types import TracebackType
 
 import numpy as np
 
-from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.errors import GeometryError, InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.camera_info import rig_from_projections
-from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, numbers_of, read_lines, whole_pairs
+from sfr_loc_map.geometry.transform import Transform, interpolated
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.camera_info import projection, rig_from_projections
+from sfr_loc_map.io.image_codec import encode_png, read_grey
+from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.trajectory_file import check_order, parse_seconds
+from sfr_loc_map.io.text_table import check_order, numbers_of, parse_table, read_data, read_lines, seconds_text
+from sfr_loc_map.io.trajectory_file import read_times
 
 CAMERAS = ((0, 1), (2, 3))
 """Numbers of the left and right cameras that are looked for: grey, colour."""
-BENCH = Transform.identity()
-"""Pose of the bench in RB, which it is."""
+_log = logging.getLogger(__name__)
 
 
 def is_kitti(path: Path) -> bool:
@@ -44,47 +49,30 @@ def open_kitti(path: Path) -> Source:
         InputError: If a file is missing or broken.
     """
     left, right = next(pair for pair in CAMERAS if (path / f"image_{pair[0]}").is_dir())
-    stamps = _load_times(path / "times.txt")
+    times, calibration = path / "times.txt", path / "calib.txt"
+    stamps = read_times(times).tolist()
+    if not stamps:
+        raise InputError(f"'{times}' holds no time: a line for each pair is needed")
+    check_order(stamps, f"'{times}'", strict=True)
     entries = [
         ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)
     ]
-    whole, left_out = whole_pairs(entries, f"'{path / 'times.txt'}'")
+    whole, left_out = whole_pairs(entries, f"'{times}'")
     height, width = read_grey(whole[0].left).shape
-    projections = _load_calibration(path / "calib.txt")
-    rig = _rig(projections, left, right, (width, height), path / "calib.txt")
-    truth = _load_poses(path, stamps, rig, -projections[left][3] / projections[left][0])
-    sequence = ImageFileSequence(rig, truth, whole, (width, height), lambda a, b: (a, b))
-    return Source(path, "kitti", sequence, None, left_out)
-
-
-def _load_times(path: Path) -> list[int]:
-    stamps = []
-    for number, line in enumerate(read_lines(path), start=1):
-        try:
-            stamps.append(parse_seconds(line.strip()))
-        except (ValueError, ArithmeticError) as error:
-            raise InputError(f"'{path}' line {number}: '{line.strip()[:40]}' is not a number of seconds") from error
-    if not stamps:
-        raise InputError(f"'{path}' holds no time: a line for each pair is needed")
-    check_order(stamps, f"'{path}'", strict=True)
-    return stamps
-
-
-def _load_calibration(path: Path) -> dict[int, FloatArray]:
-    projections = {}
-    for line in read_lines(path):
+    cameras = {}
+    for line in read_lines(calibration):
         name, _, rest = line.partition(":")
         if name in ("P0", "P1", "P2", "P3"):
-            projections[int(name[1])] = np.array(numbers_of(rest.split(), 12, f"'{path}' {name}"))
-    return projections
-
-
-def _rig(cameras: dict[int, FloatArray], left: int, right: int, size: tuple[int, int], path: Path) -> StereoRig:
+            cameras[int(name[1])] = np.array(numbers_of(rest.split(), 12, f"'{calibration}' {name}"))
     if left not in cameras or right not in cameras:
-        raise InputError(f"'{path}' has {sorted(f'P{i}' for i in cameras)}: P{left} and P{right} are needed")
+        found = sorted(f"P{i}" for i in cameras)
+        raise InputError(f"'{calibration}' has {found}: P{left} and P{right} are needed")
     names = (f"P{left}", f"P{right}")
-    return replace(rig_from_projections(cameras[left], cameras[right], size, f"'{path}'", names), T_rb_sb=BENCH)
+    size, where = (width, height), f"'{calibration}'"
+    rig = rig_from_projections(cameras[left], cameras[right], size, where, names, Transform.identity())
+    truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
+    return Source(path, "kitti", ImageFileSequence(rig, truth, whole), None, left_out)
 
 
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:
@@ -100,14 +88,111 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
     file = next((file for file in files if file.is_file()), None)
     if file is None:
         return None
-    rows = [numbers_of(line.split(), 12, f"'{file}' pose {i}") for i, line in enumerate(read_lines(file))]
+    rows = parse_table(read_data(file), f"'{file}'", "the first three rows of a pose matrix", range(12)).values
     if len(rows) != len(stamps):
         raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one for each is needed")
     T_cam0_left = Transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))
     try:
-        matrices = [Transform.from_matrix(np.array(row).reshape(3, 4)) for row in rows]
+        matrices = [Transform.from_matrix(row.reshape(3, 4)) for row in rows]
     except GeometryError as error:
         raise InputError(f"'{file}': {error}; correct the file") from error
     poses = [T_cam0_left.inverse() @ pose @ T_cam0_left for pose in matrices]
     start, T_left_sb = rig.T_sb_left @ poses[0].inverse(), rig.T_sb_left.inverse()
     return Trajectory.from_poses((stamp, start @ pose @ T_left_sb) for stamp, pose in zip(stamps, poses, strict=True))
+
+
+class KittiWriter:
+    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
+
+    def __init__(self, path: Path) -> None:
+        """Prepare a folder, made when the block begins."""
+        self._path = path
+        self._rig: StereoRig | None = None
+        self._stamps_ns: list[int] = []
+        self._truth: list[tuple[int, Transform]] = []
+
+    def __enter__(self) -> KittiWriter:
+        """Make the folder."""
+        for name in (".", "image_0", "image_1"):
+            (self._path / name).mkdir(exist_ok=True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Write the tables, unless something was raised."""
+        if error is None:
+            times = "".join(f"{seconds_text(stamp)}\n" for stamp in self._stamps_ns)
+            (self._path / "times.txt").write_text(times, encoding="ascii")
+            self._write_poses()
+
+    def write_loc_rig(self, rig: StereoRig) -> None:
+        """Write the calibration."""
+        self._rig = rig
+        sides = enumerate((projection(rig, "left"), projection(rig, "right")))
+        lines = [f"P{number}: {' '.join(map(repr, matrix.tolist()))}\n" for number, matrix in sides]
+        (self._path / "calib.txt").write_text("".join(lines), encoding="ascii")
+
+    def write_nav_rig(self, rig: StereoRig) -> None:
+        """Leave out the rig of mapping pairs."""
+
+    def write_loc_pair(self, pair: StereoPair) -> None:
+        """Write a pair of the drive.
+
+        Raises:
+            OutputError: If its stamp is negative: times are seconds from 0 on.
+        """
+        if pair.stamp_ns < 0:
+            raise OutputError(f"stamp {pair.stamp_ns} ns is negative: the times of KITTI begin at 0")
+        for name, image in (("image_0", pair.left), ("image_1", pair.right)):
+            (self._path / name / f"{len(self._stamps_ns):06d}.png").write_bytes(encode_png(image))
+        self._stamps_ns.append(pair.stamp_ns)
+
+    def write_nav_pair(self, nav: PosedStereoPair) -> None:
+        """Leave out a mapping pair."""
+
+    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
+        """Take a true pose of RB in DS."""
+        self._truth.append((stamp_ns, Transform.from_quat(position, quat_xyzw)))
+
+    def _write_poses(self) -> None:
+        if not self._truth or self._rig is None:
+            return
+        if self._rig.T_rb_sb is None:
+            _log.warning("poses.txt is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
+            return
+        poses = poses_at(self._stamps_ns, self._truth)
+        if poses is None:
+            _log.warning("poses.txt is left out: it needs a true pose at every image, the truth does not cover them")
+            return
+        T_rb_left = self._rig.T_rb_left
+        T_first_ds = (poses[0] @ T_rb_left).inverse()
+        rows = [(T_first_ds @ pose @ T_rb_left).matrix[:3].reshape(-1).tolist() for pose in poses]
+        text = "".join(f"{' '.join(map(repr, row))}\n" for row in rows)
+        (self._path / "poses.txt").write_text(text, encoding="ascii")
+
+
+def poses_at(stamps_ns: Sequence[int], poses: Sequence[tuple[int, Transform]]) -> list[Transform] | None:
+    """Return the pose at each stamp: that of the same stamp, else between neighbours at most 1 s apart.
+
+    Args:
+        stamps_ns: Stamps, in order.
+        poses: Stamps and poses, in order.
+
+    Returns:
+        One pose a stamp; None where one cannot be had.
+    """
+    found = []
+    known = np.array([stamp for stamp, _ in poses], np.int64)
+    for stamp, after in zip(stamps_ns, np.searchsorted(known, stamps_ns).tolist(), strict=True):
+        if after == len(poses):
+            return None
+        later_ns, later = poses[after]
+        if later_ns == stamp:
+            found.append(later)
+            continue
+        if after == 0 or later_ns - poses[after - 1][0] > NS_PER_S:
+            return None
+        earlier_ns, earlier = poses[after - 1]
+        found.append(interpolated(earlier, later, (stamp - earlier_ns) / (later_ns - earlier_ns)))
+    return found

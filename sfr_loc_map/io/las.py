@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import io
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
-from sfr_loc_map.io.cloud_records import CloudRecords, cloud_comments, records_of
-from sfr_loc_map.io.decompression import check_expansion
+from sfr_loc_map.inputs import check_expansion
 
 SUFFIXES = (".las", ".laz")
 USER, RECORD = "sfr_loc_map", 1
@@ -31,22 +32,13 @@ HEADER_BYTES = {2: 227, 3: 235, 4: 375}
 VLR_BYTES, EVLR_BYTES = 54, 60
 
 
-def check_las() -> None:
-    """Check that LAS and LAZ can be read and written.
-
-    Raises:
-        MissingExtraError: If laspy or its compressor is not installed.
-    """
-    _laspy()
-
-
-def las_bytes(cloud: PointCloud, *, compressed: bool) -> bytes:
-    """Return a cloud as a LAS or a LAZ file with all its fields.
+def las_bytes(cloud: PointCloud, comments: Sequence[str], *, compressed: bool) -> bytes:
+    """Return a cloud as a LAS or a LAZ file with all its fields; `comments` are what it says of itself.
 
     Raises:
         MissingExtraError: If laspy is not installed.
     """
-    laspy = _laspy()
+    laspy = load_laspy()
     xyz = cloud.xyz.astype(np.float64)
     low, high = (xyz.min(axis=0), xyz.max(axis=0)) if len(xyz) else (np.zeros(3), np.zeros(3))
     header = laspy.LasHeader(point_format=0, version="1.4")
@@ -55,8 +47,8 @@ def las_bytes(cloud: PointCloud, *, compressed: bool) -> bytes:
     header.system_identifier = header.generating_software = USER
     kinds = {"grey": np.float32, **{name: FIELD_TYPES[name] for name in EXTRA if name != "grey"}}
     header.add_extra_dims([laspy.ExtraBytesParams(name=name, type=kinds[name]) for name in EXTRA])
-    comments = "\n".join(cloud_comments(cloud))
-    header.vlrs.append(laspy.VLR(user_id=USER, record_id=RECORD, record_data=comments.encode()))
+    record = laspy.VLR(user_id=USER, record_id=RECORD, record_data="\n".join(comments).encode())
+    header.vlrs.append(record)
     data = laspy.LasData(header)
     data.x, data.y, data.z = xyz.T
     data.intensity = np.clip(np.rint(np.nan_to_num(cloud.intensity)), 0, 65535).astype(np.uint16)
@@ -67,14 +59,14 @@ def las_bytes(cloud: PointCloud, *, compressed: bool) -> bytes:
     return buffer.getvalue()
 
 
-def read_las(data: bytes) -> CloudRecords:
-    """Return x, y, z, the intensity and dimensions of this package of a LAS or LAZ file.
+def read_las(data: bytes) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """Return x, y, z, the intensity and dimensions of this package of a LAS or LAZ file, and its comments.
 
     Raises:
         MissingExtraError: If laspy is not installed.
         ValueError: If it is broken, or claims more points than it can hold.
     """
-    laspy = _laspy()
+    laspy = load_laspy()
     _check_header(data)
     content = _points(laspy, data)
     names = set(content.point_format.dimension_names)
@@ -84,7 +76,7 @@ def read_las(data: bytes) -> CloudRecords:
         columns["intensity"] = np.asarray(content["grey"])
     records = (vlr for vlr in content.header.vlrs if isinstance(vlr, laspy.VLR))
     texts = [vlr.record_data for vlr in records if (vlr.user_id, vlr.record_id) == (USER, RECORD)]
-    return records_of(columns, (line for text in texts for line in text.decode("ascii", "replace").splitlines()))
+    return columns, [line for text in texts for line in text.decode("ascii", "replace").splitlines()]
 
 
 def _points(laspy: Any, data: bytes) -> Any:  # noqa: ANN401 - of a module without types
@@ -133,7 +125,12 @@ def _check_chunks(data: bytes, begin: int, points: int) -> None:
         raise ValueError(f"its table names {chunks} chunks for {points} points")
 
 
-def _laspy() -> Any:  # noqa: ANN401 - only the parts used here have types
+def load_laspy() -> Any:  # noqa: ANN401 - only the parts used here have types
+    """Return the module.
+
+    Raises:
+        MissingExtraError: If it or its compressor is not installed.
+    """
     try:
         import laspy  # type: ignore[import-untyped]
         import lazrs  # type: ignore[import-untyped]  # noqa: F401 - what laspy compresses with

@@ -10,18 +10,18 @@ rover and world frames have x forward, y right and z down; RB and DS are these, 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.euroc import load_body_truth
 from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.image_file_sequence import ImageFileSequence, ImagePair, stamped_files, whole_pairs
+from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, stamped_files, whole_pairs
 from sfr_loc_map.io.sequence import Source
 
 LAYOUTS = (("image0/color", "image1/color"), ("image1/RGB", "image2/RGB"))
@@ -61,8 +61,7 @@ def open_lusnar(path: Path) -> Source:
         raise InputError(
             f"image '{whole[0].left}' is {width} x {height}: the published cameras of LuSNAR have {SIDE_PX} x {SIDE_PX}"
         )
-    sequence = ImageFileSequence(_rig(), _truth(path), whole, (SIDE_PX, SIDE_PX), _as_is)
-    return Source(path, "lusnar", sequence, None, left_out)
+    return Source(path, "lusnar", ImageFileSequence(_rig(), _truth(path), whole), None, left_out)
 
 
 def _folders(path: Path) -> tuple[Path, Path] | None:
@@ -70,18 +69,13 @@ def _folders(path: Path) -> tuple[Path, Path] | None:
     return next((pair for pair in pairs if pair[0].is_dir() and pair[1].is_dir()), None)
 
 
-def _as_is(left: GreyImage, right: GreyImage) -> tuple[GreyImage, GreyImage]:
-    return left, right
-
-
 def _rig() -> StereoRig:
     pitch = np.radians(PITCH_DEG)
     axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # of the camera, in x forward, y right, z down
     tilt = np.array([[np.cos(pitch), 0.0, np.sin(pitch)], [0.0, 1.0, 0.0], [-np.sin(pitch), 0.0, np.cos(pitch)]])
     T_rover_left = Transform(tilt @ axes, np.array(LEFT_ON_ROVER_M))
-    bare = StereoRig(SIDE_PX, SIDE_PX, FOCAL_PX, FOCAL_PX, CENTRE_PX, CENTRE_PX, BASELINE_M)
-    T_rb_sb = FLIP @ T_rover_left @ bare.T_sb_left.inverse()
-    return StereoRig(SIDE_PX, SIDE_PX, FOCAL_PX, FOCAL_PX, CENTRE_PX, CENTRE_PX, BASELINE_M, T_rb_sb)
+    rig = StereoRig(SIDE_PX, SIDE_PX, FOCAL_PX, FOCAL_PX, CENTRE_PX, CENTRE_PX, BASELINE_M)
+    return replace(rig, T_rb_sb=FLIP @ T_rover_left @ rig.T_sb_left.inverse())
 
 
 def _truth(path: Path) -> Trajectory | None:

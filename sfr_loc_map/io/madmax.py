@@ -13,6 +13,7 @@ calibration within the run or beside it. RB is the body frame B, DS the frame of
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,23 +28,14 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import parse_yaml
 from sfr_loc_map.io.camera_info import rig_from_projections
 from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.image_file_sequence import (
-    ImageFileSequence,
-    ImagePair,
-    numbers_of,
-    read_lines,
-    stamped_files,
-    whole_pairs,
-)
+from sfr_loc_map.io.image_files import ImageFileSequence, pairs_of, stamped_files, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.trajectory_file import check_order, parse_seconds
+from sfr_loc_map.io.text_table import check_order, numbers_of, parse_seconds, parse_table, read_data, read_lines
 
 _log = logging.getLogger(__name__)
 LEFT, RIGHT = "rect_left", "rect_right"
 TRUTH_FOLDER, TRUTH_FILE = "ground_truth", "gt_6DoF_gnss_and_imu.csv"
-TRUTH_COLUMNS = ("x-enu(m)", "y-enu(m)", "z-enu(m)", *(f"orientation.{name}" for name in "xyzw"))
-TIME_COLUMN = "UNIX time"
-TF_COLUMNS = (*(f"position.{name}" for name in "xyz"), *(f"orientation.{name}" for name in "xyzw"))
+TRUTH_COLUMNS = ("UNIX time", "x-enu(m)", "y-enu(m)", "z-enu(m)", *(f"orientation.{name}" for name in "xyzw"))
 CALIBRATIONS = ("calibration", "calibration/calibration", "../calibration", "../calibration/calibration")
 CAMERA = "camera_rect_{side}_info.txt"
 BETWEEN, TO_LEFT, TO_BODY = "tf__camera_left_to_camera_right.csv", "tf__imu_to_camera_left.csv", "tf__imu_to_B.csv"
@@ -64,17 +56,18 @@ def open_madmax(path: Path) -> Source:
     """
     left, right = (_require(_folder(path, name), path, f"*{name}/") for name in (LEFT, RIGHT))
     lefts, rights = stamped_files(left, "img_rect_left_", ".png"), stamped_files(right, "img_rect_right_", ".png")
-    stamps = sorted(lefts.keys() & rights.keys())
-    if not stamps:
-        raise InputError(f"'{path}': none of {len(lefts)} left and {len(rights)} right images have equal stamps")
-    whole, _ = whole_pairs([ImagePair(stamp, lefts[stamp], rights[stamp]) for stamp in stamps], f"'{path}'")
+    whole, _ = whole_pairs(pairs_of(lefts, rights, f"'{path}'"), f"'{path}'")
     single = len(lefts.keys() ^ rights.keys())
     if single:
         _log.warning("'%s': %d images without the other side left out", path, single)
     height, width = read_grey(whole[0].left).shape
-    rig = _rig(path, (width, height))
-    sequence = ImageFileSequence(rig, _truth(path), whole, (width, height), lambda one, other: (one, other))
-    return Source(path, "madmax", sequence, None, single)
+    folders = (path / name for name in CALIBRATIONS)
+    folder = next((item for item in folders if (item / CAMERA.format(side="left")).is_file()), None)
+    folder = _require(folder, path, f"calibration/{CAMERA.format(side='left')}, in it or beside it")
+    (p_left, turn), (p_right, _) = (_projection(folder / CAMERA.format(side=side)) for side in ("left", "right"))
+    rig = rig_from_projections(p_left, p_right, (width, height), f"'{folder}'")
+    rig = replace(rig, T_rb_sb=_extrinsics(folder, rig, turn))
+    return Source(path, "madmax", ImageFileSequence(rig, _truth(path), whole), None, single)
 
 
 def _folder(path: Path, ending: str) -> Path | None:
@@ -85,15 +78,6 @@ def _require(place: Path | None, path: Path, name: str) -> Path:
     if place is None:
         raise InputError(f"'{path}' has no {name}: a run of MADMAX needs it")
     return place
-
-
-def _rig(path: Path, size: tuple[int, int]) -> StereoRig:
-    folders = (path / name for name in CALIBRATIONS)
-    folder = next((item for item in folders if (item / CAMERA.format(side="left")).is_file()), None)
-    found = _require(folder, path, f"calibration/{CAMERA.format(side='left')}, in it or beside it")
-    left, right = (_projection(found / CAMERA.format(side=side)) for side in ("left", "right"))
-    rig = rig_from_projections(left[0], right[0], size, f"'{found}'")
-    return StereoRig(*size, rig.fx, rig.fy, rig.cx, rig.cy, rig.baseline_m, _extrinsics(found, rig, left[1]))
 
 
 def _projection(file: Path) -> tuple[FloatArray, FloatArray]:
@@ -111,7 +95,7 @@ def _projection(file: Path) -> tuple[FloatArray, FloatArray]:
 
 
 def _extrinsics(folder: Path, rig: StereoRig, turn: FloatArray) -> Transform | None:
-    """Return `T_rb_sb`, None where the files for it are not there."""
+    """Return `T_rb_sb`, None where the files for it are not there; `turn` takes the left camera to the rectified one."""
     files = [folder / name for name in (BETWEEN, TO_LEFT, TO_BODY)]
     if not all(file.is_file() for file in files):
         return None
@@ -124,7 +108,7 @@ def _extrinsics(folder: Path, rig: StereoRig, turn: FloatArray) -> Transform | N
     if across < 0.0:  # the files hold the pose of the first frame in the second
         to_left, to_body = to_left.inverse(), to_body.inverse()
     try:
-        T_imu_left = to_left @ Transform(turn, np.zeros(3)).inverse()  # R takes the camera's frame to the rectified one
+        T_imu_left = to_left @ Transform(turn, np.zeros(3)).inverse()
         T_rb_sb = to_body.inverse() @ T_imu_left @ rig.T_sb_left.inverse()
         return Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw)
     except GeometryError as error:
@@ -132,11 +116,11 @@ def _extrinsics(folder: Path, rig: StereoRig, turn: FloatArray) -> Transform | N
 
 
 def _pose(file: Path) -> Transform:
-    """Return the transform of a file: a header `#position.x, ...` and a line of numbers."""
+    """Return the transform of a file: a header `#position.x, ..., orientation.w` and a line of numbers."""
     rows = read_lines(file)
     if not rows:
         raise InputError(f"'{file}' holds no transform: a line of seven numbers is needed")
-    values = numbers_of(rows[0].replace(",", " ").split(), len(TF_COLUMNS), f"'{file}'")
+    values = numbers_of(rows[0].replace(",", " ").split(), 7, f"'{file}'")
     try:
         return Transform.from_quat(values[:3], values[3:])
     except GeometryError as error:
@@ -144,47 +128,21 @@ def _pose(file: Path) -> Transform:
 
 
 def _truth(path: Path) -> Trajectory | None:
-    file = _truth_file(path)
-    if file is None:
-        return None
-    lines = read_lines(file)
-    columns = _truth_columns(file, [line for line in lines if line.startswith("%") and TIME_COLUMN in line])
-    return _poses(file, [line for line in lines if not line.startswith("%")], columns)
-
-
-def _truth_file(path: Path) -> Path | None:
-    """Return the file of the truth, in a folder that ends in `ground_truth`, in the run or in a folder of it."""
+    """Return the poses in a folder that ends in `ground_truth`, in the run or in a folder of it, None without it."""
     folders = [path, *(item for item in sorted(path.iterdir()) if item.is_dir())]
     places = (place / TRUTH_FILE for folder in folders for place in sorted(folder.glob(f"*{TRUTH_FOLDER}")))
-    return next((file for file in places if file.is_file()), None)
-
-
-def _truth_columns(file: Path, heads: list[str]) -> list[int]:
-    """Return the places of time, position and orientation by the last of the lines that name columns."""
-    names = [name.strip(" %\t") for name in heads[-1].split(",")] if heads else []
-    missing = [name for name in (TIME_COLUMN, *TRUTH_COLUMNS) if name not in names]
-    if missing:
-        raise InputError(f"'{file}' has no column {', '.join(missing)}: a line '% {TIME_COLUMN}, ...' names them")
-    return [names.index(name) for name in (TIME_COLUMN, *TRUTH_COLUMNS)]
-
-
-def _poses(file: Path, lines: list[str], columns: list[int]) -> Trajectory | None:
-    stamps, rows = [], []
-    for number, line in enumerate(lines, start=1):
-        words = line.split(",")
-        where = f"'{file}' row {number}"
-        if len(words) <= max(columns):
-            raise InputError(f"{where}: {len(words)} columns found where {max(columns) + 1} are needed")
-        try:
-            stamps.append(parse_seconds(words[columns[0]].strip()))
-        except (ValueError, ArithmeticError) as error:
-            raise InputError(f"{where}: '{words[columns[0]][:40]}' is not a number of seconds") from error
-        rows.append(numbers_of([words[column] for column in columns[1:]], len(TRUTH_COLUMNS), where))
-    if not rows:
+    file = next((file for file in places if file.is_file()), None)
+    if file is None:
         return None
-    check_order(stamps, f"'{file}'", strict=False)
-    values = np.array(rows)
-    try:
-        return Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, 3:].copy())
-    except GeometryError as error:
-        raise InputError(f"'{file}': {error}") from error
+    heads = [line for line in read_lines(file) if line.startswith("%") and TRUTH_COLUMNS[0] in line]
+    names = [name.strip(" %\t") for name in heads[-1].split(",")] if heads else []
+    missing = [name for name in TRUTH_COLUMNS if name not in names]
+    if missing:
+        raise InputError(f"'{file}' has no column {', '.join(missing)}: a line '% {TRUTH_COLUMNS[0]}, ...' names them")
+    places_of = [names.index(name) for name in TRUTH_COLUMNS]
+    form, data = ", ".join(names), read_data(file)
+    table = parse_table(
+        data, f"'{file}'", form, places_of, stamp=parse_seconds, separator=",", more=True, comment=(b"%", b"#")
+    )
+    check_order(table.stamps_ns, f"'{file}'", strict=False)
+    return table.trajectory(table.values[:, :3], table.values[:, 3:]) if table.lines else None

@@ -1,15 +1,12 @@
-"""Rectification of raw images by the D, K, R and P of their camera_info.
+"""Rectification of raw images: by the D, K, R and P of their camera_info, or of two calibrated cameras of a data set.
 
-The formulae are those of sensor_msgs/CameraInfo, which are OpenCV's. Maps are made once for each calibration; a pixel
-is the bilinear mean of four, with weights of 1/32 pixel.
+The formulae are those of sensor_msgs/CameraInfo, which are OpenCV's. Maps are made once for each calibration.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from threading import Lock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,13 +14,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.camera_info import rig_from_camera_info
-from sfr_loc_map.io.resampling import Resampler, warm_up
+from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io.camera_info import baseline_from_projection, rig_from_camera_info
 
+Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 COEFFICIENTS: dict[str, tuple[int, ...]] = {
     "plumb_bob": (4, 5),
     "rational_polynomial": (8, 12, 14),
@@ -32,6 +30,8 @@ COEFFICIENTS: dict[str, tuple[int, ...]] = {
 }
 """Models of distortion that are known, and how many coefficients they may have."""
 FISHEYE = ("equidistant", "fisheye")
+RECTIFIED_TOLERANCE = 1e-9
+"""Calibrated cameras that differ from a rectified pair by no more, in radians and metres, are one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,38 +56,41 @@ class RawCamera:
 
     @classmethod
     def of(cls, name: str, info: Any) -> RawCamera:  # noqa: ANN401 - a CameraInfo of any library
-        """Return the calibration that a sensor_msgs/CameraInfo gives.
-
-        Args:
-            name: What it belongs to, for messages (`loc/left`).
-            info: The message.
+        """Return the calibration that a sensor_msgs/CameraInfo gives; `name` says whose (`loc/left`).
 
         Raises:
             InputError: If a model is not known, numbers are missing or not finite, or only a part of the image is sent.
         """
         lists = (np.asarray(values, np.float64).reshape(-1).tolist() for values in (info.d, info.k, info.r, info.p))
         d, k, r, p = (tuple(values) for values in lists)
-        model, d = _distortion(name, str(info.distortion_model), d)
-        if _is_cropped(info):
+        model = str(info.distortion_model)
+        if not model and not any(d):
+            model = "plumb_bob"
+        if model not in COEFFICIENTS:
+            known = ", ".join(COEFFICIENTS)
+            raise InputError(f"{name}/camera_info has distortion model '{model[:40]}': one of {known} can be rectified")
+        d = d or (0.0,) * COEFFICIENTS[model][0]  # none at all are those of a lens without distortion
+        if len(d) not in COEFFICIENTS[model]:
+            wanted = " or ".join(map(str, COEFFICIENTS[model]))
+            raise InputError(f"{name}/camera_info has {len(d)} coefficients d: model {model} needs {wanted}")
+        roi = info.roi
+        whole = (roi.width, roi.height) in ((0, 0), (info.width, info.height)) and not (roi.x_offset or roi.y_offset)
+        if not whole or info.binning_x > 1 or info.binning_y > 1:
             raise InputError(
                 f"{name}/camera_info has binning or a region of interest: send whole images to be rectified"
             )
+        if not np.isfinite([*d, *k, *r, *p]).all() or k[0] <= 0.0 or k[4] <= 0.0 or p[0] <= 0.0:
+            raise InputError(
+                f"{name}/camera_info has no k or p, or numbers that are not finite: calibrate the camera"
+            )
         r = r if any(r) else tuple(np.eye(3).reshape(-1).tolist())
-        camera = cls((int(info.width), int(info.height)), model, d, k, r, p)
-        camera._check(name)
-        return camera
-
-    def _check(self, name: str) -> None:
-        """Raise an `InputError` where the numbers are not those of a calibrated camera."""
-        finite = np.isfinite([*self.d, *self.k, *self.r, *self.p]).all()
-        if not finite or self.k[0] <= 0.0 or self.k[4] <= 0.0 or self.p[0] <= 0.0:
-            raise InputError(f"{name}/camera_info has no k or p, or numbers that are not finite: calibrate the camera")
-        rotation = np.reshape(self.r, (3, 3))
+        rotation = np.reshape(r, (3, 3))
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
             raise InputError(f"{name}/camera_info: r is not a rotation: calibrate the pair")
+        return cls((int(info.width), int(info.height)), model, d, k, r, p)
 
     def maps(self) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
-        """Return OpenCV's fixed-point maps from the pixels of the rectified image to the raw one."""
+        """Return OpenCV's fixed-point maps, of 1/32 pixel, from the pixels of the rectified image to the raw one."""
         k, r, p = np.reshape(self.k, (3, 3)), np.reshape(self.r, (3, 3)), np.reshape(self.p, (3, 4))[:, :3]
         d = np.array(self.d)
         if self.model in FISHEYE:
@@ -96,27 +99,28 @@ class RawCamera:
             first, second = cv2.initUndistortRectifyMap(k, d, r, p, self.size, cv2.CV_16SC2)
         return np.asarray(first, np.int16), np.asarray(second, np.uint16)
 
+    @property
+    def rectified_info(self) -> SimpleNamespace:
+        """What the camera_info of the rectified images says."""
+        (width, height), k = self.size, np.reshape(self.p, (3, 4))[:, :3].reshape(-1)
+        return SimpleNamespace(width=width, height=height, d=(0.0,) * 5, k=k, r=np.eye(3).reshape(-1), p=self.p)
+
 
 class StereoRectifier:
-    """Rectifies the pairs of two cameras; the right image in a thread of its own.
+    """Rectifies the pairs of two cameras.
 
     Attributes:
         cameras: Calibrations of the left and the right camera.
     """
 
     def __init__(self, cameras: tuple[RawCamera, RawCamera]) -> None:
-        """Make the maps, load the kernel: no pair waits for it."""
+        """Make the maps."""
         self.cameras = cameras
-        self._left, self._right = (Resampler(*camera.maps(), camera.size) for camera in cameras)
-        self._thread = ThreadPoolExecutor(1, "rectify")
-        self._lock = Lock()
-        warm_up()
+        self._maps = tuple(camera.maps() for camera in cameras)
 
     def rectify(self, left: GreyImage, right: GreyImage) -> tuple[GreyImage, GreyImage]:
         """Return the rectified images; what no raw pixel shows is 0."""
-        with self._lock:
-            other = self._thread.submit(self._right, right)
-            return self._left(left), other.result()
+        return _remapped(left, self._maps[0]), _remapped(right, self._maps[1])
 
 
 def rectified_rig(
@@ -133,38 +137,79 @@ def rectified_rig(
     Raises:
         InputError: If a camera cannot be rectified, or the projections are not those of a rectified pair.
     """
-    left, right = (RawCamera.of(f"{name}/{side}", info) for side, info in zip(("left", "right"), infos, strict=True))
-    rig = rig_from_camera_info(_after(left), _after(right), name, T_rb_sb)
-    known = before is not None and before.cameras == (left, right)
-    return rig, before if known and before is not None else StereoRectifier((left, right))
+    left, right = (RawCamera.of(f"{name}/{side}", info) for side, info in zip(SIDES, infos, strict=True))
+    rig = rig_from_camera_info(left.rectified_info, right.rectified_info, name, T_rb_sb)
+    if before is not None and before.cameras == (left, right):
+        return rig, before
+    return rig, StereoRectifier((left, right))
 
 
-def _distortion(name: str, model: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:
-    """Return model and coefficients; none at all are those of a lens without distortion.
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedCamera:
+    """A camera of a data set, before rectification.
+
+    Attributes:
+        size: Width and height of its images, pixels.
+        k: `(3, 3)` camera matrix, pixel centres at whole numbers.
+        distortion: Radial-tangential coefficients k1 k2 p1 p2 (k3) of OpenCV.
+        T_body_cam: Takes points in its optical frame to the body.
+    """
+
+    size: tuple[int, int]
+    k: FloatArray
+    distortion: FloatArray
+    T_body_cam: Transform
+
+
+def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[StereoRig, Rectify | None]:
+    """Return the rectified rig, with the pose of the bench in the body, and what rectifies images.
+
+    Cameras that are a rectified pair already need nothing (None). Others are rectified by Bouguet's method, without a
+    black rim.
 
     Raises:
-        InputError: If the model is not known, or has another number of coefficients.
+        InputError: If the cameras differ in size, or cannot be rectified side by side.
     """
-    if not model and not any(d):
-        model = "plumb_bob"
-    if model not in COEFFICIENTS:
-        known = ", ".join(COEFFICIENTS)
-        raise InputError(f"{name}/camera_info has distortion model '{model[:40]}': one of {known} can be rectified")
-    d = d or (0.0,) * COEFFICIENTS[model][0]
-    if len(d) not in COEFFICIENTS[model]:
-        wanted = " or ".join(map(str, COEFFICIENTS[model]))
-        raise InputError(f"{name}/camera_info has {len(d)} coefficients d: model {model} needs {wanted}")
-    return model, d
+    if left.size != right.size:
+        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both need one size")
+    T_left_right = left.T_body_cam.inverse() @ right.T_body_cam
+    across = T_left_right.translation
+    off = max(float(np.abs(T_left_right.rotation - np.eye(3)).max()), float(np.abs(across[1:]).max()))
+    plain = not left.distortion.any() and not right.distortion.any() and np.array_equal(left.k, right.k)
+    if plain and off <= RECTIFIED_TOLERANCE and across[0] > 0.0:
+        baseline = round(float(across[0]), 12)  # without what the product of poses adds
+        return _rig_in_body(name, left, left.k, baseline, left.T_body_cam), None
+    T_right_left = right.T_body_cam.inverse() @ left.T_body_cam
+    rotations_and_projections = cv2.stereoRectify(
+        *(left.k, left.distortion, right.k, right.distortion, left.size),
+        *(T_right_left.rotation, T_right_left.translation),
+        flags=cv2.CALIB_ZERO_DISPARITY,
+        alpha=0,
+    )
+    r_left, r_right, p_left, p_right = (np.asarray(m, np.float64) for m in rotations_and_projections[:4])
+    if not p_right[0, 3] < 0 or p_right[1, 3] != 0:
+        raise InputError(f"{name}: cam1 is not to the right of cam0; are the cameras swapped or one above the other?")
+    T_body_left = Transform(left.T_body_cam.rotation @ r_left.T, left.T_body_cam.translation)
+    baseline = baseline_from_projection(float(p_left[0, 0]), float(p_right[0, 3]))
+    rig = _rig_in_body(name, left, p_left, baseline, T_body_left)
+    maps = [
+        cv2.initUndistortRectifyMap(camera.k, camera.distortion, rotation, p[:, :3], camera.size, cv2.CV_32FC1)
+        for camera, rotation, p in ((left, r_left, p_left), (right, r_right, p_right))
+    ]
+    return rig, lambda one, other: (_remapped(one, maps[0]), _remapped(other, maps[1]))
 
 
-def _after(camera: RawCamera) -> SimpleNamespace:
-    """Return the camera_info of the rectified images."""
-    width, height = camera.size
-    k = np.reshape(camera.p, (3, 4))[:, :3].reshape(-1)
-    return SimpleNamespace(width=width, height=height, d=(0.0,) * 5, k=k, r=np.eye(3).reshape(-1), p=camera.p)
+def _rig_in_body(
+    name: str, camera: CalibratedCamera, k: FloatArray, baseline_m: float, T_body_left: Transform
+) -> StereoRig:
+    try:
+        fx, fy, cx, cy = (float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        rig = StereoRig(*camera.size, fx, fy, cx, cy, baseline_m)
+        T_rb_sb = T_body_left @ rig.T_sb_left.inverse()
+        return replace(rig, T_rb_sb=Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw))
+    except GeometryError as error:
+        raise InputError(f"{name}: the cameras cannot be rectified: {error}; correct the calibration") from error
 
 
-def _is_cropped(info: Any) -> bool:  # noqa: ANN401 - a CameraInfo of any library
-    roi = info.roi
-    whole = (roi.width, roi.height) in ((0, 0), (info.width, info.height)) and not (roi.x_offset or roi.y_offset)
-    return not whole or info.binning_x > 1 or info.binning_y > 1
+def _remapped(image: GreyImage, maps: Sequence[Any]) -> GreyImage:
+    return np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR), np.uint8)

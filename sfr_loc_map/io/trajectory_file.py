@@ -1,45 +1,123 @@
-"""Trajectories as text files: the csv of the suite and TUM.
+"""Trajectories as files; which format one has follows from its content.
 
-- csv: header `stamp_ns,rbOriginPos_m_Ds_{x,y,z},att_q_DsToRb_{1..4}`, scalar last. `att_q_DsToRb` turns components in
-  DS into components in RB: the conjugate of the orientation in ROS messages.
-- TUM (`.txt`, `.tum`): `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages; `#` starts a comment.
+| format | is |
+|---|---|
+| `csv` | header `stamp_ns,rbOriginPos_m_Ds_{x,y,z},att_q_DsToRb_{1..4}`, scalar last |
+| `tum` | `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages |
+| `kitti` | twelve numbers a line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
+| `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); what follows them is left out |
+| `evo` | a zip file of `evo_ape ... --save_results` with trajectories (github.com/MichaelGrupp/evo) |
 
-Stamps go to and from integer nanoseconds by integer arithmetic, never through a floating-point number.
+`att_q_DsToRb` turns components in DS into components in RB: the conjugate of the orientation in ROS messages. KITTI
+has poses of the left camera in its first frame: x right, y down, z forward; here both frames get the axes of the suite
+(x forward, y left, z up), so that a heading is one. That changes neither an absolute nor a relative pose error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from decimal import ROUND_HALF_EVEN, Decimal
+import io
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import GeometryError, InputError, OutputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
-from sfr_loc_map.geometry.rotation import quat_conjugate
+from sfr_loc_map.geometry.plausibility import plausible_positions, plausible_rotations
+from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY
+from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, count_line_ends, read_table
+from sfr_loc_map.inputs import MAX_TABLE_BYTES, MAX_TEXT_BYTES, NS_PER_S, check_regular, parse_json
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.fast_rows import parse_rows
-from sfr_loc_map.io.text_numbers import fitting, is_decimal, parse_number, parse_stamp_ns
+from sfr_loc_map.io.text_table import BOM, parse_seconds, parse_stamp_ns, parse_table, read_data, seconds_text
 
 CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
     f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
 )
 TUM_HEADER = "# t x y z qx qy qz qw"
+EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
+KITTI_COLUMNS = 12
 TUM_SUFFIXES = (".txt", ".tum")
-COLUMNS = 8
-STAMP_BYTES = 24
-"""Longer stamps are read one by one."""
+KITTI_SUFFIX, EUROC_SUFFIX, EVO_SUFFIX = ".kitti", ".euroc.csv", ".zip"
+OUTPUT_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)
+"""Endings of names of trajectory files that are written."""
+FILE_SUFFIXES = (*OUTPUT_SUFFIXES, EVO_SUFFIX)
+"""Endings of names of those that are read."""
+ZIP_MAGIC = b"PK\x03\x04"
 HEAD_BYTES = 10_000
-"""The header is looked for in these."""
-FAST_BYTES = 1_000_000
-"""Shorter files are read without the kernel for long ones."""
-BLOCK_BYTES = 2_000_000
-"""Text is taken apart in blocks of whole lines of about so many bytes: a million lines at once take much memory."""
+"""The format and the header are looked for in these."""
+MAX_MEMBERS = 1000
+"""Most members of a zip file that are looked at."""
+
+
+class TrajectoryFormat(StrEnum):
+    """How a trajectory file is written."""
+
+    CSV = "csv"
+    TUM = "tum"
+    KITTI = "kitti"
+    EUROC = "euroc"
+    EVO = "evo"
+
+
+FOREIGN = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.EVO)
+"""Formats of which a command says that it has found them."""
+WORDS = {
+    TrajectoryFormat.CSV: "csv of the suite",
+    TrajectoryFormat.TUM: "TUM",
+    TrajectoryFormat.KITTI: "KITTI poses of the left camera, turned to x forward, y left, z up",
+    TrajectoryFormat.EUROC: "EuRoC csv",
+    TrajectoryFormat.EVO: "evo result",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedTrajectory:
+    """A trajectory as read.
+
+    Attributes:
+        path: Its file.
+        trajectory: The poses.
+        format: How it was written.
+        stamps: Where its stamps come from, in words, where the file does not have them.
+        by_index: Whether the stamps are only the numbers of the lines.
+    """
+
+    path: Path
+    trajectory: Trajectory
+    format: TrajectoryFormat = TrajectoryFormat.CSV
+    stamps: str = ""
+    by_index: bool = False
+
+    @property
+    def text(self) -> str:
+        """What was detected, in one line."""
+        stamps = f", stamps: {self.stamps}" if self.stamps else ""
+        return f"{self.path}: {WORDS[self.format]}, {len(self.trajectory)} poses{stamps}"
+
+    def with_stamps_of(self, other: LoadedTrajectory) -> LoadedTrajectory:
+        """Return poses that have no stamps of their own with those of another trajectory, one by one.
+
+        Raises:
+            InputError: If the numbers of poses differ.
+        """
+        if not self.by_index or other.by_index:
+            return self
+        count, others = len(self.trajectory), len(other.trajectory)
+        if count != others:
+            raise InputError(
+                f"'{self.path}' has no stamps ({count} KITTI poses) and '{other.path}' has {others} poses: put the "
+                f"seconds of each pose into '{times_beside(self.path).name}' beside it"
+            )
+        stamped = replace(self.trajectory, stamps_ns=other.trajectory.stamps_ns)
+        return replace(self, trajectory=stamped, stamps=f"those of {other.path}, pose by pose", by_index=False)
 
 
 def load_trajectory(path: Path) -> Trajectory:
@@ -51,61 +129,217 @@ def load_trajectory(path: Path) -> Trajectory:
         InputError: If the file is missing or empty, or a line does not hold eight finite numbers and a rotation;
             names the line.
     """
-    path = Path(path)
-    return parse_trajectory(path, _read(path))
+    return _parse_suite(Path(path), read_data(path, "give a csv or TUM file"))
 
 
-def parse_trajectory(path: Path, data: bytes) -> Trajectory:
-    """Return the trajectory of the content of a file: csv if the first line is its header, TUM otherwise.
+def read_trajectory_file(path: Path, role: str = "estimate") -> LoadedTrajectory:
+    """Read a trajectory in any format.
 
     Args:
-        path: The file, for messages.
-        data: Its content.
+        path: The file.
+        role: `estimate` or `truth`: which of a result of evo is wanted.
 
     Raises:
-        InputError: As `load_trajectory`.
+        InputError: If it cannot be read, or a line is no pose; names the line.
     """
-    data = data.removeprefix(b"\xef\xbb\xbf")
-    first = data[:HEAD_BYTES].splitlines()
-    is_csv = _has_csv_header(path, first[0] if first else b"")
-    try:
-        trajectory = _parse(data, is_csv)
-    except (ValueError, ArithmeticError, GeometryError) as error:
-        raise _explain(path, data, is_csv) from error
-    if not len(trajectory):
+    path = Path(path)
+    if path.suffix == EVO_SUFFIX:
+        return _read_evo(path, role)
+    data = read_data(path, "give a csv, TUM, KITTI, EuRoC or evo file")
+    kind = _detected(path, data[:HEAD_BYTES])
+    if kind is TrajectoryFormat.EVO:
+        return _read_evo(path, role)
+    if kind is TrajectoryFormat.KITTI:
+        return _parse_kitti(path, data, f"'{path}'")
+    if kind is TrajectoryFormat.EUROC:
+        return LoadedTrajectory(path, parse_euroc_poses(data, f"'{path}'"), kind)
+    return LoadedTrajectory(path, _parse_suite(path, data), kind)
+
+
+def _detected(path: Path, head: bytes) -> TrajectoryFormat:
+    """Return the format of a file by its first bytes, and where they do not tell by its name."""
+    if head.startswith(ZIP_MAGIC):
+        return TrajectoryFormat.EVO
+    lines = [line.strip() for line in head.removeprefix(BOM).splitlines() if line.strip()]
+    if lines and lines[0].startswith(b"stamp_ns"):
+        return TrajectoryFormat.CSV
+    row = next((line for line in lines if not line.startswith(b"#")), b"")
+    cells = row.split(b",")
+    if len(cells) >= 8 and cells[0].strip().isdigit():
+        return TrajectoryFormat.EUROC
+    if len(row.split()) == KITTI_COLUMNS:
+        return TrajectoryFormat.KITTI
+    return TrajectoryFormat.CSV if path.suffix == ".csv" else TrajectoryFormat.TUM
+
+
+def _parse_suite(path: Path, data: bytes) -> Trajectory:
+    """Return the trajectory of a csv or TUM text."""
+    first, *_ = data[:HEAD_BYTES].removeprefix(BOM).splitlines() or [b""]
+    header = first.decode("utf-8", "replace").strip().replace(" ", "")
+    is_csv = header == CSV_HEADER
+    if not is_csv and (path.suffix == ".csv" or header.startswith("stamp_ns")):
+        raise InputError(f"'{path}' line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
+    if is_csv:
+        table = parse_table(data, f"'{path}'", CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1)
+    else:
+        table = parse_table(data, f"'{path}'", TUM_HEADER[2:], range(8), stamp=parse_seconds)
+    if not table.lines:
         raise InputError(f"trajectory '{path}' has no pose: at least one line of eight numbers is needed")
-    return trajectory
+    quats = table.values[:, 3:]
+    return table.trajectory(table.values[:, :3], quat_conjugate(quats) if is_csv else quats)
 
 
-def save_trajectory(path: Path, trajectory: Trajectory, *, tum: bool | None = None) -> None:
-    """Write a trajectory.
+def parse_euroc_poses(data: bytes, name: str) -> Trajectory:
+    """Return the poses of a text of EuRoC, which may have none; the body S is RB, the world R is DS.
+
+    Raises:
+        InputError: If a line is no pose; names the line.
+    """
+    form = "timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z"
+    table = parse_table(data, name, form, range(8), stamp=parse_stamp_ns, separator=",", more=True)
+    return table.trajectory(table.values[:, :3], table.values[:, [4, 5, 6, 3]])
+
+
+def _parse_kitti(path: Path, data: bytes, name: str) -> LoadedTrajectory:
+    """Return KITTI poses with stamps from a file of seconds; without one the numbers of the lines, 1 s apart."""
+    table = parse_table(data, name, "the first three rows of a pose matrix (KITTI)", range(KITTI_COLUMNS))
+    if not table.lines:
+        raise InputError(f"{name} has no pose: at least one line of {KITTI_COLUMNS} numbers is needed")
+    matrices = table.values.reshape(-1, 3, 4)
+    good = plausible_rotations(matrices[:, :, :3]) & plausible_positions(matrices[:, :, 3])
+    if not good.all():
+        line = table.lines[int(np.argmin(good))]
+        raise InputError(f"{name} line {line}: this is no rotation and position; correct or leave out the line")
+    quats = quat_from_matrix(OPTICAL_IN_BODY @ matrices[:, :, :3] @ OPTICAL_IN_BODY.T)
+    positions = matrices[:, :, 3] @ OPTICAL_IN_BODY.T
+    benchmark = path.parent.parent / "sequences" / path.stem / "times.txt"
+    files = (times_beside(path), path.with_name("times.txt"), benchmark)
+    times = next((file for file in files if file.is_file() and file != path), None)
+    if times is None:
+        stamps_ns = np.arange(len(positions), dtype=np.int64) * NS_PER_S
+        said = "numbers of the lines, 1 s apart"
+    else:
+        stamps_ns, said = read_times(times, len(positions)), str(times)
+    return LoadedTrajectory(
+        path, Trajectory(stamps_ns, positions, quats), TrajectoryFormat.KITTI, said, times is None
+    )
+
+
+def times_beside(path: Path) -> Path:
+    """Return the name under which stamps are written beside KITTI poses."""
+    return path.with_name(f"{path.stem}.times.txt")
+
+
+def read_times(path: Path, count: int | None = None) -> IntArray:
+    """Return the stamps of a file of seconds `(N,)`, ns.
+
+    Raises:
+        InputError: If it cannot be read, or does not hold `count` of them.
+    """
+    table = parse_table(read_data(path, "give the seconds of each pose"), f"'{path}'", "seconds", (0,), stamp=parse_seconds)
+    if count not in (None, len(table.lines)):
+        raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one for each is needed")
+    return table.stamps_ns
+
+
+def _read_evo(path: Path, role: str) -> LoadedTrajectory:
+    """Read the estimate or the truth of a result of evo: its members `info.json`, `stats.json` and trajectories."""
+    try:
+        check_regular(path)
+        with zipfile.ZipFile(path) as archive:
+            names = [item.filename for item in archive.infolist()[:MAX_MEMBERS]]
+            if not {"info.json", "stats.json"} <= set(names):
+                raise InputError(f"'{path}' is no result of evo: it has no info.json and stats.json")
+            name = _evo_member(path, names, parse_json(_content(archive, "info.json", MAX_TEXT_BYTES)), role)
+            data = _content(archive, name, MAX_TABLE_BYTES)
+    except (OSError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, EOFError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot read '{path}': {reason}; give a zip file of evo's --save_results") from error
+    if name.endswith(KITTI_SUFFIX):
+        return replace(_parse_kitti(path, data, f"'{path}' {name}"), format=TrajectoryFormat.EVO)
+    return LoadedTrajectory(path, _parse_suite(path / name, data), TrajectoryFormat.EVO)
+
+
+def _content(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
+    with archive.open(name) as stream:
+        data = stream.read(limit + 1)
+    if len(data) > limit:
+        raise ValueError(f"its member {name[:80]} is larger than {limit} bytes")
+    return data
+
+
+def _evo_member(path: Path, names: list[str], info: object, role: str) -> str:
+    """Return the member that has the estimate or the truth: `NAME.tum` or `NAME.kitti`, NAME as info.json has it."""
+    poses = [name for name in names if name.endswith((".tum", KITTI_SUFFIX))]
+    if not poses:
+        raise InputError(
+            f"evo result '{path}' has no trajectories, only errors: run 'evo_config set save_traj_in_zip true' before "
+            "evo, or give the files themselves"
+        )
+    said = info if isinstance(info, dict) else {}
+    named = {key: [name for name in poses if name.rpartition(".")[0] == said.get(key)] for key in ("est_name", "ref_name")}
+    wanted, other = ("est_name", "ref_name") if role == "estimate" else ("ref_name", "est_name")
+    rest = [name for name in poses if name not in named[other]]
+    if not named[wanted] and len(rest) != 1:
+        raise InputError(f"evo result '{path}' does not say which is the {role}: it has {', '.join(poses)[:200]}")
+    return (named[wanted] or rest)[0]
+
+
+def format_of_name(path: Path) -> TrajectoryFormat | None:
+    """Return the format in which a file of this name is written, None if that is no trajectory file."""
+    if path.name.endswith(EUROC_SUFFIX):
+        return TrajectoryFormat.EUROC
+    kinds = {KITTI_SUFFIX: TrajectoryFormat.KITTI, ".csv": TrajectoryFormat.CSV}
+    return kinds.get(path.suffix, TrajectoryFormat.TUM if path.suffix in TUM_SUFFIXES else None)
+
+
+def files_written(path: Path) -> tuple[Path, ...]:
+    """Return the files that a trajectory of this name is written to."""
+    return (path, times_beside(path)) if format_of_name(path) is TrajectoryFormat.KITTI else (path,)
+
+
+def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat | None = None) -> None:
+    """Write a trajectory; KITTI poses with their stamps beside them as `NAME.times.txt`.
 
     Numbers are written in the shortest form that reads back to the same bits.
 
     Args:
         path: The file.
         trajectory: The poses.
-        tum: Whether as TUM or as csv; None: TUM if the name ends in .txt or .tum.
+        kind: Format; None: by the name (.txt and .tum, .kitti, .euroc.csv, otherwise csv).
 
     Raises:
-        OutputError: If the file cannot be written.
+        OutputError: If it cannot be written.
     """
     path = Path(path)
+    kind = kind or format_of_name(path) or TrajectoryFormat.CSV
+    if kind is TrajectoryFormat.KITTI:
+        times = "".join(f"{seconds_text(stamp_ns)}\n" for stamp_ns in trajectory.stamps_ns.tolist())
+        _write(times_beside(path), times)
+    _write(path, trajectory_text(trajectory, kind))
+
+
+def _write(path: Path, text: str) -> None:
     with atomic_path(path) as temporary:
-        as_tum = path.suffix in TUM_SUFFIXES if tum is None else tum
-        temporary.write_text(trajectory_text(trajectory, tum=as_tum), encoding="ascii")
+        temporary.write_text(text, encoding="ascii")
 
 
-def trajectory_text(trajectory: Trajectory, *, tum: bool) -> str:
-    """Return a trajectory as the text of a TUM or a csv file."""
-    stamps = trajectory.stamps_ns.tolist()
-    quats = trajectory.quats_xyzw if tum else trajectory.att_q_ds_to_rb
+def trajectory_text(trajectory: Trajectory, kind: TrajectoryFormat = TrajectoryFormat.CSV) -> str:
+    """Return a trajectory as the text of a file; that of KITTI is without the stamps."""
+    if kind is TrajectoryFormat.KITTI:
+        rotations = OPTICAL_IN_BODY.T @ matrix_from_quat(trajectory.quats_xyzw) @ OPTICAL_IN_BODY
+        matrices = np.concatenate((rotations, (trajectory.positions @ OPTICAL_IN_BODY)[:, :, None]), axis=2)
+        return "".join(f"{' '.join(map(repr, row))}\n" for row in matrices.reshape(-1, KITTI_COLUMNS).tolist())
+    quats, separator, header = {
+        TrajectoryFormat.TUM: (trajectory.quats_xyzw, " ", TUM_HEADER),
+        TrajectoryFormat.EUROC: (trajectory.quats_xyzw[:, [3, 0, 1, 2]], ",", EUROC_HEADER),
+    }.get(kind, (trajectory.att_q_ds_to_rb, ",", CSV_HEADER))
+    stamps: list[Any] = trajectory.stamps_ns.tolist()
+    if kind is TrajectoryFormat.TUM:
+        stamps = list(map(seconds_text, stamps))
     numbers = np.hstack((trajectory.positions, quats)).tolist()
-    if tum:
-        body = [f"{seconds_text(s)} {' '.join(map(repr, row))}" for s, row in zip(stamps, numbers, strict=True)]
-    else:
-        body = [f"{s},{','.join(map(repr, row))}" for s, row in zip(stamps, numbers, strict=True)]
-    return "\n".join([TUM_HEADER if tum else CSV_HEADER, *body]) + "\n"
+    body = [f"{stamp}{separator}{separator.join(map(repr, row))}" for stamp, row in zip(stamps, numbers, strict=True)]
+    return "\n".join([header, *body]) + "\n"
 
 
 def csv_row(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> str:
@@ -113,172 +347,28 @@ def csv_row(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> str:
     return ",".join([str(stamp_ns), *map(repr, (*position.tolist(), *quat_conjugate(quat_xyzw).tolist()))])
 
 
-def seconds_text(stamp_ns: int) -> str:
-    """Return nanoseconds as seconds with nine decimals, exactly."""
-    whole, rest = divmod(abs(stamp_ns), NS_PER_S)
-    return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
+def evo_result_bytes(
+    info: Mapping[str, str],
+    stats: Mapping[str, float],
+    arrays: Mapping[str, NDArray[Any]],
+    poses: Mapping[str, str],
+) -> bytes:
+    """Return a result as evo reads it (`evo_res`).
 
-
-def parse_seconds(text: str) -> int:
-    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even).
-
-    Raises:
-        ValueError: If it is not a finite decimal number, or does not fit 64 bit.
-        decimal.InvalidOperation: The same.
+    Args:
+        info: Title, label, `ref_name`, `est_name`.
+        stats: Statistics by name.
+        arrays: Arrays by name, as `error_array`.
+        poses: Texts of trajectories by name with `.tum` at its end.
     """
-    if not is_decimal(text):
-        raise ValueError("it is not a decimal number")
-    whole, _, fraction = text.partition(".")
-    if whole.isdigit() and len(fraction) <= 9 and (fraction or "0").isdigit():
-        return fitting(int(whole) * NS_PER_S + int(fraction.ljust(9, "0")))
-    stamp = Decimal(text).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN)
-    return fitting(int(stamp))
-
-
-def check_order(stamps_ns: list[int], name: str, *, strict: bool) -> None:
-    """Check that stamps do not go backwards (strict: that they grow).
-
-    Raises:
-        InputError: At the first that does; names it.
-    """
-    stamps = np.asarray(stamps_ns, dtype=np.int64)
-    steps = np.diff(stamps)
-    wrong = steps <= 0 if strict else steps < 0
-    if wrong.any():
-        first = int(np.argmax(wrong))
-        word = "does not come after" if strict else "goes back behind"
-        raise InputError(
-            f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps must be in order"
-        )
-
-
-def check_stamp(stamp_ns: int) -> None:
-    """Check that a stamp fits a ROS message (seconds in 32 bit).
-
-    Raises:
-        OutputError: If not.
-    """
-    if not 0 <= stamp_ns < 2**31 * NS_PER_S:
-        raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are possible")
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return read_table(path)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f"cannot read trajectory '{path}': {reason}; give a csv or TUM file") from error
-
-
-def _has_csv_header(path: Path, first: bytes) -> bool:
-    header = first.decode("utf-8", "replace").strip().replace(" ", "")
-    if header != CSV_HEADER and (path.suffix == ".csv" or header.startswith("stamp_ns")):
-        raise InputError(f"'{path}' line 1 is '{header[:60]}': the header '{CSV_HEADER}' is needed")
-    return header == CSV_HEADER
-
-
-def _parse(data: bytes, is_csv: bool) -> Trajectory:
-    room = 1 + count_line_ends(data)
-    stamps_ns, positions, quats = np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 4))
-    count = 0
-    header = data[:HEAD_BYTES].splitlines(keepends=True)[:is_csv]
-    for text in _blocks(data, len(b"".join(header))):
-        rows = parse_rows(text, COLUMNS - 1, comma=is_csv) if len(data) >= FAST_BYTES else None
-        stamps, numbers = rows or _strict_rows(text, is_csv)
-        new = slice(count, count + len(stamps))
-        stamps_ns[new], positions[new], quats[new] = stamps, numbers[:, :3], numbers[:, 3:]
-        count = new.stop
-    stamps_ns, positions, quats = stamps_ns[:count], positions[:count], quats[:count]
-    return Trajectory(stamps_ns, positions, quat_conjugate(quats) if is_csv else quats)
-
-
-def _blocks(data: bytes, start: int) -> Iterator[bytes]:
-    """Yield a text from a place on in portions of whole lines."""
-    while start < len(data):
-        end = data.find(b"\n", start + BLOCK_BYTES) + 1 or len(data)
-        yield data[start:end]
-        start = end
-
-
-def _strict_rows(text: bytes, is_csv: bool) -> tuple[IntArray, FloatArray]:
-    """Return the stamps and numbers of lines of any form that is allowed."""
-    rows = [line for line in text.splitlines() if line[:1] > b"#" or _is_row(line)]
-    if not rows:
-        return np.zeros(0, np.int64), np.zeros((0, COLUMNS - 1))
-    return _stamps(rows, is_csv), _floats(rows, "," if is_csv else None)
-
-
-def _is_row(line: bytes) -> bool:
-    """Tell whether a line is to hold a pose: it is neither empty nor a comment."""
-    return line[:1] not in (b"", b"#") and bool(line.strip())
-
-
-def _stamps(rows: list[bytes], is_csv: bool) -> IntArray:
-    """Return the nanoseconds of the first column; what is not plain digits takes the strict, slower way."""
-    stamps = np.empty(len(rows), np.int64)
-    letters = np.array(rows, f"S{STAMP_BYTES}").view(np.uint8).reshape(len(rows), STAMP_BYTES)  # cuts longer rows
-    ends = letters == ord(",") if is_csv else (letters == ord(" ")) | (letters == ord("\t"))
-    widths = ends.argmax(axis=1)
-    for width in np.unique(widths).tolist():
-        same = np.flatnonzero(widths == width)
-        plain = _plain_stamps(letters[same, :width], is_csv)
-        stamps[same] = [_strict_stamp(rows[n], is_csv) for n in same.tolist()] if plain is None else plain
-    return stamps
-
-
-def _plain_stamps(letters: NDArray[np.uint8], is_csv: bool) -> IntArray | None:
-    """Return the nanoseconds of texts `(N, width)` if all are like `1700123456` (csv) or `1700.123456`, else None."""
-    width = letters.shape[1]
-    if is_csv:
-        digits, last = letters - np.uint8(ord("0")), width - 1
-    else:
-        dot = int((letters[0] == ord(".")).argmax()) if width else 0
-        if not (0 < dot <= 10 and width - dot <= 10 and (letters[:, dot] == ord(".")).all()):
-            return None
-        digits, last = np.delete(letters, dot, axis=1) - np.uint8(ord("0")), dot + 8
-    if not (width > 0 and last <= 18 and (digits <= 9).all() and (last < 18 or (digits[:, 0] < 9).all())):
-        return None  # what is below "0" became large; nineteen digits from 9 on do not fit
-    return np.asarray(digits.astype(np.int64) @ (10 ** np.arange(last, last - digits.shape[1], -1, dtype=np.int64)))
-
-
-def _strict_stamp(row: bytes, is_csv: bool) -> int:
-    text = row.split(b"," if is_csv else None, 1)[0].decode()
-    return parse_stamp_ns(text) if is_csv else parse_seconds(text)
-
-
-def _floats(rows: list[bytes], separator: str | None) -> FloatArray:
-    """Return columns 2 to 8; the reader of numpy is used for its speed, and refuses rows of unequal length."""
-    values = np.loadtxt(rows, dtype=np.float64, delimiter=separator, comments=None, ndmin=2, encoding="ascii")
-    if values.shape[1] != COLUMNS:
-        raise ValueError("wrong number of columns")
-    return np.asarray(values[:, 1:])
-
-
-def _explain(path: Path, data: bytes, is_csv: bool) -> InputError:
-    """Return the error that names the first line that is wrong."""
-    for number, row in enumerate(data.splitlines(), 1):
-        problem = _problem(row.decode("utf-8", "replace"), is_csv) if _is_row(row) and number > int(is_csv) else ""
-        if problem:
-            return InputError(f"'{path}' line {number}: {problem}; correct or leave out the line")
-    return InputError(f"'{path}' cannot be read as a trajectory")
-
-
-def _problem(row: str, is_csv: bool) -> str:
-    words = row.split("," if is_csv else None)
-    if len(words) != COLUMNS:
-        form = CSV_HEADER if is_csv else TUM_HEADER.lstrip("# ")
-        return f"{len(words)} columns found where {COLUMNS} ({form}) are needed"
-    try:
-        parse_stamp_ns(words[0]) if is_csv else parse_seconds(words[0])
-    except (ValueError, ArithmeticError):
-        too_large = " (are these nanoseconds?)" if words[0].isdigit() else ""
-        return f"stamp '{words[0]}' is not {'whole nanoseconds' if is_csv else f'a number of seconds{too_large}'}"
-    try:
-        values = np.array([parse_number(word) for word in words[1:]])
-    except ValueError as error:
-        return str(error)
-    if not plausible_positions(values[:3]):
-        return f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
-    if not plausible_quats(values[3:]):
-        return f"the quaternion {values[3:].tolist()} is not a rotation: a unit quaternion is needed"
-    return ""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("info.json", json.dumps(dict(info)))
+        archive.writestr("stats.json", json.dumps(dict(stats)))
+        for name, array in arrays.items():
+            buffer = io.BytesIO()
+            np.save(buffer, array, allow_pickle=False)
+            archive.writestr(f"{name}.npy", buffer.getvalue())
+        for name, text in poses.items():
+            archive.writestr(name, text)
+    return stream.getvalue()

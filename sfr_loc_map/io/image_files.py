@@ -1,0 +1,147 @@
+"""Stereo pairs whose images are files that are listed in advance."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.image_codec import read_grey
+from sfr_loc_map.io.text_table import parse_stamp_ns
+
+_log = logging.getLogger(__name__)
+NAMED_FILES = 3
+"""Missing files that a message names."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePair:
+    """The files of one pair; a mapping pair has a pose, and the file of its true points where there is one."""
+
+    stamp_ns: int
+    left: Path
+    right: Path
+    T_lm_navsb: Transform | None = None
+    truth: Path | None = None
+
+
+def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], int]:
+    """Return the pairs both images of which are there, and how many are not; warn of those in one line.
+
+    Args:
+        entries: At least one pair.
+        name: What lists them, for messages.
+
+    Raises:
+        InputError: If none is left.
+    """
+    missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
+    if not missing:
+        return list(entries), 0
+    gone = set(missing)
+    whole = [entry for entry in entries if entry.left not in gone and entry.right not in gone]
+    rest = f" and {len(missing) - NAMED_FILES} more" if len(missing) > NAMED_FILES else ""
+    files = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
+    if not whole:
+        raise InputError(f"{name} names images that are not there: {files}; restore them")
+    left_out = len(entries) - len(whole)
+    _log.warning("%s: %d of %d pairs left out, images are not there: %s", name, left_out, len(entries), files)
+    return whole, left_out
+
+
+def pairs_of(lefts: Mapping[int, Path], rights: Mapping[int, Path], name: str) -> list[ImagePair]:
+    """Return the pairs of images by stamp.
+
+    Raises:
+        InputError: If no two have one stamp.
+    """
+    entries = [ImagePair(stamp, lefts[stamp], rights[stamp]) for stamp in sorted(lefts.keys() & rights.keys())]
+    if not entries:
+        raise InputError(f"{name}: none of {len(lefts)} left and {len(rights)} right images have equal stamps")
+    return entries
+
+
+def stamped_files(folder: Path, prefix: str, suffix: str) -> dict[int, Path]:
+    """Return the files `PREFIXnanosecondsSUFFIX` of a folder by their stamps; others are passed over.
+
+    Raises:
+        InputError: If a name has no whole nanoseconds, two have the same, or there is none.
+    """
+    files: dict[int, Path] = {}
+    for file in folder.iterdir():
+        if file.name.startswith(prefix) and file.name.endswith(suffix):
+            try:
+                stamp = parse_stamp_ns(file.name[len(prefix) : len(file.name) - len(suffix)])
+            except ValueError as error:
+                raise InputError(f"image '{file}' is not named by whole nanoseconds: rename or remove it") from error
+            if stamp in files:
+                raise InputError(f"images '{files[stamp]}' and '{file}' have one stamp: remove one")
+            files[stamp] = file
+    if not files:
+        raise InputError(f"'{folder}' has no image {prefix}STAMP{suffix}")
+    return dict(sorted(files.items()))
+
+
+def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
+    """Check that an image has the rig's size.
+
+    Raises:
+        InputError: If not.
+    """
+    if image.shape != (rig.height, rig.width):
+        found = f"{image.shape[1]} x {image.shape[0]}"
+        raise InputError(f"{name} is {found}: its rig says {rig.width} x {rig.height}; both images need the rig's size")
+
+
+def read_pair(entry: ImagePair, rig: StereoRig) -> StereoPair:
+    """Read the images of a pair.
+
+    Raises:
+        InputError: If one is missing, broken or not of the rig's size.
+    """
+    left, right = (read_grey(path) for path in (entry.left, entry.right))
+    for path, image in ((entry.left, left), (entry.right, right)):
+        check_size(image, rig, f"image '{path}' (stamp {entry.stamp_ns})")
+    return StereoPair(entry.stamp_ns, left, right)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFileSequence:
+    """A drive of image files (`sequence.LocSequence`).
+
+    Attributes:
+        rig: Rig of the images once they are rectified.
+        ground_truth: True poses of RB in DS, or None.
+        entries: The files, in the order of stamps; all have the rig's size.
+        rectify: Makes the rectified images of those read: left, right; None where they are rectified.
+    """
+
+    rig: StereoRig
+    ground_truth: Trajectory | None
+    entries: Sequence[ImagePair]
+    rectify: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]] | None = None
+
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        """Stamps of the pairs, in their order."""
+        return tuple(entry.stamp_ns for entry in self.entries)
+
+    def __len__(self) -> int:
+        """Return the number of pairs."""
+        return len(self.entries)
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs, one in memory at a time.
+
+        Raises:
+            InputError: If an image is missing, broken or of another size.
+        """
+        for entry in self.entries:
+            pair = read_pair(entry, self.rig)
+            yield pair if self.rectify is None else StereoPair(pair.stamp_ns, *self.rectify(pair.left, pair.right))

@@ -1,0 +1,277 @@
+"""Numbers and tables of text files, read strictly, and the stamps in them, exact to the nanosecond.
+
+Python's own conversions take more than files mean: underscores, digits of other scripts, `nan` and `infinity`,
+integers of any length. Stamps go to and from integer nanoseconds by integer arithmetic, never through a floating-point
+number. A table is read all at once; what is wrong is looked for, line by line, only once that has failed.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import ROUND_HALF_EVEN, Decimal
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S, read_table
+
+MAX_NUMBER_LENGTH = 400
+STAMP_LIMIT = 2**63
+BOM = b"\xef\xbb\xbf"
+_WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
+_COUNT = re.compile(r"[0-9]{1,12}")
+_DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
+
+
+def parse_stamp_ns(text: str) -> int:
+    """Return whole nanoseconds; spaces around them are allowed.
+
+    Raises:
+        ValueError: If it is not a whole number of 64 bits.
+    """
+    if not _WHOLE.fullmatch(text.strip(" \t")):
+        raise ValueError("it is not a whole number of 64 bits")
+    return _fitting(int(text))
+
+
+def parse_seconds(text: str) -> int:
+    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even).
+
+    Raises:
+        ValueError: If it is not a finite decimal number, or does not fit 64 bit.
+        decimal.InvalidOperation: The same.
+    """
+    text = text.strip(" \t")
+    if not _is_decimal(text):
+        raise ValueError("it is not a decimal number")
+    whole, _, fraction = text.partition(".")
+    if whole.isdigit() and len(fraction) <= 9 and (fraction or "0").isdigit():
+        return _fitting(int(whole) * NS_PER_S + int(fraction.ljust(9, "0")))
+    return _fitting(int(Decimal(text).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN)))
+
+
+def seconds_text(stamp_ns: int) -> str:
+    """Return nanoseconds as seconds with nine decimals, exactly."""
+    whole, rest = divmod(abs(stamp_ns), NS_PER_S)
+    return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
+
+
+def parse_count(text: str) -> int:
+    """Return a number of things, as a header gives it.
+
+    Raises:
+        ValueError: If it is not a whole number from 0 of at most 12 digits.
+    """
+    if not _COUNT.fullmatch(text):
+        raise ValueError(f"'{text[:40]}' is not a number of points, bytes or values")
+    return int(text)
+
+
+def parse_number(text: str) -> float:
+    """Return a finite decimal number; spaces around it are allowed.
+
+    Raises:
+        ValueError: If it is none, or too large.
+    """
+    word = text.strip(" \t")
+    value = float(word) if _is_decimal(word) else math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"'{word[:40]}' is not a finite number")
+    return value
+
+
+def numbers_of(words: Sequence[str], count: int, where: str) -> list[float]:
+    """Return `count` finite numbers.
+
+    Raises:
+        InputError: If there are more or fewer, or one is no finite number.
+    """
+    try:
+        values = [parse_number(word) for word in words]
+    except ValueError as error:
+        raise InputError(f"{where}: {error}; correct the file") from error
+    if len(values) != count:
+        raise InputError(f"{where}: {count} finite numbers are needed, found '{' '.join(words)[:60]}'")
+    return values
+
+
+def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
+    """Check that stamps do not go backwards (strict: that they grow).
+
+    Raises:
+        InputError: At the first that does; names it.
+    """
+    stamps = np.asarray(stamps_ns, dtype=np.int64)
+    wrong = np.diff(stamps) < (1 if strict else 0)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        word = "does not come after" if strict else "goes back behind"
+        raise InputError(
+            f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps must be in order"
+        )
+
+
+def read_lines(path: Path) -> list[str]:
+    """Return the lines of a text file that are not empty and no comment (`#`).
+
+    Raises:
+        InputError: If it is missing or no text.
+    """
+    try:
+        lines = read_data(path).decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise InputError(f"cannot read '{path}': {error}; the data set needs it") from error
+    return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def read_data(path: Path, needed: str = "the data set needs it") -> bytes:
+    """Return the content of a text file.
+
+    Raises:
+        InputError: If it is missing or too large; says in `needed` what to do.
+    """
+    try:
+        return read_table(path)
+    except OSError as error:
+        raise InputError(f"cannot read '{path}': {error.strerror or error}; {needed}") from error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Rows of a text.
+
+    Attributes:
+        name: Name of the text, for messages.
+        lines: `(N,)` number of the line of each row, from 1.
+        stamps_ns: `(N,)` nanoseconds; empty without a column of stamps.
+        values: `(N, K)` finite numbers.
+    """
+
+    name: str
+    lines: list[int]
+    stamps_ns: IntArray
+    values: FloatArray
+
+    def trajectory(self, positions: FloatArray, quats_xyzw: FloatArray) -> Trajectory:
+        """Return the poses that stand in the rows.
+
+        Raises:
+            InputError: If one is no pose; names the line.
+        """
+        near, unit = plausible_positions(positions), plausible_quats(quats_xyzw)
+        if not (near & unit).all():
+            row = int(np.argmin(near & unit))
+            problem = f"the quaternion {quats_xyzw[row].tolist()} is not a rotation: a unit quaternion is needed"
+            if not near[row]:
+                problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
+            raise InputError(f"{self.name} line {self.lines[row]}: {problem}; correct or leave out the line")
+        try:
+            return Trajectory(self.stamps_ns, positions.copy(), quats_xyzw.copy())
+        except GeometryError as error:
+            raise InputError(f"{self.name}: {error}") from error
+
+
+def parse_table(
+    data: bytes,
+    name: str,
+    form: str,
+    places: Sequence[int],
+    *,
+    stamp: Callable[[str], int] | None = None,
+    separator: str | None = None,
+    more: bool = False,
+    skip: int = 0,
+    comment: bytes | tuple[bytes, ...] = b"#",
+) -> Table:
+    """Return the stamps and numbers of a text.
+
+    Args:
+        data: The text; empty lines and comments are left out.
+        name: Its name, for messages.
+        form: What stands in a line, for messages.
+        places: Columns that are read, from 0; with `stamp` the first of them is that of the stamps.
+        stamp: What makes nanoseconds of the text of a stamp, None where there are no stamps.
+        separator: Between columns; None: spaces.
+        more: Whether lines may have more columns than the last that is read.
+        skip: Lines of a header.
+        comment: What begins a comment.
+
+    Raises:
+        InputError: If a line has too few columns, or a stamp or number is none; names the line.
+    """
+    numbered = [
+        (number, line)
+        for number, text in enumerate(data.removeprefix(BOM).splitlines(), 1)
+        if (line := text.strip()) and not line.startswith(comment) and number > skip
+    ]
+    rows, lines = [row for _, row in numbered], [number for number, _ in numbered]
+    stamp_at, columns = (places[0], list(places[1:])) if stamp else (None, list(places))
+    width, empty = max(places) + 1, np.zeros(0, np.int64)
+    if not rows:
+        return Table(name, [], empty, np.zeros((0, len(columns))))
+    try:
+        stamps, parting = empty, separator.encode() if separator else None
+        if stamp is not None and stamp_at is not None:
+            words = (row.split(parting, stamp_at + 1)[stamp_at] for row in rows)
+            stamps = np.array([stamp(word.decode("ascii")) for word in words], np.int64)
+        used = columns if more else None  # without them numpy refuses rows of unequal length
+        values = np.loadtxt(rows, np.float64, None, separator, usecols=used, ndmin=2, encoding="ascii")
+        if more or values.shape[1] == width:
+            values = np.asarray(values if more else values[:, columns])
+            if np.isfinite(values).all():
+                return Table(name, lines, stamps, values)
+    except (ValueError, ArithmeticError, IndexError):
+        pass
+    for number, row in numbered:
+        words_of_row = row.decode("utf-8", "replace").split(separator)
+        problem = _problem(words_of_row, form, width, stamp_at, columns, stamp, more)
+        if problem:
+            raise InputError(f"{name} line {number}: {problem}; correct or leave out the line")
+    raise InputError(f"{name} cannot be read as a table of {form}")
+
+
+def _problem(
+    words: list[str],
+    form: str,
+    width: int,
+    stamp_at: int | None,
+    columns: list[int],
+    stamp: Callable[[str], int] | None,
+    more: bool,
+) -> str:
+    """Return what is wrong in a line, empty if nothing."""
+    if len(words) < width or (len(words) > width and not more):
+        return f"{len(words)} columns found where {width} ({form}) are needed"
+    if stamp is not None and stamp_at is not None:
+        word = words[stamp_at]
+        try:
+            stamp(word)
+        except (ValueError, ArithmeticError):
+            kind = "whole nanoseconds"
+            if stamp is parse_seconds:
+                kind = f"a number of seconds{' (are these nanoseconds?)' if word.isdigit() else ''}"
+            return f"stamp '{word[:40]}' is not {kind}"
+    try:
+        for column in columns:
+            parse_number(words[column])
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def _is_decimal(text: str) -> bool:
+    return len(text) <= MAX_NUMBER_LENGTH and _DECIMAL.fullmatch(text) is not None
+
+
+def _fitting(stamp_ns: int) -> int:
+    if not -STAMP_LIMIT <= stamp_ns < STAMP_LIMIT:
+        raise ValueError("the stamp does not fit 64 bit")
+    return stamp_ns
