@@ -9,8 +9,7 @@ from typing import Self
 from sfr_loc_map.api.paths import PathLike
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry import trajectory as base
-from sfr_loc_map.io.kitti_poses import read_times
-from sfr_loc_map.io.trajectory_formats import TrajectoryFormat, read_trajectory_file, write_trajectory_file
+from sfr_loc_map.io.trajectory_file import TrajectoryFormat, read_times, read_trajectory_file, save_trajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -94,7 +93,7 @@ class PoseFiles(base.Trajectory):
         Raises:
             OutputError: If it cannot be written.
         """
-        write_trajectory_file(Path(path), self, TrajectoryFormat.TUM)
+        save_trajectory(Path(path), self, TrajectoryFormat.TUM)
 
     def to_kitti(self, path: PathLike) -> None:
         """Write KITTI poses, and their stamps beside them as `NAME.times.txt`.
@@ -102,7 +101,7 @@ class PoseFiles(base.Trajectory):
         Raises:
             OutputError: If they cannot be written.
         """
-        write_trajectory_file(Path(path), self, TrajectoryFormat.KITTI)
+        save_trajectory(Path(path), self, TrajectoryFormat.KITTI)
 
     def to_euroc(self, path: PathLike) -> None:
         """Write a EuRoC csv.
@@ -110,7 +109,7 @@ class PoseFiles(base.Trajectory):
         Raises:
             OutputError: If it cannot be written.
         """
-        write_trajectory_file(Path(path), self, TrajectoryFormat.EUROC)
+        save_trajectory(Path(path), self, TrajectoryFormat.EUROC)
 
     def to_csv(self, path: PathLike) -> None:
         """Write a csv of the suite.
@@ -118,4 +117,4 @@ class PoseFiles(base.Trajectory):
         Raises:
             OutputError: If it cannot be written.
         """
-        write_trajectory_file(Path(path), self, TrajectoryFormat.CSV)
+        save_trajectory(Path(path), self, TrajectoryFormat.CSV)

@@ -17,8 +17,8 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry import cloud as cloud_base
 from sfr_loc_map.geometry import trajectory as base
 from sfr_loc_map.geometry.pose_convention import PoseConvention
+from sfr_loc_map.inputs import hash_arrays
 from sfr_loc_map.io.cloud_file import LoadedCloud
-from sfr_loc_map.io.hashing import hash_arrays
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.config import aligned_error_config, score_config
 from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits

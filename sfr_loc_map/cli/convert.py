@@ -118,7 +118,7 @@ def convert(
 def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None, *, overwrite: bool) -> None:
     """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.trajectory_formats import FOREIGN, files_written, read_trajectory_file
+    from sfr_loc_map.io.trajectory_file import FOREIGN, files_written, read_trajectory_file
     from sfr_loc_map.pipeline.convert import convert_trajectory, holds_trajectory, is_trajectory
 
     to_file = is_trajectory(destination)

@@ -56,7 +56,7 @@ def localise(
 ) -> None:
     """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
     from sfr_loc_map.config import read_config
-    from sfr_loc_map.io.trajectory_formats import OUTPUT_SUFFIXES, files_written, write_trajectory_file
+    from sfr_loc_map.io.trajectory_file import OUTPUT_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
     from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.methods.registry import record_of_ours
@@ -90,7 +90,7 @@ def localise(
             given = _finished(results, len(sequence))
             done, about = [(estimate, record) for estimate, record, _ in given], given[-1][2]
     records = [record for _, record in done]
-    write_trajectory_file(output, trajectory_of(estimate for estimate, _ in done))
+    save_trajectory(output, trajectory_of(estimate for estimate, _ in done))
     if stats is not None:
         save_stats(stats, records, about)
     say(f"{len(done)} poses, {states_text(records)}: {output}", err=True)

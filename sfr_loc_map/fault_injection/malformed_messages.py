@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.image_header import PNG_MAGIC
+from sfr_loc_map.io.image_codec import PNG_MAGIC
 from sfr_loc_map.nodes.messages.fields import header_msg
 
 NAN, HUGE = math.nan, 2**32 - 1

@@ -1,13 +1,13 @@
 from .bag import Bag as Bag
-from .bag_recorder import BagRecorder as BagRecorder
+from .bag_writer import BagRecorder as BagRecorder
 from .bag_writer import BagWriter as BagWriter
 from .cloud_file import LoadedCloud as LoadedCloud
 from .cloud_file import load_cloud as load_cloud
 from .cloud_file import save_cloud as save_cloud
-from .folder_writer import FolderWriter as FolderWriter
+from .folder import FolderWriter as FolderWriter
+from .folder import load_rig as load_rig
+from .folder import rig_json as rig_json
 from .registry import open_source as open_source
-from .rig_file import load_rig as load_rig
-from .rig_file import rig_json as rig_json
 from .sequence import LocSequence as LocSequence
 from .sequence import NavSequence as NavSequence
 from .sequence import Source as Source

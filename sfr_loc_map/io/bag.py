@@ -1,4 +1,4 @@
-"""Bags of ROS 2 (sqlite3 and mcap) and of ROS 1: topics and messages.
+"""Bags of ROS 2 (sqlite3 and mcap) and of ROS 1: topics, messages, and the poses on them.
 
 The bag is opened for each pass and closed after it, so nothing is held open, and messages are read as a stream.
 """
@@ -15,12 +15,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from sfr_loc_map.errors import ConfigError, InputError, SfrError
-from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.bag_files import BagReader, reader_of, reader_paths
-from sfr_loc_map.io.mcap_recovery import is_unfinished
+from sfr_loc_map.errors import ConfigError, GeometryError, InputError, SfrError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.frame_tree import FrameTree
+from sfr_loc_map.geometry.plausibility import check_extrinsics
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json
+from sfr_loc_map.io.bag_files import is_unfinished, reader_paths
+from sfr_loc_map.io.bag_readers import BagReader, reader_of
+from sfr_loc_map.io.text_table import check_order
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 IMAGE = "sensor_msgs/msg/Image"
@@ -30,16 +37,20 @@ POSE = "geometry_msgs/msg/PoseStamped"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POINTS = "sensor_msgs/msg/PointCloud2"
 TF = "tf2_msgs/msg/TFMessage"
+STRING = "std_msgs/msg/String"
+GROUND_TRUTH = "ground_truth/odometry"
+CONFIGURATION = "localisation/configuration"
+RB_FRAME, LOCSB_FRAME = "rb", "locsb"
 TOPICS_READ = (
     *(
         f"{task}/{side}/{part}"
         for task in ("loc", "nav")
-        for side in ("left", "right")
+        for side in SIDES
         for part in ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
     ),
     "nav/pose",
     "localisation/odometry",
-    "ground_truth/odometry",
+    GROUND_TRUTH,
     "ground_truth/points",
     "tf_static",
 )
@@ -71,6 +82,7 @@ class Bag:
     Attributes:
         path: Where it is.
         unfinished: Whether its recording broke off: what was written whole is read.
+        topics: Types of all topics by their names in the bag.
     """
 
     def __init__(self, path: Path, remap: Mapping[str, str] | None = None) -> None:
@@ -90,16 +102,13 @@ class Bag:
         if self.unfinished:
             _log.warning("bag '%s' was not finished: it is read up to its last whole part", path)
         with self._reading() as readers:
-            self._types = _types_of(readers)
+            self.topics: dict[str, str] = {c.topic: c.msgtype for reader in readers for c in reader.connections}
+            if not all(isinstance(text, str) for pair in self.topics.items() for text in pair):  # in a database
+                raise TypeError("the name or the type of a topic is not text")
             count = sum(reader.message_count for reader in readers)
         if not count:
             raise InputError(f"bag '{path}' holds no message: record it again")
         self._names = self._renamed(remap or {})
-
-    @property
-    def topics(self) -> dict[str, str]:
-        """Types of all topics by their names in the bag."""
-        return dict(self._types)
 
     def matches(self, name: str) -> list[str]:
         """Return the names in the bag of the topics that a relative name may stand for, within any one namespace."""
@@ -125,7 +134,7 @@ class Bag:
             raise InputError(
                 f"bag '{self.path}' has several topics '{name}': {', '.join(found)}; choose one by --remap"
             )
-        msgtype = self._types[found[0]]
+        msgtype = self.topics[found[0]]
         if msgtypes and msgtype not in msgtypes:
             raise InputError(
                 f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is needed as '{name}'"
@@ -145,8 +154,7 @@ class Bag:
         Raises:
             InputError: If the bag is broken, or a name stands for several topics.
         """
-        types = {"image_rect": (IMAGE, COMPRESSED)}
-        found = [self.find(name, *types.get(name.rsplit("/", 1)[-1], ())) for name in names]
+        found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith("image_rect") else ())) for name in names]
         for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
             yield topic.name, topic.msgtype, stamp_ns, raw
 
@@ -204,10 +212,10 @@ class Bag:
 
     def _renamed(self, remap: Mapping[str, str]) -> dict[str, str]:
         wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
-        names = {topic: topic.strip("/") for topic in self._types}
+        names = {topic: topic.strip("/") for topic in self.topics}
         for old, new in wanted.items():
             if old not in names.values():
-                near = _near(old, sorted(self._types))
+                near = _near(old, sorted(self.topics))
                 raise InputError(f"bag '{self.path}' has no topic '{old}' to remap as '{new}': {near}")
             if not any(f"/{new}".endswith(f"/{name}") for name in TOPICS_READ):
                 raise ConfigError(
@@ -236,18 +244,6 @@ class Bag:
             ) from error
 
 
-def _types_of(readers: list[BagReader]) -> dict[str, str]:
-    """Return the types of all topics; a database can hold values of any kind in any column.
-
-    Raises:
-        TypeError: If a name or a type is not text.
-    """
-    types = {c.topic: c.msgtype for reader in readers for c in reader.connections}
-    if not all(isinstance(text, str) for pair in types.items() for text in pair):
-        raise TypeError("the name or the type of a topic is not text")
-    return types
-
-
 def _header_stamp(raw: bytes) -> int:
     """Return the stamp of a message that begins with a header, without deserialising it (CDR, XTypes 1.3, 7.4)."""
     seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
@@ -263,3 +259,92 @@ def _near(name: str, known: Sequence[str]) -> str:
 def _line(error: Exception) -> str:
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}"[:300] if text else type(error).__name__
+
+
+def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of a message of any library
+    """Return the rigid motion of a translation (or position) and a quaternion of a message.
+
+    Raises:
+        GeometryError: If it is none.
+    """
+    return Transform.from_quat(
+        (position.x, position.y, position.z), (orientation.x, orientation.y, orientation.z, orientation.w)
+    )
+
+
+def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
+    """Read the poses of an odometry topic in the order of recording, and their covariances `(N, 6, 6)` (m^2, rad^2).
+
+    Raises:
+        InputError: If a pose is not finite or its quaternion has no length.
+    """
+    stamps, rows, covariances = [], [], []
+    for _, stamp_ns, message in bag.messages([topic]):
+        position, quat = message.pose.pose.position, message.pose.pose.orientation
+        stamps.append(stamp_ns)
+        rows.append((position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w))
+        covariances.append(message.pose.covariance)
+    values = np.array(rows, np.float64).reshape(-1, 7)
+    try:
+        trajectory = Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, 3:].copy())
+    except GeometryError as error:
+        raise InputError(f"'{topic.bag_name}' of bag '{bag.path}': {error}") from error
+    return trajectory, np.array(covariances, np.float64).reshape(-1, 6, 6)
+
+
+def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
+    """Read the poses of an odometry topic by its relative name; None if the bag has none.
+
+    Args:
+        bag: The bag.
+        name: `ground_truth/odometry` or `localisation/odometry`, within any one namespace.
+
+    Raises:
+        InputError: If a pose is not finite, its quaternion has no length, or stamps go backwards.
+    """
+    topic = bag.find(name, ODOMETRY)
+    if topic is None:
+        return None
+    trajectory, _ = read_odometry(bag, topic)
+    check_order(trajectory.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
+    return trajectory if len(trajectory) else None
+
+
+def read_extrinsics(bag: Bag) -> Transform | None:
+    """Return `T_rb_sb` of `/tf_static`, else of the parameters of the localisation node that was recorded, or None.
+
+    A recording of nodes that have it as a parameter may be without `/tf_static`, which needs tf2_msgs.
+
+    Raises:
+        InputError: If it is there but no rigid motion.
+    """
+    topic = bag.find("tf_static", TF)
+    if topic is not None:
+        frames = FrameTree()
+        for _, _, message in bag.messages([topic]):
+            for item in message.transforms:
+                try:
+                    pose = pose_of(item.transform.translation, item.transform.rotation)
+                except GeometryError as error:
+                    raise InputError(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}': {error}") from error
+                frames.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
+        found = frames.find(RB_FRAME, LOCSB_FRAME)
+        if found is not None:
+            return found
+    names = [name for name in bag.matches(CONFIGURATION) if bag.topics[name] == STRING]
+    if len(names) != 1:  # none, or of several rovers
+        return None
+    message = bag.first([Topic(CONFIGURATION, names[0], STRING)]).get(CONFIGURATION)
+    if message is None:
+        return None
+    try:
+        values = parse_json(message.data)
+        translation, quat = (values.get(f"T_rb_locsb.{name}", []) for name in ("translation_m", "quat_xyzw"))
+        if not any(quat):  # not given
+            return None
+        transform = Transform.from_quat(np.array(translation, np.float64), np.array(quat, np.float64))
+        check_extrinsics(transform.translation)
+    except (GeometryError, ValueError, TypeError, AttributeError) as error:
+        where = f"'{names[0]}' of bag '{bag.path}'"
+        raise InputError(f"{where}: T_rb_locsb cannot be read: {error}; leave the topic out") from error
+    return transform

@@ -1,23 +1,20 @@
-"""The files of a bag: how it is detected, and which of them a reader opens."""
+"""The files of a bag: how it is detected and whether they are whole, without the library of the bags."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import check_regular
-from sfr_loc_map.io.sqlite_check import check_whole
-
-if TYPE_CHECKING:
-    from sfr_loc_map.io.mcap_recovery import RecoveringReader
-    from sfr_loc_map.io.ros1_bag import Ros1Reader
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_MAGIC = b"#ROSBAG"
 ROS1_SUFFIXES = (".bag", ".active")
 """Endings of files: finished ones, and those of a recorder that was killed."""
-BagReader: TypeAlias = "RecoveringReader | Ros1Reader"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+SQLITE_MAGIC = b"SQLite format 3\x00"
+SQLITE_HEADER_BYTES = 100
+LARGEST_PAGE = 65536
 
 
 def is_bag(path: Path) -> bool:
@@ -38,17 +35,6 @@ def is_ros1_bag(path: Path) -> bool:
         return False
 
 
-def reader_of(file: Path) -> BagReader:
-    """Return what reads a file or folder of `reader_paths`; only then the library of the bags is loaded."""
-    if is_ros1_bag(file):
-        from sfr_loc_map.io.ros1_bag import Ros1Reader
-
-        return Ros1Reader(file)
-    from sfr_loc_map.io.mcap_recovery import RecoveringReader
-
-    return RecoveringReader(file)
-
-
 def reader_paths(path: Path) -> list[Path]:
     """Return what readers shall open: the folder, or the storage files where metadata.yaml is missing.
 
@@ -59,9 +45,14 @@ def reader_paths(path: Path) -> list[Path]:
         raise InputError(f"there is no bag '{path}': give its folder or its .mcap, .db3 or .bag file")
     files = _storage_files(path) if path.is_dir() else [path]
     for file in files:
-        _require_regular(file)
+        try:
+            check_regular(file)
+        except OSError as error:
+            raise InputError(
+                f"bag '{file}' cannot be read: {error.strerror}; give a .mcap, .db3 or .bag file"
+            ) from error
         if file.suffix == ".db3":
-            check_whole(file)
+            check_database(file)
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return [path]
     if not files:
@@ -69,12 +60,35 @@ def reader_paths(path: Path) -> list[Path]:
     return files
 
 
+def check_database(path: Path) -> None:
+    """Compare the size of an SQLite file with what its header says (SQLite's file format, section 1.3).
+
+    Some versions of the library read a file that was cut off without a word. Other files are left to the library.
+
+    Raises:
+        InputError: If the file is shorter.
+    """
+    with path.open("rb") as stream:
+        header = stream.read(SQLITE_HEADER_BYTES)
+    if len(header) < SQLITE_HEADER_BYTES or not header.startswith(SQLITE_MAGIC) or header[24:28] != header[92:96]:
+        return  # not such a file, or the number of pages in it is not kept
+    page = int.from_bytes(header[16:18], "big")
+    wanted = int.from_bytes(header[28:32], "big") * (LARGEST_PAGE if page == 1 else page)
+    size = path.stat().st_size
+    if size < wanted:
+        raise InputError(f"'{path}' is cut off: {size} of {wanted} bytes are there; copy or record it again")
+
+
+def is_unfinished(path: Path) -> bool:
+    """Tell whether a file is mcap that was not closed."""
+    try:
+        with path.open("rb") as stream:
+            begins = stream.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+            stream.seek(max(path.stat().st_size - len(MCAP_MAGIC), 0))
+            return begins and stream.read() != MCAP_MAGIC
+    except OSError:
+        return False
+
+
 def _storage_files(folder: Path) -> list[Path]:
     return sorted(file for suffix in STORAGE_SUFFIXES for file in folder.glob(f"*{suffix}"))
-
-
-def _require_regular(file: Path) -> None:
-    try:
-        check_regular(file)
-    except OSError as error:
-        raise InputError(f"bag '{file}' cannot be read: {error.strerror}; give a .mcap, .db3 or .bag file") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,11 @@ from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S, Side
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TF, TYPESTORE
 from sfr_loc_map.io.camera_info import projection
 from sfr_loc_map.io.image_codec import encode_jpeg
-from sfr_loc_map.io.trajectory_file import check_stamp
 
-Side = Literal["left", "right"]
 FLOAT32 = 7
 """Code of a 32-bit float in sensor_msgs/PointField."""
 _T = TYPESTORE.types
@@ -27,10 +26,11 @@ def header(stamp_ns: int, frame: str) -> Any:  # noqa: ANN401 - types of the bag
     """Return a std_msgs/Header.
 
     Raises:
-        OutputError: If the stamp does not fit.
+        OutputError: If the stamp does not fit (seconds in 32 bit).
     """
-    check_stamp(stamp_ns)
-    time = _T["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 1_000_000_000))
+    if not 0 <= stamp_ns < 2**31 * NS_PER_S:
+        raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are possible")
+    time = _T["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NS_PER_S))
     return _T["std_msgs/msg/Header"](time, frame)
 
 

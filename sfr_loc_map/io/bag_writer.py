@@ -1,11 +1,19 @@
-"""Writes a drive and mapping pairs as a ROS 2 bag, as a stream."""
+"""Writes ROS 2 bags: a drive and mapping pairs as a stream, or messages as they come.
+
+A recording (`BagRecorder`, mcap) may end by a crash: after each chunk the file gets an end record, which the next chunk
+overwrites, so that any reader takes what is there; a bag that was closed has an index and metadata.yaml as well. What a
+crash of the host may cost is bounded by writing to the disk each second.
+"""
 
 from __future__ import annotations
 
+import os
 import sqlite3
+import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal
@@ -15,16 +23,38 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.rosbag2.storage_mcap import McapWriter
 
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io import bag_messages as messages
 from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.io.bag_files import MCAP_MAGIC
 
 Storage = Literal["mcap", "sqlite3"]
 STORAGE_BY_SUFFIX: dict[str, Storage] = {".mcap": "mcap", ".bag": "mcap", ".db3": "sqlite3"}
 """Storage of a bag by the ending of its name; other names are data set folders."""
 CHUNK_HEAD = 9 + 24
 """Bytes from the start of an mcap chunk record to its CRC: opcode and length, two times and the size (mcap 1.0)."""
+CHUNK_BYTES = 8 * 2**20
+"""Of a recording."""
+SYNC_S = 1.0
+DATA_END = b"\x0f" + (4).to_bytes(8, "little") + bytes(4)
+FOOTER = b"\x02" + (20).to_bytes(8, "little") + bytes(20)
+END = DATA_END + FOOTER + MCAP_MAGIC
+"""End of a file without an index (mcap specification: Data End, Footer, Magic)."""
+NEVER = QosTime(0, 0)
+LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    NEVER,
+    NEVER,
+    QosLiveliness.AUTOMATIC,
+    NEVER,
+    False,
+)
+"""Profile of `/tf_static`: reliable, the last one is kept for late listeners."""
 
 
 class CheckedMcapWriter(McapWriter):
@@ -82,8 +112,7 @@ class BagWriter:
         self._jpeg_quality = jpeg_quality
         self._truth_grid_m = truth_grid_m
         self._connections: dict[str, Any] = {}
-        self._rigs: dict[str, StereoRig] = {}
-        self._static_written = False
+        self._rigs: dict[Task, StereoRig] = {}
 
     def __enter__(self) -> BagWriter:
         """Open the bag."""
@@ -100,51 +129,45 @@ class BagWriter:
 
     def write_loc_rig(self, rig: StereoRig) -> None:
         """Set the rig of the localisation cameras; comes before their first pair."""
-        self._rigs["loc"] = rig
+        self._rigs[Task.LOCALISATION] = rig
 
     def write_nav_rig(self, rig: StereoRig) -> None:
         """Set the rig of the navigation cameras; comes before their first pair."""
-        self._rigs["nav"] = rig
+        self._rigs[Task.MAPPING] = rig
 
     def write_loc_pair(self, pair: StereoPair) -> None:
         """Write a pair of the drive, with its camera_info, and `/tf_static` before the first."""
-        if not self._static_written:
-            self._write_static(pair.stamp_ns)
-        self._write_pair("loc", pair)
+        if "/tf_static" not in self._connections:
+            transforms = messages.static_transforms(pair.stamp_ns, self._rigs[Task.LOCALISATION])
+            self._write("/tf_static", pair.stamp_ns, transforms, (LATCHED,))
+        self._write_pair(Task.LOCALISATION, pair)
 
     def write_nav_pair(self, nav: PosedStereoPair) -> None:
         """Write a mapping pair with its pose, camera_info and truth."""
         stamp = nav.pair.stamp_ns
-        self._write("nav/pose", stamp, messages.pose(stamp, nav.T_lm_navsb))
-        self._write_pair("nav", nav.pair)
+        self._write("/nav/pose", stamp, messages.pose(stamp, nav.T_lm_navsb))
+        self._write_pair(Task.MAPPING, nav.pair)
         if nav.truth is not None:
-            self._write("ground_truth/points", stamp, messages.points(stamp, nav.truth, self._truth_grid_m))
+            self._write("/ground_truth/points", stamp, messages.points(stamp, nav.truth, self._truth_grid_m))
 
     def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
         """Write one true pose of RB in DS."""
-        self._write("ground_truth/odometry", stamp_ns, messages.odometry(stamp_ns, position, quat_xyzw))
+        self._write("/ground_truth/odometry", stamp_ns, messages.odometry(stamp_ns, position, quat_xyzw))
 
-    def _write_pair(self, task: str, pair: StereoPair) -> None:
-        rig = self._rigs[task]
-        self._write_image(task, "left", pair.stamp_ns, pair.left)
-        self._write_image(task, "right", pair.stamp_ns, pair.right)
-        self._write(f"{task}/left/camera_info", pair.stamp_ns, messages.camera_info(pair.stamp_ns, rig, task, "left"))
-        self._write(f"{task}/right/camera_info", pair.stamp_ns, messages.camera_info(pair.stamp_ns, rig, task, "right"))
+    def _write_pair(self, task: Task, pair: StereoPair) -> None:
+        stamp, name = pair.stamp_ns, task.rig
+        for side, image in zip(SIDES, (pair.left, pair.right), strict=True):
+            topic = f"/{name}/{side}/image_rect"
+            if self._jpeg_quality is None:
+                self._write(topic, stamp, messages.image(stamp, image, name, side))
+            else:
+                jpeg = messages.jpeg_image(stamp, image, name, side, self._jpeg_quality)
+                self._write(f"{topic}/compressed", stamp, jpeg)
+        for side in SIDES:
+            info = messages.camera_info(stamp, self._rigs[task], name, side)
+            self._write(f"/{name}/{side}/camera_info", stamp, info)
 
-    def _write_image(self, task: str, side: messages.Side, stamp_ns: int, image: GreyImage) -> None:
-        topic = f"{task}/{side}/image_rect"
-        if self._jpeg_quality is None:
-            self._write(topic, stamp_ns, messages.image(stamp_ns, image, task, side))
-        else:
-            message = messages.jpeg_image(stamp_ns, image, task, side, self._jpeg_quality)
-            self._write(f"{topic}/compressed", stamp_ns, message)
-
-    def _write_static(self, stamp_ns: int) -> None:
-        self._write("/tf_static", stamp_ns, messages.static_transforms(stamp_ns, self._rigs["loc"]), (_latched(),))
-        self._static_written = True
-
-    def _write(self, topic: str, stamp_ns: int, message: Any, qos: tuple[Qos, ...] = ()) -> None:  # noqa: ANN401
-        name = "/" + topic.lstrip("/")
+    def _write(self, name: str, stamp_ns: int, message: Any, qos: tuple[Qos, ...] = ()) -> None:  # noqa: ANN401
         with _database_errors():
             if name not in self._connections:
                 self._connections[name] = self._writer.add_connection(
@@ -166,17 +189,198 @@ def _database_errors() -> Iterator[None]:
         raise OSError(str(error)) from error
 
 
-def _latched() -> Qos:
-    """Return the profile of `/tf_static`: reliable, the last one is kept for late listeners."""
-    never = QosTime(0, 0)
-    return Qos(
-        QosHistory.KEEP_LAST,
-        1,
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL,
-        never,
-        never,
-        QosLiveliness.AUTOMATIC,
-        never,
-        False,
-    )
+class _Part(BytesIO):
+    """What is to be written at an offset of the file; positions count from the start of the file."""
+
+    def __init__(self, begin: int) -> None:
+        super().__init__()
+        self._begin = begin
+
+    def tell(self) -> int:
+        return super().tell() + self._begin
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return super().seek(offset - self._begin, whence) + self._begin
+
+    def close(self) -> None:
+        """Keep what is to be written; the memory is freed with the object."""
+
+
+class _SafeMcapWriter(CheckedMcapWriter):
+    """Writes chunk and end in one go; when the disk is full the file keeps what it had."""
+
+    bio: Any
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        self._file = self.bio
+        self._offset = self.bio.tell()
+        self._file.flush()
+        self.bio = _Part(self._offset)
+        self._put(END)
+
+    def close_chunk(self) -> None:
+        """End the chunk if it is large enough."""
+        if self.chunk.bio.tell() > CHUNK_BYTES:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what has been gathered."""
+        if not self.chunk.bio.tell():
+            return
+        super().close_chunk()
+        data = self.bio.getvalue()
+        self._put(data + END)
+        self._offset += len(data)
+        self.bio = _Part(self._offset)
+
+    def sync(self) -> None:
+        """Let the system bring to the disk what was written."""
+        os.fdatasync(self._file.fileno())
+
+    def close(self, version: int, metadata: str) -> None:
+        """Write the index."""
+        self.flush()
+        super().close(version, metadata)
+        self._put(self.bio.getvalue())
+        self.sync()
+        self._file.close()
+
+    def abort(self) -> None:
+        """Leave the file as it is: it has an end."""
+        self._file.close()
+
+    def _put(self, data: bytes) -> None:
+        number, done = self._file.fileno(), 0
+        try:
+            while done < len(data):
+                done += os.pwrite(number, memoryview(data)[done:], self._offset + done)
+        except OSError:
+            os.ftruncate(number, self._offset)
+            os.pwrite(number, END, self._offset)
+            raise
+
+
+class _SafeWriter(Writer):
+    STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: _SafeMcapWriter})
+
+
+class BagRecorder:
+    """A bag that messages are added to as they come; a context manager. What was flushed stays, however it ends.
+
+    Attributes:
+        count: Messages added.
+    """
+
+    def __init__(self, path: Path, *, zstd: bool = False) -> None:
+        """Prepare a bag.
+
+        Args:
+            path: Folder of the bag; must not exist.
+            zstd: Whether chunks are compressed.
+
+        Raises:
+            OutputError: If something is there.
+        """
+        if path.exists():
+            raise OutputError(f"cannot record to '{path}': it exists; choose another name")
+        self.path = path
+        self.count = 0
+        self._writer = _SafeWriter(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        if zstd:
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._last_ns = 0
+        self._stop = threading.Event()
+        self._syncing = threading.Thread(target=self._sync, name="sync", daemon=True)
+
+    def __enter__(self) -> BagRecorder:
+        """Make the bag.
+
+        Raises:
+            OutputError: If that is not possible.
+        """
+        try:
+            self._writer.open()
+        except OSError as error:
+            raise OutputError(f"cannot record to '{self.path}': {error.strerror}; choose another path") from error
+        self._syncing.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the bag; after an error it stays as it is, which any reader can read.
+
+        Raises:
+            OutputError: If the disk is full.
+        """
+        self._stop.set()
+        self._syncing.join()
+        if kind is not None:
+            self._writer.abort()
+            return
+        try:
+            self._writer.close()
+        except OSError as failure:
+            self._writer.abort()
+            raise self._broke_off(failure) from failure
+
+    def add_topic(self, name: str, msgtype: str, definition: str, type_hash: str, offers: Sequence[Qos]) -> Any:  # noqa: ANN401
+        """Add a topic.
+
+        Args:
+            name: With leading slash.
+            msgtype: As `sensor_msgs/msg/Image`.
+            definition: Text of the type and those within it, as mcap has it; may be empty.
+            type_hash: RIHS01 of the type.
+            offers: Quality of service of its publishers.
+
+        Returns:
+            What `write` takes.
+        """
+        return self._writer.add_connection(
+            name, msgtype, msgdef=definition, rihs01=type_hash, offered_qos_profiles=offers
+        )
+
+    def write(self, topic: Any, received_ns: int, raw: bytes) -> None:  # noqa: ANN401
+        """Add a serialised message.
+
+        Raises:
+            OutputError: If the disk is full; what was flushed before stays.
+        """
+        self._last_ns = max(self._last_ns, received_ns)  # files without an index are read in the order of time
+        try:
+            self._writer.write(topic, self._last_ns, raw)
+        except OSError as error:
+            raise self._broke_off(error) from error
+        self.count += 1
+
+    def flush(self) -> None:
+        """Make what was added readable for others.
+
+        Raises:
+            OutputError: If the disk is full.
+        """
+        try:
+            self._storage.flush()
+        except OSError as error:
+            raise self._broke_off(error) from error
+
+    @property
+    def _storage(self) -> _SafeMcapWriter:
+        assert isinstance(self._writer.storage, _SafeMcapWriter)
+        return self._writer.storage
+
+    def _sync(self) -> None:
+        storage = self._storage
+        while not self._stop.wait(SYNC_S):
+            try:
+                storage.sync()
+            except OSError:
+                return  # the next write says it
+
+    def _broke_off(self, error: OSError) -> OutputError:
+        return OutputError(
+            f"recording to '{self.path}' broke off after {self.count} messages: {error.strerror}; all but the last "
+            f"second is there, free some space and record on under another name"
+        )

@@ -63,7 +63,7 @@ class LoadedCloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudRecords:
-    """What a cloud file holds: values of each field, one a point, and what it says of the cloud, None where it does not."""
+    """What a cloud file holds: values of each field, one a point; what it says of the cloud, None where nothing."""
 
     columns: dict[str, NDArray[Any]]
     fused: bool | None = None

@@ -5,8 +5,8 @@
     mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
 
 Images are rectified here, unless they are already: equal cameras without distortion, side by side. RB is the body frame
-B, DS the world frame of the truth, whose rate is kept. Written images are rectified; B is SB where the rig's pose on the
-rover is not known, and the truth is left out then. It has positions and orientations alone.
+B, DS the world frame of the truth, whose rate is kept. Written images are rectified; B is SB where the rig's pose on
+the rover is not known, and the truth is left out then. It has positions and orientations alone.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def _projection(file: Path) -> tuple[FloatArray, FloatArray]:
 
 
 def _extrinsics(folder: Path, rig: StereoRig, turn: FloatArray) -> Transform | None:
-    """Return `T_rb_sb`, None where the files for it are not there; `turn` takes the left camera to the rectified one."""
+    """Return `T_rb_sb`, None without the files for it; `turn` takes the left camera to the rectified one."""
     files = [folder / name for name in (BETWEEN, TO_LEFT, TO_BODY)]
     if not all(file.is_file() for file in files):
         return None

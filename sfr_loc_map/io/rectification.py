@@ -80,9 +80,7 @@ class RawCamera:
                 f"{name}/camera_info has binning or a region of interest: send whole images to be rectified"
             )
         if not np.isfinite([*d, *k, *r, *p]).all() or k[0] <= 0.0 or k[4] <= 0.0 or p[0] <= 0.0:
-            raise InputError(
-                f"{name}/camera_info has no k or p, or numbers that are not finite: calibrate the camera"
-            )
+            raise InputError(f"{name}/camera_info has no k or p, or numbers that are not finite: calibrate the camera")
         r = r if any(r) else tuple(np.eye(3).reshape(-1).tolist())
         rotation = np.reshape(r, (3, 3))
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:

@@ -220,9 +220,7 @@ def _parse_kitti(path: Path, data: bytes, name: str) -> LoadedTrajectory:
         said = "numbers of the lines, 1 s apart"
     else:
         stamps_ns, said = read_times(times, len(positions)), str(times)
-    return LoadedTrajectory(
-        path, Trajectory(stamps_ns, positions, quats), TrajectoryFormat.KITTI, said, times is None
-    )
+    return LoadedTrajectory(path, Trajectory(stamps_ns, positions, quats), TrajectoryFormat.KITTI, said, times is None)
 
 
 def times_beside(path: Path) -> Path:
@@ -236,7 +234,9 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
     Raises:
         InputError: If it cannot be read, or does not hold `count` of them.
     """
-    table = parse_table(read_data(path, "give the seconds of each pose"), f"'{path}'", "seconds", (0,), stamp=parse_seconds)
+    table = parse_table(
+        read_data(path, "give the seconds of each pose"), f"'{path}'", "seconds", (0,), stamp=parse_seconds
+    )
     if count not in (None, len(table.lines)):
         raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one for each is needed")
     return table.stamps_ns
@@ -277,7 +277,9 @@ def _evo_member(path: Path, names: list[str], info: object, role: str) -> str:
             "evo, or give the files themselves"
         )
     said = info if isinstance(info, dict) else {}
-    named = {key: [name for name in poses if name.rpartition(".")[0] == said.get(key)] for key in ("est_name", "ref_name")}
+    named = {
+        key: [name for name in poses if name.rpartition(".")[0] == said.get(key)] for key in ("est_name", "ref_name")
+    }
     wanted, other = ("est_name", "ref_name") if role == "estimate" else ("ref_name", "est_name")
     rest = [name for name in poses if name not in named[other]]
     if not named[wanted] and len(rest) != 1:

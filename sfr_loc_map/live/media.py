@@ -13,9 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.io.image_codec import decode_grey, encode_jpeg
-from sfr_loc_map.io.image_header import JPEG_MAGIC, claimed_size
-from sfr_loc_map.io.point_image import points_image
+from sfr_loc_map.io.image_codec import JPEG_MAGIC, claimed_size, decode_grey, encode_jpeg, points_image
 from sfr_loc_map.live.updates import ELEVATION, CloudSample, ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
 

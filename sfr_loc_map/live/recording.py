@@ -23,9 +23,8 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, parse_json, read_table, read_text
-from sfr_loc_map.io.bag import ODOMETRY, Bag
+from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, Bag, read_trajectory
 from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_trajectory
 from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import MethodError
-from sfr_loc_map.inputs import parse_yaml
-from sfr_loc_map.io.hashing import hash_path
+from sfr_loc_map.inputs import hash_path, parse_yaml
 from sfr_loc_map.methods.method import OURS, Method, MethodTask
 from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
 

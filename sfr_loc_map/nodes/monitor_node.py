@@ -26,8 +26,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, Side, parse_json
 from sfr_loc_map.io.camera_info import rig_from_camera_info
-from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.io.point_image import points_image
+from sfr_loc_map.io.image_codec import points_image, stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import load_limits

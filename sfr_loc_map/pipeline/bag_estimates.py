@@ -12,8 +12,7 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag import ODOMETRY, TF, Bag, Topic
-from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_odometry, read_trajectory
+from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, TF, Bag, Topic, read_odometry, read_trajectory
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.pipeline.call_stats import CallRecord, call_of, stats_of
 
@@ -35,11 +34,11 @@ def bag_estimates(path: Path) -> Estimates:
             f"bag '{path}' has no topic localisation/odometry: it has {', '.join(list(bag.topics)[:8])}; give a bag "
             "with estimates, or a TUM or csv file"
         )
-    odometry = read_odometry(bag, topic)
-    covariance = odometry.covariance[:, *UPPER]
+    trajectory, covariances = read_odometry(bag, topic)
+    covariance = covariances[:, *UPPER]
     known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan) if covariance.any() else None
     calls = _calls_of(bag, topic)
-    said = stats_of(calls).estimates(odometry.trajectory) if calls else Estimates.of(odometry.trajectory)
+    said = stats_of(calls).estimates(trajectory) if calls else Estimates.of(trajectory)
     return replace(said, lost=lost_by_covariance(covariance), covariance=known)
 
 

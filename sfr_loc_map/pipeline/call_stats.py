@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_table
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.text_numbers import parse_stamp_ns
+from sfr_loc_map.io.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.calls import Calls, stage_of

@@ -19,12 +19,11 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX, BagWriter
-from sfr_loc_map.io.euroc_writer import EurocWriter
-from sfr_loc_map.io.folder_writer import FolderWriter
-from sfr_loc_map.io.kitti_writer import KittiWriter
+from sfr_loc_map.io.euroc import EurocWriter
+from sfr_loc_map.io.folder import FolderWriter
+from sfr_loc_map.io.kitti import KittiWriter
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
-from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.io.trajectory_formats import FILE_SUFFIXES, format_of_name, write_trajectory_file
+from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, format_of_name, save_trajectory
 from sfr_loc_map.simulation.faults import Fault
 from sfr_loc_map.simulation.perturber import Perturber
 
@@ -138,7 +137,7 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     """
     destination = Path(destination)
     if is_trajectory(destination):
-        write_trajectory_file(destination, trajectory)
+        save_trajectory(destination, trajectory)
     elif destination.suffix in STORAGE_BY_SUFFIX:
         storage = STORAGE_BY_SUFFIX[destination.suffix]
         with atomic_path(destination) as temporary, BagWriter(temporary, storage) as writer:

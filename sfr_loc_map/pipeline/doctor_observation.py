@@ -15,9 +15,8 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, Bag, Topic
-from sfr_loc_map.io.bag_poses import read_extrinsics
-from sfr_loc_map.io.bag_sequence import LOCSB_FRAME, RAW, RB_FRAME, RECTIFIED
+from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, Bag, Topic, read_extrinsics
+from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 
@@ -233,7 +232,7 @@ def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool)
     collector = _BagCollector(bag, {n: t for n, t in topics.items() if t.types[0] in allowed_types(n)})
     try:
         collector.read()
-        in_tf = read_extrinsics(bag, RB_FRAME, LOCSB_FRAME) is not None
+        in_tf = read_extrinsics(bag) is not None
     except InputError as error:
         broken = str(error)
     return Observation(

@@ -94,9 +94,6 @@ def compile_kernels(parts: list[str]) -> None:
         raise ConfigError(f"no kernels of '{unknown[0]}': give some of {', '.join(PARTS)}")
     for part in parts:
         PARTS[part]()
-    from sfr_loc_map.io import resampling
-
-    resampling.warm_up()  # raw images may come to any part, which loads it before the first of them
 
 
 class _Progress(event.Listener):

@@ -18,15 +18,18 @@ from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S, hash_arrays, hash_path
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
-from sfr_loc_map.io.evo_result import evo_result_bytes
-from sfr_loc_map.io.hashing import hash_arrays, hash_path
-from sfr_loc_map.io.trajectory_file import trajectory_text
-from sfr_loc_map.io.trajectory_formats import FOREIGN, LoadedTrajectory, read_trajectory_file
+from sfr_loc_map.io.trajectory_file import (
+    FOREIGN,
+    LoadedTrajectory,
+    evo_result_bytes,
+    read_trajectory_file,
+    trajectory_text,
+)
 from sfr_loc_map.metrics.aligned_error import absolute_errors, aligned_errors, aligned_poses
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, score_calls, score_target, with_external
@@ -339,20 +342,20 @@ def load_drive(estimate: Path | Trajectory, truth: Path | Trajectory, stats: Seq
         InputError: If there are none, or poses without stamps are not as many as the other ones.
     """
     if not isinstance(truth, Path):
-        true_poses = LoadedTrajectory.of(Path(IN_MEMORY), truth)
+        true_poses = LoadedTrajectory(Path(IN_MEMORY), truth)
     elif _holds_source(truth):
-        true_poses = LoadedTrajectory.of(truth, load_truth(truth))
+        true_poses = LoadedTrajectory(truth, load_truth(truth))
     else:
         true_poses = read_trajectory_file(truth, "truth")
     if isinstance(estimate, Path) and is_bag(estimate):
         estimates = load_estimates(estimate)
-        true_poses = true_poses.with_stamps_of(LoadedTrajectory.of(estimate, estimates.trajectory))
+        true_poses = true_poses.with_stamps_of(LoadedTrajectory(estimate, estimates.trajectory))
         loaded = [true_poses]
     else:
         read = (
             read_trajectory_file(estimate)
             if isinstance(estimate, Path)
-            else LoadedTrajectory.of(Path(IN_MEMORY), estimate)
+            else LoadedTrajectory(Path(IN_MEMORY), estimate)
         )
         read, true_poses = read.with_stamps_of(true_poses), true_poses.with_stamps_of(read)
         estimates, loaded = estimates_of(read.trajectory, stats), [read, true_poses]
@@ -517,7 +520,9 @@ def save_evo_result(
     info = {"title": ape.description, "label": "APE (m)", **names}
     arrays = {"error_array": errors, "timestamps": seconds, "seconds_from_start": seconds - seconds[0]}
     texts = {
-        f"{names[key]}.tum": trajectory_text(Trajectory(poses.stamps_ns, each.positions, each.quats), tum=True)
+        f"{names[key]}.tum": trajectory_text(
+            Trajectory(poses.stamps_ns, each.positions, each.quats), TrajectoryFormat.TUM
+        )
         for key, each in (("est_name", poses.estimate), ("ref_name", poses.truth))
     }
     data = evo_result_bytes(info, stats | {"sse": float(np.square(errors).sum())}, arrays, texts)

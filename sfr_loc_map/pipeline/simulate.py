@@ -29,10 +29,9 @@ from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX
-from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN
+from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, rig_json
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.rig_file import rig_json
 from sfr_loc_map.io.trajectory_file import trajectory_text
 from sfr_loc_map.pipeline.convert import ConvertOptions, convert
 from sfr_loc_map.simulation.config import SimulationConfig
@@ -247,5 +246,5 @@ def _write_lists(plan: Plan, task: Task, folder: Path) -> None:
         rows.append(",".join(row))
     header = LOC_COLUMNS if task is Task.LOCALISATION else (*NAV_COLUMNS, TRUTH_COLUMN)
     if task is Task.LOCALISATION:
-        _write(folder / "groundtruth.csv", trajectory_text(plan.trajectory(), tum=False).encode())
+        _write(folder / "groundtruth.csv", trajectory_text(plan.trajectory()).encode())
     _write(folder / "pairs.csv", ("\n".join([",".join(header), *rows]) + "\n").encode())

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.hashing import hash_path
+from sfr_loc_map.inputs import hash_path
 
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg")
 """Libraries that can change a figure."""

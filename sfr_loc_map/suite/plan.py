@@ -11,7 +11,7 @@ from typing import Any
 
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
-from sfr_loc_map.io.hashing import hash_path
+from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.fingerprint import SourceFacts, code_fingerprint
 from sfr_loc_map.suite.remote import expand, is_remote, remote_facts

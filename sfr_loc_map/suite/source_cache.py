@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.io.hashing import hash_path
+from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.suite.fingerprint import FileStamp
 from sfr_loc_map.suite.remote import download, remote_facts
 

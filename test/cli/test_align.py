@@ -14,7 +14,7 @@ from cli_result import Sfr
 
 import sfr_loc_map
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.trajectory_formats import write_trajectory_file
+from sfr_loc_map.io.trajectory_file import save_trajectory
 
 
 @pytest.fixture
@@ -25,8 +25,8 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     quats = np.column_stack((np.zeros((60, 2)), np.sin(angle / 2), np.cos(angle / 2)))
     truth = Trajectory(10**18 + np.arange(60) * 10**8, positions, quats)
     estimate = replace(truth, positions=1.02 * positions + [0.0, 1.0, 0.0])
-    write_trajectory_file(tmp_path / "estimate.kitti", estimate)
-    write_trajectory_file(tmp_path / "truth.euroc.csv", truth)
+    save_trajectory(tmp_path / "estimate.kitti", estimate)
+    save_trajectory(tmp_path / "truth.euroc.csv", truth)
     return tmp_path / "estimate.kitti", tmp_path / "truth.euroc.csv"
 
 

@@ -11,7 +11,7 @@ import pytest
 from cli_result import Sfr
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.trajectory_formats import read_trajectory_file, write_trajectory_file
+from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.metrics.aligned_error import curves_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.report.path_figure import path_plot
@@ -30,9 +30,9 @@ def aside() -> Trajectory:
 @pytest.fixture
 def files(tmp_path: Path) -> tuple[Path, Path]:
     """Return an estimate that is 0.25 m aside, as KITTI poses without stamps, and its truth."""
-    write_trajectory_file(tmp_path / "e.kitti", aside())
+    save_trajectory(tmp_path / "e.kitti", aside())
     (tmp_path / "e.times.txt").unlink()
-    write_trajectory_file(tmp_path / "truth.tum", straight())
+    save_trajectory(tmp_path / "truth.tum", straight())
     return tmp_path / "e.kitti", tmp_path / "truth.tum"
 
 

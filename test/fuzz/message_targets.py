@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
-from sfr_loc_map.io.point_image import points_image
+from sfr_loc_map.io.image_codec import points_image
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MappingConfig

@@ -32,7 +32,6 @@ from sfr_loc_map.io.bag_writer import BagWriter
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.io.trajectory_formats import write_trajectory_file
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.pipeline.scoring import save_evo_result
 
@@ -86,7 +85,7 @@ def _trajectories(world: Path) -> None:
     shifted = [(stamp, Transform(pose.rotation, pose.translation + rng.normal(0, 0.01, 3))) for stamp, pose in poses]
     estimate = Trajectory.from_poses(iter(shifted))
     for name in ("estimate.csv", "estimate.tum", "estimate.kitti", "estimate.euroc.csv"):
-        write_trajectory_file(world / name, estimate)
+        save_trajectory(world / name, estimate)
     truth, named = Trajectory.from_poses(iter(poses)), {"est_name": "est", "ref_name": "ref"}
     save_evo_result(world / "evo.zip", estimate, truth, AlignedErrorConfig(align="none"), named)
     names = ",".join(f"cov_{i}{j}" for i in range(6) for j in range(i, 6))

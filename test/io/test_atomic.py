@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.io.atomic import atomic_path, check_output
-from sfr_loc_map.io.hashing import hash_path
 
 
 def test_file_and_folder_take_their_names_at_the_end(tmp_path: Path) -> None:

@@ -30,8 +30,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from sfr_loc_map.errors import ConfigError, InputError, OutputError, SfrError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages as messages
-from sfr_loc_map.io.bag import TYPESTORE, Bag
-from sfr_loc_map.io.bag_poses import read_trajectory
+from sfr_loc_map.io.bag import TYPESTORE, Bag, read_trajectory
 from sfr_loc_map.io.bag_sequence import open_bag
 from sfr_loc_map.io.bag_writer import CheckedWriter
 from sfr_loc_map.io.rectification import rectified_rig

@@ -8,9 +8,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from sfr_loc_map.errors import OutputError
-from sfr_loc_map.io import bag_recorder
 from sfr_loc_map.io.bag import TYPESTORE, Bag
-from sfr_loc_map.io.bag_recorder import BagRecorder
+from sfr_loc_map.io.bag_writer import BagRecorder
 
 STRING = "std_msgs/msg/String"
 
@@ -66,7 +65,7 @@ def test_an_error_leaves_what_was_flushed(tmp_path: Path) -> None:
 
 
 def test_large_chunks_are_written_without_a_flush(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bag_recorder, "CHUNK_BYTES", 3_000_000)
+    monkeypatch.setattr("sfr_loc_map.io.bag_writer.CHUNK_BYTES", 3_000_000)
     path = tmp_path / "x.mcap"
     bag, topic = started(path)
     for number in range(5):

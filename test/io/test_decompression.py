@@ -10,9 +10,10 @@ import lz4.frame
 import pytest
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import FREE_BYTES
 from sfr_loc_map.io.bag import Bag
-from sfr_loc_map.io.decompression import FREE_BYTES, check_zstd_file, decompress_lz4, decompress_zstd
-from sfr_loc_map.io.mcap_recovery import MAGIC
+from sfr_loc_map.io.bag_files import MCAP_MAGIC as MAGIC
+from sfr_loc_map.io.bag_readers import LZ4FrameDecompressor, check_zstd_file, unpack
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -21,7 +22,13 @@ else:
 
 TOO_MUCH = bytes(FREE_BYTES + 1)
 PACKERS: dict[str, Callable[[bytes], bytes]] = {"zstd": zstd.compress, "lz4": lz4.frame.compress}
-UNPACKERS = {"zstd": decompress_zstd, "lz4": decompress_lz4}
+
+
+def decompress_zstd(data: bytes, size: int | None = None) -> bytes:
+    return unpack(data, zstd.ZstdDecompressor, size)
+
+
+UNPACKERS = {"zstd": decompress_zstd, "lz4": lambda data, size: unpack(data, LZ4FrameDecompressor, size)}
 
 
 @pytest.fixture(scope="module")

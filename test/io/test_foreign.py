@@ -81,11 +81,11 @@ def test_kitti_colour_cameras_and_poses_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("times.txt", "0\nx\n", "line 2: 'x'"),
+        ("times.txt", "0\nx\n", "line 2: stamp 'x' is not a number of seconds"),
         ("times.txt", "", "no time"),
         ("times.txt", "0\n2\n1\n", "in order"),
         ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 times"),
-        ("poses.txt", "1 0 0\n" * 3, "12 finite numbers"),
+        ("poses.txt", "1 0 0\n" * 3, "line 1: 3 columns found where 12"),
         ("poses.txt", "1 0 0 nan 0 1 0 0 0 0 1 0\n" * 3, "finite"),
         ("calib.txt", "P0: 1 2 3\n", "12 finite numbers"),
         ("calib.txt", KITTI_CALIB.splitlines()[0], r"P0 and P1 are needed"),

@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -12,7 +11,6 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.camera_info import projection
 from sfr_loc_map.io.rectification import RawCamera, rectified_rig
-from sfr_loc_map.io.resampling import Resampler
 
 RIG = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
 K = (140.0, 0.0, 101.0, 0.0, 141.0, 78.0, 0.0, 0.0, 1.0)
@@ -82,16 +80,6 @@ def test_what_is_rectified_stays_as_it_is() -> None:
     _, rectifier = rectified_rig([info("left", **plain), info("right", **plain)], "loc")
     images = np.random.default_rng(1).integers(0, 256, (2, 160, 200), dtype=np.uint8)
     assert all(np.array_equal(a, b) for a, b in zip(rectifier.rectify(*images), images, strict=True))
-
-
-@pytest.mark.parametrize("shift", [(0.0, 0.0), (-3.3, 161.0), (-40.25, 7.7), (180.6, -150.4)])
-def test_resampled_pixels_are_those_of_opencv(shift: tuple[float, float]) -> None:
-    rng = np.random.default_rng(2)
-    image = rng.integers(0, 256, (160, 200), dtype=np.uint8)
-    x, y = np.meshgrid(np.arange(200) + shift[0], np.arange(160) + shift[1])
-    x, y = (np.float32(values + rng.normal(0.0, 2.0, values.shape)) for values in (x, y))
-    whole, parts = cv2.convertMaps(x, y, cv2.CV_16SC2)
-    assert np.array_equal(Resampler(whole, parts, (200, 160))(image), cv2.remap(image, whole, parts, cv2.INTER_LINEAR))
 
 
 def test_maps_are_made_once() -> None:

@@ -11,8 +11,8 @@ from made_ros1 import NOETIC, write_ros1
 from made_worlds import World, assert_is_world, assert_same_pairs, write_bag
 from rosbags.rosbag1.reader import decompressors
 
+from sfr_loc_map import inputs
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io import decompression
 from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.registry import open_source
@@ -66,7 +66,7 @@ def test_a_recording_that_was_killed_says_what_to_do(tmp_path: Path, world: Worl
 
 
 def test_what_would_fill_the_memory_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(decompression, "FREE_BYTES", 1000)
+    monkeypatch.setattr(inputs, "FREE_BYTES", 1000)
     with pytest.raises(ValueError, match="holds more than"):
         decompressors["bz2"](bz2.compress(bytes(1_000_000)))
     with pytest.raises(ValueError, match="ends within"):

@@ -24,8 +24,7 @@ from scipy.io import savemat
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.io.katwijk import _cameras
-from sfr_loc_map.io.mat_struct import load_struct
+from sfr_loc_map.io.katwijk import _load_struct, load_cameras
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
 
@@ -139,13 +138,13 @@ def test_katwijk_has_the_known_answer(tmp_path: Path, compressed: bool) -> None:
 def test_matlab_counts_pixels_from_one_and_may_write_matrices_for_rows(tmp_path: Path) -> None:
     write_katwijk(tmp_path / "Part1")
     file = tmp_path / "LocCam_calibstruct.mat"
-    np.testing.assert_array_equal(_cameras(file, (64, 48))[0].k, KATWIJK_K)
-    parameters = load_struct(file, "stereoParams")
+    np.testing.assert_array_equal(load_cameras(file, (64, 48))[0].k, KATWIJK_K)
+    parameters = _load_struct(file)
     for number in (1, 2):
         camera = parameters[f"CameraParameters{number}"]
         camera["IntrinsicMatrix"] = camera.pop("IntrinsicMatrixInternal").T
     savemat(file, {"stereoParams": parameters})
-    np.testing.assert_array_equal(_cameras(file, (64, 48))[1].k, KATWIJK_K)
+    np.testing.assert_array_equal(load_cameras(file, (64, 48))[1].k, KATWIJK_K)
 
 
 def test_broken_katwijk(tmp_path: Path) -> None:

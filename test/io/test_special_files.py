@@ -12,10 +12,10 @@ import pytest
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.io.cloud_file import load_cloud
+from sfr_loc_map.io.folder import load_rig
 from sfr_loc_map.io.image_codec import read_grey
-from sfr_loc_map.io.image_file_sequence import read_lines
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.rig_file import load_rig
+from sfr_loc_map.io.text_table import read_lines
 from sfr_loc_map.io.trajectory_file import load_trajectory
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
 from sfr_loc_map.pipeline.call_stats import load_call_stats

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.sqlite_check import check_whole
+from sfr_loc_map.io.bag_files import check_database as check_whole
 
 
 @pytest.fixture

@@ -16,9 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "io"))
 from made_worlds import World, assert_is_world, assert_same_trajectory, make_world, write_folder
 
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.io.bag import Bag
-from sfr_loc_map.io.bag_poses import GROUND_TRUTH, read_trajectory
-from sfr_loc_map.io.hashing import hash_path
+from sfr_loc_map.inputs import hash_path
+from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import load_trajectory
 from sfr_loc_map.pipeline.convert import ConvertOptions, convert, convert_trajectory

@@ -16,9 +16,9 @@ from made_worlds import assert_same_pairs, assert_same_trajectory, make_world, w
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.kitti import poses_at
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
-from sfr_loc_map.io.truth_of_pairs import poses_at
 from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, convert
 
 
@@ -94,7 +94,8 @@ def test_poses_between_others_are_interpolated() -> None:
     found = poses_at([0, 5, 10, 20, 30], poses)
     assert found is not None
     assert [pose.translation[0] for pose in found] == [0.0, 5.0, 10.0, 20.0, 30.0]
-    assert poses_at([5], poses, max_gap_ns=9) is None
+    far = [(0, poses[0][1]), (10**9 + 1, poses[1][1])]
+    assert poses_at([5], far) is None
     assert poses_at([31], poses) is None
     assert poses_at([-1], poses) is None
 

@@ -11,8 +11,14 @@ from stereo_msgs.msg import DisparityImage
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, stamp_of
-from sfr_loc_map.io.image_header import JPEG_MAGIC, PNG_MAGIC, claimed_size
+from sfr_loc_map.io.image_codec import (
+    JPEG_MAGIC,
+    PNG_MAGIC,
+    claimed_size,
+    image_from_compressed_message,
+    image_from_message,
+    stamp_of,
+)
 from sfr_loc_map.nodes.messages.fields import byte_array
 
 

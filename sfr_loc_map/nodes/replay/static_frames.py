@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sfr_loc_map.geometry.transform import Transform as RigidTransform
-from sfr_loc_map.io.bag_sequence import LOCSB_FRAME, RB_FRAME
+from sfr_loc_map.io.bag import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.pose import tf_message_type
 

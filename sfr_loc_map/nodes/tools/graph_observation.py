@@ -23,7 +23,8 @@ from rclpy.utilities import try_shutdown
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.bag_sequence import LOCSB_FRAME, RAW, RB_FRAME, RECTIFIED
+from sfr_loc_map.io.bag import LOCSB_FRAME, RB_FRAME
+from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes.diagnostics import key_values
 from sfr_loc_map.nodes.input.static_transforms import StaticTransforms

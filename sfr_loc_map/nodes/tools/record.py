@@ -22,7 +22,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io.bag_recorder import BagRecorder
+from sfr_loc_map.io.bag_writer import BagRecorder
 from sfr_loc_map.nodes.messages.message_types import definition_of, message_type
 from sfr_loc_map.nodes.process import environment
 from sfr_loc_map.nodes.process.ros_start import start_ros

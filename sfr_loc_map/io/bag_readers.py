@@ -1,0 +1,248 @@
+"""The readers of the library of bags, with bounds: whatever is compressed is bounded before it is unpacked.
+
+- ROS 2: mcap files that were not closed are read up to their last whole record: what was written whole is there, only
+  the index at the end is missing (mcap.dev/spec, "Records", "Data Section").
+- ROS 1 (format 2.0): messages are given as CDR, like those of a ROS 2 bag. Those that are read here have the same
+  fields in both; a header of ROS 1 has a sequence number besides, which is dropped.
+"""
+
+from __future__ import annotations
+
+import bz2
+import sys
+from collections.abc import Callable, Collection, Generator
+from io import BytesIO
+from pathlib import Path, PurePath
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+from rosbags import rosbag1
+from rosbags.interfaces import Connection
+from rosbags.rosbag1.reader import ChunkInfo, decompressors
+from rosbags.rosbag1.reader import ReaderError as Ros1Error
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.errors import ReaderError
+from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS, McapReader, decompress
+from rosbags.typesys import Stores, get_typestore
+
+from sfr_loc_map.inputs import check_expansion, check_regular, expansion_limit, parse_yaml, read_text
+from sfr_loc_map.io.bag_files import MCAP_MAGIC, is_ros1_bag, is_unfinished
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+HEADER, CHUNK, DATA_END = 0x01, 0x06, 0x0F
+"""Opcodes of mcap."""
+RECORD_HEAD = 9
+"""Opcode and length of a record of mcap."""
+NEVER = 2**63 - 1
+METADATA = "rosbag2_bagfile_information"
+OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+"""Older names of types of ROS 1 that are read."""
+READ_BYTES = 2**20
+_ROS1, _ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
+
+
+def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> bytes:
+    """Return what compressed frames hold.
+
+    Args:
+        data: The frames.
+        new: Makes a decompressor of one frame (of zstd, lz4, bz2).
+        size: How many bytes they are said to hold; None where that is not said.
+
+    Raises:
+        ValueError: If they hold or claim too much, or are cut off; the library's own errors if they are broken.
+    """
+    if size is not None:
+        check_expansion(len(data), size, "compressed data")
+    limit, parts, total, rest = expansion_limit(len(data)) if size is None else size, [], 0, data
+    while rest:
+        decompressor = new()
+        parts.append(bytes(decompressor.decompress(rest, max_length=limit - total + 1)))
+        total += len(parts[-1])
+        if total > limit:
+            raise ValueError(f"compressed data of {len(data)} bytes holds more than {limit}")
+        if not decompressor.eof:
+            raise ValueError("compressed data ends within a frame")
+        rest = decompressor.unused_data
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def check_zstd_file(path: Path) -> None:
+    """Check how much a zstd file holds, without keeping it.
+
+    Raises:
+        ValueError: If that is too much; OSError or zstd.ZstdError if it cannot be read.
+    """
+    limit, total = expansion_limit(path.stat().st_size), 0
+    with path.open("rb") as raw, zstd.open(raw, "rb") as stream:
+        while part := stream.read(READ_BYTES):
+            total += len(part)
+            if total > limit:
+                raise ValueError(f"'{path.name}' holds more than {limit} bytes once decompressed")
+
+
+# the library's own take any amount of memory
+DECOMPRESSORS.update(
+    zstd=lambda data, size: unpack(data, zstd.ZstdDecompressor, size),
+    lz4=lambda data, size: unpack(data, LZ4FrameDecompressor, size),
+)
+decompressors.update(
+    bz2=lambda data: unpack(data, bz2.BZ2Decompressor), lz4=lambda data: unpack(data, LZ4FrameDecompressor)
+)
+
+
+class _BoundedMcapReader(McapReader):
+    """Reads a file whose chunks fit the memory, also where their times overlap: these are unpacked at the same time."""
+
+    def _open(self) -> None:
+        super()._open()
+        edges = [(c.message_start_time, c.uncompressed_size) for c in self.chunks]
+        edges += [(c.message_end_time, -c.uncompressed_size) for c in self.chunks]
+        at_once, limit = 0, max([2 * expansion_limit(0), *(c.uncompressed_size for c in self.chunks)])
+        for _, size in sorted(edges):
+            at_once += size
+            if at_once > limit:
+                raise ReaderError(f"chunks of more than {limit} bytes overlap in time")
+
+
+class _RecoveringMcapReader(_BoundedMcapReader):
+    """Reads a file without an end up to its last whole record."""
+
+    def _open(self) -> None:
+        if not is_unfinished(Path(str(self.path))):
+            super()._open()
+            return
+        assert self.bio
+        size = self.bio.seek(0, 2)
+        self.data_end = len(MCAP_MAGIC)
+        while (following := self._after(self.data_end, size)) is not None:
+            self.data_start = self.data_start or following
+            self.data_end = following
+        if not self.data_start:
+            raise ReaderError("it ends within its first record")
+        self.meta_scan()
+        assert self.statistics
+        counts, count = self.statistics.channel_message_counts, self.statistics.message_count
+        start, end = (self.statistics.start_time, self.statistics.end_time + 1) if count else (NEVER, 0)
+        self.connections = [each._replace(msgcount=counts.get(each.id, 0)) for each in self.connections]
+        self.metadata = self.metadata._replace(
+            duration=end - start if count else 0, start_time=start, end_time=end, message_count=count
+        )
+
+    def _after(self, offset: int, size: int) -> int | None:
+        """Return where the record at an offset ends, None where there is no whole one of the data."""
+        assert self.bio
+        self.bio.seek(offset)
+        head = self.bio.read(RECORD_HEAD)
+        if len(head) < RECORD_HEAD or not HEADER <= head[0] < DATA_END:
+            return None
+        end = offset + RECORD_HEAD + int.from_bytes(head[1:], "little")
+        if end > size or (head[0] == CHUNK and not _is_whole(BytesIO(self.bio.read(end - offset - RECORD_HEAD)))):
+            return None
+        return end
+
+
+def _is_whole(chunk: BytesIO) -> bool:
+    """Tell whether what a chunk holds can be unpacked and has its checksum."""
+    try:
+        chunk.seek(16)
+        size, crc, length = (int.from_bytes(chunk.read(count), "little") for count in (8, 4, 4))
+        compression = chunk.read(length).decode()
+        decompress(chunk.read(int.from_bytes(chunk.read(8), "little")), compression, size, crc)
+    except Exception:  # whatever a decompressor says of broken data
+        return False
+    return True
+
+
+class _BoundedDirectoryReader(DirectoryReader):
+    """Reads the folder of a bag: its metadata and compressed parts are bounded."""
+
+    STORAGE_PLUGINS = MappingProxyType({**DirectoryReader.STORAGE_PLUGINS, "mcap": _BoundedMcapReader})
+    _messages_compressed = False
+
+    def open(self) -> None:
+        """Check the metadata and the files before they are read."""
+        path = Path(str(self.path))
+        content = parse_yaml(read_text(path / "metadata.yaml"))
+        information = content.get(METADATA) if isinstance(content, dict) else None
+        if not isinstance(information, dict) or not isinstance(information.get("relative_file_paths"), list):
+            raise ReaderError("metadata.yaml does not name the files of the bag")
+        mode = str(information.get("compression_mode", "")).lower()
+        for name in information["relative_file_paths"]:
+            file = path / PurePath(str(name)).name
+            if file.exists():  # the library says which are missing
+                check_regular(file)
+                if mode == "file":
+                    check_zstd_file(file)
+        super().open()
+        self._messages_compressed = self.metadata.compression_mode == "message"
+        self.metadata = self.metadata._replace(compression_mode=None)
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Yield connection, time and bytes of messages."""
+        for connection, time_ns, data in super().messages(connections, start, stop):
+            yield connection, time_ns, unpack(data, zstd.ZstdDecompressor) if self._messages_compressed else data
+
+
+class Ros2Reader(Reader):
+    """Reader of a ROS 2 bag; a context manager."""
+
+    STORAGE_PLUGINS = MappingProxyType(
+        {**Reader.STORAGE_PLUGINS, "dir": _BoundedDirectoryReader, ".mcap": _RecoveringMcapReader}
+    )
+
+
+class Ros1Reader(rosbag1.Reader):
+    """Reader of a ROS 1 bag; a context manager."""
+
+    def __init__(self, path: Path) -> None:
+        """Prepare a file."""
+        super().__init__(path)
+        self._places: set[int] = set()
+
+    def open(self) -> None:
+        """Read the index."""
+        self._places.clear()
+        super().open()
+        self.connections = [c._replace(msgtype=OLD_TYPES.get(c.msgtype, c.msgtype)) for c in self.connections]
+
+    def read_chunk_info(self) -> ChunkInfo:
+        """Read the place of a chunk; a chunk that is listed twice would be read twice."""
+        info = super().read_chunk_info()
+        if info.pos in self._places:
+            raise Ros1Error(f"the chunk at byte {info.pos} is listed twice.")
+        self._places.add(info.pos)
+        return info
+
+    def messages(
+        self, connections: Collection[Connection] = (), start: int | None = None, stop: int | None = None
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Yield connection, time and the message as CDR.
+
+        Raises:
+            rosbags.rosbag1.ReaderError: If the file is broken, or a type has other fields than those of ROS Noetic.
+        """
+        wanted = {each.id: each for each in connections or self.connections}
+        for each in wanted.values():
+            known = each.msgtype in _ROS1.fielddefs
+            if known and each.digest not in ("*", _ROS1.generate_msgdef(each.msgtype, ros_version=1)[1]):
+                raise Ros1Error(f"{each.msgtype} of '{each.topic}' has other fields than that of ROS Noetic.")
+        for each, time_ns, data in super().messages(connections, start, stop):
+            connection = wanted[each.id]
+            yield connection, time_ns, bytes(_ROS2.ros1_to_cdr(data, connection.msgtype))
+
+
+BagReader: TypeAlias = Ros2Reader | Ros1Reader
+
+
+def reader_of(file: Path) -> BagReader:
+    """Return what reads a file or folder of `bag_files.reader_paths`."""
+    return Ros1Reader(file) if is_ros1_bag(file) else Ros2Reader(file)
