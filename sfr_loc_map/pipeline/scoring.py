@@ -26,6 +26,7 @@ from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.trajectory_file import (
     FOREIGN,
     LoadedTrajectory,
+    TrajectoryFormat,
     evo_result_bytes,
     read_trajectory_file,
     trajectory_text,
