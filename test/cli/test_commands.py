@@ -20,7 +20,7 @@ from sfr_loc_map.cli.main import PANELS
 from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.folder import FolderLocSequence
+from sfr_loc_map.io.image_files import ImageFileSequence
 from sfr_loc_map.io.trajectory_file import load_trajectory, save_trajectory
 
 HEAVY = ("numba", "cv2", "scipy", "plotly", "rosbags", "rclpy", "llvmlite", "embreex")
@@ -189,14 +189,14 @@ def test_many_lost_pairs_are_warned_of_with_cause_and_next_command(sfr: Sfr, tmp
 
 def test_ctrl_c_keeps_the_pairs_that_were_localised(sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, out, stats = good_folder(tmp_path / "data"), tmp_path / "t.csv", tmp_path / "s.csv"
-    images = FolderLocSequence.pairs
+    images = ImageFileSequence.pairs
 
     def interrupted(after: int) -> None:
-        def pairs(sequence: FolderLocSequence) -> Iterator[StereoPair]:
+        def pairs(sequence: ImageFileSequence) -> Iterator[StereoPair]:
             yield from islice(images(sequence), after)
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(FolderLocSequence, "pairs", pairs)
+        monkeypatch.setattr(ImageFileSequence, "pairs", pairs)
 
     interrupted(2)
     result = sfr("localise", source, "-o", out, "--stats", stats)
