@@ -1,7 +1,4 @@
-"""Rovers that publish small stereo images at 10 Hz, each with one thing wrong: `rover_process.py WHAT[@DOMAIN]`.
-
-`seldom` publishes a pair every three seconds, which is right and takes patience.
-"""
+"""Rovers that publish small stereo images at 10 Hz, each with one thing wrong: `rover_process.py WHAT[@DOMAIN]`."""
 
 # ruff: noqa: E402 - the helpers beside the tests must be importable first
 from __future__ import annotations
@@ -19,7 +16,7 @@ import numpy as np
 import rclpy
 from made_scene import LOC_RIG, loc_pair
 from nav_msgs.msg import Odometry
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 
@@ -28,8 +25,6 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
 
 PERIOD_S = 0.1
-SELDOM = 30
-"""Pairs at 10 Hz for one that the seldom rover publishes."""
 
 
 class Rover:
@@ -40,8 +35,6 @@ class Rover:
         self.context = rclpy.Context()
         rclpy.init(args=[], context=self.context, domain_id=domain)
         node = rclpy.create_node("rover", context=self.context)
-        reliable = QoSProfile(depth=10)
-        best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         kinds: dict[str, Any] = {"ground_truth/odometry": Odometry}
         for side in ("left", "right"):
             kinds |= {f"loc/{side}/image_rect": Image, f"loc/{side}/camera_info": CameraInfo}
@@ -49,9 +42,7 @@ class Rover:
             kinds["loc/right/image_rect"] = String
         left_out = "loc/right/image_rect" if what == "no publisher" else ""
         self.publishers = {
-            name: node.create_publisher(
-                kind, name, best_effort if what == "best effort" and "image" in name else reliable
-            )
+            name: node.create_publisher(kind, name, QoSProfile(depth=10))
             for name, kind in kinds.items()
             if name != left_out
         }
@@ -60,13 +51,10 @@ class Rover:
         stamp_ns = time.time_ns() - 3_600_000_000_000 * (self.what == "clocks apart")
         messages: dict[str, Any] = {}
         for side, pixels in (("left", pair.left), ("right", pair.right)):
-            at_ns = stamp_ns + 3_000_000 * (self.what == "unsynchronised" and side == "right")
-            messages[f"loc/{side}/image_rect"] = bag_messages.image(at_ns, pixels, "loc", side)
-            messages[f"loc/{side}/camera_info"] = bag_messages.camera_info(at_ns, LOC_RIG, "loc", side)
+            messages[f"loc/{side}/image_rect"] = bag_messages.image(stamp_ns, pixels, "loc", side)
+            messages[f"loc/{side}/camera_info"] = bag_messages.camera_info(stamp_ns, LOC_RIG, "loc", side)
         messages["ground_truth/odometry"] = bag_messages.odometry(stamp_ns, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
         for name, publisher in self.publishers.items():
-            if self.what == "silent" and name == "loc/right/image_rect":
-                continue
             if publisher.msg_type is String:
                 publisher.publish(String(data="no image"))
                 continue
@@ -82,8 +70,7 @@ def main(words: list[str]) -> None:
     print("ready", flush=True)
     for turn in itertools.count():
         for rover in rovers:
-            if rover.what != "seldom" or turn % SELDOM == 0:
-                rover.publish(pairs[turn % len(pairs)])
+            rover.publish(pairs[turn % len(pairs)])
         time.sleep(PERIOD_S)
 
 

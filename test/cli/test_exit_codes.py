@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -87,14 +86,6 @@ def test_one_pose_is_not_judged(sfr: Sfr, tmp_path: Path, files: tuple[Path, Pat
     result = sfr("score", alone, files[1])
     assert result.code == ExitCode.NOT_JUDGED
     assert "one pose of the estimate has a true pose" in result.err
-
-
-def test_the_default_condition_counts_only_where_none_is_named(sfr: Sfr, tmp_path: Path) -> None:
-    truth = tmp_path / "short.csv"
-    save_trajectory(truth, drive(8))
-    assert sfr("score", truth, truth).code == ExitCode.NOT_JUDGED
-    limits = limits_file(tmp_path / "l.yaml", "trajectory:\n  - condition: frames=2\n    position_mean_m: 1\n")
-    assert sfr("score", truth, truth, "--limits", limits, "--spacing", "1").code == 0
 
 
 @pytest.mark.parametrize(
@@ -188,27 +179,6 @@ def test_scores_of_different_data_are_not_compared(sfr: Sfr, tmp_path: Path, fil
     assert "different data: the truth of 'a.json'" in result.err
     for same in ("copy", "bag"):
         assert sfr("compare", tmp_path / "a.json", tmp_path / f"{same}.json").code == 0
-
-
-def test_an_interrupted_campaign_reports_the_rows_that_were_finished(
-    sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("rclpy")
-    from sfr_loc_map.fault_injection import run
-    from sfr_loc_map.fault_injection.report import Row, Verdict
-
-    row = Row("kill-localisation", "it is killed", "it comes again", "it came", "one pair", 1.0, Verdict.PASS, {})
-
-    def interrupted(faults: object, settings: object, folder: object, done: Callable[[Row], None]) -> None:
-        done(row)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(run, "run_campaign", interrupted)
-    report = tmp_path / "f.json"
-    result = sfr("campaign", "faults", "--json", report)
-    assert result.code == ExitCode.INTERRUPTED
-    assert "interrupted: 1 of " in result.err
-    assert "kill-localisation" in report.read_text()
 
 
 def test_the_table_is_in_the_help_and_in_the_docs(sfr: Sfr) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import broken_sources as broken
 import pytest
@@ -24,7 +23,6 @@ TWICE = {
     "score": ("score", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
     "compare": ("compare", "{tum}", "{tum}", "--json", "{out}/z.html", "--html", "{out}/z.html"),
     "bench": ("bench", "faults", "{source}", "--json", "{out}/z", "--markdown", "{out}/z"),
-    "campaign": ("campaign", "faults", "--json", "{out}/z", "--markdown", "{out}/z"),
     "input": ("score", "{tum}", "{tum}", "--json", "{tum}", "--overwrite"),
 }
 EXISTS = {
@@ -36,12 +34,7 @@ EXISTS = {
     "compare": ("compare", "{tum}", "{tum}", "--json", "{file}.json"),
     "doctor": ("doctor", "{source}", "--json", "{file}.json"),
     "trajectory": ("convert", "{source}", "{file}.csv"),
-    "campaign": ("campaign", "rate", "--json", "{file}.json"),
 }
-
-
-def with_ros_marked(cases: dict[str, tuple[str, ...]]) -> list[Any]:
-    return [pytest.param(case, marks=pytest.mark.ros) if case == "campaign" else case for case in cases]
 
 
 @pytest.fixture
@@ -58,7 +51,7 @@ def tum(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("case", with_ros_marked(TWICE))
+@pytest.mark.parametrize("case", TWICE)
 def test_two_outputs_on_one_path_are_refused(sfr: Sfr, made_once: MadeOnce, out: Path, tum: Path, case: str) -> None:
     source = made_once(broken.good_folder)
     result = sfr(*(word.format(source=source, out=out, tum=tum) for word in TWICE[case]))
@@ -68,7 +61,7 @@ def test_two_outputs_on_one_path_are_refused(sfr: Sfr, made_once: MadeOnce, out:
     assert tum.read_text() == TUM
 
 
-@pytest.mark.parametrize("case", with_ros_marked(EXISTS))
+@pytest.mark.parametrize("case", EXISTS)
 def test_a_file_that_exists_is_refused(sfr: Sfr, made_once: MadeOnce, out: Path, tum: Path, case: str) -> None:
     file = out / "precious"
     for suffix in (".csv", ".ply", ".json", ".html"):

@@ -71,22 +71,6 @@ def test_settings_of_a_run_make_the_same_run(sfr: Sfr, tmp_path: Path, tiny: Pat
         assert (first / file).read_bytes() == (second / file).read_bytes()
 
 
-@pytest.mark.slow
-def test_a_run_is_replaced_only_if_that_is_wanted(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
-    pytest.importorskip("embreex")
-    out, bag = tmp_path / "data", tmp_path / "run.mcap"
-    assert sfr("simulate", tiny, out, "--workers", "1").code == 0
-    before = sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*"))
-    for arguments in ((), ("--seed", "9")):
-        refused(sfr("simulate", tiny, out, *arguments), str(out), "not empty", "--overwrite")
-    assert sorted((path, path.stat().st_mtime_ns) for path in out.rglob("*")) == before
-    assert sfr("simulate", tiny, bag, "--workers", "1").code == 0
-    refused(sfr("simulate", tiny, bag, "--workers", "1"), str(bag), "not empty", "choose another name")
-    assert sfr("simulate", tiny, out, "--workers", "1", "--seed", "9", "--overwrite").code == 0
-    assert yaml.safe_load((out / "simulation.yaml").read_text())["seed"] == 9
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "run.mcap", "tiny.yaml"]
-
-
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
@@ -104,29 +88,6 @@ def test_wrong_setting_is_one_line(sfr: Sfr, tmp_path: Path, tiny: Path, setting
     pytest.importorskip("embreex")
     refused(sfr("simulate", tiny, tmp_path / "data", "--set", setting), words)
     assert not (tmp_path / "data").exists()
-
-
-def test_wrong_scenario_and_wrong_paths(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
-    out, broken = tmp_path / "data", tmp_path / "broken.yaml"
-    broken.write_text("seed: [1")
-    refused(sfr("simulate", tmp_path / "nope.yaml", out), "nope.yaml", "No such file")
-    refused(sfr("simulate", broken, out), "broken.yaml")
-    refused(sfr("simulate"), "Missing argument")
-    refused(sfr("simulate", tiny, tiny, out), "3 paths given")
-    refused(sfr("simulate", tiny, out, "--workers", "0"), "--workers")
-    refused(sfr("simulate", tiny, out, "--set", "seed"), "KEY=VALUE")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["broken.yaml", "tiny.yaml"]
-
-
-def test_output_that_is_something_else_is_left_alone(sfr: Sfr, tmp_path: Path, tiny: Path) -> None:
-    pytest.importorskip("embreex")
-    full = tmp_path / "full"
-    full.mkdir()
-    (full / "mine.txt").write_text("mine")
-    for arguments in ((), ("--overwrite",)):
-        refused(sfr("simulate", tiny, full, *arguments), str(full), "remove it")
-    refused(sfr("simulate", tiny, full / "mine.txt" / "data"), "mine.txt")
-    assert [(path.name, path.read_text()) for path in full.iterdir()] == [("mine.txt", "mine")]
 
 
 def test_without_the_ray_tracer_only_simulate_refuses(
@@ -172,19 +133,3 @@ def test_wrong_fault_is_one_line(sfr: Sfr, tmp_path: Path, fault: str, words: st
     source = good_folder(tmp_path / "source")
     refused(sfr("perturb", source, tmp_path / "bad", "--fault", fault), words)
     assert not (tmp_path / "bad").exists()
-
-
-def test_perturb_without_fault_or_source(sfr: Sfr, tmp_path: Path) -> None:
-    refused(sfr("perturb", good_folder(tmp_path / "source"), tmp_path / "bad"), "no --fault given", "dropped")
-    refused(sfr("perturb", tmp_path / "nope", tmp_path / "bad", "--fault", "noisy"), "nope")
-    assert not (tmp_path / "bad").exists()
-
-
-def test_perturb_does_not_write_over_other_data(sfr: Sfr, tmp_path: Path) -> None:
-    source, full = good_folder(tmp_path / "source"), tmp_path / "full"
-    full.mkdir()
-    (full / "mine.txt").write_text("mine")
-    refused(sfr("perturb", source, full, "--fault", "noisy"), str(full))
-    refused(sfr("perturb", source, source, "--fault", "noisy"), str(source))
-    assert (full / "mine.txt").read_text() == "mine"
-    assert len(list(full.iterdir())) == 1
