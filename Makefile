@@ -81,7 +81,7 @@ types: $(DEV_STAMP)  ## Check types
 	$(BIN)/mypy
 
 config: $(DEV_STAMP)  ## Write the parameter files from the code
-	$(BIN)/python -m sfr_loc_map.nodes.tools.parameter_files config
+	$(BIN)/python -m sfr_loc_map.nodes.parameter_files config
 
 format: $(DEV_STAMP)  ## Format the code
 	$(BIN)/ruff format .

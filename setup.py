@@ -13,7 +13,7 @@ from setuptools import find_packages, setup
 PACKAGE = "sfr_loc_map"
 ROOT = Path(__file__).resolve().parent  # `colcon build --symlink-install` runs a link to this file in another folder
 VERSION = re.search(r'__version__ = "(.+)"', (ROOT / PACKAGE / "__init__.py").read_text(encoding="utf-8")).group(1)
-PROFILES = glob(PACKAGE + "/nodes/process/profiles/*.xml")  # in share/ for other programs: camera drivers need it
+PROFILES = glob(PACKAGE + "/nodes/profiles/*.xml")  # in share/ for other programs: camera drivers need it
 NODES = ("localisation_node", "mapping_node", "monitor_node")
 # BSD-2 (Sphinx, copybutton), MIT (MyST, furo); matplotlib draws the figures of the pages (PSF-like)
 DOCS = [
@@ -58,7 +58,7 @@ setup(
             "py.typed",
             "report/templates/*",
             "live/web/*",
-            "nodes/process/profiles/*.xml",
+            "nodes/profiles/*.xml",
             "mapping/disparity/*.json",
         ],
         "": ["*.pyi"],
@@ -132,7 +132,7 @@ setup(
     entry_points={
         "console_scripts": [
             "sfr = sfr_loc_map.cli.main:main",
-            *(f"{name} = sfr_loc_map.nodes.process.start:{name}" for name in NODES),
+            *(f"{name} = sfr_loc_map.nodes.start:{name}" for name in NODES),
         ]
     },
     zip_safe=False,

@@ -3,7 +3,7 @@
 from launch import LaunchDescription
 from launch.actions import OpaqueFunction
 
-from sfr_loc_map.nodes.process.launch_parts import common_arguments, nodes
+from sfr_loc_map.nodes.launch_parts import common_arguments, nodes
 
 FILES = {"monitor": "params_file"}
 

@@ -60,7 +60,7 @@ def _prose(text: str) -> str:
 def parameters() -> str:
     """Return the parameters of the three nodes, then those of the simulator."""
     from sfr_loc_map.config import parameters as declared
-    from sfr_loc_map.nodes.tools.parameter_files import FILES
+    from sfr_loc_map.nodes.parameter_files import FILES
     from sfr_loc_map.simulation.config import SimulationConfig
 
     groups = [(f"`{node}` (`config/{file}`)", config) for file, (node, config) in FILES.items()]

@@ -100,7 +100,7 @@ CLAUSES = (
         "3.2.4",
         "LOCSB",
         "The stereo bench frame of the localisation cameras.",
-        ("geometry/stereo.py", "nodes/input/extrinsics.py"),
+        ("geometry/stereo.py", "nodes/extrinsics.py"),
         "parameter `T_rb_locsb`, in the provenance",
     ),
     Clause(

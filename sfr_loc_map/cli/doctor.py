@@ -76,7 +76,7 @@ def doctor(
     extrinsics_given = _gives_extrinsics(config)
     if subject is None:
         require_ros("doctor --graph")
-        from sfr_loc_map.nodes.tools.graph_observation import observe_graph
+        from sfr_loc_map.nodes.graph import observe_graph
 
         seen = observe_graph(seconds, namespace, remaps, extrinsics_given=extrinsics_given)
     else:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
     from sfr_loc_map.live.hub import Hub
     from sfr_loc_map.live.server import LiveConfig
-    from sfr_loc_map.nodes.process.live_process import LivePage
+    from sfr_loc_map.nodes.processes import LivePage
 
 LiveOption = Annotated[bool, typer.Option("--live", help="Show the run on a page while it goes on (see sfr live).")]
 LivePortOption = Annotated[
@@ -52,12 +52,12 @@ def live_beside(wanted: bool, port: int, namespace: str = "", *, isolated: bool 
         yield None
         return
     require_live()
-    from sfr_loc_map.nodes.process import environment
-    from sfr_loc_map.nodes.process.live_process import live_page
+    from sfr_loc_map.nodes import environment
+    from sfr_loc_map.nodes.processes import LivePage
 
     if isolated:
         environment.isolate()
-    with live_page(("--port", str(port), "--namespace", namespace)) as page:
+    with LivePage(("--port", str(port), "--namespace", namespace)) as page:
         yield page
 
 

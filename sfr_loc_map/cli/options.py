@@ -205,7 +205,7 @@ class ConventionOptions:
 def require_ros(command: str) -> None:
     """Raise MissingExtraError if ROS, which a subcommand needs, cannot be imported."""
     try:
-        from sfr_loc_map.nodes.lifecycle import qos  # noqa: F401 - does it import?
+        from sfr_loc_map.nodes.lifecycle import endpoints  # noqa: F401 - does it import?
         from sfr_loc_map.nodes.messages import pose  # noqa: F401
     except ImportError as error:
         raise MissingExtraError(

@@ -34,8 +34,7 @@ from sfr_loc_map.inputs import Task, printable
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.localisation.start_pose import StartPose
-    from sfr_loc_map.nodes.replay.external_options import ExternalOptions
-    from sfr_loc_map.nodes.replay.options import ReplayOptions
+    from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
     from sfr_loc_map.nodes.replay.results import ReplayResults
     from sfr_loc_map.pipeline.external_run import ExternalRun
     from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
@@ -114,7 +113,7 @@ class NodeUnderTest:
 
     def read(self, source: Source, correction: Correction) -> ExternalOptions | None:
         """Return the options of an external node, None where ours run; raise ConfigError if one is not valid."""
-        from sfr_loc_map.nodes.replay.external_options import RESULT_TOPICS, ExternalOptions
+        from sfr_loc_map.nodes.replay.options import RESULT_TOPICS, ExternalOptions
 
         tasks = [task.value for task in Task]
         if self.method not in METHODS:

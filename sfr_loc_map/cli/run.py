@@ -62,7 +62,7 @@ def run(
 ) -> None:
     """Run the nodes, one process each, until Ctrl-C or SIGTERM; exit 2 if one ends before."""
     require_ros("run")
-    from sfr_loc_map.nodes.process.supervisor import node_names, run_nodes
+    from sfr_loc_map.nodes.processes import node_names, run_nodes
 
     given = list(names or ())
     cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)
@@ -100,8 +100,8 @@ def record(
 ) -> None:
     """Record topics; every half second all messages are on disk, so that a crash costs no more."""
     require_ros("record")
-    from sfr_loc_map.nodes.tools.record import RecordOptions
-    from sfr_loc_map.nodes.tools.record import record as run_recorder
+    from sfr_loc_map.nodes.record import RecordOptions
+    from sfr_loc_map.nodes.record import record as run_recorder
 
     options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
     with output_folder(out, overwrite=overwrite):

@@ -14,17 +14,15 @@ from sfr_loc_map.fault_injection.fake_rover import IMAGE_DEPTH, serialised
 from sfr_loc_map.fault_injection.scene import Scene
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.process import environment
-from sfr_loc_map.nodes.process.node_process import end_with_supervisor
-from sfr_loc_map.nodes.process.ros_start import start_ros
+from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.environment import start_ros
 
 
 def main() -> None:
     """Publish."""
     environment.prepare()
-    end_with_supervisor()
     rate_hz, scene = float(sys.argv[1]), Scene()
-    start_ros([])
+    start_ros(signals=True)
     node = rclpy.create_node("sfr_camera")
     qos = QoSProfile(depth=IMAGE_DEPTH)
     images = [node.create_publisher(Image, f"loc/{side}/image_rect", qos) for side in SIDES]

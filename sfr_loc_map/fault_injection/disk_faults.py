@@ -8,7 +8,7 @@ from pathlib import Path
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.fault_injection.fault import Fault, Outcome
 from sfr_loc_map.fault_injection.harness import LOCALISATION, MONITOR, Harness
-from sfr_loc_map.nodes.diagnostics.key_values import Level
+from sfr_loc_map.nodes.diagnostics import Level
 
 DISK_MB = 8
 SHM_MB = 64

@@ -14,7 +14,6 @@ import rclpy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
@@ -25,9 +24,8 @@ from sfr_loc_map.fault_injection.scene import LOCSB_EXTRINSICS, Scene
 from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.fault_injection.waiting import wait_until
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.nodes.process.node_process import NodeProcess
-from sfr_loc_map.nodes.process.ros_start import start_ros
-from sfr_loc_map.nodes.process.supervisor import end_processes
+from sfr_loc_map.nodes.environment import start_ros
+from sfr_loc_map.nodes.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
 
 LOCALISATION, MAPPING, MONITOR = "localisation_node", "mapping_node", "monitor_node"
@@ -95,7 +93,7 @@ class Harness:
         self.nodes = {name: self._process(name, (arguments or {}).get(name, ())) for name in nodes}
         for process in self.nodes.values():
             process.start()
-        start_ros([], signal_handler_options=SignalHandlerOptions.NO)
+        start_ros()
         self.node = rclpy.create_node("sfr_campaign")
         self.received = MessageRecorder(self.node)
         self.rover = FakeRover(self.node, scene or Scene(), settings.patience_s)
@@ -116,7 +114,7 @@ class Harness:
         self._thread.join(10.0)
         self.node.destroy_node()
 
-    def _process(self, name: str, more: Sequence[str]) -> NodeProcess:
+    def _process(self, name: str, more: Sequence[str]) -> ChildProcess:
         arguments = ["--ros-args", "-p", "health.period_s:=0.2", "-p", f"{RELIABLE_INPUT[name]}:=reliable"]
         if name == LOCALISATION:
             arguments += [*EXTRINSICS_ARGUMENTS, "-p", f"resume_file:={self.saved_pose}"]
@@ -124,7 +122,7 @@ class Harness:
             arguments += ["-p", "publish_period_s:=0.2", "-p", "save_period_s:=1.0"]
             arguments += ["-p", f"save_file:={self.saved_report}"]
         variables = {"ROS_LOG_DIR": str(self.folder / "ros_log")}
-        return NodeProcess(f"nodes.{name}", [*arguments, *more], self.folder, variables)
+        return node_process(f"nodes.{name}", [*arguments, *more], self.folder, variables)
 
     def wait_until(self, condition: Callable[[], object], what: str, timeout_s: float | None = None) -> float:
         """Wait until a condition holds; return how long that took, seconds.

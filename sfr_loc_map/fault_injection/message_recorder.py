@@ -17,7 +17,7 @@ from std_msgs.msg import String
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level, level_of, values_of
+from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of, values_of
 from sfr_loc_map.nodes.messages.pose import odometry_row
 
 STAMP_DIGITS = 19

@@ -14,8 +14,8 @@ import numpy as np
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.fault_injection.fault import Fault, Outcome
 from sfr_loc_map.fault_injection.harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
-from sfr_loc_map.nodes.diagnostics.key_values import Level
-from sfr_loc_map.nodes.process.node_process import NodeProcess
+from sfr_loc_map.nodes.diagnostics import Level
+from sfr_loc_map.nodes.processes import node_process
 
 RATE_HZ = 10.0
 REDELIVERY_S = 10.0
@@ -152,7 +152,7 @@ def stop(name: str, harness: Harness, outcome: Outcome) -> None:
 def publisher_dies(harness: Harness, outcome: Outcome) -> None:
     """Kill the process that publishes the images; another one replaces it."""
     received = harness.received
-    camera = NodeProcess("fault_injection.camera", [str(RATE_HZ)], harness.folder)
+    camera = node_process("fault_injection.camera", [str(RATE_HZ)], harness.folder)
     camera.start()
     try:
         harness.wait_poses(6)

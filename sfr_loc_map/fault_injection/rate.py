@@ -18,10 +18,10 @@ from sfr_loc_map.fault_injection.settings import CampaignSettings
 from sfr_loc_map.fault_injection.soak import MemoryTrend
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.nodes.diagnostics.key_values import Level, Value, array_msg, status_msg
+from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.diagnostics import Level, Value, array_msg, status_msg
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.pose import odometry_msg
-from sfr_loc_map.nodes.process import environment
 
 ADDED_LIMIT_S = 0.010
 """Limit of the time that transport and conversion add to the processing (p95)."""

@@ -19,7 +19,7 @@ from sfr_loc_map.fault_injection.fault import Fault, Outcome
 from sfr_loc_map.fault_injection.harness import Harness
 from sfr_loc_map.fault_injection.report import Row, Verdict, row_not_run, row_of
 from sfr_loc_map.fault_injection.settings import CampaignSettings
-from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes import environment
 
 FAULTS: tuple[Fault, ...] = (
     *process_faults.FAULTS,

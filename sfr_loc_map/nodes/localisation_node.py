@@ -11,38 +11,48 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMsg
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Image, PointCloud2
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S, SIDES
+from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.start_pose import StartPose
-from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter
-from sfr_loc_map.nodes.diagnostics.key_values import Level
-from sfr_loc_map.nodes.input.config import StereoInputConfig
-from sfr_loc_map.nodes.input.extrinsics import Extrinsics, ExtrinsicsConfig
-from sfr_loc_map.nodes.input.odometry_subscriber import MotionPriorConfig, OdometrySubscriber
-from sfr_loc_map.nodes.input.received_pair import ReceivedPair
-from sfr_loc_map.nodes.input.stereo_subscriber import StereoSubscriber
-from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers
-from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
-from sfr_loc_map.nodes.lifecycle.node_config import PairNodeConfig
-from sfr_loc_map.nodes.messages.pose import odometry_msg, start_pose_of, tf_message_type, transform_of_odometry
-from sfr_loc_map.nodes.output.path_publisher import PathPublisher
-from sfr_loc_map.nodes.output.track_publisher import TrackPublisher
-from sfr_loc_map.nodes.process.runner import run
+from sfr_loc_map.localisation.visualisation import draw_tracks
+from sfr_loc_map.nodes.diagnostics import Call, Level
+from sfr_loc_map.nodes.extrinsics import Extrinsics, ExtrinsicsConfig
+from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints, profile
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages.image import image_msg
+from sfr_loc_map.nodes.messages.pose import (
+    odometry_msg,
+    start_pose_of,
+    tf_message_type,
+    transform_from_pose,
+    transform_of_odometry,
+)
+from sfr_loc_map.nodes.messages.tracks import mask_msg, tracks_msg
+from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
+from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
+from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
-from sfr_loc_map.pipeline.reception import latencies
+from sfr_loc_map.pipeline.reception import ThinnedPath
 
 NAME = "localisation_node"
+OUTPUT_DEPTH = 1000
+"""Odometry messages that are kept for a slow subscriber."""
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,
@@ -59,13 +69,6 @@ class LocalisationNodeConfig(PairNodeConfig):
     rb_frame: str = param("rb", doc="Name of the frame RB of the rover: child of the odometry.")
     locsb_frame: str = param("locsb", doc="Name of the frame LOCSB of the stereo rig in /tf_static.")
     publish_tf: bool = param(True, doc="Publish ds to rb on /tf, where tf2_msgs is installed.")
-    output_depth: int = param(
-        1000,
-        unit="messages",
-        doc="Depth of the queue of the odometry: so many are kept for a slow subscriber.",
-        low=1,
-        high=10000,
-    )
     resume_file: str = param(
         "",
         doc="File that keeps the last known pose of a rig, at which a node that was killed resumes. "
@@ -79,12 +82,11 @@ class LocalisationNodeConfig(PairNodeConfig):
         high=1e6,
     )
     T_rb_locsb: ExtrinsicsConfig = field(default_factory=ExtrinsicsConfig)
-    input: StereoInputConfig = field(default_factory=StereoInputConfig)
     motion_prior: MotionPriorConfig = field(default_factory=MotionPriorConfig)
     localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
 
 
-class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
+class LocalisationNode(PairNode[LocalisationNodeConfig]):
     """Publishes the pose of RB in DS for each stereo pair.
 
     Attributes:
@@ -92,14 +94,10 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
     """
 
     config_type: type[LocalisationNodeConfig] = LocalisationNodeConfig
-    _stereo: StereoSubscriber | None = None
+    rig_name = "loc"
 
     def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters.
-
-        Args:
-            name: Name of the node.
-            options: Of `rclpy.node.Node`.
+        """Declare the parameters; `options` are those of `rclpy.node.Node`.
 
         Raises:
             ConfigError: If a parameter is unknown or not valid.
@@ -119,71 +117,54 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
 
     def setup(self) -> None:
         """Load compiled code, create publishers."""
-        config = self.config
+        config, add_publisher = self.config, self.endpoints.add_publisher
         # Before the first pair: no call pays for it.
         load_kernels("localisation", self.get_logger().info, self.context.ok)
         pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
         if pose_file is not None:
             pose_file.check()
         self._session = LocalisationSession(config.localisation, pose_file, self.status.warn)
-        self._extrinsics = Extrinsics(
-            config.T_rb_locsb, config.frame(config.rb_frame), config.frame(config.locsb_frame)
-        )
-        self._motion_prior = OdometrySubscriber(config.motion_prior, config.frame(config.rb_frame), self.status.warn)
-        self._calls = CallReporter(self, self.task, self.status.publisher)
-        self._odometry = self.endpoints.add_publisher(Odometry, "localisation/odometry", config.output_depth)
+        self._rb_frame = config.frame(config.rb_frame)
+        self._extrinsics = Extrinsics(config.T_rb_locsb, self._rb_frame, config.frame(config.locsb_frame))
+        self._motion_prior = OdometryBuffer()
+        self.status.mark_idle()
+        self._odometry = add_publisher(Odometry, "localisation/odometry", OUTPUT_DEPTH)
         self._path = PathPublisher(self.endpoints)
-        self._pose_set = self.endpoints.add_publisher(
-            PoseWithCovarianceStamped, "localisation/initialpose_set", 1, latched=True
-        )
+        self._pose_set = add_publisher(PoseWithCovarianceStamped, "localisation/initialpose_set", 1, latched=True)
         self._tracks = TrackPublisher(self.endpoints)
         tf_type = tf_message_type() if config.publish_tf else None
-        self._tf = self.endpoints.add_publisher(tf_type, "/tf", 100) if tf_type else None
+        self._tf = add_publisher(tf_type, "/tf", 100) if tf_type else None
 
     def subscribe(self) -> None:
         """Subscribe and offer services."""
+        add_subscription, depth = self.endpoints.add_subscription, self.config.input.queue_depth
         # First, so that a pose sent before the first pair is handled before it.
-        self.endpoints.add_subscription(
-            PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, QoSProfile(depth=1)
-        )
-        missing = self._extrinsics.subscribe(self.endpoints)
-        self._motion_prior.subscribe(self.endpoints, self.config.input.queue_depth)
-        handlers = PairHandlers(
+        add_subscription(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, QoSProfile(depth=1))
+        self._extrinsics.subscribe(self.endpoints, self.get_logger().warning)
+        add_subscription(Odometry, "motion_prior", self._on_wheel_odometry, profile("best_effort", depth))
+        self.subscribe_images(
             on_pair=lambda pair: self.worker.enqueue_droppable(lambda: self._process(pair)),
             on_rig=lambda rig: self.worker.enqueue(lambda: self._set_rig(rig)),
-            on_jump_back=lambda: self._restart("stamps have gone back"),
         )
-        self._stereo = StereoSubscriber("loc", self.config.input, handlers, self.endpoints, self.status)
-        self.add_service("~/reset", self._reset, first=self._forget_waiting)
-        if missing is not None:
-            self.get_logger().warning(missing)
+        self.add_service("~/reset", self._reset, first=self.forget_waiting)
 
     def teardown(self) -> None:
         """Forget everything."""
         self._stereo = None
         self._session = LocalisationSession(self.config.localisation)
 
-    def clock_jumped_back(self) -> None:
-        """Start a new run, unless its pairs have come already."""
-        if self._stereo is not None and self._stereo.is_ahead_of(self.get_clock().now().nanoseconds):
-            self._restart("the clock has gone back")
-
     def apply_config(self, config: LocalisationNodeConfig) -> None:
         """Continue at the last pose with other parameters."""
         self.worker.enqueue(lambda: self._session.set_config(config.localisation))
 
-    def counts(self) -> dict[str, int]:
-        """Return what was dropped since the start, by name."""
-        return (self._stereo.counts() if self._stereo is not None else {}) | super().counts()
-
     def restart_after_fault(self) -> None:
         """Continue at the last pose."""
         self._session.continue_at_last_pose()
-        self._count_unprocessed()
+        self.count_unprocessed()
 
     # ---- in the executor's thread
 
-    def _restart(self, reason: str) -> None:
+    def restart(self, reason: str) -> None:
         """Start a new run at the first pose, after the pairs that came before."""
         if self._stereo is not None:
             self._stereo.restart()
@@ -192,20 +173,25 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         frame, wanted = message.header.frame_id, self.config.frame(self.config.ds_frame)
-        if frame not in ("", wanted):
-            self.status.warn(f"initialpose is in '{frame}', '{wanted}' is needed: ignored")
-            return
         try:
+            if frame not in ("", wanted):
+                raise InputError(f"initialpose is in '{frame}', '{wanted}' is needed")
             pose = start_pose_of(message)
         except InputError as error:
             self.status.warn(f"{error}; ignored")
             return
         self.worker.enqueue(lambda: self._set_pose(pose, message))
 
-    def _forget_waiting(self) -> None:
-        self.worker.clear()
-        if self._stereo is not None:
-            self._stereo.restart()
+    def _on_wheel_odometry(self, message: Odometry) -> None:
+        child = message.child_frame_id
+        try:
+            if child not in ("", self._rb_frame):
+                raise InputError(f"motion_prior is of '{child}', of '{self._rb_frame}' (parameter rb_frame) is needed")
+            pose = transform_from_pose(message.pose.pose, "motion_prior")
+        except InputError as error:
+            self.status.warn(f"{error}; ignored")
+            return
+        self._motion_prior.add(stamp_of(message), pose)
 
     # ---- in the worker's thread
 
@@ -229,39 +215,81 @@ class LocalisationNode(ManagedNode[LocalisationNodeConfig]):
             pair = received.decode()
             conversion_s = time.perf_counter() - begin
             localiser = self._session.localiser_at(pair.stamp_ns, self._extrinsics.T_rb_sb)
-            motion = self._motion_prior.motion(self._session.tracked_ns, pair.stamp_ns)
-            with self._calls.measure() as usage:
+            before_ns, wait_s = self._session.tracked_ns, self.config.motion_prior.wait_s
+            motion = None if before_ns is None else self._motion_prior.between(before_ns, pair.stamp_ns, wait_s)
+            with self.status.measure() as usage:
                 estimate = localiser.process(pair, motion)
             self._session.accept(estimate)
         except SfrError as error:
-            self._count_unprocessed()
-            self.status.error(str(error))
+            self.count_unprocessed(error)
             return
         self.publish_estimate(estimate)
         self._tracks.publish(pair, localiser, estimate, received.frame_id)
-        now_ns = self.get_clock().now().nanoseconds
-        times = latencies(received.times, pair.stamp_ns, time.time_ns(), now_ns) | {"conversion_s": conversion_s}
-        statistics = estimate.figures | ({} if motion is None else {"motion_prior": 1.0})
-        level = LEVELS[estimate.state]
-        step = None if estimate.step is None else estimate.step.uncertainty
-        result = (estimate.state.value, level, statistics, times, estimate.reason_text, step)
-        call = Call(estimate.stamp_ns, usage, *result)
-        self.status.note_call(call, self._calls.publish(call, self.counts()))
-
-    def _count_unprocessed(self) -> None:
-        if self._stereo is not None:
-            self._stereo.count_unprocessed()
+        call = Call(
+            estimate.stamp_ns,
+            usage,
+            estimate.state.value,
+            LEVELS[estimate.state],
+            estimate.figures | ({} if motion is None else {"motion_prior": 1.0}),
+            self.times(received, conversion_s),
+            estimate.reason_text,
+            None if estimate.step is None else estimate.step.uncertainty,
+        )
+        self.status.call(call, self.counts())
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
         """Publish odometry, and path and tf where tracked; in the worker's thread, in the order of the pairs."""
-        config = self.config
-        message = odometry_msg(estimate, config.frame(config.ds_frame), config.frame(config.rb_frame))
+        message = odometry_msg(estimate, self.config.frame(self.config.ds_frame), self._rb_frame)
         self._odometry.publish(message)
         if estimate.state is TrackingState.LOST:
             return
         self._path.add(estimate, message)
         if self._tf is not None:
             self._tf.publish(self._tf.msg_type(transforms=[transform_of_odometry(message)]))
+
+
+class PathPublisher:
+    """Collects poses and publishes them as a path; used in the worker's thread."""
+
+    def __init__(self, endpoints: Endpoints) -> None:
+        """Create the publisher; who comes late gets the last path."""
+        self._publisher = endpoints.add_publisher(PathMsg, "localisation/path", 1, latched=True)
+        self._path: ThinnedPath[PoseStamped] = ThinnedPath()
+        self._published_ns: int | None = None
+
+    def clear(self) -> None:
+        """Start a new path."""
+        self._path.clear()
+        self._published_ns = None
+
+    def add(self, estimate: PoseEstimate, message: Odometry) -> None:
+        """Add the pose of an estimate; publish the path once a second of stamps, as it may have 2000 poses."""
+        stamp_ns, published = stamp_of(message), self._published_ns
+        self._path.add(stamp_ns, estimate.T_ds_rb, PoseStamped(header=message.header, pose=message.pose.pose))
+        if published is None or not published <= stamp_ns < published + NS_PER_S:
+            self._publisher.publish(PathMsg(header=message.header, poses=list(self._path.poses)))
+            self._published_ns = stamp_ns
+
+
+class TrackPublisher:
+    """Publishes tracks, masks and the image drawn of them, each only while somebody subscribes."""
+
+    def __init__(self, endpoints: Endpoints) -> None:
+        """Create the publishers."""
+        self._tracks = endpoints.add_publisher(PointCloud2, "localisation/tracks", 2)
+        self._masks = [endpoints.add_publisher(Image, f"localisation/{side}_mask", 2) for side in SIDES]
+        self._image = endpoints.add_publisher(Image, "localisation/debug_image", 2)
+
+    def publish(self, pair: StereoPair, localiser: Localiser, estimate: PoseEstimate, frame_id: str) -> None:
+        """Publish what there is of a pair that was just processed; of a side without a mask none, tracks last."""
+        for publisher, mask in zip(self._masks, localiser.masks, strict=True):
+            if mask is not None and publisher.get_subscription_count():
+                publisher.publish(mask_msg(mask, header_msg(pair.stamp_ns, frame_id)))
+        if self._tracks.get_subscription_count():
+            self._tracks.publish(tracks_msg(localiser.last_result, header_msg(pair.stamp_ns, frame_id)))
+        if self._image.get_subscription_count():
+            image = draw_tracks(pair.left, localiser.last_result, estimate)
+            self._image.publish(image_msg(image, header_msg(pair.stamp_ns, frame_id)))
 
 
 def main() -> int:

@@ -7,12 +7,14 @@ session.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.config import param
@@ -22,30 +24,30 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.mapping.terrain.config import TerrainConfig
+from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.resources import CallUsage
-from sfr_loc_map.nodes.diagnostics.call_reporter import Call, CallReporter
-from sfr_loc_map.nodes.diagnostics.key_values import Level
-from sfr_loc_map.nodes.input.config import StereoInputConfig
-from sfr_loc_map.nodes.input.received_pair import ReceivedPair
-from sfr_loc_map.nodes.input.stereo_subscriber import StereoSubscriber
-from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers
-from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
-from sfr_loc_map.nodes.lifecycle.node_config import PairNodeConfig
-from sfr_loc_map.nodes.lifecycle.qos import profile
+from sfr_loc_map.nodes.diagnostics import Call, Level
+from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints, profile
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.image import disparity_msg
+from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
 from sfr_loc_map.nodes.messages.pose import transform_from_pose
-from sfr_loc_map.nodes.output.map_publisher import MapPublisher
-from sfr_loc_map.nodes.process.runner import run
+from sfr_loc_map.nodes.messages.terrain import elevation_msg, grid_map_msg, grid_map_type, hazard_msg
+from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
+from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.mapping_session import MappingSession, PoseMatching
-from sfr_loc_map.pipeline.reception import latencies
 
 NAME = "mapping_node"
-POSE_DEPTH = 100
+POSE_DEPTH, OUTPUT_DEPTH = 100, 10
+"""Queues of nav/pose and of the disparity; clouds and grids are latched."""
+OVERDUE_S = 0.2
+"""Period at which pairs are dropped whose pose did not come."""
 ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)
-"""To load compiled code and to check parameters with, before the rig is known."""
+"""To check parameters with, before the rig is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,24 +61,16 @@ class MappingNodeConfig(PairNodeConfig):
     pose_wait_s: float = param(
         5.0, unit="s", doc="How long a pair waits for the nav/pose of its stamp.", low=0.0, high=600.0
     )
-    output_depth: int = param(
-        10, unit="messages", doc="Depth of the queue of the disparity; clouds and grids are latched.", low=1, high=1000
-    )
-    input: StereoInputConfig = field(default_factory=StereoInputConfig)
     mapping: MappingConfig = field(default_factory=MappingConfig)
 
 
-class MappingNode(ManagedNode[MappingNodeConfig]):
+class MappingNode(PairNode[MappingNodeConfig]):
     """Publishes the disparity of each stereo pair and the cloud of a set of pairs."""
 
-    _stereo: StereoSubscriber | None = None
+    rig_name = "nav"
 
     def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters.
-
-        Args:
-            name: Name of the node.
-            options: Of `rclpy.node.Node`.
+        """Declare the parameters; `options` are those of `rclpy.node.Node`.
 
         Raises:
             ConfigError: If a parameter is unknown or not valid.
@@ -96,19 +90,20 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         for part in ("mapping", "terrain"):
             load_kernels(part, self.get_logger().info, self.context.ok)
         self._session = MappingSession(config.mapping)
-        self._calls = CallReporter(self, self.task, self.status.publisher)
+        self.status.mark_idle()
         self._maps = MapPublisher(self.endpoints, config.frame(config.lm_frame), self.status.warn)
-        self._disparity = self.endpoints.add_publisher(DisparityImage, "mapping/disparity", config.output_depth)
+        self._disparity = self.endpoints.add_publisher(DisparityImage, "mapping/disparity", OUTPUT_DEPTH)
 
     def subscribe(self) -> None:
         """Subscribe and offer services."""
         poses = profile(self.config.input.reliability, POSE_DEPTH)
         self.endpoints.add_subscription(PoseStamped, "nav/pose", self._on_pose, poses)
-        handlers = PairHandlers(self._on_pair, self._on_rig, lambda: self._restart("stamps have gone back"))
-        self._stereo = StereoSubscriber("nav", self.config.input, handlers, self.endpoints, self.status)
+        self.subscribe_images(
+            on_pair=lambda pair: self._enqueue(self._matching.add_pair(pair.stamp_ns, pair)), on_rig=self._on_rig
+        )
         self.add_service("~/finish", self._finish)
-        self.add_service("~/reset", self._reset, first=self._forget_waiting)
-        self.endpoints.add_timer(0.2, self._matching.drop_overdue)
+        self.add_service("~/reset", self._reset, first=self.forget_waiting)
+        self.endpoints.add_timer(OVERDUE_S, self._matching.drop_overdue)
 
     def teardown(self) -> None:
         """Forget everything."""
@@ -118,11 +113,6 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
             config.input.stamp_tolerance_ns, config.pose_wait_s, self._report_without_pose
         )
-
-    def clock_jumped_back(self) -> None:
-        """Start a new map, unless its pairs have come already."""
-        if self._stereo is not None and self._stereo.is_ahead_of(self.get_clock().now().nanoseconds):
-            self._restart("the clock has gone back")
 
     def apply_config(self, config: MappingNodeConfig) -> None:
         """Map the next pairs with other parameters; those of the map begun stay as they are."""
@@ -134,14 +124,13 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
-        if self._stereo is None:
-            return super().counts()
-        return self._stereo.counts() | {"dropped_without_pose": self._matching.dropped} | super().counts()
+        own = {} if self._stereo is None else {"dropped_without_pose": self._matching.dropped}
+        return super().counts() | own
 
     def restart_after_fault(self) -> None:
         """Start a new map."""
         self._session.restart()
-        self._count_unprocessed()
+        self.count_unprocessed()
 
     # ---- in the executor's thread
 
@@ -149,7 +138,7 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         self._matching.clear_pairs()
         self.worker.enqueue(lambda: self._set_rig(rig))
 
-    def _restart(self, reason: str) -> None:
+    def restart(self, reason: str) -> None:
         """Start a new map after the pairs that came before."""
         self.get_logger().warning(f"{reason}: a new map begins")
         if self._stereo is not None:
@@ -157,21 +146,22 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         self._matching.clear_pairs()
         self.worker.enqueue(self._session.restart)
 
+    def forget_waiting(self) -> None:
+        """Drop the pairs and poses that wait."""
+        super().forget_waiting()
+        self._matching.clear()
+
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)
+        frame, wanted = message.header.frame_id, self.config.frame(self.config.lm_frame)
         try:
             pose = transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
+            if frame not in ("", wanted):
+                raise InputError(f"nav/pose is in '{frame}', '{wanted}' is needed (parameter lm_frame)")
         except InputError as error:
             self.status.warn(f"{error}; ignored")
             return
-        frame, wanted = message.header.frame_id, self.config.frame(self.config.lm_frame)
-        if frame not in ("", wanted):
-            self.status.warn(f"nav/pose is in '{frame}', '{wanted}' is needed (parameter lm_frame): ignored")
-            return
         self._enqueue(self._matching.add_pose(stamp_ns, pose))
-
-    def _on_pair(self, pair: ReceivedPair) -> None:
-        self._enqueue(self._matching.add_pair(pair.stamp_ns, pair))
 
     def _enqueue(self, matched: list[tuple[ReceivedPair, Transform]]) -> None:
         for pair, pose in matched:
@@ -182,12 +172,6 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
             f"pair of stamp {stamp_ns} dropped: no nav/pose of its stamp was received within "
             f"{self.config.pose_wait_s} s; publish the pose of NAVSB in LM with the stamp of the pair"
         )
-
-    def _forget_waiting(self) -> None:
-        self.worker.clear()
-        self._matching.clear()
-        if self._stereo is not None:
-            self._stereo.restart()
 
     # ---- in the worker's thread
 
@@ -211,24 +195,22 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         try:
             pair = received.decode()
             conversion_s = time.perf_counter() - begin
-            with self._calls.measure() as usage:
+            with self.status.measure() as usage:
                 result = self._session.map_pair(pair, pose)
         except SfrError as error:
-            self._count_unprocessed()
-            self.status.error(str(error))
+            self.count_unprocessed(error)
             return
         header = header_msg(pair.stamp_ns, received.frame_id)
         searched_px = self._session.searched_px(received.rig)
         self._disparity.publish(disparity_msg(result.disparity_px, received.rig, searched_px, header))
-        now_ns = self.get_clock().now().nanoseconds
-        times = latencies(received.times, pair.stamp_ns, time.time_ns(), now_ns) | {"conversion_s": conversion_s}
+        times = self.times(received, conversion_s)
         self._report_call(pair.stamp_ns, usage, MappingState.MAPPED, result, times)
         if len(self._session) == self.config.pairs_per_map:
             self._fuse()
 
     def _fuse(self) -> int:
         """Fuse and publish the map begun; return the number of points."""
-        with self._calls.measure() as usage:
+        with self.status.measure() as usage:
             fused = self._session.fuse()
         stamp_ns = self._session.last_ns
         self._maps.publish_cloud(fused, stamp_ns)
@@ -253,12 +235,37 @@ class MappingNode(ManagedNode[MappingNodeConfig]):
         for warning in result.warnings:
             self.status.warn(warning)
         level = Level.WARN if result.warnings else Level.OK
-        call = Call(stamp_ns, usage, state.value, level, result.statistics, times)
-        self.status.note_call(call, self._calls.publish(call, self.counts()))
+        self.status.call(Call(stamp_ns, usage, state.value, level, result.statistics, times), self.counts())
 
-    def _count_unprocessed(self) -> None:
-        if self._stereo is not None:
-            self._stereo.count_unprocessed()
+
+class MapPublisher:
+    """Publishes maps, latched; `warn` is called where a map has no grids."""
+
+    def __init__(self, endpoints: Endpoints, lm_frame: str, warn: Callable[[str], None]) -> None:
+        """Create the publishers."""
+        self._lm_frame, self._warn = lm_frame, warn
+        self._cloud = endpoints.add_publisher(PointCloud2, "mapping/points", 1, latched=True)
+        self._elevation = endpoints.add_publisher(PointCloud2, "mapping/elevation", 1, latched=True)
+        self._hazard = endpoints.add_publisher(OccupancyGrid, "mapping/hazard", 1, latched=True)
+        self._grid_map_type = grid_map_type()
+        if self._grid_map_type is not None:
+            self._grid_map = endpoints.add_publisher(self._grid_map_type, "mapping/grid_map", 1, latched=True)
+
+    def publish_cloud(self, fused: FusedMap, stamp_ns: int) -> None:
+        """Publish the points."""
+        self._cloud.publish(cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
+
+    def publish_terrain(self, fused: FusedMap, stamp_ns: int, config: TerrainConfig) -> None:
+        """Make and publish elevation and hazard."""
+        try:
+            grid = elevation_grid(fused.cloud, config, fused.T_lm_left, fused.random_sigma)
+        except SfrError as error:
+            self._warn(f"no elevation and no hazard of this map: {error}")
+            return
+        self._elevation.publish(elevation_msg(grid, stamp_ns, self._lm_frame))
+        self._hazard.publish(hazard_msg(grid, stamp_ns, self._lm_frame))
+        if self._grid_map_type is not None:
+            self._grid_map.publish(grid_map_msg(self._grid_map_type, grid, stamp_ns, self._lm_frame))
 
 
 def main() -> int:

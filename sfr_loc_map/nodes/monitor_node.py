@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
@@ -28,21 +28,19 @@ from sfr_loc_map.inputs import MAX_TEXT_BYTES, Side, parse_json
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import points_image, stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
-from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
-from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, Level
-from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
+from sfr_loc_map.metrics.score_json import to_dict, to_json
+from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, status_msg, task_record
+from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
-from sfr_loc_map.nodes.lifecycle.node_config import NodeConfig
-from sfr_loc_map.nodes.lifecycle.qos import RELIABILITIES, profile
+from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
+from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, transform_from_pose
-from sfr_loc_map.nodes.output.score_publisher import ScorePublisher
-from sfr_loc_map.nodes.process.runner import run
+from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
 from sfr_loc_map.pipeline.reception import TransportGaps
@@ -50,6 +48,15 @@ from sfr_loc_map.pipeline.reception import TransportGaps
 NAME = "monitor_node"
 RESTS = 9.0
 """Time without scoring after each score, as a multiple of the time that it took."""
+FIGURES = {
+    "position": ("trajectory", "position_m"),
+    "attitude": ("trajectory", "attitude_deg"),
+    "heading": ("trajectory", "heading_deg"),
+    "point": ("map", "point_error_m"),
+}
+"""Topics below `metrics/`, and where their figure stands in the JSON."""
+STATISTICS = ("mean", "sigma", "mean_plus_3sigma")
+VERDICT_LEVELS = {VerdictState.PASS: Level.OK, VerdictState.FAIL: Level.ERROR, VerdictState.NOT_ENOUGH_DATA: Level.WARN}
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +102,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, truth, clouds and calls and publishes the score."""
 
     def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters.
-
-        Args:
-            name: Name of the node.
-            options: Of `rclpy.node.Node`.
+        """Declare the parameters; `options` are those of `rclpy.node.Node`.
 
         Raises:
             ConfigError: If a parameter is unknown or not valid.
@@ -296,9 +299,56 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         return "the score restarts"
 
 
+class ScorePublisher:
+    """Publishes a score: its JSON, single figures for plots, and all of it as diagnostics."""
+
+    def __init__(self, endpoints: Endpoints) -> None:
+        """Create the publishers."""
+        self._metrics = endpoints.add_publisher(DiagnosticArray, "metrics", 10)
+        self._report = endpoints.add_publisher(String, "metrics/report", 1, latched=True)
+        self._figures = {
+            (name, statistic): endpoints.add_publisher(Float64, f"metrics/{name}/{statistic}", 10)
+            for name in FIGURES
+            for statistic in STATISTICS
+        }
+
+    def publish(self, score: Score, stamp_ns: int) -> None:
+        """Publish a score with the stamp of the last input."""
+        self._report.publish(String(data=to_json(score)))
+        content = to_dict(score)
+        for (name, statistic), publisher in self._figures.items():
+            part, figure = FIGURES[name]
+            value = content.get(part, {}).get(figure, {}).get(statistic)
+            if value is not None:
+                publisher.publish(Float64(data=float(value)))
+        self._metrics.publish(array_msg(header_msg(stamp_ns, ""), *score_statuses(content)))
+
+
+def score_statuses(score: Mapping[str, Any]) -> list[DiagnosticStatus]:
+    """Return a score (JSON) as diagnostics: a status for each group of figures, one for each verdict as its level."""
+    found = []
+    for part in ("trajectory", "map", "timing", "memory"):
+        content = score.get(part, {})
+        if plain := _plain(content):
+            found.append(status_msg(part, Level.OK, "", plain))
+        for name, figure in content.items():
+            if isinstance(figure, dict) and "mean" in figure:
+                values = _plain(figure)
+                level = Level.OK if values.get("mean_plus_3sigma") is not None else Level.WARN
+                found.append(status_msg(f"{part}/{name}", level, "" if values else "not enough data", values))
+    for item in score.get("verdicts", []):
+        level = VERDICT_LEVELS[VerdictState(item["verdict"])]
+        found.append(status_msg(f"verdict/{item['metric']}", level, item["verdict"], _plain(item)))
+    return found
+
+
+def _plain(content: Mapping[str, Any]) -> dict[str, Value]:
+    """Return what is a number or a word."""
+    return {name: value for name, value in content.items() if isinstance(value, (int, float, str))}
+
+
 def main() -> int:
     """Run the node."""
-    configure_malloc()
     return run(MonitorNode)
 
 

@@ -327,7 +327,7 @@ def verdicts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any
     pytest.importorskip("rclpy")
     from scenes import MOUNT
 
-    from sfr_loc_map.nodes.process import environment
+    from sfr_loc_map.nodes import environment
 
     folder = tmp_path_factory.mktemp("rovers")
     mount = folder / "mount.yaml"

@@ -23,7 +23,7 @@ from rosbags.highlevel import AnyReader
 
 from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes import environment
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 IMAGES = ["loc/left/image_rect", "loc/right/image_rect"]

@@ -28,7 +28,7 @@ from rcl_interfaces.srv import SetParameters
 from std_srvs.srv import SetBool
 
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes import environment
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 

@@ -21,7 +21,7 @@ from sensor_msgs.msg import Image
 
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes import environment
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes import environment
 
 
 @pytest.fixture(autouse=True)

@@ -27,12 +27,14 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.nodes.diagnostics.call_reporter import task_record
-from sfr_loc_map.nodes.input.config import StereoInputConfig
-from sfr_loc_map.nodes.input.received_pair import ReceivedImage, ReceivedPair
-from sfr_loc_map.nodes.input.stereo_synchronizer import PairHandlers, StereoSynchronizer
+from sfr_loc_map.nodes.diagnostics import task_record
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_msg, odometry_row, transform_from_pose
+from sfr_loc_map.nodes.stereo_input import (
+    ReceivedPair,
+    StereoInput,
+    StereoInputConfig,
+)
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession
 from sfr_loc_map.pipeline.mapping_session import MappingSession
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
@@ -87,8 +89,8 @@ class _Rover:
     def __init__(self) -> None:
         self.localisation = LocalisationSession(LocalisationConfig())
         self.problems: list[str] = []
-        handlers = PairHandlers(self.on_pair, self.on_rig, self.localisation.restart)
-        self.synchronizer = StereoSynchronizer("loc", StereoInputConfig(), handlers, self.problems.append)
+        restart, report = self.localisation.restart, self.problems.append
+        self.stereo = StereoInput("loc", StereoInputConfig(), self.on_pair, self.on_rig, restart, report)
         self.farthest_m = 1e6
 
     def on_rig(self, rig: Any) -> None:
@@ -114,13 +116,13 @@ class _Rover:
         for index in range(3):
             chosen = infos if infos is not None and index == 1 else good
             for side, info in zip(("left", "right"), chosen, strict=True):
-                self.synchronizer.add_camera_info(side, info)
+                self.stereo.add_camera_info(side, info)
             pair = loc_pair(index)
             for side, data in (("left", pair.left), ("right", pair.right)):
                 message = _message("Image", bag_messages.image(pair.stamp_ns, data, "loc", side))
                 if image is not None and index == 1:
                     message = image
-                self.synchronizer.add_image(side, ReceivedImage(message, times))
+                self.stereo.add_image(side, (message, times))
 
 
 def _message(name: str, message: Any) -> Any:

@@ -12,9 +12,9 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image, PointCloud2
 
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.messages.fields import byte_array, header_msg
 from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
-from sfr_loc_map.nodes.process import environment
 
 WIDTH, HEIGHT, POINTS = 1152, 896, 1_000_000
 RATE_HZ, CLOUD_PERIOD_S = 10.0, 5.0

@@ -24,8 +24,6 @@ import aiohttp
 import numpy as np
 import psutil
 
-from sfr_loc_map.nodes.process.priority import give_way
-
 ROOT = Path(__file__).resolve().parents[2]
 SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 ALONE_S = 60.0
@@ -110,7 +108,7 @@ async def state_of(session: aiohttp.ClientSession, url: str) -> dict[str, Any]:
 def server_process(parent: int) -> psutil.Process:
     """Return the process of the page beside a replay."""
     children = psutil.Process(parent).children(recursive=True)
-    return next(child for child in children if "nodes.live.page" in " ".join(child.cmdline()))
+    return next(child for child in children if "nodes.live_page" in " ".join(child.cmdline()))
 
 
 async def clients(minutes: float) -> None:
@@ -122,7 +120,6 @@ async def clients(minutes: float) -> None:
             command = (*SFR, "replay", "sample/sample.mcap", *options)
             to = {"stdout": stream, "stderr": subprocess.STDOUT, "env": _environment(), "start_new_session": True}
             replay = subprocess.Popen(command, cwd=ROOT, **to)
-        give_way()  # the pages would be on other machines
         try:
             url = await _address(log)
             server = server_process(replay.pid)

@@ -25,7 +25,7 @@ from processes import Process, wait_until
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.live.path import ROW_FIELDS
-from sfr_loc_map.nodes.process.live_process import live_page
+from sfr_loc_map.nodes.processes import LivePage
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 
@@ -89,7 +89,7 @@ def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(
 
 def test_a_page_that_cannot_start_or_is_killed_stops_nobody(capfd: pytest.CaptureFixture[str]) -> None:
     begin = time.monotonic()
-    with live_page(("--port", "0", "--host", "198.51.100.1")) as page:
+    with LivePage(("--port", "0", "--host", "198.51.100.1")) as page:
         wait_until(lambda: "sfr live:" in capfd.readouterr().err, "what the page says of itself")
         page.run_is_over()
     assert time.monotonic() - begin < 60.0

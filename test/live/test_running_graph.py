@@ -22,9 +22,9 @@ from processes import Process, node_process, wait_until
 
 from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.live.state import STALE_AFTER_S
-from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes import environment
 
-PAGE = ("-m", "sfr_loc_map.nodes.process.start", "nodes.live.page", "--port", "0")
+PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.live_page", "--port", "0")
 RECORD = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())", "record")
 
 

@@ -8,7 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from sfr_loc_map.nodes.process import environment
+from sfr_loc_map.nodes import environment
 
 
 @pytest.fixture(autouse=True)

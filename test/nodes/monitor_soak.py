@@ -45,7 +45,7 @@ class Feed:
     def __init__(self) -> None:
         from sfr_loc_map.geometry.transform import Transform
         from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-        from sfr_loc_map.nodes.diagnostics.key_values import Level, array_msg, status_msg
+        from sfr_loc_map.nodes.diagnostics import Level, array_msg, status_msg
         from sfr_loc_map.nodes.messages.fields import header_msg
         from sfr_loc_map.nodes.messages.pose import odometry_msg
 
@@ -100,16 +100,14 @@ def main() -> int:
     parser.add_argument("hours", type=float, nargs="?", default=8.0)
     parser.add_argument("--out", type=Path, default=Path("out/monitor-soak.csv"))
     options = parser.parse_args()
-    from sfr_loc_map.nodes.process import environment
+    from sfr_loc_map.nodes import environment
 
     environment.prepare()
     environment.isolate()
     import rclpy
 
-    from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
     from sfr_loc_map.nodes.monitor_node import MonitorNode
 
-    configure_malloc()  # as the program of the node does
     rclpy.init()
     node = MonitorNode()
     node.start()

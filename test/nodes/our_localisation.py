@@ -4,7 +4,7 @@ from geometry_msgs.msg import PointStamped
 
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.process.runner import run
+from sfr_loc_map.nodes.runner import run
 
 
 class OurLocalisation(LocalisationNode):

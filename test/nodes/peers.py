@@ -16,7 +16,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from scenes import calls, send_pair
 
 from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, values_of
+from sfr_loc_map.nodes.diagnostics import Level, level_of, values_of
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.messages.pose import odometry_row
 

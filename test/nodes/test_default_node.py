@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.diagnostics.key_values import Level, values_of
+from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.monitor_node import MonitorNode
@@ -71,9 +71,9 @@ def test_a_node_at_its_defaults_serves_what_is_around_it(ros: None, capfd: Captu
         assert status.hardware_id
         assert 0.0 < float(values_of(status)["received_messages_hz"]) < 100.0
 
-        received = node.node._stereo._image_callback("left")
+        (images,) = (item for item in node.node.subscriptions if item.topic_name == "/loc/left/image_rect")
         for number in range(1, 50, 2):  # a driver with too little shared memory
-            received(Image(), {"publication_sequence_number": number})
+            images.callback(Image(), {"publication_sequence_number": number})
         peer.well(Level.WARN, "% of the images of 'loc' are lost in transport: start the process that publishes them")
 
         client = peer.node.create_client(Trigger, "localisation_node/reset")

@@ -39,13 +39,13 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
-from sfr_loc_map.nodes.diagnostics.key_values import Level, values_of
-from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
+from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages.fields import header_msg, time_msg
 from sfr_loc_map.nodes.messages.pose import odometry_row, pose_msg
 from sfr_loc_map.nodes.messages.tracks import tracks_from_msg
 from sfr_loc_map.nodes.monitor_node import MonitorNode
+from sfr_loc_map.nodes.motion_prior import OdometryBuffer
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 SCORING = ["--ros-args", "-p", "publish_period_s:=0.1", "-p", "score.trajectory.conditions:=['frames=2']"]
@@ -56,7 +56,7 @@ OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])
 @pytest.mark.slow
 def test_wheel_odometry_tells_where_to_look(ros: None, capfd: Capture) -> None:
     arguments = ["--ros-args", *MOUNT, "-p", "motion_prior.wait_s:=0.5"]
-    prior = OdometryBuffer(10**9)
+    prior = OdometryBuffer()
     localiser = Localiser(LOC_RIG, LocalisationConfig(), Transform.identity())
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *arguments) as node:
         send_infos(peer, "loc", LOC_RIG)

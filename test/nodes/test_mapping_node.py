@@ -25,7 +25,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.terrain.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
-from sfr_loc_map.nodes.diagnostics.key_values import values_of
+from sfr_loc_map.nodes.diagnostics import values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
 from sfr_loc_map.nodes.messages.terrain import elevation_msg, hazard_msg

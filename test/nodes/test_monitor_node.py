@@ -22,7 +22,7 @@ from scenes import problems, raw
 from std_msgs.msg import Float64, String
 
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.diagnostics.key_values import values_of
+from sfr_loc_map.nodes.diagnostics import values_of
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 
 CONFIGURATION, DIAGNOSTICS = "localisation/configuration", (DiagnosticArray, "/diagnostics")

@@ -19,7 +19,7 @@ from scenes import calls, raw, send_infos, send_pair
 
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.nodes.diagnostics.key_values import Level, level_of, values_of
+from sfr_loc_map.nodes.diagnostics import Level, level_of, values_of
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.mapping_node import MappingNode

@@ -1,4 +1,4 @@
-"""The transitions of a managed node.
+"""A managed node with one configuration, whose work is done in a thread of its own.
 
 A managed node (design.ros2.org, "Managed nodes") is configured, activated, deactivated and cleaned up by a lifecycle
 manager or by `ros2 lifecycle set`; with the parameter `autostart` it does the first two by itself. What it holds in
@@ -11,23 +11,40 @@ each state:
 
 from __future__ import annotations
 
-from typing import Any
+import gc
+import traceback
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
 
-from rclpy.clock import JumpThreshold
+from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.task import Future
 from std_msgs.msg import String
 
+from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
-from sfr_loc_map.nodes.diagnostics.key_values import Level
-from sfr_loc_map.nodes.lifecycle.base_node import BaseNode, C
-from sfr_loc_map.nodes.lifecycle.heap import release_memory
-from sfr_loc_map.nodes.lifecycle.transitions import SUCCESS, Transitions, answer_invalid_transitions
+from sfr_loc_map.nodes.diagnostics import Level, NodeActivity, State, StatusReporter
+from sfr_loc_map.nodes.lifecycle.endpoints import Answer, Endpoints
+from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig, Parameters
 from sfr_loc_map.nodes.lifecycle.worker import Worker
 
+C = TypeVar("C", bound=NodeConfig)
 
-class ManagedNode(BaseNode[C]):
-    """A node that is configured, activated, deactivated and cleaned up."""
+
+class ManagedNode(LifecycleNode, Generic[C]):
+    """A node that is configured, activated, deactivated and cleaned up.
+
+    A subclass says in `setup`, `subscribe`, `teardown`, `clock_jumped_back` and `apply_config` what it does in each
+    step; these are called in the executor's thread. Jobs given to `worker` are done in its thread, in order.
+
+    Attributes:
+        task: What it does, in one word: `localisation`, `mapping` or `monitor`.
+        status: Reports problems, calls and health.
+        endpoints: Creates publishers, subscriptions and timers.
+    """
 
     _worker: Worker | None = None  # from Kilted on the context destroys its nodes, also those whose making failed
 
@@ -39,10 +56,125 @@ class ManagedNode(BaseNode[C]):
         live: tuple[str, ...],
         **options: Any,  # noqa: ANN401
     ) -> None:
-        """Declare the parameters; see `BaseNode`."""
-        super().__init__(name, task, config_type, live, **options)
-        self._transitions = Transitions(self._report_failure, self._log_error)
-        answer_invalid_transitions(self, lambda: self.status.publish_health(only_changes=True))
+        """Declare the parameters.
+
+        Args:
+            name: Name of the node.
+            task: One word.
+            config_type: Its parameters.
+            live: Beginnings of names of parameters that may change while the node is active; the others may as long as
+                it is unconfigured.
+            options: Of `rclpy.node.Node` (namespace, parameter_overrides, ...).
+
+        Raises:
+            ConfigError: If a parameter is unknown or not valid.
+        """
+        try:
+            super().__init__(name, **options)
+        except InvalidParameterTypeException as error:  # of a parameter that ROS itself declares
+            raise ConfigError(f"parameters of {name}: {error}") from error
+        self.task = task
+        self._settings = Parameters(
+            self,
+            config_type,
+            live=live,
+            state=lambda: self.state,
+            check=self.check_config,
+            changed=self._on_change,
+        )
+        self._last_error: Exception | None = None
+        self._quiet = False  # a failed transition is left to the caller to report
+        self.status = StatusReporter(self, task, self.config.health, self._activity)
+        self.endpoints = Endpoints(self, self.config.output_reliability, self.status.warn)
+        self._answer_invalid_transitions()
+
+    # ---- what a subclass defines
+
+    def check_config(self, config: C) -> None:
+        """Raise an `SfrError` where valid values do not fit together; called before `__init__` has ended, too."""
+
+    def setup(self) -> None:
+        """Prepare: publishers, compiled code."""
+
+    def subscribe(self) -> None:
+        """Receive: subscriptions, timers, services."""
+
+    def teardown(self) -> None:
+        """Forget all state and results."""
+
+    def clock_jumped_back(self) -> None:
+        """Start a new run."""
+
+    def apply_config(self, config: C) -> None:
+        """Work with another configuration from now on."""
+
+    def expects_input(self) -> bool:
+        """Tell whether an active node should be receiving, so that silence makes it stale."""
+        return True
+
+    def counts(self) -> dict[str, int]:
+        """Return what was dropped since the start, by name."""
+        return {"dropped_overload": self._worker.dropped if self._worker is not None else 0}
+
+    def restart_after_fault(self) -> None:
+        """Restart after an exception that was not foreseen; called in the worker's thread."""
+
+    # ---- what a subclass uses
+
+    @property
+    def config(self) -> C:
+        """The active configuration."""
+        return self._settings.config
+
+    @property
+    def state(self) -> str:
+        """State of the managed node: one of `State`, or that of a transition."""
+        return str(self._state_machine.current_state[1])
+
+    @property
+    def worker(self) -> Worker:
+        """The thread; raises a `NodeError` if the node is not configured."""
+        if self._worker is None:
+            raise NodeError(f"{self.get_fully_qualified_name()} is {self.state}: configure it first")
+        return self._worker
+
+    def config_json(self) -> str:
+        """Return the active configuration by dotted names."""
+        return self._settings.to_json()
+
+    def add_service(self, name: str, work: Callable[[], str], first: Callable[[], object] = lambda: None) -> None:
+        """Offer a Trigger service of the active node, answered by the worker after the jobs that wait there.
+
+        Args:
+            name: Name of the service.
+            work: Returns the answer; an `SfrError` is answered as a failure.
+            first: Done at once, in the executor's thread.
+        """
+
+        async def answer() -> Answer:
+            if self.state != State.ACTIVE:
+                return False, f"the node is {self.state}: activate it first"
+            first()
+            executor = self.executor
+            future = Future(executor=executor)
+            future.add_done_callback(lambda _: executor.wake() if executor is not None else None)
+
+            def job() -> None:
+                result: Answer = (False, f"{self.task} failed: see the log")
+                try:
+                    result = (True, work())
+                except SfrError as error:
+                    result = (False, str(error))
+                finally:
+                    future.set_result(result)
+
+            self.worker.enqueue(job)
+            answered: Answer = await future
+            return answered
+
+        self.endpoints.add_service(name, answer)
+
+    # ---- transitions
 
     def start(self) -> None:
         """Become active, if `autostart` is on.
@@ -53,40 +185,42 @@ class ManagedNode(BaseNode[C]):
         if not self.config.autostart:
             self.get_logger().info("unconfigured: waits for a lifecycle manager")
             return
-        self._transitions.quiet = True
+        self._quiet = True
         try:
             for trigger in (self.trigger_configure, self.trigger_activate):
-                if trigger() != SUCCESS and self._transitions.last_error is not None:
-                    raise self._transitions.last_error
+                if trigger() != TransitionCallbackReturn.SUCCESS and self._last_error is not None:
+                    raise self._last_error
         finally:
-            self._transitions.quiet = False
+            self._quiet = False
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create what an inactive node has."""
-        return self._transitions.run("configure", self._configure, undo=self._clean_up)
+        return self._run("configure", self._configure, undo=self._clean_up)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Receive and publish."""
         enable = super().on_activate
-        return self._transitions.run("activate", lambda: enable(state), self._activate, undo=self._deactivate)
+        return self._run("activate", lambda: enable(state), self._activate, undo=self._deactivate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Receive nothing more, finish the running job, stop publishing."""
         disable = super().on_deactivate
-        return self._transitions.run("deactivate", self._deactivate, lambda: disable(state), self._log_inactive)
+        say = self.get_logger().info
+        return self._run("deactivate", self._deactivate, lambda: disable(state), lambda: say("inactive"))
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything."""
-        return self._transitions.run("cleanup", self._clean_up)
+        return self._run("cleanup", self._clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything, from any state."""
-        return self._transitions.run("shutdown", self._deactivate, self._clean_up)
+        return self._run("shutdown", self._deactivate, self._clean_up)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything after a transition that raised: the node can then be configured again."""
-        result = self._transitions.run("error", self._deactivate, self._clean_up)
-        self.status.health.note_problem(Level.ERROR, f"a transition broke: {self._transitions.last_error}")
+        broke = self._last_error
+        result = self._run("error", self._deactivate, self._clean_up)
+        self.status.health.note_problem(Level.ERROR, f"a transition broke: {broke}")
         return result
 
     def destroy_node(self) -> None:
@@ -94,6 +228,27 @@ class ManagedNode(BaseNode[C]):
         if self._worker is not None:
             self._worker.stop()
         super().destroy_node()
+
+    def _run(
+        self, name: str, *steps: Callable[[], object], undo: Callable[[], None] | None = None
+    ) -> TransitionCallbackReturn:
+        """Run the steps of a transition; where one fails for a known reason `undo` restores the state before."""
+        try:
+            for step in steps:
+                step()
+            return TransitionCallbackReturn.SUCCESS
+        except SfrError as error:
+            if undo is not None:
+                undo()
+            self._last_error, outcome = error, TransitionCallbackReturn.FAILURE
+        except Exception as error:  # rclpy's state machine would swallow it
+            self._log_error(traceback.format_exc())
+            self._last_error, outcome = error, TransitionCallbackReturn.ERROR
+        if not self._quiet:
+            text = f"{name} failed: {self._last_error}"
+            self._log_error(text)
+            self.status.health.note_problem(Level.ERROR, text)
+        return outcome
 
     def _configure(self) -> None:
         self.check_config(self.config)  # again: a file that it names may be gone
@@ -127,15 +282,58 @@ class ManagedNode(BaseNode[C]):
             self._worker = None
         self.endpoints.destroy_configured()
         self.teardown()
-        release_memory()
+        gc.collect()  # images and clouds that reference cycles hold
 
-    def _report_failure(self, text: str) -> None:
-        self._log_error(text)
-        self.status.health.note_problem(Level.ERROR, text)
+    def _answer_invalid_transitions(self) -> None:
+        """Answer requests for a transition that the present state does not have: rclpy would end the node."""
+        service = self._service_change_state
+        change = service.callback
+
+        def guarded(request: Any, response: Any) -> Any:  # noqa: ANN401 - lifecycle_msgs/ChangeState
+            try:
+                response = change(request, response)
+            except rclpy_implementation.RCLError:
+                response.success = False
+            self.status.publish_health(only_changes=True)
+            return response
+
+        service.callback = guarded
+
+    # ---- events
+
+    def _activity(self) -> NodeActivity:
+        waiting = self._worker.waiting if self._worker is not None else 0
+        found: list[tuple[Level, str]] = []
+        if self.get_node_names_and_namespaces().count((self.get_name(), self.get_namespace())) > 1:
+            text = (
+                f"another node of the name {self.get_fully_qualified_name()} is in this ROS domain and publishes, too: "
+                f"end one, or give it a namespace (one that was killed shows for up to 20 s)"
+            )
+            found.append((Level.WARN, text))
+        clock = self.get_clock()
+        if isinstance(clock, ROSClock) and clock.ros_time_is_active and not clock.now().nanoseconds:
+            found.append((Level.WARN, "use_sim_time is on but nothing was received on /clock: its time stands still"))
+        return NodeActivity(self.state, self.counts(), waiting, self.expects_input(), found)
+
+    def _on_fault(self, error: Exception) -> None:
+        """Survive an exception that was not foreseen: report it and restart."""
+        if not self.context.ok():
+            return  # a signal has shut ROS down while the thread worked: its next use of ROS failed
+        self.get_logger().error("".join(traceback.format_exception(error)))
+        self.status.error(f"internal fault, {self.task} restarts: {type(error).__name__}: {error}")
+        self.restart_after_fault()
+
+    def _on_change(self, config: C) -> None:
+        self.get_logger().info(f"parameters have changed; configuration {self.config_json()}")
+        self.endpoints.reliability = config.output_reliability
+        self.status.set_config(config.health)
+        if self._worker is not None:
+            self.apply_config(config)
+            self._publish_config()
+
+    def _publish_config(self) -> None:
+        self._config_publisher.publish(String(data=self.config_json()))
 
     def _log_error(self, text: str) -> None:
         if self.context.ok():  # else a signal has shut ROS down within the transition, which then failed of it
             self.get_logger().error(text)
-
-    def _log_inactive(self) -> None:
-        self.get_logger().info("inactive")

@@ -1,27 +1,49 @@
-"""ROS parameters from configuration dataclasses.
+"""ROS parameters from configuration dataclasses, and the parameters that each node has.
 
 A field of a dataclass is the only declaration of a parameter: ROS gets its name, type, default, text, unit and range.
-All but the fixed ones may be set while the node is unconfigured, the live ones always.
+All but `autostart` may be set while the node is unconfigured, the live ones always.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from sfr_loc_map.config import ParamInfo, build, flatten, parameters
+from sfr_loc_map.config import ParamInfo, build, flatten, param, parameters
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.nodes.diagnostics.health import State
-from sfr_loc_map.nodes.lifecycle.qos import OVERRIDES
+from sfr_loc_map.nodes.diagnostics import HealthConfig, State
+from sfr_loc_map.nodes.lifecycle.endpoints import OVERRIDES, RELIABILITIES
+from sfr_loc_map.nodes.lifecycle.worker import Overload
 
 C = TypeVar("C")
 BUILT_IN = ("use_sim_time", "start_type_description_service", OVERRIDES)
 """Parameters that ROS itself declares on a node."""
+FIXED = "autostart"
+"""Is read once, when the node starts."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeConfig:
+    """Parameters that each node has."""
+
+    autostart: bool = param(
+        True, doc="Become active at start; false: wait for a lifecycle manager or `ros2 lifecycle set`."
+    )
+    output_reliability: str = param(
+        "reliable", doc="Reliability offered to the subscribers of results.", choices=RELIABILITIES
+    )
+    health: HealthConfig = field(default_factory=HealthConfig)
+
+    @abstractmethod
+    def queue(self) -> tuple[Overload, int]:
+        """Return what is dropped when the worker cannot keep up, and how many jobs may wait."""
 
 
 class Parameters(Generic[C]):
@@ -37,7 +59,6 @@ class Parameters(Generic[C]):
         config_type: type[C],
         *,
         live: tuple[str, ...] = (),
-        fixed: Collection[str] = (),
         state: Callable[[], str] = lambda: State.ACTIVE,
         check: Callable[[C], None] = lambda config: None,
         changed: Callable[[C], None] = lambda config: None,
@@ -48,7 +69,6 @@ class Parameters(Generic[C]):
             node: A node that has declared none of them yet.
             config_type: A frozen dataclass with fields by `sfr_loc_map.config.param`.
             live: Beginnings of names that may change while the node runs, beside those whose fields say so.
-            fixed: Names that never change.
             state: Returns the state of the managed node.
             check: Raises an `SfrError` where values that are each valid do not fit together.
             changed: Called with the configuration after each live change.
@@ -66,7 +86,7 @@ class Parameters(Generic[C]):
         values = flatten(self.config)
         self._live = {name for name, info in self._infos.items() if info.live or name.startswith(live or ("\0",))}
         for name, info in self._infos.items():
-            text = descriptor(info, live=name in self._live, fixed=name in fixed)
+            text = _descriptor(info, live=name in self._live)
             node.declare_parameter(name, _as_list(values[name]), text, ignore_override=True)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_changed)
@@ -76,7 +96,6 @@ class Parameters(Generic[C]):
         return json.dumps({name: _as_list(value) for name, value in flatten(self.config).items()})
 
     def _with(self, changes: Sequence[Parameter]) -> C:
-        """Return the configuration with changes."""
         values = flatten(self.config) | {p.name: _as_list(p.value) for p in changes if p.name in self._infos}
         return build(self._type, values, origin=self._origin)
 
@@ -99,9 +118,9 @@ class Parameters(Generic[C]):
             self._changed(config)
 
 
-def descriptor(info: ParamInfo, *, live: bool, fixed: bool) -> ParameterDescriptor:
+def _descriptor(info: ParamInfo, *, live: bool) -> ParameterDescriptor:
     """Return what ROS tools show of a parameter: text with unit, range, choices, when it may change."""
-    text = f"{info.doc} [{info.unit}]" if info.unit else info.doc
+    text, fixed = f"{info.doc} [{info.unit}]" if info.unit else info.doc, info.name == FIXED
     message = ParameterDescriptor(description=text, read_only=fixed)
     constraints = [f"one of: {', '.join(info.choices)}"] if info.choices else []
     if isinstance(info.default, tuple) and info.low is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from threading import Condition, Thread
 
@@ -22,13 +21,6 @@ class Overload(StrEnum):
     """The newest alone."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    run: Job
-    droppable: bool
-    size_bytes: int = 0
-
-
 class Worker:
     """Does jobs in the order in which they were given.
 
@@ -37,6 +29,7 @@ class Worker:
 
     Attributes:
         dropped: Jobs dropped since the start because the queue was full.
+        waiting: Droppable jobs that wait.
     """
 
     def __init__(self, name: str, overload: Overload, capacity: int, on_fault: Callable[[Exception], None]) -> None:
@@ -48,45 +41,36 @@ class Worker:
             capacity: Most droppable jobs that wait (`EVERY_PAIR`).
             on_fault: Called, in the thread, with an exception that a job did not catch; the next job is done anyway.
         """
-        self.dropped = 0
+        self.dropped = self.waiting = 0
         self._capacity = 1 if overload is Overload.NEWEST_FIRST else capacity
         self._on_fault = on_fault
-        self._jobs: deque[_Waiting] = deque()
-        self._droppable = 0
+        self._jobs: deque[tuple[Job, int | None]] = deque()  # with the bytes of droppable ones
         self._changed = Condition()
         self._busy = self._ending = False
         self._thread = Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    @property
-    def waiting(self) -> int:
-        """Droppable jobs that wait."""
-        return self._droppable
-
     def enqueue(self, job: Job) -> None:
         """Add a job that is never dropped."""
-        self._add(_Waiting(job, droppable=False))
+        self._add(job, None)
 
     def enqueue_droppable(self, job: Job, size_bytes: int = 0) -> None:
         """Add a job; if the queue is full the oldest droppable job is dropped, and counted.
 
-        Args:
-            job: To be done.
-            size_bytes: Of what it holds; where such jobs become too large together, the oldest of them are dropped.
+        Where jobs become too large together, the oldest of those that say so are dropped.
         """
         with self._changed:
-            while self._droppable >= self._capacity:
-                self._drop_oldest()
-            while size_bytes and 0 < self._waiting_bytes() > MAX_WAITING_BYTES - size_bytes:
-                self._drop_oldest(least_bytes=1)
-        self._add(_Waiting(job, droppable=True, size_bytes=size_bytes))
+            while self.waiting >= self._capacity:
+                self._drop_oldest(0)
+            while size_bytes and 0 < sum(size or 0 for _, size in self._jobs) > MAX_WAITING_BYTES - size_bytes:
+                self._drop_oldest(1)
+            self._add(job, size_bytes)
 
     def clear(self) -> int:
         """Drop the droppable jobs that wait; return how many (they do not count as dropped)."""
         with self._changed:
-            count = self._droppable
-            self._jobs = deque(job for job in self._jobs if not job.droppable)
-            self._droppable = 0
+            count, self.waiting = self.waiting, 0
+            self._jobs = deque(job for job in self._jobs if job[1] is None)
             return count
 
     def wait_idle(self) -> None:
@@ -95,34 +79,25 @@ class Worker:
             self._changed.wait_for(lambda: not self._busy and not self._jobs)
 
     def stop(self, timeout_s: float = 10.0) -> None:
-        """End the thread: waiting jobs are forgotten, the running one is finished.
-
-        Args:
-            timeout_s: How long the running job may take; a thread that hangs ends with the process.
-        """
+        """End the thread: waiting jobs are forgotten, the running one is finished, unless it takes too long."""
         with self._changed:
             self._ending = True
             self._jobs.clear()
-            self._droppable = 0
+            self.waiting = 0
             self._changed.notify_all()
         self._thread.join(timeout_s)
 
-    def _add(self, job: _Waiting) -> None:
+    def _add(self, job: Job, size_bytes: int | None) -> None:
         with self._changed:
-            if self._ending:
-                return
-            self._jobs.append(job)
-            self._droppable += job.droppable
-            self._changed.notify_all()
+            if not self._ending:
+                self._jobs.append((job, size_bytes))
+                self.waiting += size_bytes is not None
+                self._changed.notify_all()
 
-    def _waiting_bytes(self) -> int:
-        return sum(job.size_bytes for job in self._jobs)
-
-    def _drop_oldest(self, least_bytes: int = 0) -> None:
-        jobs = enumerate(self._jobs)
-        index = next(number for number, job in jobs if job.droppable and job.size_bytes >= least_bytes)
-        del self._jobs[index]
-        self._droppable -= 1
+    def _drop_oldest(self, least_bytes: int) -> None:
+        sizes = enumerate(size for _, size in self._jobs)
+        del self._jobs[next(number for number, size in sizes if size is not None and size >= least_bytes)]
+        self.waiting -= 1
         self.dropped += 1
 
     def _work(self) -> None:
@@ -141,7 +116,7 @@ class Worker:
             self._changed.wait_for(lambda: bool(self._jobs) or self._ending)
             if self._ending:
                 return None
-            first = self._jobs.popleft()
-            self._droppable -= first.droppable
+            job, size_bytes = self._jobs.popleft()
+            self.waiting -= size_bytes is not None
             self._busy = True
-            return first.run
+            return job

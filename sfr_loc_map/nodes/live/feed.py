@@ -20,7 +20,6 @@ from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from std_msgs.msg import String
 
@@ -38,14 +37,13 @@ from sfr_loc_map.live.updates import (
     Track,
     Update,
 )
-from sfr_loc_map.nodes.diagnostics.key_values import TOPIC, level_of, values_of
-from sfr_loc_map.nodes.lifecycle.heap import configure_malloc
+from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.diagnostics import TOPIC, level_of, values_of
+from sfr_loc_map.nodes.environment import start_ros
 from sfr_loc_map.nodes.live.media_feed import NO_EVENTS, MediaFeed
 from sfr_loc_map.nodes.live.operator import RosOperator
 from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
-from sfr_loc_map.nodes.process import environment
-from sfr_loc_map.nodes.process.live_process import node_name_of
-from sfr_loc_map.nodes.process.ros_start import start_ros
+from sfr_loc_map.nodes.processes import page_node_name
 from sfr_loc_map.pipeline.reception import TransportGaps
 
 SUITE_NODES = frozenset({"localisation_node", "mapping_node", "monitor_node"})
@@ -65,13 +63,12 @@ class RosFeed:
             hub: Takes what is received.
             namespace: Of the rover.
         """
-        configure_malloc()  # large messages come in one thread and are let go in another
         environment.prepare()
-        start_ros([], signal_handler_options=SignalHandlerOptions.NO)
+        start_ros()
         self._hub = hub
         self._space = namespace.strip("/")
         self._node: Node = rclpy.create_node(
-            node_name_of(os.getpid()), namespace=f"/{self._space}", start_parameter_services=False
+            page_node_name(os.getpid()), namespace=f"/{self._space}", start_parameter_services=False
         )
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)

@@ -23,11 +23,7 @@ from sfr_loc_map.nodes.messages.fields import byte_array
 
 
 def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> GreyImage:
-    """Return an image message as 8-bit grey `(H, W)`.
-
-    Args:
-        message: sensor_msgs/Image or CompressedImage (PNG or JPEG).
-        size: Width and height given by the camera_info.
+    """Return an image message (PNG or JPEG where compressed) as 8-bit grey `(H, W)`; `size` is that of camera_info.
 
     Raises:
         InputError: If the size is another, the encoding is not supported or the data is broken.
@@ -39,28 +35,20 @@ def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> 
 def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None:
     """Check the size that an image claims before anything is decoded or allocated: a small message may claim any.
 
-    Args:
-        message: sensor_msgs/Image or CompressedImage (PNG or JPEG).
-        size: Width and height given by the camera_info.
-
     Raises:
         InputError: If the size is another.
     """
     if isinstance(message, Image):
         found: tuple[int, int] | None = (int(message.width), int(message.height))
     else:
-        found = compressed_size(bytes(message.data))
+        data = bytes(message.data)
+        found = claimed_size(data) if data.startswith((PNG_MAGIC, JPEG_MAGIC)) else None
     if found != size:
         what = "not PNG or JPEG" if found is None else f"{found[0]} x {found[1]}"
         raise InputError(
             f"image of stamp {stamp_of(message)} is {what}: its camera_info says {size[0]} x {size[1]}; "
             f"publish the camera_info of these images"
         )
-
-
-def compressed_size(data: bytes) -> tuple[int, int] | None:
-    """Return width and height that the header of a PNG or JPEG file claims, None where there is no such header."""
-    return claimed_size(data) if data.startswith((PNG_MAGIC, JPEG_MAGIC)) else None
 
 
 def image_msg(image: NDArray[np.uint8], header: Header) -> Image:

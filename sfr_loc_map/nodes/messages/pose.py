@@ -44,11 +44,7 @@ def pose_msg(pose: Transform, quat_xyzw: FloatArray) -> Pose:
 
 
 def transform_from_pose(pose: Pose, name: str) -> Transform:
-    """Return `T_parent_child` of a pose message.
-
-    Args:
-        pose: geometry_msgs/Pose.
-        name: What it is, for the message of an error.
+    """Return `T_parent_child` of a pose message; `name` says what it is where it is none.
 
     Raises:
         InputError: If a number is not finite, the position is absurd or the quaternion is not of unit length (an empty
@@ -82,11 +78,11 @@ def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:
     message = Odometry(header=header_msg(estimate.stamp_ns, parent), child_frame_id=child)
     message.pose.pose = pose_msg(estimate.T_ds_rb, estimate.T_ds_rb.quat_xyzw)
     message.pose.covariance = np.array(estimate.covariance, dtype=np.float64).reshape(36)
-    message.twist = twist_msg(estimate.step)
+    message.twist = _twist_msg(estimate.step)
     return message
 
 
-def twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
+def _twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
     """Return the mean velocity of a step, with 9999 on the diagonal of its covariance where there is none."""
     if step is None:
         return TwistWithCovariance(covariance=(np.eye(6) * LOST_VARIANCE).reshape(36))

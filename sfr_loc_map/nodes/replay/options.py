@@ -3,29 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from sfr_loc_map.config import flatten, load_yaml
+from sfr_loc_map.geometry.pose_convention import PoseConvention
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.nodes.process.live_process import LivePage
-from sfr_loc_map.nodes.replay.external_options import RESULT_TOPICS, ExternalOptions
+from sfr_loc_map.nodes.processes import LivePage
 
-REPLAY_PARAMETERS = {"autostart": True, "output_reliability": "reliable"}
-"""Parameters that a replay sets for each node, whatever a parameter file says."""
+RESULT_TOPICS = {"localisation": "localisation/odometry", "mapping": "mapping/points"}
+"""Topics of the suite that carry the results of a task."""
+CONVERTED = "external/converted"
+"""Topic of converted results, where an external node itself publishes on the suite's."""
 RELIABLE_INPUT = {
     "localisation_node": "input.reliability",
     "mapping_node": "input.reliability",
     "monitor_node": "input_reliability",
 }
 """Parameter of each node that a replay sets to reliable: in lock step each message is awaited."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalOptions:
+    """An external node in place of ours.
+
+    Attributes:
+        task: What it does.
+        topic: What it publishes its results on.
+        command: Command that starts it; empty: it runs already, or is started by the user.
+        watch: Process whose CPU and memory are measured: number, or part of a command line; empty: that of the command.
+        frames: What its answers name, `parent -> child` or of a cloud `parent`; empty: what the first of them names.
+        timeout_s: How long the answer to a pair is waited for, in lock step; what comes later is late.
+        start_timeout_s: How long it may take until it listens.
+        convention: In what its poses differ from those of RB in DS; for a cloud, its points from those in LM.
+    """
+
+    task: Task
+    topic: str
+    command: str = ""
+    watch: str = ""
+    frames: str = ""
+    timeout_s: float = 5.0
+    start_timeout_s: float = 60.0
+    convention: PoseConvention = field(default_factory=PoseConvention)
+
+    @property
+    def converted_topic(self) -> str:
+        """What the converted results are published on, for the monitor."""
+        own = RESULT_TOPICS[self.task]
+        return CONVERTED if self.topic == own else own
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,21 +97,11 @@ class ReplayOptions:
     external: ExternalOptions | None = None
 
 
-def pairs_per_map(source: Source) -> int:
-    """Return how many pairs the map of a source is made of, 0 without mapping."""
-    return len(source.nav) if source.nav is not None else 0
-
-
 def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict[str, list[str]]:
-    """Write the parameter files of the nodes; return the command line of each node by its name.
-
-    Args:
-        source: An opened source.
-        options: Options of the replay.
-        folder: Folder for the parameter files.
-    """
+    """Write the parameter files of the nodes into a folder; return the command line of each node by its name."""
+    pairs = len(source.nav) if source.nav is not None else MAX_PAIRS
     localisation = _changed("localisation", options.localisation)
-    mapping = _changed("mapping", options.mapping) | {"pairs_per_map": pairs_per_map(source) or MAX_PAIRS}
+    mapping = _changed("mapping", options.mapping) | {"pairs_per_map": pairs}
     monitor = _changed("score", options.score)
     if options.limits is not None:
         monitor["limits_file"] = str(options.limits.resolve())
@@ -85,11 +109,16 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
         extrinsics = source.loc.rig.T_rb_sb
         localisation["T_rb_locsb.translation_m"] = extrinsics.translation.tolist()
         localisation["T_rb_locsb.quat_xyzw"] = extrinsics.file_quat_xyzw.tolist()
-    nodes = {"localisation_node": localisation, "mapping_node": mapping, "monitor_node": monitor}
     external = options.external
-    if external is not None:
-        del nodes[f"{external.task}_node"]
-    found = {name: _arguments(folder, name, parameters, options.parameter_file) for name, parameters in nodes.items()}
+    found = {}
+    for node, parameters in (("localisation_node", localisation), ("mapping_node", mapping), ("monitor_node", monitor)):
+        if external is not None and node == f"{external.task}_node":
+            continue
+        parameters |= {"autostart": True, "output_reliability": "reliable", RELIABLE_INPUT[node]: "reliable"}
+        path = folder / f"{node}.yaml"
+        path.write_text(yaml.safe_dump({f"/**/{node}": {"ros__parameters": parameters}}), encoding="utf-8")
+        files = [file for file in (options.parameter_file, path) if file is not None]
+        found[node] = ["--ros-args", *(word for file in files for word in ("--params-file", str(file)))]
     if external is not None and external.converted_topic != RESULT_TOPICS[external.task]:
         found["monitor_node"] += ["-r", f"{RESULT_TOPICS[external.task]}:={external.converted_topic}"]
     return found
@@ -109,13 +138,3 @@ def _changed(prefix: str, config: Any) -> dict[str, Any]:  # noqa: ANN401 - any 
     defaults = flatten(type(config)())
     values = {name: value for name, value in flatten(config).items() if value != defaults[name]}
     return {f"{prefix}.{name}": list(v) if isinstance(v, tuple) else v for name, v in values.items()}
-
-
-def _arguments(folder: Path, node: str, parameters: dict[str, Any], user_file: Path | None) -> list[str]:
-    path = folder / f"{node}.yaml"
-    content = {f"/**/{node}": {"ros__parameters": parameters | REPLAY_PARAMETERS | {RELIABLE_INPUT[node]: "reliable"}}}
-    path.write_text(yaml.safe_dump(content), encoding="utf-8")
-    arguments = ["--ros-args"]
-    for file in (user_file, path):
-        arguments += ["--params-file", str(file)] if file is not None else []
-    return arguments

@@ -1,21 +1,30 @@
-"""Publishes the messages of a source to the running nodes."""
+"""Publishes the messages of a source to the running nodes, as an operator wants.
+
+The controls are services and parameters named as those of the rosbag2 player: services `~/pause`, `~/resume`,
+`~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/stop` (std_srvs/Trigger; the answer gives the position) and
+`~/set_loop` (std_srvs/SetBool); parameters `rate` and `seek_s` (continues there).
+"""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from std_srvs.srv import SetBool, Trigger
 
 from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.nodes.messages.fields import header_msg
 from sfr_loc_map.nodes.messages.message_types import message_type
 from sfr_loc_map.nodes.messages.pose import pose_msg
-from sfr_loc_map.nodes.replay.control_services import offer_controls
-from sfr_loc_map.nodes.replay.replay_node import ANSWER_TIMEOUT_S, SPIN_S, ReplayNode
-from sfr_loc_map.nodes.replay.result_collector import ResultCollector
+from sfr_loc_map.nodes.replay.collector import ResultCollector
+from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, SPIN_S, ReplayNode
 from sfr_loc_map.pipeline.controls import Controls, Keyboard
 from sfr_loc_map.pipeline.message_stream import Message, Pacer, PairTracker
 
@@ -23,6 +32,7 @@ START_TIMEOUT_S = 300.0
 """The first start after an installation compiles the kernels."""
 SETTLE_S = 0.3
 SOURCE_DEPTH = 20
+SEEK, RATE = "seek_s", "rate"
 
 
 class Player:
@@ -53,22 +63,17 @@ class Player:
         }
         self._initial_pose = node.node.create_publisher(PoseWithCovarianceStamped, "initialpose", depth)
         self._resets = {name: node.client(f"{name}/reset") for name in node.supervisor.processes}
-        offer_controls(node.node, controls)
+        _offer_controls(node.node, controls)
 
     def wait_until_ready(self) -> None:
-        """Wait until all nodes listen and are connected.
-
-        Raises:
-            NodeError: If a node ends, or it takes too long.
-        """
+        """Wait until all nodes listen and are connected."""
+        graph = self._node.node
 
         def ready() -> bool:
             if not all(client.service_is_ready() for client in self._resets.values()):
                 return False
             publishers = self._publishers.values()
-            return all(
-                p.get_subscription_count() == self._node.node.count_subscribers(p.topic_name) for p in publishers
-            )
+            return all(p.get_subscription_count() == graph.count_subscribers(p.topic_name) for p in publishers)
 
         self._node.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(self._resets)} did not start")
         external = self.collector.external
@@ -80,21 +85,20 @@ class Player:
 
     def set_pose(self, start: StartPose) -> None:
         """Publish the pose at which localisation starts, in its own world frame, and wait until it is received."""
-        message = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, ""))
+        message, publisher = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, "")), self._initial_pose
         message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
-        self._initial_pose.publish(message)
+        publisher.publish(message)
         if "localisation_node" not in self._resets:
             return  # an external node may listen to it or not
-        self._node.wait_for(
-            self._pose_delivered, ANSWER_TIMEOUT_S, lambda: "localisation_node did not receive initialpose"
-        )
+
+        def delivered() -> bool:
+            acked = Duration(seconds=0.05)
+            return bool(publisher.get_subscription_count()) and bool(publisher.wait_for_all_acked(acked))
+
+        self._node.wait_for(delivered, ANSWER_TIMEOUT_S, lambda: "localisation_node did not receive initialpose")
 
     def reset_nodes(self) -> None:
-        """Reset the nodes and the results for another run.
-
-        Raises:
-            NodeError: If one does not answer.
-        """
+        """Reset the nodes and the results for another run."""
         for name in self._resets:
             self._node.call(f"{name}/reset", f"{name} did not reset")
         self._node.spin_for(SETTLE_S)  # results on their way
@@ -111,7 +115,7 @@ class Player:
             NodeError: If a node ends or does not answer.
             InputError: If a node refuses its input (rate 0).
         """
-        pairs, pacer = PairTracker(), Pacer(self.controls)
+        pairs, pacer, collector = PairTracker(), Pacer(self.controls), self.collector
         for message in messages:
             self._hold(pacer, message)
             if self.controls.interrupted:
@@ -121,13 +125,13 @@ class Player:
             pair = pairs.add(message)
             if pair is None:
                 continue
-            self.collector.published(*pair, sent_s)
+            collector.published(*pair, sent_s)
             if self.controls.rate > 0:
                 self._node.supervisor.check()
-                if self.collector.external is not None:
-                    self.collector.external.look_after()
+                if collector.external is not None:
+                    collector.external.look_after()
             else:
-                self.collector.wait_for_pair(*pair)
+                collector.wait_for_pair(*pair)
             self.controls.step_done()
             progress(pair[0])
 
@@ -142,6 +146,53 @@ class Player:
             self._node.spin_for(min(wait_s or SPIN_S, SPIN_S))
         self._node.spin_once()
 
-    def _pose_delivered(self) -> bool:
-        publisher = self._initial_pose
-        return bool(publisher.get_subscription_count()) and bool(publisher.wait_for_all_acked(Duration(seconds=0.05)))
+
+def _offer_controls(node: Node, controls: Controls) -> None:
+    """Offer the controls of a replay as services and parameters."""
+    actions: dict[str, Callable[[], None]] = {
+        "pause": controls.pause,
+        "resume": controls.resume,
+        "toggle_paused": controls.toggle,
+        "is_paused": lambda: None,
+        "play_next": controls.step,
+        "stop": controls.stop,
+    }
+
+    def server(name: str, action: Callable[[], None]) -> Callable[..., Trigger.Response]:
+        def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            action()
+            response.success = controls.paused if name == "is_paused" else True
+            response.message = f"{'paused' if controls.paused else 'playing'} at {controls.position_s:.3f} s"
+            return response
+
+        return serve
+
+    def set_loop(request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        controls.loop = bool(request.data)
+        response.success = True
+        return response
+
+    def check(changes: list[Parameter]) -> SetParametersResult:
+        ours = [change.value for change in changes if change.name in (RATE, SEEK)]
+        if any(not isinstance(value, float) or not math.isfinite(value) or value < 0 for value in ours):
+            return SetParametersResult(successful=False, reason="a number of 0.0 or more is needed")
+        if any(change.name == SEEK and change.value > controls.end_s for change in changes):
+            reason = f"the last pair is at {controls.end_s:.3f} s: nothing is left after it"
+            return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def changed(changes: list[Parameter]) -> None:
+        for change in changes:
+            if change.name == RATE:
+                controls.rate = change.value
+            elif change.name == SEEK:
+                controls.seek(change.value)
+
+    for name, action in actions.items():
+        node.create_service(Trigger, f"~/{name}", server(name, action))
+    node.create_service(SetBool, "~/set_loop", set_loop)
+    rate_text = "0: lock step; else multiple of the recorded speed."
+    node.declare_parameter(RATE, controls.rate, ParameterDescriptor(description=rate_text))
+    node.declare_parameter(SEEK, 0.0, ParameterDescriptor(description="Set it to continue there. [s]"))
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(changed)

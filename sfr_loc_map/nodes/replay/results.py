@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import ProcessUsage
-from sfr_loc_map.nodes.replay.external_options import ExternalOptions
+from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.external_run import AnswerBook
 from sfr_loc_map.pipeline.monitor_score import PairSet, PairSets
@@ -81,6 +81,23 @@ class ReplayResults:
         stamps, positions, quats = zip(*self.rows, strict=True)
         return Trajectory(np.array(stamps, np.int64), np.array(positions), np.array(quats))
 
+    @property
+    def records(self) -> list[CallRecord]:
+        """All calls: those of the localiser, with the covariances of the odometry, then those of the mapper.
+
+        An external localiser has one for each covariance, told or not.
+        """
+        calls = self.localisation
+        if self.answers is not None and self.answers.task == "loc":
+            untold = {s: CallRecord(s, float("nan"), TrackingState.TRACKING, None, None) for s in self.covariances}
+            calls = untold | calls
+        return [*(replace(r, covariance=self.covariances.get(s)) for s, r in calls.items()), *self.mapping.values()]
+
+    @property
+    def count(self) -> int:
+        """How many results there are."""
+        return sum(map(len, (self.rows, self.localisation, self.mapping, self.clouds, self.points)))
+
     def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
         """Return the map of an external node: its cloud, or its points where they tell no pixels; stamps of its pairs.
 
@@ -97,29 +114,9 @@ class ReplayResults:
             return None, np.concatenate([points[stamp_ns] for stamp_ns in chosen]), pairs
         parts = [clouds[stamp_ns] for stamp_ns in chosen]
         if each:
-            numbered = enumerate(parts)
-            parts = [replace(part, pair=np.full(len(part), k, np.uint8)) for k, part in numbered]
+            parts = [replace(part, pair=np.full(len(part), k, np.uint8)) for k, part in enumerate(parts)]
         whole = PointCloud.concatenate(parts)
         return replace(whole, fused=not each and len(pairs) > 1, pair_stamps_ns=pairs), None, pairs
-
-    @property
-    def records(self) -> list[CallRecord]:
-        """All calls: those of the localiser, with the covariances of the odometry, then those of the mapper."""
-        localised = [replace(r, covariance=self.covariances.get(s)) for s, r in self._localised().items()]
-        return [*localised, *self.mapping.values()]
-
-    def _localised(self) -> dict[int, CallRecord]:
-        """Return the calls of the localiser; an external one has one for each covariance, told or not."""
-        if self.answers is None or self.answers.task != "loc":
-            return self.localisation
-        untold = {s: CallRecord(s, float("nan"), TrackingState.TRACKING, None, None) for s in self.covariances}
-        return untold | self.localisation
-
-    @property
-    def count(self) -> int:
-        """How many results there are."""
-        parts = (self.rows, self.localisation, self.mapping, self.clouds, self.points)
-        return sum(map(len, parts))
 
     def last_map(self) -> tuple[PointCloud | None, tuple[int, ...]]:
         """Return the last published cloud and the stamps of its pairs, in the order of the points' `pair`.

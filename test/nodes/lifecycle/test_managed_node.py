@@ -26,11 +26,11 @@ from std_msgs.msg import String
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.nodes.diagnostics.key_values import Level, values_of
-from sfr_loc_map.nodes.input.received_pair import ReceivedPair
+from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages.pose import odometry_row
 from sfr_loc_map.nodes.monitor_node import MonitorNode
+from sfr_loc_map.nodes.stereo_input import ReceivedPair
 
 CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = (
     Transition.TRANSITION_CONFIGURE,
@@ -152,9 +152,9 @@ def test_what_comes_too_fast_is_dropped_by_the_rule_and_counted(ros: None, capfd
 SUBCLASS = """
 import sys
 import time
-from sfr_loc_map.nodes.input.received_pair import ReceivedPair
+from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.process.runner import run
+from sfr_loc_map.nodes.runner import run
 
 class Slow(LocalisationNode):
     def _process(self, received):

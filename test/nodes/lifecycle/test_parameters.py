@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 from sfr_loc_map.config import build, flatten, param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.lifecycle.parameters import Parameters
-from sfr_loc_map.nodes.tools.parameter_files import FILES, parameter_file
+from sfr_loc_map.nodes.parameter_files import FILES, parameter_file
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 
@@ -124,9 +124,7 @@ def test_values_that_do_not_fit_together_are_refused_at_start(ros: None) -> None
 def test_parameter_files_hold_all_fields_at_their_defaults(name: str) -> None:
     node_name, config_type = FILES[name]
     text = (CONFIG / name).read_text(encoding="utf-8")
-    assert text == parameter_file(node_name, config_type), (
-        "run: python -m sfr_loc_map.nodes.tools.parameter_files config"
-    )
+    assert text == parameter_file(node_name, config_type), "run: python -m sfr_loc_map.nodes.parameter_files config"
     content = yaml.safe_load(text)[f"/**/{node_name}"]["ros__parameters"]
 
     def flat(block: dict, prefix: str = "") -> dict:

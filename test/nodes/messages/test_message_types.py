@@ -8,9 +8,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.messages import message_types
 from sfr_loc_map.nodes.messages.message_types import UNKNOWN_HASH, definition_of, message_type
-from sfr_loc_map.nodes.process import environment
 
 
 def test_types_are_found_by_name_or_named() -> None:

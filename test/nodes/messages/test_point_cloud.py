@@ -6,11 +6,11 @@ pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 from scenes import sent
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import PointCloud2, PointField
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
-from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg, cloud_msg
+from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg, cloud_msg, xyz_from_msg
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -32,6 +32,7 @@ def test_clouds_come_out_as_they_went_in(count: int) -> None:
     assert (message.header.frame_id, message.height, message.width, message.is_dense) == ("lm", 1, count, True)
     assert (message.point_step, message.row_step) == (25, 25 * count)
     assert np.array_equal(cloud_from_msg(message).to_structured(), made.to_structured())
+    np.testing.assert_array_equal(xyz_from_msg(message), made.xyz.astype(np.float64))
 
 
 def test_clouds_of_other_layouts_are_read() -> None:
@@ -66,3 +67,26 @@ def test_broken_clouds_are_refused(change, words: str) -> None:  # noqa: ANN001
     change(message)
     with pytest.raises(InputError, match=words):
         cloud_from_msg(message)
+
+
+@pytest.mark.parametrize(("kind", "code", "order"), [("f4", PointField.FLOAT32, "<"), ("f8", PointField.FLOAT64, ">")])
+def test_points_of_any_float_layout_are_read(kind: str, code: int, order: str) -> None:
+    values = np.random.default_rng(1).normal(size=(6, 3)).astype(kind)
+    size = values.dtype.itemsize
+    dtype = np.dtype(
+        {"names": list("zxy"), "formats": [order + kind] * 3, "offsets": [0, 2 * size, size], "itemsize": 40}
+    )
+    records = np.zeros(6, dtype)
+    for axis, name in enumerate("xyz"):
+        records[name] = values[:, axis]
+    offsets = {"z": 0, "x": 2 * size, "y": size}
+    fields = [PointField(name=name, offset=offset, datatype=code, count=1) for name, offset in offsets.items()]
+    message = PointCloud2(height=2, width=3, fields=fields, is_bigendian=order == ">", point_step=40, row_step=120)
+    message.data = records.tobytes()
+    np.testing.assert_array_equal(xyz_from_msg(message), values.astype(np.float64))
+    message.row_step = 121
+    with pytest.raises(InputError, match="too few"):
+        xyz_from_msg(message)
+    message.row_step, message.fields = 120, fields[:2]
+    with pytest.raises(InputError, match="no field 'y' of float32 or float64"):
+        xyz_from_msg(message)

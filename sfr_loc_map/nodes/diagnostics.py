@@ -1,0 +1,418 @@
+"""What a node says of itself on /diagnostics: its health, each call, and input that it cannot use.
+
+Levels. OK: it does what it is there for. WARN: it works, but something is lost, late or not as it should be. ERROR: it
+cannot do its work (lost, unusable input, a failed transition). STALE: it is active but nothing has come for a while, so
+that its figures are old.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from threading import Lock
+
+import numpy as np
+import psutil
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.timer import Timer
+from std_msgs.msg import Header
+
+from sfr_loc_map.config import param
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.inputs import one_line
+from sfr_loc_map.metrics.resources import CallMeter, CallUsage
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.pipeline.call_stats import STATISTIC, TaskRecord, call_of
+
+Value = str | bool | int | float
+TOPIC = "/diagnostics"
+HARDWARE_ID = socket.gethostname()
+"""Of each status: the host that the node runs on, whose time and memory it tells."""
+QUEUE_DEPTH = 1000
+"""Statuses that are kept for a slow subscriber."""
+LOG_PERIOD_S = 5.0
+"""The same line is logged once in that time."""
+LATENCY_WINDOW = 200
+"""Calls over which the percentile of a latency is taken."""
+MAX_MOMENTS = 10_000
+"""Arrivals or calls within the window that a rate is taken over."""
+MAX_REASONS = 4
+"""Reasons that a message names."""
+MB = 1_000_000
+OFFSETS = {
+    "vertical_offset_px": "vertical disparity of more than {:g} px: check the calibration",
+    "roll_offset_px": "vertical disparity grows by more than {:g} px over the focal length: check the calibration",
+    "disparity_offset_px": "disparity bias of more than {:g} px: check the calibration",
+}
+"""Statistics of the localiser that are monitored, and their warnings; limits are `..._offset_warn_px`."""
+_ONE_AT_A_TIME = Lock()
+"""Time and memory of a call are those of the whole process: nodes that share one take turns."""
+
+
+class Level(IntEnum):
+    """Levels of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+SEVERITY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)
+"""From good to bad: that nothing comes is worse than a warning, a known error is worse still."""
+
+
+def status_msg(name: str, level: Level, message: str, values: Mapping[str, Value]) -> DiagnosticStatus:
+    """Return one status; numbers are written in the shortest form that reads back to the same bits."""
+    pairs = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+    return DiagnosticStatus(level=bytes([level]), name=name, message=message, hardware_id=HARDWARE_ID, values=pairs)
+
+
+def _text(value: Value) -> str:
+    item = getattr(value, "item", None)  # of numbers of numpy, whose text has their type in it
+    return value if isinstance(value, str) else repr(item() if item is not None else value)
+
+
+def array_msg(header: Header, *statuses: DiagnosticStatus) -> DiagnosticArray:
+    """Return statuses as the message of the topic."""
+    return DiagnosticArray(header=header, status=list(statuses))
+
+
+def values_of(status: DiagnosticStatus) -> dict[str, str]:
+    """Return the values of a status by name."""
+    return {pair.key: pair.value for pair in status.values}
+
+
+def level_of(status: DiagnosticStatus) -> Level:
+    """Return the level of a status; the message class gives it as one byte."""
+    level = status.level
+    return Level(level[0] if isinstance(level, bytes) else int(level))
+
+
+def task_record(status: DiagnosticStatus) -> TaskRecord | None:
+    """Return the call that a status describes, None where it describes something else.
+
+    Raises:
+        InputError: If it is such a status but a value is missing or no number.
+    """
+    try:
+        return call_of(values_of(status))
+    except InputError as error:
+        raise InputError(f"status '{status.name}' on {TOPIC} cannot be read: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One call of the processing API, as the node saw it.
+
+    Attributes:
+        stamp_ns: Stamp of the pair.
+        usage: Its time and memory.
+        state: Its result in one word (tracking, degraded, lost, mapped, ...).
+        level: How good that is.
+        statistics: Its figures by name.
+        times: Times around it, seconds, by name.
+        reason: Why it is degraded or lost, in one word; empty otherwise.
+        step: `(27,)` of the localiser, as in `CallRecord`; None where there is none.
+    """
+
+    stamp_ns: int
+    usage: CallUsage
+    state: str
+    level: Level
+    statistics: Mapping[str, float]
+    times: Mapping[str, float] = field(default_factory=dict)
+    reason: str = ""
+    step: FloatArray | None = None
+
+    @property
+    def result(self) -> str:
+        """The state with its reason."""
+        return f"{self.state}: {self.reason}" if self.reason else self.state
+
+    def took(self) -> dict[str, Value]:
+        """Return its times and memory by name."""
+        usage, took = self.usage, dict[str, Value](processing_time_s=self.usage.processing_time_s)
+        if usage.peak_rss_bytes is not None and usage.above_idle_bytes is not None:
+            took |= {"peak_rss_bytes": usage.peak_rss_bytes, "above_idle_bytes": usage.above_idle_bytes}
+        return took | dict(self.times)
+
+
+@dataclass(frozen=True, slots=True)
+class HealthConfig:
+    """When a node warns."""
+
+    period_s: float = param(
+        1.0, unit="s", doc="Period of the health, which is also published at once when it changes.", low=0.1, high=60.0
+    )
+    window_s: float = param(
+        5.0, unit="s", doc="Rates are taken over it; a drop or a problem shows for so long.", low=0.5, high=600.0
+    )
+    stale_after_s: float = param(
+        5.0, unit="s", doc="An active node that received no input for so long is stale.", low=0.1, high=3600.0
+    )
+    vertical_offset_warn_px: float = param(
+        0.3,
+        unit="px",
+        doc="Vertical disparity (right camera pitched) above which the calibration is warned of.",
+        low=0.0,
+        high=100.0,
+    )
+    roll_offset_warn_px: float = param(
+        0.5,
+        unit="px",
+        doc="The same for its growth over a distance of the focal length (camera rolled).",
+        low=0.0,
+        high=100.0,
+    )
+    disparity_offset_warn_px: float = param(
+        0.3, unit="px", doc="The same for the bias of the disparity (camera yawed).", low=0.0, high=100.0
+    )
+    memory_warn_mb: int = param(
+        4000, unit="MB", doc="Resident memory of the process above which a warning is given.", low=1, high=10_000_000
+    )
+
+
+class State(StrEnum):
+    """Primary states of a managed node (design.ros2.org, "Managed nodes")."""
+
+    UNCONFIGURED = "unconfigured"
+    INACTIVE = "inactive"
+    ACTIVE = "active"
+    FINALIZED = "finalized"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeActivity:
+    """What a node does at a moment: one of `State` or a transition, what it dropped, what waits, what is around it."""
+
+    lifecycle: str
+    counts: Mapping[str, int]
+    waiting: int
+    expects_input: bool
+    findings: Sequence[tuple[Level, str]] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class HealthStatus:
+    """Level, the reasons for it, the worst first, and figures; `kind` is equal where only figures have changed."""
+
+    level: Level
+    message: str
+    values: Mapping[str, Value]
+    kind: tuple[str, ...]
+
+
+class Health:
+    """Collects what happens in a node and judges it. All methods may be called in any thread."""
+
+    def __init__(self, config: HealthConfig, clock: Callable[[], float] = time.monotonic) -> None:
+        """Begin; the clock gives seconds, going forward."""
+        self.config, self._clock = config, clock
+        self._lock = Lock()
+        self._process = psutil.Process()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what happened: the node has become active or inactive."""
+        with self._lock:
+            self._since = self._last_arrival = self._clock()
+            self._arrivals: deque[float] = deque(maxlen=MAX_MOMENTS)
+            self._calls: deque[float] = deque(maxlen=MAX_MOMENTS)
+            self._latencies: dict[str, deque[float]] = {}
+            self._problems: dict[str, tuple[float, Level, str]] = {}
+            self._counts: dict[str, int] = {}
+            self._drops: dict[str, float] = {}
+            self._last_call: tuple[Level, str] | None = None
+            self._last_values: dict[str, Value] = {}
+            self._offsets: dict[str, float] = {}
+
+    def note_arrival(self) -> None:
+        """Note that input was received."""
+        with self._lock:
+            self._last_arrival = self._clock()
+            self._remember(self._arrivals, self._last_arrival)
+
+    def note_call(self, level: Level, state: str, values: Mapping[str, Value], statistics: Mapping[str, float]) -> None:
+        """Note a call.
+
+        Args:
+            level: How good its result is.
+            state: The result in one word, with its reason.
+            values: Its times and memory; names that begin with `latency_` are summarised.
+            statistics: Its figures; those of `OFFSETS` are watched.
+        """
+        with self._lock:
+            self._remember(self._calls, self._clock())
+            self._last_call = (level, state)
+            self._last_values = {f"last_{name}": value for name, value in values.items()}
+            self._offsets |= {name: float(statistics[name]) for name in OFFSETS if name in statistics}
+            for name, value in values.items():
+                if name.startswith("latency_"):
+                    self._latencies.setdefault(name, deque(maxlen=LATENCY_WINDOW)).append(float(value))
+
+    def note_problem(self, level: Level, text: str, kind: str = "") -> None:
+        """Note something that shows for a while; with a kind it takes the place of the last one of that kind."""
+        with self._lock:
+            self._problems.pop(kind or text, None)  # the latest is last
+            self._problems[kind or text] = (self._clock(), level, text)
+
+    def judge(self, activity: NodeActivity) -> HealthStatus:
+        """Judge the node by what happened and what it does at the moment."""
+        with self._lock:
+            now = self._clock()
+            for name, count in activity.counts.items():
+                if count > self._counts.get(name, 0):
+                    self._drops[name] = now
+                self._counts[name] = count
+            window = self.config.window_s
+            self._problems = {key: item for key, item in self._problems.items() if now - item[0] <= window}
+            problems = [(level, text) for _, level, text in reversed(self._problems.values())]
+            memory = int(self._process.memory_info().rss)
+            lasting = self._findings(now, memory, activity)
+            findings = problems + lasting
+            level = max((found for found, _ in findings), key=SEVERITY.index, default=Level.OK)
+            words = [text for severity in reversed(SEVERITY) for found, text in findings if found is severity]
+            values: dict[str, Value] = {
+                "lifecycle": activity.lifecycle,
+                "received_messages_hz": self._rate(self._arrivals, now),
+                "processed_hz": self._rate(self._calls, now),
+                "waiting": activity.waiting,
+                "resident_memory_bytes": memory,
+            }
+            values |= self._offsets
+            values |= {n.removesuffix("_s") + "_p95_s": float(np.quantile(v, 0.95)) for n, v in self._latencies.items()}
+            if len(words) > MAX_REASONS:
+                words[MAX_REASONS:] = [f"and {len(words) - MAX_REASONS} more"]
+            message = "; ".join(words) or (activity.lifecycle if self._last_call is None else self._last_call[1])
+            kind = (activity.lifecycle, level.name, *(text for _, text in lasting))
+            return HealthStatus(level, message, values | self._last_values | dict(activity.counts), kind)
+
+    def _findings(self, now: float, memory: int, activity: NodeActivity) -> list[tuple[Level, str]]:
+        config, found = self.config, list(activity.findings)
+        if memory > config.memory_warn_mb * MB:
+            found.append((Level.WARN, f"more than {config.memory_warn_mb} MB of memory in use"))
+        if activity.lifecycle != State.ACTIVE:
+            return found
+        if activity.expects_input and now - self._last_arrival > config.stale_after_s:
+            found.append((Level.STALE, f"nothing came for more than {config.stale_after_s:g} s"))
+        if self._last_call is not None and self._last_call[0] is not Level.OK:
+            found.append(self._last_call)
+        found += [(Level.WARN, name) for name, at in self._drops.items() if now - at <= config.window_s]
+        for name, offset in self._offsets.items():
+            limit = float(getattr(config, name.replace("_px", "_warn_px")))
+            if abs(offset) > limit:
+                found.append((Level.WARN, OFFSETS[name].format(limit)))
+        return found
+
+    def _remember(self, moments: deque[float], now: float) -> None:
+        """Add a moment and forget those that no rate is taken over any more."""
+        moments.append(now)
+        while now - moments[0] > self.config.window_s:
+            moments.popleft()
+
+    def _rate(self, moments: deque[float], now: float) -> float:
+        """Return how many a second there were in the window, or since the begin where that is later.
+
+        The first second after the begin counts as a whole one: two messages within a microsecond of it are no rate.
+        """
+        span = min(self.config.window_s, max(now - self._since, 1.0))
+        return sum(now - moment <= span for moment in moments) / span
+
+
+class StatusReporter:
+    """Reports health, calls and problems of one node. All methods may be called in any thread.
+
+    Attributes:
+        health: The health.
+        publisher: Of /diagnostics; it is there in every state.
+    """
+
+    def __init__(self, node: Node, task: str, config: HealthConfig, activity: Callable[[], NodeActivity]) -> None:
+        """Publish the health of a node with a task periodically; `activity` returns what it does at the moment."""
+        self._node, self._task, self._activity = node, task, activity
+        self._last_kind: tuple[str, ...] = ()
+        self._meter: CallMeter | None = None
+        self.health = Health(config)
+        self.publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
+        self._timer = self._start_timer(config.period_s)
+
+    def set_config(self, config: HealthConfig) -> None:
+        """Judge the health by other limits, and publish it with another period."""
+        self.health.config = config
+        self._node.destroy_timer(self._timer)
+        self._timer = self._start_timer(config.period_s)
+
+    def mark_idle(self) -> None:
+        """Take the present memory as that of the idle process, which the memory of calls is compared with."""
+        self._meter = CallMeter()
+
+    @contextmanager
+    def measure(self) -> Iterator[CallUsage]:
+        """Measure the `with` block."""
+        if self._meter is None:
+            self.mark_idle()
+        assert self._meter is not None
+        with _ONE_AT_A_TIME, self._meter.measure() as usage:
+            yield usage
+
+    def call(self, call: Call, counts: Mapping[str, int]) -> None:
+        """Publish a measured call with the counts since the start of the node, and note it in the health."""
+        took = call.took()
+        values: dict[str, Value] = {
+            "task": self._task,
+            "stamp_ns": call.stamp_ns,
+            "state": call.state,
+            "reason": call.reason,
+            "memory_method": self._meter.method if self._meter is not None else "",
+            **took,
+        }
+        values |= {STATISTIC + name: float(value) for name, value in call.statistics.items()}
+        if call.step is not None:
+            values["step"] = " ".join(map(repr, call.step.tolist()))
+        self._publish("call", call.level, call.result, values | dict(counts), call.stamp_ns)
+        self.health.note_call(call.level, call.result, took, call.statistics)
+        self.publish_health(only_changes=True)
+
+    def error(self, text: str) -> None:
+        """Report something that keeps the node from working: log, /diagnostics, health."""
+        text = one_line(text)
+        self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD_S)
+        self.health.note_problem(Level.ERROR, text)
+        self._publish("input", Level.ERROR, text, {"task": self._task, **self._activity().counts})
+        self.publish_health(only_changes=True)
+
+    def warn(self, text: str, kind: str = "") -> None:
+        """Report something that is not as it should be, though the node works: log, health (the latest of a kind)."""
+        text = one_line(text)
+        self._node.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD_S)
+        self.health.note_problem(Level.WARN, text, kind)
+        self.publish_health(only_changes=True)
+
+    def publish_health(self, *, only_changes: bool = False) -> None:
+        """Publish the health, if wanted only when more than figures has changed."""
+        status = self.health.judge(self._activity())
+        if only_changes and status.kind == self._last_kind:
+            return
+        self._last_kind = status.kind
+        self._publish("health", status.level, status.message, status.values)
+
+    def _start_timer(self, period_s: float) -> Timer:
+        return self._node.create_timer(period_s, self.publish_health, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _publish(
+        self, name: str, level: Level, message: str, values: Mapping[str, Value], stamp_ns: int | None = None
+    ) -> None:
+        status = status_msg(f"{self._node.get_fully_qualified_name().lstrip('/')}: {name}", level, message, values)
+        stamp_ns = self._node.get_clock().now().nanoseconds if stamp_ns is None else stamp_ns
+        self.publisher.publish(array_msg(header_msg(stamp_ns, ""), status))

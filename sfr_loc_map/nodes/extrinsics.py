@@ -1,0 +1,112 @@
+"""The extrinsics of the localisation cameras: from parameters, or read and published on /tf_static."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
+from geometry_msgs.msg import Transform as TransformMsg
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from sfr_loc_map.config import param
+from sfr_loc_map.errors import ConfigError, GeometryError
+from sfr_loc_map.geometry.frame_tree import FrameTree
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.bag import LOCSB_FRAME, RB_FRAME
+from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages.pose import tf_message_type
+
+TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@dataclass(frozen=True, slots=True)
+class ExtrinsicsConfig:
+    """Pose of the localisation stereo rig on the rover."""
+
+    translation_m: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), unit="m", doc="Origin of LOCSB in RB: x, y, z.", low=-100.0, high=100.0
+    )
+    quat_xyzw: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0, 0.0),
+        doc="Orientation of LOCSB in RB: x, y, z, w; takes components in LOCSB to RB. All zero: not given, the "
+        "extrinsics are then taken from /tf_static (rb_frame to locsb_frame) where tf2_msgs is installed.",
+        low=-10.0,
+        high=10.0,
+    )
+
+    def transform(self) -> Transform | None:
+        """Return `T_rb_locsb`, None where it is not given.
+
+        Raises:
+            ConfigError: If the values are not a rigid motion.
+        """
+        if len(self.translation_m) != 3 or len(self.quat_xyzw) != 4:
+            raise ConfigError("T_rb_locsb needs translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
+        if not any(self.quat_xyzw):
+            if any(self.translation_m):
+                raise ConfigError("T_rb_locsb.translation_m is given but quat_xyzw is not: give both")
+            return None
+        try:
+            return Transform.from_quat(self.translation_m, self.quat_xyzw)
+        except GeometryError as error:
+            raise ConfigError(f"T_rb_locsb: {error}") from error
+
+
+def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN401 - tf2_msgs need not be there
+    """Take the transforms of a tf2_msgs/TFMessage into a tree; one that is no rigid motion is left out."""
+    for item in message.transforms:
+        p, q = item.transform.translation, item.transform.rotation
+        try:
+            tree.add(
+                item.header.frame_id,
+                item.child_frame_id,
+                Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)),
+            )
+        except GeometryError:
+            continue
+
+
+class Extrinsics:
+    """The extrinsics, from the parameters or else from /tf_static once it joins the frames.
+
+    Attributes:
+        T_rb_sb: Takes points in the stereo rig to RB; None where not known yet.
+    """
+
+    def __init__(self, config: ExtrinsicsConfig, rb_frame: str, sb_frame: str) -> None:
+        """Take the parameters, and the names of the frames in /tf_static."""
+        self.T_rb_sb = config.transform()
+        self._rb_frame, self._sb_frame, self._tree = rb_frame, sb_frame, FrameTree()
+
+    def subscribe(self, endpoints: Endpoints, warn: Callable[[str], object]) -> None:
+        """Subscribe to /tf_static if they are not known, and say so."""
+        if self.T_rb_sb is not None:
+            return
+        kind = tf_message_type()
+        if kind is not None:
+            endpoints.add_subscription(kind, "/tf_static", self._on_transforms, TF_STATIC)
+        source = "/tf_static is awaited" if kind else "tf2_msgs for /tf_static is not installed"
+        warn(f"the extrinsics of the stereo rig (parameters T_rb_locsb) are not given: {source}")
+
+    def _on_transforms(self, message: Any) -> None:  # noqa: ANN401 - tf2_msgs need not be there
+        add_static_transforms(message, self._tree)
+        if self.T_rb_sb is None:
+            self.T_rb_sb = self._tree.find(self._rb_frame, self._sb_frame)
+
+
+def publish_extrinsics(node: Node, T_rb_sb: Transform) -> Any:  # noqa: ANN401 - rclpy has no types
+    """Publish `rb` to `locsb`, latched, where tf2_msgs is installed; return the publisher, None elsewhere."""
+    kind = tf_message_type()
+    if kind is None:
+        return None
+    message = TransformStamped(header=header_msg(0, RB_FRAME), child_frame_id=LOCSB_FRAME)
+    x, y, z = (float(v) for v in T_rb_sb.translation)
+    qx, qy, qz, qw = (float(v) for v in T_rb_sb.file_quat_xyzw)
+    message.transform = TransformMsg(translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+    publisher = node.create_publisher(kind, "/tf_static", TF_STATIC)
+    publisher.publish(kind(transforms=[message]))
+    return publisher

@@ -1,0 +1,294 @@
+"""Observes the running graph: publishers, quality of service, and the messages of some seconds."""
+
+from __future__ import annotations
+
+import os
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import GetState
+from rcl_interfaces.srv import GetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.utilities import try_shutdown
+
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.geometry.frame_tree import FrameTree
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.bag import LOCSB_FRAME, RB_FRAME
+from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
+from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.nodes import diagnostics, environment
+from sfr_loc_map.nodes.environment import start_ros
+from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
+from sfr_loc_map.nodes.messages.message_types import message_type
+from sfr_loc_map.nodes.messages.pose import tf_message_type
+from sfr_loc_map.nodes.replay import graph_node
+from sfr_loc_map.pipeline.doctor_observation import (
+    EXPECTED,
+    MESSAGES_KEPT,
+    TASK_OF_NODE,
+    TASKS,
+    HostMemory,
+    Observation,
+    ObservedNode,
+    ObservedTopic,
+    Reliability,
+)
+from sfr_loc_map.pipeline.reception import TransportGaps
+
+QUIET_S = 1.5
+"""Discovery counts as complete when there are images and the graph has not changed for so long,"""
+DISCOVERY_S = 8.0
+"""or after so long."""
+FIRST_MESSAGE_S = 4.0
+"""How long a topic with a publisher may take to bring its first message before the observation begins."""
+POLL_S = 0.1
+ANSWER_S = 2.0
+DEPTH = 100
+SUITE_NODES = (*TASK_OF_NODE, "monitor_node")
+SHARED_MEMORY = Path("/dev/shm")
+PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_locsb.quat_xyzw")
+
+
+def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
+    """Observe the graph for some time.
+
+    Args:
+        seconds: How long messages are collected, after discovery and the first messages.
+        namespace: Of the rover; empty: that of the suite's nodes, if they run in one, else none.
+        remap: New names by the names in the graph.
+        extrinsics_given: Whether a parameter file has the extrinsics of the stereo rig.
+
+    Raises:
+        NodeError: If nodes of the suite run in several namespaces and none is given.
+    """
+    environment.prepare()
+    start_ros()
+    try:
+        return _GraphObserver(namespace, remap).observe(seconds, extrinsics_given=extrinsics_given)
+    finally:
+        try_shutdown()
+
+
+class _GraphObserver:
+    """A node that observes the graph once."""
+
+    def __init__(self, namespace: str, remap: Mapping[str, str]) -> None:
+        self._node: Node = rclpy.create_node(f"sfr_doctor_{os.getpid()}", start_parameter_services=False)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._renamed = {"/" + found.strip("/"): "/" + new.strip("/") for found, new in remap.items()}
+        self._wait_for_discovery()
+        self._namespace = namespace.strip("/") or self._namespace_of_nodes()
+        self._remap = {new.strip("/"): found for found, new in self._renamed.items()}
+        self._stamps: dict[str, list[int]] = {}
+        self._messages: dict[str, list[Any]] = {}
+        self._gaps: dict[str, TransportGaps] = {}
+        self._frames = FrameTree()
+        self._worked: set[str] = set()
+
+    def observe(self, seconds: float, *, extrinsics_given: bool) -> Observation:
+        """Collect messages, ask the suite's nodes."""
+        others = dict(self._node.get_topic_names_and_types())
+        found = self._expected(others)
+        for name, full_name in found.items():
+            self._subscribe(name, full_name, others[full_name])
+        reads_tf = self._subscribe_tf()
+        self._node.create_subscription(DiagnosticArray, diagnostics.TOPIC, self._note_health, DEPTH)
+        self._wait_for_messages(found)
+        self._spin_for(seconds)
+        nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
+        in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
+        return Observation(
+            f"the graph of ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
+            live=True,
+            prefix=f"/{self._namespace}/" if self._namespace else "/",
+            topics={name: self._topic(name, full_name, others[full_name]) for name, full_name in found.items()},
+            others={name: tuple(types) for name, types in others.items()},
+            extrinsics_given=extrinsics_given,
+            extrinsics_in_tf=in_tf if reads_tf or "/tf_static" not in others else None,
+            nodes=nodes,
+            has_clock=bool(self._node.get_publishers_info_by_topic("/clock")),
+            now_ns=None if graph_node.NAME in self._node.get_node_names() else time.time_ns(),
+            memory=HostMemory(shared_memory_bytes(), segment_bytes(), environment.EXPORT_LINE),
+        )
+
+    def _expected(self, others: Mapping[str, list[str]]) -> dict[str, str]:
+        """Return the names in the graph of the expected topics that are there."""
+        found = {name: self._full_name(name) for name in EXPECTED if self._full_name(name) in others}
+        return {name: full_name for name, full_name in found.items() if not self._is_superseded(name, full_name)}
+
+    def _full_name(self, name: str) -> str:
+        return self._remap.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
+
+    def _is_superseded(self, name: str, full_name: str) -> bool:
+        """Tell whether it has raw images that are also there rectified, and that no node of the suite takes."""
+        if f"/{RAW}" not in name:
+            return False
+        takers = {info.node_name for info in self._node.get_subscriptions_info_by_topic(full_name)}
+        stem = name.partition(f"/{RAW}")[0]
+        rectified = [self._full_name(f"{stem}/{RECTIFIED}{end}") for end in ("", "/compressed")]
+        return not takers & set(SUITE_NODES) and any(self._node.count_publishers(one) for one in rectified)
+
+    def _suite_nodes(self) -> list[tuple[str, str]]:
+        return [(name, space) for name, space in self._node.get_node_names_and_namespaces() if name in SUITE_NODES]
+
+    def _namespace_of_nodes(self) -> str:
+        found = sorted({space.strip("/") for _, space in self._suite_nodes()})
+        if len(found) > 1:
+            raise NodeError(f"nodes run in the namespaces {', '.join(found)}: choose one by --namespace")
+        return found[0] if found else ""
+
+    def _subscribe(self, name: str, full_name: str, types: list[str]) -> None:
+        """Subscribe to a topic of the expected type; by best effort, so that a QoS mismatch can be observed."""
+        if set(types) - set(EXPECTED[name]):
+            return
+        stamps, messages = self._stamps.setdefault(name, []), self._messages.setdefault(name, [])
+        gaps = self._gaps.setdefault(name, TransportGaps())
+
+        def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any stamped message
+            gaps.add(info)
+            stamps.append(stamp_of(message))
+            if len(messages) < MESSAGES_KEPT:
+                messages.append(message)
+
+        callback: Any = received  # rclpy's types do not know of the information beside a message
+        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._node.create_subscription(message_type(types[0]), full_name, callback, qos)
+
+    def _subscribe_tf(self) -> bool:
+        """Subscribe to /tf_static; return whether its type is installed."""
+        kind = tf_message_type()
+        if kind is not None:
+            take = partial(add_static_transforms, tree=self._frames)
+            self._node.create_subscription(kind, "/tf_static", take, TF_STATIC)
+        return kind is not None
+
+    def _note_health(self, message: DiagnosticArray) -> None:
+        """Note nodes that have made a call since they became active."""
+        for status in message.status:
+            name, _, kind = status.name.partition(": ")
+            if kind == "health" and any(item.key == "last_processing_time_s" for item in status.values):
+                self._worked.add(name)
+
+    def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
+        infos = self._node.get_publishers_info_by_topic(full_name)
+        stamps = np.array(self._stamps.get(name, []), np.int64)
+        messages = tuple(self._messages.get(name, ()))
+        listeners = self._node.get_subscriptions_info_by_topic(full_name)
+        return ObservedTopic(
+            full_name,
+            tuple(types),
+            tuple(_reliability(info) for info in infos),
+            stamps,
+            messages,
+            requests={
+                f"{i.node_namespace.rstrip('/')}/{i.node_name}": _reliability(i)
+                for i in listeners
+                if i.node_name in SUITE_NODES
+            },
+            lost=self._gaps[name].lost if name in self._gaps else 0,
+        )
+
+    def _ask(self, name: str, space: str) -> ObservedNode:
+        """Ask one of the suite's nodes for its state and parameters."""
+        full_name = f"{space.rstrip('/')}/{name}"
+        state = self._call(GetState, f"{full_name}/get_state", GetState.Request())
+        request = GetParameters.Request(names=list(PARAMETERS))
+        answer = self._call(GetParameters, f"{full_name}/get_parameters", request)
+        values = [parameter_value_to_python(value) for value in answer.values] if answer is not None else []
+        sim_time, tolerance_s, rectify, quat = (*values, None, None, None, None)[:4]
+        return ObservedNode(
+            full_name,
+            TASK_OF_NODE.get(name, ""),
+            state=str(state.current_state.label) if state is not None else "",
+            use_sim_time=bool(sim_time),
+            extrinsics_given=any(quat) if quat is not None else False,
+            stamp_tolerance_ns=round((tolerance_s or 0.0) * NS_PER_S),
+            has_worked=full_name.lstrip("/") in self._worked,
+            rectifies=bool(rectify),
+        )
+
+    def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
+        """Return the answer of a service, None where none comes in time."""
+        client = self._node.create_client(kind, name)
+        if not self._wait_for(client.service_is_ready):
+            return None
+        future = client.call_async(request)
+        return future.result() if self._wait_for(future.done) else None
+
+    def _wait_for(self, condition: Callable[[], bool]) -> bool:
+        end = time.monotonic() + ANSWER_S
+        while not condition() and time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.05)
+        return bool(condition())
+
+    def _wait_for_discovery(self) -> None:
+        """Wait until the graph does not change: discovery takes a second or, under load, some more."""
+        begin = changed = time.monotonic()
+        before: Any = None
+        while (now := time.monotonic()) - begin < DISCOVERY_S:
+            topics = self._node.get_topic_names_and_types()
+            graph = (topics, sorted(self._node.get_node_names()))
+            if graph != before:
+                before, changed = graph, now
+            has_images = any(self._is_image(name) and self._node.count_publishers(name) for name, _ in topics)
+            if has_images and now - changed > QUIET_S:
+                return
+            self._spin_for(POLL_S)
+
+    def _wait_for_messages(self, found: Mapping[str, str]) -> None:
+        """Wait until each topic with a publisher has brought a message: on a busy machine that takes seconds."""
+        end = time.monotonic() + FIRST_MESSAGE_S
+        while time.monotonic() < end:
+            heard = (self._stamps.get(name, True) or not self._node.count_publishers(found[name]) for name in found)
+            if all(heard):
+                return
+            self._spin_for(POLL_S)
+
+    def _is_image(self, name: str) -> bool:
+        name = self._renamed.get(name, name)
+        return any(
+            name.endswith(f"/{task}/left/{image}{end}")
+            for task in TASKS
+            for image in (RECTIFIED, RAW)
+            for end in ("", "/compressed")
+        )
+
+    def _spin_for(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left)
+
+
+def _reliability(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo
+    best_effort = info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    return Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE
+
+
+def shared_memory_bytes() -> int | None:
+    """Return the size of the host's shared memory, None where it has no folder for it."""
+    if not SHARED_MEMORY.is_dir():
+        return None
+    state = os.statvfs(SHARED_MEMORY)
+    return state.f_blocks * state.f_frsize
+
+
+def segment_bytes() -> int:
+    """Return what each process reserves of the shared memory by the active profile, 0 where it says nothing."""
+    path = Path(os.environ.get(environment.PROFILE_VARIABLE) or environment.PROFILE)
+    try:
+        sizes = [element.text or "" for element in ET.parse(path).iter() if element.tag.endswith("segment_size")]
+    except (OSError, ET.ParseError):
+        return 0
+    return max((int(size) for size in sizes if size.strip().isdigit()), default=0)

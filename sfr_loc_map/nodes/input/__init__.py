@@ -1,1 +1,0 @@
-"""What a node receives: stereo pairs, wheel odometry, static transforms."""

@@ -1,0 +1,77 @@
+"""Wheel odometry as an initial guess of the motion: a buffer that is interpolated between its messages."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from dataclasses import dataclass
+from threading import Condition
+
+from sfr_loc_map.config import param
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
+from sfr_loc_map.geometry.transform import Transform
+
+CAPACITY = 5000
+"""Messages kept: 100 s at 50 Hz."""
+MAX_GAP_NS = 500_000_000
+"""Neighbouring messages further apart are not interpolated: wheels and ground do much in half a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionPriorConfig:
+    """How wheel odometry on the topic motion_prior is used."""
+
+    wait_s: float = param(
+        0.0,
+        unit="s",
+        doc="How long a pair waits for a message at or after its stamp, once such messages come; 0: not at all.",
+        low=0.0,
+        high=10.0,
+    )
+
+
+class OdometryBuffer:
+    """Keeps the last poses of another odometry and gives the motion between two stamps.
+
+    One thread may add while another reads.
+    """
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._poses: deque[tuple[int, Transform]] = deque(maxlen=CAPACITY)
+        self._changed = Condition()
+
+    def add(self, stamp_ns: int, T_odom_rb: Transform) -> None:
+        """Take a message; one that is not later than the last one clears the buffer (a recording that loops)."""
+        with self._changed:
+            if self._poses and stamp_ns <= self._poses[-1][0]:
+                self._poses.clear()
+            self._poses.append((stamp_ns, T_odom_rb))
+            self._changed.notify_all()
+
+    def between(self, before_ns: int, now_ns: int, wait_s: float) -> Transform | None:
+        """Return `T_before_now` of RB, None where the messages do not cover both stamps.
+
+        A message at or after the later stamp is waited for, if there are messages at all.
+        """
+        with self._changed:
+            if self._poses:
+                self._changed.wait_for(lambda: not self._poses or self._poses[-1][0] >= now_ns, wait_s)
+            before, now = self._pose_at(before_ns), self._pose_at(now_ns)
+        return before.inverse() @ now if before is not None and now is not None else None
+
+    def _pose_at(self, stamp_ns: int) -> Transform | None:
+        """Return the pose at a stamp, interpolated: linear in position, about one axis in rotation."""
+        index = bisect_left(self._poses, stamp_ns, key=lambda item: item[0])
+        if index == len(self._poses):
+            return None
+        later_ns, later = self._poses[index]
+        if later_ns == stamp_ns:
+            return later
+        if index == 0 or later_ns - self._poses[index - 1][0] > MAX_GAP_NS:
+            return None
+        earlier_ns, earlier = self._poses[index - 1]
+        fraction = (stamp_ns - earlier_ns) / (later_ns - earlier_ns)
+        rotation = matrix_from_rotvec(fraction * rotvec_from_matrix(earlier.rotation.T @ later.rotation))
+        position = earlier.translation + fraction * (later.translation - earlier.translation)
+        return Transform(earlier.rotation @ rotation, position)

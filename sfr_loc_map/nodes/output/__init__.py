@@ -1,1 +1,0 @@
-"""What the monitor publishes of a score."""

@@ -1,0 +1,49 @@
+"""The parameter files in `config/`, made from the declarations.
+
+Run `python -m sfr_loc_map.nodes.parameter_files config` after a change of a declaration.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.config import to_yaml_lines
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.nodes.localisation_node import NAME as LOCALISATION_NODE
+from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
+from sfr_loc_map.nodes.mapping_node import NAME as MAPPING_NODE
+from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
+from sfr_loc_map.nodes.monitor_node import NAME as MONITOR_NODE
+from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
+
+FILES: dict[str, tuple[str, type[Any]]] = {
+    "localisation.yaml": (LOCALISATION_NODE, LocalisationNodeConfig),
+    "mapping.yaml": (MAPPING_NODE, MappingNodeConfig),
+    "monitor.yaml": (MONITOR_NODE, MonitorNodeConfig),
+}
+"""Node and parameters of each file."""
+
+
+def parameter_file(node_name: str, config_type: type[Any]) -> str:
+    """Return a ROS parameter file with all parameters of a node at their defaults, each with its description."""
+    lines = [
+        f"# Parameters of {node_name} and their defaults. Copy the file, keep what you change, and give it by",
+        f"# `ros2 run sfr_loc_map {node_name} --ros-args --params-file FILE`, or `sfr replay --config FILE`.",
+        f"/**/{node_name}:",
+        "  ros__parameters:",
+        *to_yaml_lines(config_type, "    "),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def main(folder: Path) -> None:
+    """Write the files into a folder."""
+    for name, (node_name, config_type) in FILES.items():
+        with atomic_path(folder / name) as temporary:
+            temporary.write_text(parameter_file(node_name, config_type), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,1 +1,0 @@
-"""Nodes as processes: environment, main program, start, supervision, launch files."""

@@ -1,0 +1,391 @@
+"""Processes that another one starts, watches and ends: nodes of this package, and a command of the user."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from sfr_loc_map.child_process import child_environment, end_with_parent
+from sfr_loc_map.errors import ConfigError, NodeError
+from sfr_loc_map.nodes import environment
+
+TASKS = ("localisation", "mapping", "monitor")
+EVERYTHING = "all"
+ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
+"""Signals that end processes, and how many seconds each gets."""
+CANNOT_START = 2
+"""Exit code of a node that cannot work with its arguments and settings."""
+WATCH_S = 0.2
+RESTART_PAUSE_S = 1.0
+"""Pause after a restart, so that a node that crashes at once does not occupy the host."""
+SEGMENT_LOCK = re.compile(r"/dev/shm/fastrtps_[0-9a-f]+_el")
+
+
+class ChildProcess:
+    """A process in a session of its own, which ends with the process that started it (Linux).
+
+    Ctrl-C at the terminal so reaches the starting process alone, which then ends the others.
+    """
+
+    def __init__(
+        self, name: str, words: Sequence[str], log: Path | None = None, variables: Mapping[str, str] | None = None
+    ) -> None:
+        """Start nothing yet.
+
+        Args:
+            name: What messages call it.
+            words: Program and arguments.
+            log: File for standard output and error, also after a restart; None: those of this process.
+            variables: Environment variables, None for those of this process.
+        """
+        self.name, self.words = name, words
+        self._log, self._variables = log, variables
+        self._popen: subprocess.Popen[bytes] | None = None
+        self._segments: set[Path] = set()
+
+    def start(self) -> None:
+        """Start it, for the first time or again.
+
+        Raises:
+            NodeError: If the system cannot start a process.
+        """
+        stream = None if self._log is None else self._log.open("ab")
+        try:
+            self._popen = subprocess.Popen(
+                self.words,
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=stream and subprocess.STDOUT,
+                env=self._variables,
+                start_new_session=True,
+                preexec_fn=partial(end_with_parent, signal.SIGTERM),
+            )
+        except OSError as error:
+            raise NodeError(f"cannot start {self.name}: {error.strerror}; check memory and process limits") from error
+        finally:
+            if stream is not None:
+                stream.close()
+
+    @property
+    def popen(self) -> subprocess.Popen[bytes]:
+        """The process; it must have been started."""
+        if self._popen is None:
+            raise NodeError(f"{self.name} was not started")
+        return self._popen
+
+    @property
+    def exit_code(self) -> int | None:
+        """Its exit code, the negative signal that killed it, or None while it runs (or was not started)."""
+        return None if self._popen is None else self._popen.poll()
+
+    @property
+    def is_running(self) -> bool:
+        """Tell whether it runs (or is stopped by SIGSTOP)."""
+        return self._popen is not None and self._popen.poll() is None
+
+    @property
+    def text(self) -> str:
+        """What it has written to its log."""
+        return self._log.read_text(encoding="utf-8", errors="replace") if self._log and self._log.exists() else ""
+
+    @property
+    def last_log_line(self) -> str:
+        """The last line that it wrote."""
+        if self._log is None:
+            return "its output is above"
+        lines = self.text.strip().splitlines()
+        return lines[-1].strip()[:1000] if lines else "it wrote nothing"
+
+    @property
+    def ending(self) -> str:
+        """How it ended, in words; empty while it runs."""
+        code = self.exit_code
+        if code is None:
+            return ""
+        return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal to it and to what it started."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.popen.pid, number)
+
+    def wait(self, timeout_s: float) -> int | None:
+        """Wait for its end; return its exit code, None where it still runs."""
+        with suppress(subprocess.TimeoutExpired):
+            return self.popen.wait(max(timeout_s, 0.01))
+        return None
+
+    def kill(self) -> None:
+        """End it by SIGKILL, and wait for its end."""
+        if self._popen is not None:
+            self.send(signal.SIGKILL)
+            self._popen.wait()
+
+    def note_segments(self) -> None:
+        """Note which segments of shared memory it has; only while it runs the system tells that.
+
+        Fast DDS holds the lock file of each of its own segments open and locked while it lives; a process that crashes
+        or is killed leaves both files behind, 64 MB each by our profile.
+        """
+        if self.is_running:
+            with suppress(OSError):
+                for entry in os.scandir(f"/proc/{self.popen.pid}/fd"):
+                    with suppress(OSError):  # closed meanwhile
+                        if SEGMENT_LOCK.fullmatch(name := os.readlink(entry.path)):
+                            self._segments.add(Path(name))
+
+    def remove_segments(self) -> None:
+        """Remove those of the noted segments that it has left; what somebody holds stays."""
+        for lock in self._segments:
+            with suppress(OSError), lock.open("rb") as stream:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
+                lock.unlink(missing_ok=True)
+        self._segments.clear()
+
+
+def node_process(
+    module: str, arguments: Sequence[str] = (), folder: Path | None = None, variables: Mapping[str, str] | None = None
+) -> ChildProcess:
+    """Return a module of this package as a process, not started.
+
+    Args:
+        module: Name below `sfr_loc_map`, such as `nodes.localisation_node`.
+        arguments: Command line.
+        folder: Folder for its log; None: it writes to standard output and error of this process.
+        variables: Environment variables beside those of this process.
+    """
+    name = module.rpartition(".")[2]
+    words = [sys.executable, "-P", "-m", "sfr_loc_map.nodes.start", module, *arguments]
+    log = None if folder is None else folder / f"{name}.log"
+    return ChildProcess(name, words, log, child_environment() | {"PYTHONUNBUFFERED": "1"} | dict(variables or {}))
+
+
+@contextmanager
+def user_command(command: str, folder: Path) -> Iterator[ChildProcess]:
+    """Run a command of the user, split as a shell does but run without one, during the `with` block.
+
+    Raises:
+        ConfigError: If it is empty, its quotes do not close or there is no such program.
+    """
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise ConfigError(f"'--command {command}': {error}; give a program and its arguments") from error
+    if not words:
+        raise ConfigError("'--command' is empty: give a program and its arguments")
+    process = ChildProcess(os.path.basename(words[0]), words, folder / "external.log")
+    try:
+        process.start()
+    except NodeError as error:
+        raise ConfigError(f"'--command': {str(error).partition(';')[0]}") from error
+    try:
+        yield process
+    finally:
+        end_processes([process])
+        process.send(signal.SIGKILL)  # what it started and left behind
+
+
+class LivePage:
+    """The live page beside a replay or the nodes: a process whose end matters to nobody; a context manager.
+
+    It writes its address to standard output, and what it has to say of its end to standard error.
+    """
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        """Start nothing yet; `arguments` is its command line."""
+        self._process = node_process("nodes.live_page", arguments)
+
+    def __enter__(self) -> LivePage:
+        """Start it."""
+        with suppress(NodeError):  # too little memory for the page: the run goes on
+            self._process.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End it."""
+        end_processes([self._process])
+
+    @property
+    def node_name(self) -> str:
+        """Name of its node, which joins the graph after the page is served; empty where the page does not run."""
+        return page_node_name(self._process.popen.pid) if self._process.is_running else ""
+
+    def run_is_over(self) -> None:
+        """Tell it, without waiting, that the run is over, before the nodes end."""
+        if self._process.is_running:
+            self._process.send(signal.SIGUSR1)
+
+
+def page_node_name(pid: int) -> str:
+    """Return the name of the node of the page that is the process `pid`."""
+    return f"sfr_live_{pid}"
+
+
+class Supervisor:
+    """Starts nodes and makes sure that none is left; a context manager."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        """Start nothing yet; the nodes' logs go to the folder, or to standard output and error of this process."""
+        self._folder = folder
+        self.processes: dict[str, ChildProcess] = {}
+
+    def __enter__(self) -> Supervisor:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End all nodes."""
+        end_processes(list(self.processes.values()))
+
+    def start(self, name: str, arguments: Sequence[str] = ()) -> None:
+        """Start a node of this package, such as `localisation_node`, with a command line."""
+        self.processes[name] = node_process(f"nodes.{name}", arguments, self._folder)
+        self.processes[name].start()
+
+    def check(self) -> None:
+        """Make sure that all nodes run.
+
+        Raises:
+            NodeError: If one has ended; says how, with its last log line.
+        """
+        for process in self.processes.values():
+            if process.exit_code is not None:
+                line = process.last_log_line
+                raise NodeError(f"{process.name} {process.ending}: {line}; correct that and start again")
+
+    def note_segments(self) -> None:
+        """Note the shared memory of all nodes, so that it can be removed if they crash."""
+        for process in self.processes.values():
+            process.note_segments()
+
+    def restart_crashed(self) -> list[str]:
+        """Start the nodes again that have crashed; return how each of them ended.
+
+        Raises:
+            NodeError: If one ended by itself (exit code 0), or because it cannot work with its arguments.
+        """
+        endings = []
+        for process in self.processes.values():
+            if process.exit_code in (0, CANNOT_START):
+                self.check()
+            if process.exit_code is not None:
+                endings.append(f"{process.name} {process.ending}")
+                process.remove_segments()
+                process.start()
+        return endings
+
+
+def end_processes(processes: Sequence[ChildProcess]) -> None:
+    """End processes together: SIGINT, then SIGTERM, then SIGKILL; returns when none is left, nor their memory."""
+    for number, timeout_s in ESCALATION:
+        running = [process for process in processes if process.is_running]
+        for process in running:
+            process.note_segments()
+            process.send(number)
+        deadline = time.monotonic() + timeout_s
+        for process in running:
+            process.wait(deadline - time.monotonic())
+    for process in processes:
+        process.remove_segments()
+
+
+@contextmanager
+def sigterm_as_interrupt() -> Iterator[None]:
+    """Turn SIGTERM into KeyboardInterrupt, so that the nodes are ended; more signals are ignored while that is done."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        for other in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(other, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def first_signal_stops(stop: Callable[[], None]) -> Iterator[Callable[[], bool]]:
+    """Let the first SIGINT or SIGTERM call `stop`, so that a run ends in good order; the next one does as before.
+
+    Yields:
+        What tells whether there was a signal.
+    """
+    before: dict[int, Any] = {}
+    received = []
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        restore()
+        stop()
+
+    before.update({number: signal.signal(number, handle) for number in (signal.SIGTERM, signal.SIGINT)})
+    try:
+        yield lambda: bool(received)
+    finally:
+        if not received:  # otherwise that is done, and the next signal may have changed what follows it
+            restore()
+
+
+def node_names(tasks: Sequence[str]) -> list[str]:
+    """Return the names of the nodes of tasks (`TASKS` or `all`; none stands for all), each once.
+
+    Raises:
+        ConfigError: For another word.
+    """
+    for task in tasks:
+        if task not in (*TASKS, EVERYTHING):
+            raise ConfigError(
+                f"'{task}' is not a node: give {EVERYTHING}, {', '.join(TASKS)}; for ROS after --ros-args"
+            )
+    everything = not tasks or EVERYTHING in tasks
+    return [f"{task}_node" for task in TASKS if everything or task in tasks]
+
+
+def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str], None], *, respawn: bool) -> None:
+    """Run nodes, one process each, until SIGINT or SIGTERM; they write to standard output and error.
+
+    Args:
+        nodes: Their names.
+        arguments: Command line of each.
+        say: Called with a line for each restart.
+        respawn: Start a node again that crashes, rather than end the others.
+
+    Raises:
+        NodeError: If a node ends; the others have been ended then.
+    """
+    environment.prepare()
+    try:
+        with sigterm_as_interrupt(), Supervisor() as supervisor:
+            for node in nodes:
+                supervisor.start(node, arguments)
+            while True:
+                time.sleep(WATCH_S)
+                supervisor.note_segments()
+                if not respawn:
+                    supervisor.check()
+                    continue
+                for ending in supervisor.restart_crashed():
+                    say(f"{ending}: started again")
+                    time.sleep(RESTART_PAUSE_S)
+    except KeyboardInterrupt:
+        return

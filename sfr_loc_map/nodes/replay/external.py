@@ -1,0 +1,264 @@
+"""An external node under test in place of one of ours: waited for, its answers kept, its end a finding.
+
+What it publishes is read leniently, kept as it is, and published converted for the monitor.
+"""
+
+from __future__ import annotations
+
+import os
+from abc import abstractmethod
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+
+from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MetricsError, NodeError
+from sfr_loc_map.geometry.pose_convention import FIRST_POSE, PoseConvention, aligned, converted
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.image_codec import stamp_of
+from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.convention import world_at_first_pose
+from sfr_loc_map.nodes.messages.fields import header_msg
+from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg, cloud_msg, xyz_from_msg
+from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row, pose_msg
+from sfr_loc_map.nodes.processes import ChildProcess
+from sfr_loc_map.nodes.replay.graph_node import ReplayNode
+from sfr_loc_map.nodes.replay.options import ExternalOptions
+from sfr_loc_map.nodes.replay.results import ObservedNode, ReplayResults
+from sfr_loc_map.pipeline.external_run import Answer, AnswerBook, ProcessWatch, processes_named
+
+DEPTH = 1000
+PUBLISHER_GRACE_S = 2.0
+"""How long the publisher of a node that listens already is waited for; some make it with their first result."""
+NOT_YET_NAMED = "_NODE_NAME_UNKNOWN_"
+"""Name in ROS of a publisher whose node is not discovered yet."""
+WORLD, BODY, MAP = "ds", "rb", "lm"
+
+
+class ExternalNode:
+    """A node of anyone in place of one of ours.
+
+    Attributes:
+        options: What is known of it.
+        version: As it tells on /diagnostics; None where it does not.
+    """
+
+    kind: type[Any]
+
+    def __init__(self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None) -> None:
+        """Subscribe to nothing yet; the command is its process, None where it was not started here."""
+        self.options = options
+        self.version: str | None = None
+        self._node, self._command = node, command
+        self._name = "external"
+        self._results = ReplayResults()
+        self._watch: ProcessWatch | None = None
+
+    @abstractmethod
+    def read(self, message: Any) -> Answer:  # noqa: ANN401 - of `kind`
+        """Return stamp, frames and problem of what it published."""
+
+    @abstractmethod
+    def keep(self, message: Any, results: ReplayResults) -> None:  # noqa: ANN401 - of `kind`
+        """Keep what it published, and publish it converted."""
+
+    def begin_run(self, results: ReplayResults) -> None:
+        """Put what is received from now on into the results of a run."""
+        results.answers = AnswerBook(self.options.task.rig, self.options.timeout_s, self.options.frames)
+        self._results = results
+
+    def wait_until_ready(self, topics: list[str]) -> None:
+        """Wait until it listens to images, and subscribe to its answers with the reliability that it offers.
+
+        Raises:
+            NodeError: If it does not listen in time, or its process ends.
+        """
+        graph, command = self._node.node, self._command
+
+        def listens() -> bool:
+            if command is not None and command.ending:
+                raise NodeError(f"the external node {_ended(command)}; correct that and start again")
+            return any(graph.count_subscribers(topic) for topic in topics)
+
+        def problem() -> str:
+            domain = os.environ.get("ROS_DOMAIN_ID") or 0
+            return (
+                f"no external node in ROS domain {domain} listens to {' or '.join(topics)}: start it with --command, "
+                "or set ROS_DOMAIN_ID for both, and remap its topics; nothing came"
+            )
+
+        self._node.wait_for(listens, self.options.start_timeout_s, problem)
+        publishers: list[Any] = []
+        for _ in range(round(PUBLISHER_GRACE_S / 0.1)):
+            publishers = list(graph.get_publishers_info_by_topic(self.options.topic))
+            if publishers and all(item.node_name != NOT_YET_NAMED for item in publishers):
+                break
+            self._node.spin_for(0.1)
+        names = {item.node_name for item in publishers} - {NOT_YET_NAMED}
+        self._name = ", ".join(sorted(names)) or (self._name if command is None else command.name)
+        reliable = {item.qos_profile.reliability for item in publishers} == {ReliabilityPolicy.RELIABLE}
+        policy = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        quality = QoSProfile(depth=DEPTH, reliability=policy)
+        graph.create_subscription(self.kind, self.options.topic, self._on_answer, quality)
+        if self.options.watch:
+            self._watch = ProcessWatch(processes_named(self.options.watch))
+        elif command is not None:
+            self._watch = ProcessWatch([command.popen.pid])
+        if self._watch is not None:
+            self._watch.start()
+
+    def observe(self, results: ReplayResults) -> None:
+        """Put what is known of it into the results, while it still runs, and stop watching it."""
+        self.look_after()
+        if self._watch is not None:
+            self._watch.stop()
+        usage = None if self._watch is None else self._watch.usage
+        log = "" if self._command is None else self._command.text
+        results.observed = ObservedNode(self._name, self.version, self.options, usage, log)
+
+    def published(self, stamp_ns: int, sent_s: float) -> None:
+        """Note that a pair was published, its last image at a time of the monotonic clock."""
+        self._book.published(stamp_ns, sent_s)
+
+    def wait_for(self, stamp_ns: int) -> None:
+        """Wait until a pair is answered, its time is over, or the process is gone."""
+        book = self._book
+
+        def settled() -> bool:
+            self.look_after()
+            return book.is_settled(stamp_ns)
+
+        self._node.wait_for(settled, self.options.timeout_s + 60.0, lambda: "nothing")  # a pair is settled before
+        book.waited(stamp_ns)
+
+    def look_after(self) -> None:
+        """Note whether its process has ended."""
+        if self._command is not None and self._command.ending:
+            self._book.node_ended(_ended(self._command))
+
+    @property
+    def _book(self) -> AnswerBook:
+        assert self._results.answers is not None  # made by begin_run
+        return self._results.answers
+
+    def _on_answer(self, message: Any) -> None:  # noqa: ANN401 - rclpy has no types
+        if self._book.received(self.read(message)):
+            self.keep(message, self._results)
+
+
+class ExternalLocaliser(ExternalNode):
+    """Poses of an external localiser."""
+
+    kind = Odometry
+
+    def __init__(
+        self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None, loc: LocSequence
+    ) -> None:
+        """Advertise the converted poses; their frame may follow from the rig, and their world from the truth."""
+        super().__init__(node, options, command)
+        self._convention, self._truth = options.convention, loc.ground_truth
+        self._T_rb_child = options.convention.T_rb_child(loc.rig)
+        self._T_ds_world: Transform | None = None
+        self._publisher = node.node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
+
+    def begin_run(self, results: ReplayResults) -> None:
+        """Forget the world frame of the run before."""
+        super().begin_run(results)
+        self._T_ds_world = None
+
+    def read(self, message: Odometry) -> Answer:
+        """Return stamp, frames and problem of a pose."""
+        frames = f"{message.header.frame_id} -> {message.child_frame_id}"
+        try:
+            odometry_row(message)
+        except InputError as error:
+            return Answer(stamp_of(message), frames, str(error))
+        return Answer(stamp_of(message), frames)
+
+    def keep(self, message: Odometry, results: ReplayResults) -> None:
+        """Keep a pose as it was published, and publish it converted."""
+        row = odometry_row(message)
+        results.rows.append(row)
+        covariance = covariance_of(message)
+        if np.isfinite(covariance).all() and covariance.any():
+            results.covariances[row[0]] = covariance
+        try:
+            poses = Trajectory(np.array([row[0]], np.int64), np.array([row[1]]), np.array([row[2]]))
+            poses = converted(poses, self._convention, self._T_rb_child)
+            if self._convention.world == FIRST_POSE:
+                if self._T_ds_world is None:
+                    self._T_ds_world = world_at_first_pose(Estimates.of(poses), self._truth)
+                poses = aligned(poses, self._T_ds_world)
+        except (GeometryError, MetricsError):
+            return  # nothing for the monitor; the score tells why
+        out = Odometry(header=header_msg(max(int(poses.stamps_ns[0]), 0), WORLD), child_frame_id=BODY)
+        out.pose.pose = pose_msg(poses.pose(0), poses.quats_xyzw[0])
+        self._publisher.publish(out)
+
+
+class ExternalMapper(ExternalNode):
+    """Clouds of an external mapper; points alone, or with all fields of `mapping/points`."""
+
+    kind = PointCloud2
+
+    def __init__(
+        self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None, nav: NavSequence
+    ) -> None:
+        """Advertise the converted clouds; the poses of the pairs take their points to LM."""
+        super().__init__(node, options, command)
+        convention, here = options.convention, replace(nav.rig, T_rb_sb=Transform.identity())
+        self._in_lm = convention == PoseConvention(metres_per_unit=convention.metres_per_unit)
+        self._unit, self._T_sb_child = convention.metres_per_unit, convention.T_rb_child(here)
+        self._poses = {item.pair.stamp_ns: item.T_lm_navsb for item in nav.pairs()}
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._publisher = node.node.create_publisher(PointCloud2, options.converted_topic, latched)
+
+    def read(self, message: PointCloud2) -> Answer:
+        """Return stamp, frame and problem of a cloud."""
+        stamp_ns, frame = stamp_of(message), message.header.frame_id
+        try:
+            xyz_from_msg(message)
+        except InputError as error:
+            return Answer(stamp_ns, frame, str(error))
+        if not self._in_lm and stamp_ns not in self._poses:
+            return Answer(stamp_ns, frame, "it has the stamp of no pair, whose pose would take its points to LM")
+        return Answer(stamp_ns, frame)
+
+    def keep(self, message: PointCloud2, results: ReplayResults) -> None:
+        """Keep a cloud in LM, and publish it if it has all fields."""
+        stamp_ns, points = stamp_of(message), xyz_from_msg(message) * self._unit
+        if not self._in_lm:
+            points = (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
+        results.points.append((stamp_ns, points[np.isfinite(points).all(axis=1)]))
+        try:
+            cloud = cloud_from_msg(message)
+        except InputError:
+            return  # points without pixels: they are scored by the nearest true point
+        cloud = replace(cloud, xyz=points.astype(np.float32))
+        results.clouds.append((stamp_ns, cloud))
+        self._publisher.publish(cloud_msg(cloud, stamp_ns, MAP))
+
+
+def _ended(command: ChildProcess) -> str:
+    return f"{command.ending}: {command.last_log_line[:200]}"
+
+
+def external_node(
+    node: ReplayNode, source: Source, options: ExternalOptions, command: ChildProcess | None
+) -> ExternalNode:
+    """Return the external node of a replay.
+
+    Raises:
+        ConfigError: If the source has no pairs for its task, or its convention is none of this source.
+    """
+    if options.task is Task.LOCALISATION and source.loc is not None:
+        return ExternalLocaliser(node, options, command, source.loc)
+    if options.task is Task.MAPPING and source.nav is not None:
+        return ExternalMapper(node, options, command, source.nav)
+    raise ConfigError(f"'--external {options.task}': the source has no pairs for it; give one that has them")

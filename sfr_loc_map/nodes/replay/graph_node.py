@@ -1,0 +1,110 @@
+"""The ROS node of a replay: joins the graph, waits while it watches the nodes, calls their services."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+
+import rclpy
+from rclpy.client import Client
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.utilities import try_shutdown
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.errors import NodeError
+from sfr_loc_map.nodes.environment import start_ros
+from sfr_loc_map.nodes.processes import LivePage, Supervisor
+
+NAME = "sfr_player"
+ANSWER_TIMEOUT_S = 120.0
+SPIN_S = 0.05
+PAGE_TIMEOUT_S = 30.0
+PAGE_TOPICS = ("localisation/odometry", "ground_truth/odometry", "metrics/report")
+"""Topics that a page receives whatever it shows."""
+
+
+class ReplayNode:
+    """A ROS node whose waiting fails (`NodeError`) as soon as a supervised node ends; a context manager."""
+
+    def __init__(self, supervisor: Supervisor) -> None:
+        """Join the graph."""
+        start_ros()
+        self.supervisor = supervisor
+        self.node: Node = rclpy.create_node(NAME)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._clients: dict[str, Client] = {}
+
+    def __enter__(self) -> ReplayNode:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the graph."""
+        self.node.destroy_node()
+        try_shutdown()
+
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
+        """Spin until a condition holds, for a limited time; `problem` says what did not happen.
+
+        Raises:
+            NodeError: If a node ends, another program has a node of the same name, or it takes too long.
+        """
+        deadline = time.monotonic() + timeout_s
+        while True:
+            self._refuse_others()  # first: what they publish may be what the condition fails of
+            if condition():
+                return
+            self.supervisor.check()
+            if time.monotonic() > deadline:
+                raise NodeError(f"{problem()} within {timeout_s:g} s: look at the load of this host and start again")
+            self._executor.spin_once(timeout_sec=SPIN_S)
+
+    def wait_for_page(self, page: LivePage) -> bool:
+        """Wait, for a limited time, until a page receives what is played; return whether it does or has ended."""
+        deadline = time.monotonic() + PAGE_TIMEOUT_S
+        while name := page.node_name:
+            receivers = [self.node.get_subscriptions_info_by_topic(topic) for topic in PAGE_TOPICS]
+            if all(any(found.node_name == name for found in of_topic) for of_topic in receivers):
+                break
+            if time.monotonic() > deadline:
+                return False
+            self.spin_for(SPIN_S)
+        return True
+
+    def spin_for(self, seconds: float) -> None:
+        """Spin for some time."""
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=min(left, SPIN_S))
+        self.supervisor.check()
+
+    def spin_once(self) -> None:
+        """Do one callback that is due, if there is one."""
+        self._executor.spin_once(timeout_sec=0.0)
+
+    def client(self, service: str) -> Client:
+        """Return the client of a Trigger service."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(Trigger, service)
+        return self._clients[service]
+
+    def call(self, service: str, problem: str) -> None:
+        """Call a Trigger service and wait for its answer."""
+        client = self.client(service)
+        self.wait_for(client.service_is_ready, ANSWER_TIMEOUT_S, lambda: problem)
+        future = client.call_async(Trigger.Request())
+        self.wait_for(future.done, ANSWER_TIMEOUT_S, lambda: problem)
+
+    def _refuse_others(self) -> None:
+        """Make sure that no other program has nodes that would take part."""
+        found = self.node.get_node_names_and_namespaces()
+        for name in (NAME, *self.supervisor.processes):
+            if found.count((name, self.node.get_namespace())) > 1:
+                raise NodeError(
+                    f"another {name} is in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0} and would take part: "
+                    f"unset ROS_DOMAIN_ID, and the replay takes a domain of its own; or end it (a killed one shows for "
+                    f"20 s)"
+                )

@@ -1,0 +1,76 @@
+"""Runs a node as the main program of a process."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import FrameType
+
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.utilities import ok, try_shutdown
+
+from sfr_loc_map.errors import SfrError
+from sfr_loc_map.inputs import one_line
+from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
+from sfr_loc_map.nodes.start import SIGNALS
+
+
+def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """Run one node until SIGINT or SIGTERM, which end it with exit code 0, also when more of them come.
+
+    Args:
+        factory: Makes the node after ROS has started.
+        arguments: Command line; that of the process by default.
+
+    Returns:
+        Exit code: 0, or 2 where the node cannot start or cannot go on (one line on standard error says why).
+    """
+    node: Node | None = None
+    has_ros_started = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        # Once ROS has started its own handlers shut it down. An exception would no longer be safe: numba loads compiled
+        # code in a callback from C, where it is discarded, and then calls a kernel that is not loaded (SIGSEGV).
+        if not has_ros_started:
+            raise KeyboardInterrupt
+
+    _set_handlers(interrupt)
+    try:
+        environment.prepare()
+        environment.start_ros(sys.argv if arguments is None else arguments, signals=True)
+        has_ros_started = True
+        executor = SingleThreadedExecutor()
+        node = factory()
+        executor.add_node(node)
+        if isinstance(node, ManagedNode) and ok():
+            node.start()
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except SfrError as error:
+        name = node.get_name() if node is not None else Path(sys.argv[0]).stem
+        print(f"{name}: {one_line(str(error))}", file=sys.stderr)
+        return 2
+    except Exception:
+        if not has_ros_started or ok():
+            raise
+        # A signal has shut ROS down while something ran; its next use of ROS failed.
+    finally:
+        _set_handlers(signal.SIG_IGN)  # a second one must not interrupt the shutdown
+        if node is not None:
+            node.destroy_node()
+        else:
+            gc.collect()  # a node that a signal left half made takes its shared memory with it
+        try_shutdown()
+        _set_handlers(signal.SIG_IGN)  # the shutdown puts the former handlers back
+    return 0
+
+
+def _set_handlers(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
+    for number in SIGNALS:
+        signal.signal(number, handler)

@@ -1,1 +1,0 @@
-"""Programs beside the nodes: recorder, graph observation, parameter files."""

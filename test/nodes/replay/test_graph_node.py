@@ -1,0 +1,98 @@
+"""What a replay meets and gives in the graph: nodes of other programs, the extrinsics as a frame."""
+
+# ruff: noqa: E402 - ROS may be absent
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+pytestmark = pytest.mark.ros
+
+import rclpy
+from made_scene import T_RB_LOCSB
+from std_msgs.msg import String
+
+from sfr_loc_map.errors import InputError, NodeError
+from sfr_loc_map.geometry.frame_tree import FrameTree
+from sfr_loc_map.nodes import extrinsics
+from sfr_loc_map.nodes.replay import graph_node
+from sfr_loc_map.nodes.replay.graph_node import PAGE_TOPICS, ReplayNode
+
+
+def refuse() -> bool:
+    """Fail as a replay does whose node of another program refuses the input."""
+    raise InputError("the extrinsics of the stereo rig are not known")
+
+
+def test_a_node_of_another_program_is_the_reason_and_not_what_it_publishes() -> None:
+    supervisor: Any = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
+    with ReplayNode(supervisor) as replay:
+        elsewhere = rclpy.create_node("localisation_node", namespace="rover1")
+        ours = rclpy.create_node("localisation_node")
+        replay.wait_for(lambda: True, 1.0, lambda: "nothing")
+        theirs = rclpy.create_node("localisation_node")
+        with pytest.raises(NodeError, match=r"another localisation_node is in ROS domain .*unset ROS_DOMAIN_ID"):
+            replay.wait_for(refuse, 1.0, lambda: "nothing")
+        for node in (elsewhere, ours, theirs):
+            node.destroy_node()
+
+
+class SlowPage:
+    """A page whose node appears in the graph the fifth time that its name is asked for; not at all without topics."""
+
+    def __init__(self, *topics: str) -> None:
+        self.topics = topics
+        self.nodes: list[Any] = []
+        self.asked = 0
+
+    @property
+    def node_name(self) -> str:
+        self.asked += 1
+        if self.asked == 5:
+            self.nodes.append(rclpy.create_node("sfr_live_7"))
+            for topic in self.topics:
+                self.nodes[0].create_subscription(String, topic, lambda _: None, 10)
+        return "sfr_live_7"
+
+
+def test_a_replay_waits_for_its_page_and_for_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    supervisor: Any = SimpleNamespace(processes={}, check=lambda: None)
+    with ReplayNode(supervisor) as replay:
+        other = rclpy.create_node("sfr_live_8")
+        for topic in PAGE_TOPICS:
+            other.create_subscription(String, topic, lambda _: None, 10)
+        page: Any = SlowPage(*PAGE_TOPICS)
+        assert replay.wait_for_page(page)
+        assert page.asked >= 5
+        monkeypatch.setattr(graph_node, "PAGE_TIMEOUT_S", 0.5)
+        page.nodes[0].destroy_node()
+        deaf: Any = SlowPage(PAGE_TOPICS[0])
+        assert not replay.wait_for_page(deaf)
+        ended: Any = SimpleNamespace(node_name="")
+        assert replay.wait_for_page(ended)
+        for node in (other, *deaf.nodes):
+            node.destroy_node()
+
+
+def test_the_extrinsics_are_published_as_those_who_listen_read_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = FrameTree()
+    sent: list[Any] = []
+    publisher = SimpleNamespace(publish=sent.append)
+    qualities: list[Any] = []
+
+    def create(kind: Any, topic: str, qos: Any) -> Any:
+        assert topic == "/tf_static"
+        qualities.append(qos)
+        return publisher
+
+    monkeypatch.setattr(extrinsics, "tf_message_type", lambda: SimpleNamespace)  # tf2_msgs is in no wheel
+    assert extrinsics.publish_extrinsics(SimpleNamespace(create_publisher=create), T_RB_LOCSB) is publisher
+    assert qualities[0].durability.name == "TRANSIENT_LOCAL"
+    extrinsics.add_static_transforms(sent[0], frames)
+    found = frames.find("rb", "locsb")
+    assert found is not None
+    assert np.allclose(found.matrix, T_RB_LOCSB.matrix, atol=1e-15)
+    monkeypatch.setattr(extrinsics, "tf_message_type", lambda: None)
+    assert extrinsics.publish_extrinsics(SimpleNamespace(), T_RB_LOCSB) is None

@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.nodes.motion_prior import OdometryBuffer
+
+MS = 1_000_000
+START = Transform(matrix_from_rotvec([0.1, -0.2, 2.0]), np.array([5.0, -3.0, 0.2]))
+
+
+def filled(period_ms: int = 100, count: int = 11) -> OdometryBuffer:
+    prior = OdometryBuffer()
+    for index in range(count):
+        turn = matrix_from_rotvec(np.array([0.0, 0.03, 0.4]) * index * period_ms / 1000)
+        prior.add(
+            index * period_ms * MS, Transform(START.rotation @ turn, START.translation + index * period_ms / 1000)
+        )
+    return prior
+
+
+@given(st.integers(0, 1000), st.integers(0, 1000))
+def test_between_messages_it_is_interpolated(before_ms: int, now_ms: int) -> None:
+    motion = filled().between(before_ms * MS, now_ms * MS, 0.0)
+    assert motion is not None
+    turn = [matrix_from_rotvec(np.array([0.0, 0.03, 0.4]) * ms / 1000) for ms in (before_ms, now_ms)]
+    assert motion.rotation == pytest.approx(turn[0].T @ turn[1], abs=1e-12)
+    moved = np.full(3, (now_ms - before_ms) / 1000)
+    assert motion.translation == pytest.approx((START.rotation @ turn[0]).T @ moved, abs=1e-12)
+
+
+def test_what_messages_do_not_cover_is_not_known() -> None:
+    prior = filled()
+    assert prior.between(-1, 500 * MS, 0.0) is None
+    assert prior.between(500 * MS, 1000 * MS + 1, 0.0) is None
+    assert OdometryBuffer().between(0, 1, 10.0) is None  # and nobody waits for what never came
+    sparse = filled(period_ms=600, count=3)
+    assert sparse.between(0, 600 * MS, 0.0) is not None
+    assert sparse.between(0, 300 * MS, 0.0) is None
+
+
+def test_messages_that_go_back_clear_the_buffer() -> None:
+    prior = filled()
+    prior.add(100 * MS, START)
+    assert prior.between(0, 100 * MS, 0.0) is None
+    assert prior.between(100 * MS, 100 * MS, 0.0) is not None
+
+
+def test_a_message_on_its_way_is_waited_for() -> None:
+    import threading
+
+    prior = filled()
+    threading.Timer(0.1, lambda: prior.add(1100 * MS, START)).start()
+    assert prior.between(0, 1050 * MS, 5.0) is not None
+    assert prior.between(0, 1200 * MS, 0.05) is None
