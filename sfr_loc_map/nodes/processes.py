@@ -73,7 +73,7 @@ class ChildProcess:
                 preexec_fn=partial(end_with_parent, signal.SIGTERM),
             )
         except OSError as error:
-            raise NodeError(f"cannot start {self.name}: {error.strerror}; check memory and process limits") from error
+            raise NodeError(f"cannot start '{self.name}': {error.strerror}; check memory and process limits") from error
         finally:
             if stream is not None:
                 stream.close()
