@@ -1,17 +1,16 @@
-"""The blocking issues of what was observed: checks by cause, findings with a fix. Pure functions."""
+"""The blocking issues of what was observed: pure functions of an observation, each finding with its fix."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 import cv2
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, IntArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, IntArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag import COMPRESSED, IMAGE
@@ -19,20 +18,40 @@ from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.image_codec import image_from_compressed_message, image_from_message, stamp_of
 from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig
-from sfr_loc_map.pipeline.doctor_observation import EXPECTED, Observation, ObservedTopic, Reliability, allowed_types
+from sfr_loc_map.pipeline.doctor_observation import (
+    EXPECTED,
+    Observation,
+    ObservedTopic,
+    Reliability,
+    allowed_types,
+)
 from sfr_loc_map.pipeline.reception import MUCH_LOST, loss_fix
 
-
-class Severity(StrEnum):
-    """What a finding means for the suite."""
-
-    BLOCKING = "blocking"
-    """Something that is needed does not work."""
-    WARNING = "warning"
+FEW_LOST = 0.01
+"""Share of images lost in transport above which there is a warning."""
+CLOCKS_APART_NS = 60 * NS_PER_S
+"""Stamps further from the time of the host are of another clock; the nodes omit their latencies, too."""
+PAIRED = 0.5
+"""Share of stamps with a partner below which no useful result is possible."""
+COMPLETE = 0.9
+"""Share of stamps with a partner below which there is a warning."""
+EDGE = 0.1
+"""Share of the observed time at either end in which a partner may lie outside."""
+CORNERS = 80
+PATCH_PX = 6
+"""Half the side of a patch that is searched for."""
+MIN_NCC = 0.85
+"""Normalised cross-correlation of a patch that is matched."""
+MIN_MATCHES = 10
+"""Matches on the wrong side that a decision needs."""
+SWAPPED_RATIO = 4.0
+"""Swapped: more than so many matches on the wrong side for each on the right one."""
+QUEUES_BYTES = 1_000_000
+"""What a process has in /dev/shm beside its segment."""
 
 
 class Cause(StrEnum):
-    """Kinds of findings, for programs."""
+    """Kinds of findings, for programs; docs/operating.md explains each."""
 
     BROKEN = "broken"
     UNFINISHED = "unfinished"
@@ -63,94 +82,103 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One issue.
-
-    Attributes:
-        cause: Its kind.
-        severity: Whether it blocks.
-        where: Topic, node or file.
-        text: What was found.
-        fix: What to do.
-    """
+    """One issue: its cause, topic or node or file, what was found and what to do; it blocks, or is a warning."""
 
     cause: Cause
-    severity: Severity
     where: str
     text: str
     fix: str
-
-    @property
-    def is_blocking(self) -> bool:
-        """Tell whether something that is needed does not work."""
-        return self.severity is Severity.BLOCKING
+    is_blocking: bool = True
 
     def as_dict(self) -> dict[str, str | bool]:
         """Return it for JSON, under the public keys."""
-        return {
-            "cause": self.cause.value,
-            "stops": self.is_blocking,
-            "where": self.where,
-            "text": self.text,
-            "cure": self.fix,
-        }
+        about = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
+        return about | {"text": self.text, "cure": self.fix}
 
 
-def blocking(cause: Cause, where: str, text: str, fix: str) -> Finding:
-    """Return a finding that blocks."""
-    return Finding(cause, Severity.BLOCKING, where, text, fix)
+Findings = Iterator[Finding]
 
 
-def warning(cause: Cause, where: str, text: str, fix: str) -> Finding:
-    """Return a finding that does not block."""
-    return Finding(cause, Severity.WARNING, where, text, fix)
+def examine(seen: Observation) -> list[Finding]:
+    """Return the findings of all checks, blocking ones first."""
+    found = [*check_source(seen)]
+    if not seen.broken or seen.topics:
+        found += check_names(seen)
+        for task in seen.tasks:
+            found += check_camera_topics(seen, task)
+            if seen.has_images(task):
+                found += [finding for check in IMAGE_CHECKS for finding in check(seen, task)]
+        found += [finding for check in CHECKS for finding in check(seen)]
+    found += check_shared_memory(seen)
+    return sorted(found, key=lambda finding: not finding.is_blocking)
 
 
-FEW_LOST = 0.01
-"""Share of images lost in transport above which there is a warning."""
+# ---- the source and its topics
 
 
-def check_readable(seen: Observation) -> Iterator[Finding]:
+def check_source(seen: Observation) -> Findings:
     """Yield whether a bag or source is broken, was not closed or lacks files."""
     if seen.broken:
         fix = "correct or copy the file again" if seen.files else "record or copy it again; what is whole can be read"
-        yield blocking(Cause.BROKEN, seen.subject, seen.broken, fix)
+        yield Finding(Cause.BROKEN, seen.subject, seen.broken, fix)
     if seen.left_out:
-        yield warning(
-            Cause.MISSING_IMAGES,
-            seen.subject,
-            f"{seen.left_out} pairs are listed whose images are not there: they are left out",
-            "restore the files, or take the pairs out of the list",
-        )
+        text = f"{seen.left_out} pairs are listed whose images are not there: they are left out"
+        fix = "restore the files, or take the pairs out of the list"
+        yield Finding(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
     if seen.unfinished:
-        yield warning(
-            Cause.UNFINISHED,
-            seen.subject,
-            "its recording was not finished: it has no end record",
-            "nothing needs to be done here; for other readers rewrite it: sfr convert",
-        )
+        text = "its recording was not finished: it has no end record"
+        fix = "nothing needs to be done here; for other readers rewrite it: sfr convert"
+        yield Finding(Cause.UNFINISHED, seen.subject, text, fix, False)
 
 
-def check_names(seen: Observation) -> Iterator[Finding]:
+def check_names(seen: Observation) -> Findings:
     """Yield names that several topics could have, and whether no topic has an expected name."""
     for name, found in seen.ambiguous.items():
-        yield blocking(
-            Cause.AMBIGUOUS,
-            name,
-            f"several topics could be it: {', '.join(found)}",
-            "choose a rover by --namespace, or one topic by --remap FOUND:=EXPECTED",
-        )
+        fix = "choose a rover by --namespace, or one topic by --remap FOUND:=EXPECTED"
+        yield Finding(Cause.AMBIGUOUS, name, f"several topics could be it: {', '.join(found)}", fix)
     if not seen.tasks and not seen.ambiguous:
-        images = [n for n, types in sorted(seen.others.items()) if {IMAGE, COMPRESSED} & set(types)]
+        images = [name for name, types in sorted(seen.others.items()) if {IMAGE, COMPRESSED} & set(types)]
         there = f"topics with images are {', '.join(images)}" if images else "no topic has images"
-        yield blocking(
-            Cause.NO_TOPIC,
-            seen.subject,
-            f"neither loc/left/image_rect nor nav/left/image_rect is there (nor image_raw); {there}",
-            "name them by --remap FOUND:=EXPECTED, or start the cameras" if seen.live else "--remap FOUND:=EXPECTED",
+        text = f"neither loc/left/image_rect nor nav/left/image_rect is there (nor image_raw); {there}"
+        fix = "name them by --remap FOUND:=EXPECTED, or start the cameras" if seen.live else "--remap FOUND:=EXPECTED"
+        yield Finding(Cause.NO_TOPIC, seen.subject, text, fix)
+
+
+def check_topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Findings:
+    """Yield issues of a topic that a task needs, by the suite's name; None where it is absent."""
+    if name in seen.ambiguous:
+        return
+    if topic is None or not topic.offers:
+        where = topic.found if topic is not None else f"{seen.prefix}{name}"
+        hint = "or name it by --remap FOUND:=EXPECTED"
+        if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
+            hint = f"or set input.rectify of the node: {RAW} is there"
+        if seen.live:
+            yield Finding(Cause.NO_PUBLISHER, where, "it has no publisher", f"start its publisher, {hint}")
+        else:
+            yield Finding(Cause.NO_TOPIC, where, "it is not in the bag", f"record it, {hint}")
+        return
+    if wrong := [kind for kind in topic.types if kind not in allowed_types(name)]:
+        text = f"its type is {', '.join(wrong)}: {' or '.join(allowed_types(name))} is needed"
+        fix = "publish the right type, or name another topic by --remap FOUND:=EXPECTED"
+        yield Finding(Cause.WRONG_TYPE, topic.found, text, fix)
+        return
+    strict = [node for node, requested in topic.requests.items() if requested is Reliability.RELIABLE]
+    if strict and Reliability.BEST_EFFORT in topic.offers:
+        text = f"its publisher offers best_effort, {', '.join(strict)} requests reliable: nothing is received"
+        fix = (
+            f"set qos_overrides.{topic.found}.subscription.reliability of the node to best_effort (or "
+            "input.reliability), or the publisher's to reliable"
         )
+        yield Finding(Cause.QOS, topic.found, text, fix)
+    if not topic.messages and not seen.is_idle(name.partition("/")[0]):
+        text, fix = "it has no message", "record it again"
+        if seen.live:
+            text, fix = "no message was received", "check its publisher"
+        yield Finding(Cause.SILENT, topic.found, text, fix)
 
 
-def check_camera_topics(seen: Observation, task: str) -> Iterator[Finding]:
+def check_camera_topics(seen: Observation, task: str) -> Findings:
     """Yield issues of the topics of images and camera_info of a task."""
     for side in SIDES:
         yield from check_topic(seen, f"{task}/{side}/{seen.image_name(task)}", seen.images(task, side))
@@ -158,261 +186,87 @@ def check_camera_topics(seen: Observation, task: str) -> Iterator[Finding]:
         yield from check_topic(seen, name, seen.topics.get(name))
     node = seen.node(task)
     if seen.is_idle(task) and not (node is not None and node.has_worked):
-        end = "watch until a pair comes (--seconds)" if seen.live else "record it again, if there should be pairs"
-        yield warning(Cause.SILENT, seen.both_images(task), "no pair came meanwhile", end)
+        fix = "watch until a pair comes (--seconds)" if seen.live else "record it again, if there should be pairs"
+        yield Finding(Cause.SILENT, seen.both_images(task), "no pair came meanwhile", fix, False)
 
 
-def check_transport(seen: Observation, task: str) -> Iterator[Finding]:
+# ---- images of both sides
+
+
+def check_transport(seen: Observation, task: str) -> Findings:
     """Yield whether images of a task are lost on the way from their publishers."""
     share = seen.lost_share(task)
     if share > FEW_LOST:
-        yield Finding(
-            Cause.TRANSPORT,
-            Severity.BLOCKING if share > MUCH_LOST else Severity.WARNING,
-            seen.both_images(task),
-            f"{share:.0%} of the images are lost between their publisher and this process",
-            loss_fix(seen.memory.export_line),
-        )
+        text = f"{share:.0%} of the images are lost between their publisher and this process"
+        fix = loss_fix(seen.memory.export_line)
+        yield Finding(Cause.TRANSPORT, seen.both_images(task), text, fix, share > MUCH_LOST)
 
 
-def check_topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Iterator[Finding]:
-    """Yield issues of one topic that a task needs.
-
-    Args:
-        seen: What was observed.
-        name: The suite's name of the topic.
-        topic: The topic, None where it is absent.
-    """
-    if name in seen.ambiguous:
-        return
-    if topic is None or not topic.offers:
-        yield _absent(seen, topic.found if topic is not None else f"{seen.prefix}{name}")
-    elif set(topic.types) - set(allowed_types(name)):
-        yield _wrong_type(name, topic)
-    else:
-        strict = [node for node, requested in topic.requests.items() if requested is Reliability.RELIABLE]
-        if strict and Reliability.BEST_EFFORT in topic.offers:
-            yield blocking(
-                Cause.QOS,
-                topic.found,
-                f"its publisher offers best_effort, {', '.join(strict)} requests reliable: nothing is received",
-                f"set qos_overrides.{topic.found}.subscription.reliability of the node to best_effort (or "
-                f"input.reliability), or the publisher's to reliable",
-            )
-        if not topic.messages and not seen.is_idle(name.partition("/")[0]):
-            yield _silent(seen, topic)
-
-
-def _absent(seen: Observation, name: str) -> Finding:
-    hint = "or name it by --remap FOUND:=EXPECTED"
-    if name.endswith(RECTIFIED) and name.removesuffix(RECTIFIED) + RAW in seen.others:
-        hint = f"or set input.rectify of the node: {RAW} is there"
-    if seen.live:
-        return blocking(Cause.NO_PUBLISHER, name, "it has no publisher", f"start its publisher, {hint}")
-    return blocking(Cause.NO_TOPIC, name, "it is not in the bag", f"record it, {hint}")
-
-
-def _wrong_type(name: str, topic: ObservedTopic) -> Finding:
-    allowed = allowed_types(name)
-    wrong = [kind for kind in topic.types if kind not in allowed]
-    return blocking(
-        Cause.WRONG_TYPE,
-        topic.found,
-        f"its type is {', '.join(wrong)}: {' or '.join(allowed)} is needed",
-        "publish the right type, or name another topic by --remap FOUND:=EXPECTED",
-    )
-
-
-def _silent(seen: Observation, topic: ObservedTopic) -> Finding:
-    if seen.live:
-        return blocking(Cause.SILENT, topic.found, "no message was received", "check its publisher")
-    return blocking(Cause.SILENT, topic.found, "it has no message", "record it again")
-
-
-CLOCKS_APART_NS = 60 * NS_PER_S
-"""Stamps further from the time of the host are of another clock; the nodes omit their latencies, too."""
-PAIRED = 0.5
-"""Share of stamps with a partner below which no useful result is possible."""
-COMPLETE = 0.9
-"""Share of stamps with a partner below which there is a warning."""
-EDGE = 0.1
-"""Share of the observed time at either end in which a partner may lie outside."""
-
-
-def check_pairs(seen: Observation, task: str) -> Iterator[Finding]:
+def check_pairs(seen: Observation, task: str) -> Findings:
     """Yield whether left and right images have no common stamps."""
     node = seen.node(task)
     tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
     share, typical_ns = _paired(seen.image_stamps(task, "left"), seen.image_stamps(task, "right"), tolerance_ns)
     share = min(share / (1.0 - seen.lost_share(task)), 1.0)  # of those whose partner was not lost in transport
-    if share >= COMPLETE:
-        return
-    where = seen.both_images(task)
     text = f"{share:.0%} of the left images have a right one of their stamp"
-    if share >= PAIRED:
+    if PAIRED <= share < COMPLETE:
         fix = "check for lost images: transport, quality of service, load"
-        yield warning(Cause.UNPAIRED, where, text, fix)
-        return
-    off_s = f"{typical_ns / NS_PER_S:.3g}"
-    fix = "let one trigger stamp both"
-    if typical_ns <= NS_PER_S // 2:
-        fix += f"; or set input.stamp_tolerance_s above {off_s}, if so much motion may be neglected"
-    yield blocking(Cause.UNSYNCHRONISED, where, f"{text}, typically {off_s} s off", fix)
+        yield Finding(Cause.UNPAIRED, seen.both_images(task), text, fix, False)
+    elif share < PAIRED:
+        off_s = f"{typical_ns / NS_PER_S:.3g}"
+        fix = "let one trigger stamp both"
+        if typical_ns <= NS_PER_S // 2:
+            fix += f"; or set input.stamp_tolerance_s above {off_s}, if so much motion may be neglected"
+        yield Finding(Cause.UNSYNCHRONISED, seen.both_images(task), f"{text}, typically {off_s} s off", fix)
 
 
-def check_order(seen: Observation) -> Iterator[Finding]:
-    """Yield topics of a bag whose stamps go back; on a graph that is a new run."""
-    ordered = [topic for task in seen.tasks for side in SIDES if (topic := seen.images(task, side)) is not None]
-    truth = seen.topics.get("ground_truth/odometry")
-    for topic in [] if seen.live else [*ordered, *([truth] if truth is not None else [])]:
-        back = int(np.sum(np.diff(topic.stamps_ns) < (0 if topic is truth else 1)))
-        if back:
-            yield blocking(
-                Cause.STAMP_ORDER,
-                topic.found,
-                f"its stamps go back or stand still at {back} messages, as where a player began again meanwhile",
-                "record one run alone: start the player after sfr record, without a loop",
-            )
-
-
-def check_poses(seen: Observation) -> Iterator[Finding]:
-    """Yield issues of the poses of the mapping pairs."""
-    if "nav" not in seen.tasks:
-        return
-    topic = seen.topics.get("nav/pose")
-    yield from check_topic(seen, "nav/pose", topic)
-    images = seen.image_stamps("nav")
-    if topic is None or not len(topic.stamps_ns) or not len(images):
-        return
-    share, typical_ns = _paired(images, topic.stamps_ns, 0)
-    if share < COMPLETE:
-        yield Finding(
-            Cause.POSE_STAMPS,
-            Severity.BLOCKING if share < PAIRED else Severity.WARNING,
-            topic.found,
-            f"{share:.0%} of the images have a pose of their stamp, typically {typical_ns / NS_PER_S:.3g} s off",
-            "publish nav/pose with the stamp of each pair",
-        )
-
-
-def check_truth(seen: Observation) -> Iterator[Finding]:
-    """Yield whether there is no truth, or of another clock."""
-    for task, name in (("loc", "ground_truth/odometry"), ("nav", "ground_truth/points")):
-        if task not in seen.tasks:
-            continue
-        topic, images = seen.topics.get(name), seen.image_stamps(task)
-        if topic is not None and set(topic.types) - set(EXPECTED[name]):
-            yield from check_topic(seen, name, topic)
-        elif topic is None or not topic.offers or not len(topic.stamps_ns):
-            if _comes_later(seen, task, topic):
-                continue
-            yield warning(
-                Cause.TRUTH,
-                name,
-                "there is no truth: nothing can be scored",
-                "add it" if seen.files else "record or publish it",
-            )
-        elif len(images) and not _overlap(topic.stamps_ns, images):
-            off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images))) / NS_PER_S
-            yield warning(
-                Cause.TRUTH_CLOCK,
-                topic.found,
-                f"its stamps lie {off_s:.6g} s from those of the images: nothing can be scored",
-                "stamp truth and images by one clock",
-            )
-
-
-def _comes_later(seen: Observation, task: str, topic: ObservedTopic | None) -> bool:
-    """Tell whether a truth without messages comes with pairs that come now and then."""
-    return task == "nav" and topic is not None and bool(topic.offers) and (seen.live or seen.is_idle(task))
-
-
-def check_host_clock(seen: Observation) -> Iterator[Finding]:
-    """Yield whether stamps are of another clock than that of the host."""
-    if seen.now_ns is None or seen.has_clock:
-        return
-    for task in seen.tasks:
-        stamps = seen.image_stamps(task)
-        off_ns = int(stamps[-1]) - seen.now_ns if len(stamps) else 0
-        if abs(off_ns) > CLOCKS_APART_NS:
-            yield warning(
-                Cause.CLOCKS_APART,
-                f"{task}/left/{seen.image_name(task)}",
-                f"stamps lie {off_ns / NS_PER_S:.6g} s from the time of this host: "
-                "latencies are unknown, tf may refuse them",
-                "set the clocks by one source (chrony, PTP); of a bag, play it with --clock and set use_sim_time",
-            )
-
-
-def nearest_ns(first: IntArray, second: IntArray) -> IntArray:
-    """Return how far the nearest of the second stamps is from each of the first `(N,)`, nanoseconds."""
-    second = np.sort(second)
-    at = np.searchsorted(second, first)
-    below, above = second[np.maximum(at - 1, 0)], second[np.minimum(at, len(second) - 1)]
-    return np.asarray(np.minimum(np.abs(first - below), np.abs(above - first)), np.int64)
-
-
-def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:
-    """Return the share of the first stamps that have a second one, and the typical distance to the nearest (ns)."""
-    apart = nearest_ns(first, second)
-    inside = _inner(first) if len(first) > 2 else np.ones(len(first), np.bool_)
-    return float(np.mean(apart[inside] <= tolerance_ns)), int(np.median(apart[inside]))
-
-
-def _inner(stamps: IntArray) -> Mask:
-    edge = EDGE * float(stamps.max() - stamps.min())
-    inner: Mask = (stamps >= stamps.min() + edge) & (stamps <= stamps.max() - edge)
-    return inner if inner.any() else np.ones(len(stamps), np.bool_)
-
-
-def _overlap(first: IntArray, second: IntArray) -> bool:
-    return bool(first.min() <= second.max() and second.min() <= first.max())
-
-
-CORNERS = 80
-PATCH_PX = 6
-"""Half the side of a patch that is searched for."""
-MIN_NCC = 0.85
-"""Normalised cross-correlation of a patch that is matched."""
-MIN_MATCHES = 10
-"""Matches on the wrong side that a decision needs."""
-SWAPPED_RATIO = 4.0
-"""Swapped: more than so many matches on the wrong side for each on the right one."""
-StampedImages = list[tuple[int, GreyImage]]
-
-
-def check_stereo(seen: Observation, task: str) -> Iterator[Finding]:
-    """Yield issues of camera_info and images of a rig whose images are there."""
+def check_stereo(seen: Observation, task: str) -> Findings:
+    """Yield issues of camera_info and of the first images of a rig."""
     rig: StereoRig | None = None
     rectifier: StereoRectifier | None = None
-    try:
-        rig, rectifier = _rig(seen, task)
-    except InputError as error:
-        text, _, fix = str(error).partition(": ")
-        yield blocking(Cause.CAMERA_INFO, f"{task}/left/camera_info, {task}/right/camera_info", text, fix)
-    images: dict[str, StampedImages] = {}
-    for side in SIDES:
-        topic = seen.images(task, side)
+    infos = [topic for side in SIDES if (topic := seen.topics.get(f"{task}/{side}/camera_info")) and topic.messages]
+    if len(infos) == len(SIDES):
+        messages = [topic.messages[0] for topic in infos]
+        try:
+            if seen.image_name(task) == RAW:
+                rig, rectifier = rectified_rig(messages, task)
+            else:
+                rig = rig_from_camera_info(messages[0], messages[1], task)
+        except InputError as error:
+            text, _, fix = str(error).partition(": ")
+            yield Finding(Cause.CAMERA_INFO, f"{task}/left/camera_info, {task}/right/camera_info", text, fix)
+    images: list[list[tuple[int, GreyImage]]] = []
+    for topic in (seen.images(task, side) for side in SIDES):
         if topic is None:
             return
         try:
-            images[side] = [(stamp_of(message), _grey(message)) for message in topic.messages]
+            read = [
+                image_from_message(item) if hasattr(item, "encoding") else image_from_compressed_message(item)
+                for item in topic.messages
+            ]
         except InputError as error:
-            yield _encoding(topic, error)
+            fix = "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422"
+            yield Finding(Cause.ENCODING, topic.found, str(error), fix)
             return
-        height, width = images[side][0][1].shape
+        height, width = read[0].shape
         if rig is not None and (width, height) != (rig.width, rig.height):
             text = f"its images are {width} x {height}, camera_info says {rig.width} x {rig.height}"
-            yield blocking(Cause.IMAGE_SIZE, topic.found, text, "publish the camera_info of these images")
+            yield Finding(Cause.IMAGE_SIZE, topic.found, text, "publish the camera_info of these images")
             return
+        images.append([(stamp_of(message), image) for message, image in zip(topic.messages, read, strict=True)])
     if rectifier is not None:
-        images = _rectified(images, rectifier)
-    if left_right_swapped(images["left"], images["right"]):
+        pairs, images = zip(*images, strict=False), [[], []]  # of more images on one side the last are left out
+        for (left_ns, left), (right_ns, right) in pairs:
+            rectified = rectifier.rectify(left, right)
+            images[0].append((left_ns, rectified[0]))
+            images[1].append((right_ns, rectified[1]))
+    if left_right_swapped(*images):
         text = "objects lie further right in the right images: left and right are swapped"
-        yield blocking(Cause.SWAPPED, f"{task}/left/{seen.image_name(task)}", text, "swap the topics (cables, remaps)")
+        where = f"{task}/left/{seen.image_name(task)}"
+        yield Finding(Cause.SWAPPED, where, text, "swap the topics (cables, remaps)")
 
 
-def left_right_swapped(lefts: StampedImages, rights: StampedImages) -> bool:
+def left_right_swapped(lefts: list[tuple[int, GreyImage]], rights: list[tuple[int, GreyImage]]) -> bool:
     """Tell by patches of the left images whether they lie further right in the right ones of the nearest stamp.
 
     A point in front of parallel cameras lies at u_left - u_right = f baseline / Z > 0.
@@ -425,41 +279,6 @@ def left_right_swapped(lefts: StampedImages, rights: StampedImages) -> bool:
         shifts = np.concatenate((shifts, _shifts(left, right)))
     wrong, correct = int(np.sum(shifts < -0.5)), int(np.sum(shifts > 0.5))
     return wrong >= MIN_MATCHES and wrong > SWAPPED_RATIO * correct
-
-
-def _rig(seen: Observation, task: str) -> tuple[StereoRig | None, StereoRectifier | None]:
-    """Return the rig of the first camera_info of both sides, None where one is absent, and what rectifies raw images.
-
-    Raises:
-        InputError: If they are not those of a rectified rig, or of raw cameras that can be rectified.
-    """
-    infos = [topic for side in SIDES if (topic := seen.topics.get(f"{task}/{side}/camera_info")) and topic.messages]
-    if len(infos) < len(SIDES):
-        return None, None
-    messages = [topic.messages[0] for topic in infos]
-    if seen.image_name(task) == RAW:
-        return rectified_rig(messages, task)
-    return rig_from_camera_info(messages[0], messages[1], task), None
-
-
-def _rectified(images: Mapping[str, StampedImages], rectifier: StereoRectifier) -> dict[str, StampedImages]:
-    """Return rectified images; sides with more images than the other are cut."""
-    pairs = list(zip(*(images[side] for side in SIDES), strict=False))
-    rectified = [rectifier.rectify(left, right) for (_, left), (_, right) in pairs]
-    return {
-        side: [(pair[at][0], both[at]) for pair, both in zip(pairs, rectified, strict=True)]
-        for at, side in enumerate(SIDES)
-    }
-
-
-def _encoding(topic: ObservedTopic, error: InputError) -> Finding:
-    return blocking(
-        Cause.ENCODING, topic.found, str(error), "publish mono8, mono16, rgb8, bgr8, a Bayer mosaic or yuv422"
-    )
-
-
-def _grey(message: Any) -> GreyImage:  # noqa: ANN401 - Image or CompressedImage of any library
-    return image_from_message(message) if hasattr(message, "encoding") else image_from_compressed_message(message)
 
 
 def _shifts(left: GreyImage, right: GreyImage) -> FloatArray:
@@ -476,70 +295,118 @@ def _shifts(left: GreyImage, right: GreyImage) -> FloatArray:
     return np.array(found)
 
 
-QUEUES_BYTES = 1_000_000
-"""What a process has in /dev/shm beside its segment."""
+# ---- stamps, truth, extrinsics, nodes
 
 
-def check_extrinsics(seen: Observation) -> Iterator[Finding]:
+def check_extrinsics(seen: Observation) -> Findings:
     """Yield whether the extrinsics of the localisation rig are unknown."""
     node = seen.node("loc")
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
     if "loc" not in seen.tasks or given:
         return
+    text = "neither a parameter nor /tf_static has it"
     if seen.files:
         text = "rig.json does not have it, and no parameter"
     elif seen.extrinsics_in_tf is None:
         text = "/tf_static cannot be read without tf2_msgs, and no parameter has it"
     elif any(name.strip("/").endswith("tf_static") for name in seen.others):
         text = "/tf_static does not connect rb and locsb, and no parameter has it"
-    else:
-        text = "neither a parameter nor /tf_static has it"
-    place = "it to rig.json" if seen.files else "rb to locsb to /tf_static"
     fix = "set T_rb_locsb.translation_m and quat_xyzw of localisation_node"
-    yield blocking(
-        Cause.FRAMES,
-        "extrinsics of the localisation rig (T_rb_locsb)",
-        text,
-        fix if seen.live else f"{fix} (--config), or add {place}",
-    )
+    if not seen.live:
+        fix += f" (--config), or add {'it to rig.json' if seen.files else 'rb to locsb to /tf_static'}"
+    yield Finding(Cause.FRAMES, "extrinsics of the localisation rig (T_rb_locsb)", text, fix)
 
 
-def check_nodes(seen: Observation) -> Iterator[Finding]:
+def check_order(seen: Observation) -> Findings:
+    """Yield topics of a bag whose stamps go back; on a graph that is a new run."""
+    topics = [(topic, 1) for task in seen.tasks for side in SIDES if (topic := seen.images(task, side)) is not None]
+    if (truth := seen.topics.get("ground_truth/odometry")) is not None:
+        topics.append((truth, 0))
+    for topic, least_ns in [] if seen.live else topics:
+        if back := int(np.sum(np.diff(topic.stamps_ns) < least_ns)):
+            text = f"its stamps go back or stand still at {back} messages, as where a player began again meanwhile"
+            fix = "record one run alone: start the player after sfr record, without a loop"
+            yield Finding(Cause.STAMP_ORDER, topic.found, text, fix)
+
+
+def check_poses(seen: Observation) -> Findings:
+    """Yield issues of the poses of the mapping pairs."""
+    if "nav" not in seen.tasks:
+        return
+    topic, images = seen.topics.get("nav/pose"), seen.image_stamps("nav")
+    yield from check_topic(seen, "nav/pose", topic)
+    if topic is None or not len(topic.stamps_ns) or not len(images):
+        return
+    share, typical_ns = _paired(images, topic.stamps_ns, 0)
+    if share < COMPLETE:
+        text = f"{share:.0%} of the images have a pose of their stamp, typically {typical_ns / NS_PER_S:.3g} s off"
+        fix = "publish nav/pose with the stamp of each pair"
+        yield Finding(Cause.POSE_STAMPS, topic.found, text, fix, share < PAIRED)
+
+
+def check_truth(seen: Observation) -> Findings:
+    """Yield whether there is no truth, or of another clock."""
+    for task, name in (("loc", "ground_truth/odometry"), ("nav", "ground_truth/points")):
+        if task not in seen.tasks:
+            continue
+        topic, images = seen.topics.get(name), seen.image_stamps(task)
+        if topic is not None and set(topic.types) - set(EXPECTED[name]):
+            yield from check_topic(seen, name, topic)
+        elif topic is None or not topic.offers or not len(topic.stamps_ns):
+            comes_with_pairs = task == "nav" and topic is not None and topic.offers
+            if not (comes_with_pairs and (seen.live or seen.is_idle(task))):
+                fix = "add it" if seen.files else "record or publish it"
+                yield Finding(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)
+        elif len(images) and (topic.stamps_ns.min() > images.max() or images.min() > topic.stamps_ns.max()):
+            off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images))) / NS_PER_S
+            text = f"its stamps lie {off_s:.6g} s from those of the images: nothing can be scored"
+            yield Finding(Cause.TRUTH_CLOCK, topic.found, text, "stamp truth and images by one clock", False)
+
+
+def check_nodes(seen: Observation) -> Findings:
     """Yield nodes without a clock, and nodes that are not active."""
     for node in seen.nodes:
         if node.use_sim_time and not seen.has_clock:
-            yield blocking(
-                Cause.CLOCK,
-                node.name,
-                "use_sim_time is on but /clock has no publisher: its time stops",
-                "set use_sim_time to false, or publish /clock (ros2 bag play --clock)",
-            )
+            text = "use_sim_time is on but /clock has no publisher: its time stops"
+            fix = "set use_sim_time to false, or publish /clock (ros2 bag play --clock)"
+            yield Finding(Cause.CLOCK, node.name, text, fix)
         if node.state not in ("active", ""):
             transition = "activate" if node.state == "inactive" else "configure"
-            yield blocking(
-                Cause.INACTIVE, node.name, f"the node is {node.state}", f"ros2 lifecycle set {node.name} {transition}"
-            )
+            fix = f"ros2 lifecycle set {node.name} {transition}"
+            yield Finding(Cause.INACTIVE, node.name, f"the node is {node.state}", fix)
 
 
-def check_shared_memory(seen: Observation) -> Iterator[Finding]:
+def check_host_clock(seen: Observation) -> Findings:
+    """Yield whether stamps are of another clock than that of the host."""
+    if seen.now_ns is None or seen.has_clock:
+        return
+    for task in seen.tasks:
+        stamps = seen.image_stamps(task)
+        off_ns = int(stamps[-1]) - seen.now_ns if len(stamps) else 0
+        if abs(off_ns) > CLOCKS_APART_NS:
+            off_s = f"{off_ns / NS_PER_S:.6g}"
+            text = f"stamps lie {off_s} s from the time of this host: latencies are unknown, tf may refuse them"
+            fix = "set the clocks by one source (chrony, PTP); of a bag, play it with --clock and set use_sim_time"
+            yield Finding(Cause.CLOCKS_APART, f"{task}/left/{seen.image_name(task)}", text, fix, False)
+
+
+def check_shared_memory(seen: Observation) -> Findings:
     """Yield whether /dev/shm is too small."""
     processes = max(len(seen.nodes), 1) + 1  # and the image publisher
     memory = seen.memory
     needed = processes * (memory.segment_bytes + QUEUES_BYTES) if memory.segment_bytes else 0
     if memory.size_bytes is not None and memory.size_bytes < needed:
-        yield Finding(
-            Cause.SHARED_MEMORY,
-            Severity.BLOCKING if seen.live else Severity.WARNING,
-            "/dev/shm",
+        text = (
             f"it has {memory.size_bytes / 1e6:.0f} MB, {processes} processes reserve {needed / 1e6:.0f} MB: "
-            f"images go by UDP and are dropped",
-            f"docker run --shm-size={-(-needed * 2 // 2**20)}m, or --ipc=host; mount -o remount,size=...",
+            "images go by UDP and are dropped"
         )
+        fix = f"docker run --shm-size={-(-needed * 2 // 2**20)}m, or --ipc=host; mount -o remount,size=..."
+        yield Finding(Cause.SHARED_MEMORY, "/dev/shm", text, fix, seen.live)
 
 
-IMAGE_CHECKS: tuple[Callable[[Observation, str], Iterator[Finding]], ...] = (check_transport, check_pairs, check_stereo)
+IMAGE_CHECKS: tuple[Callable[[Observation, str], Findings], ...] = (check_transport, check_pairs, check_stereo)
 """Checks of a task with images of both sides."""
-CHECKS: tuple[Callable[[Observation], Iterator[Finding]], ...] = (
+CHECKS: tuple[Callable[[Observation], Findings], ...] = (
     check_extrinsics,
     check_order,
     check_poses,
@@ -549,15 +416,14 @@ CHECKS: tuple[Callable[[Observation], Iterator[Finding]], ...] = (
 )
 
 
-def examine(seen: Observation) -> list[Finding]:
-    """Return the findings of all checks, blocking ones first."""
-    found = [*check_readable(seen)]
-    if not (seen.broken and not seen.topics):
-        found += check_names(seen)
-        for task in seen.tasks:
-            found += check_camera_topics(seen, task)
-            if seen.has_images(task):
-                found += [finding for check in IMAGE_CHECKS for finding in check(seen, task)]
-        found += [finding for check in CHECKS for finding in check(seen)]
-    found += check_shared_memory(seen)
-    return sorted(found, key=lambda finding: not finding.is_blocking)
+def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:
+    """Return the share of the first stamps that have a second one, and the typical distance to the nearest (ns)."""
+    second = np.sort(second)
+    at = np.searchsorted(second, first)
+    below, above = second[np.maximum(at - 1, 0)], second[np.minimum(at, len(second) - 1)]
+    apart = np.minimum(np.abs(first - below), np.abs(above - first))
+    edge = EDGE * float(first.max() - first.min())
+    inner = (first >= first.min() + edge) & (first <= first.max() - edge)
+    if len(first) > 2 and inner.any():
+        apart = apart[inner]
+    return float(np.mean(apart <= tolerance_ns)), int(np.median(apart))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -13,24 +13,21 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, Bag, Topic, read_extrinsics
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.io.sequence import Source
 
 TASKS = ("loc", "nav")
 TASK_OF_NODE = {"localisation_node": "loc", "mapping_node": "nav"}
+CAMERAS = tuple(f"{task}/{side}" for task in TASKS for side in SIDES)
 EXPECTED: Mapping[str, tuple[str, ...]] = {
-    **{f"{task}/{side}/{image}": (IMAGE,) for task in TASKS for side in SIDES for image in (RECTIFIED, RAW)},
-    **{
-        f"{task}/{side}/{image}/compressed": (COMPRESSED,)
-        for task in TASKS
-        for side in SIDES
-        for image in (RECTIFIED, RAW)
-    },
-    **{f"{task}/{side}/camera_info": (CAMERA_INFO,) for task in TASKS for side in SIDES},
+    **{f"{camera}/{image}": (IMAGE,) for camera in CAMERAS for image in (RECTIFIED, RAW)},
+    **{f"{camera}/{image}/compressed": (COMPRESSED,) for camera in CAMERAS for image in (RECTIFIED, RAW)},
+    **{f"{camera}/camera_info": (CAMERA_INFO,) for camera in CAMERAS},
     "nav/pose": (POSE,),
     "ground_truth/odometry": (ODOMETRY,),
     "ground_truth/points": (POINTS,),
@@ -213,6 +210,24 @@ class Observation:
         return all((topic := self.images(task, side)) is not None and topic.messages for side in SIDES)
 
 
+class _Messages:
+    """Collects the stamps and the first messages of topics; what was read before an error stays."""
+
+    def __init__(self) -> None:
+        self.stamps: dict[str, list[int]] = {}
+        self.kept: dict[str, list[Any]] = {}
+
+    def note(self, name: str, stamp_ns: int, make: Callable[..., Any], *values: object) -> None:
+        """Note a stamp of a topic, and while few are kept the message that `make` makes of the values."""
+        self.stamps.setdefault(name, []).append(stamp_ns)
+        kept = self.kept.setdefault(name, [])
+        if len(kept) < MESSAGES_KEPT:
+            kept.append(make(*values))
+
+    def of(self, name: str) -> tuple[IntArray, tuple[Any, ...]]:
+        return np.array(self.stamps.get(name, []), np.int64), tuple(self.kept.get(name, []))
+
+
 def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
     """Observe a bag: all stamps, a few messages.
 
@@ -228,17 +243,21 @@ def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool)
         return Observation(subject, live=False, broken=str(error))
     names: dict[str, list[str]] = {name: bag.matches(name) for name in EXPECTED}
     topics = {n: ObservedTopic(f[0], (bag.topics[f[0]],)) for n, f in names.items() if len(f) == 1}
-    in_tf, broken = False, ""
-    collector = _BagCollector(bag, {n: t for n, t in topics.items() if t.types[0] in allowed_types(n)})
+    readable = [Topic(n, t.found, t.types[0]) for n, t in topics.items() if t.types[0] in allowed_types(n)]
+    messages, in_tf, broken = _Messages(), False, ""
     try:
-        collector.read()
+        for topic, stamp_ns, raw in bag.stream(readable):
+            messages.note(topic.name, stamp_ns, bag.deserialise, topic, raw)
         in_tf = read_extrinsics(bag) is not None
     except InputError as error:
         broken = str(error)
+    for topic in readable:
+        stamps_ns, kept = messages.of(topic.name)
+        topics[topic.name] = replace(topics[topic.name], stamps_ns=stamps_ns, messages=kept)
     return Observation(
         subject,
         live=False,
-        topics=topics | collector.topics,
+        topics=topics,
         ambiguous={name: tuple(found) for name, found in names.items() if len(found) > 1},
         others={name: (kind,) for name, kind in bag.topics.items()},
         extrinsics_given=extrinsics_given,
@@ -248,61 +267,32 @@ def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool)
     )
 
 
-class _BagCollector:
-    """Collects stamps and first messages of topics; what was read before an error stays."""
-
-    def __init__(self, bag: Bag, topics: Mapping[str, ObservedTopic]) -> None:
-        self._bag, self._topics = bag, topics
-        self._stamps: dict[str, list[int]] = {name: [] for name in topics}
-        self._messages: dict[str, list[Any]] = {name: [] for name in topics}
-
-    def read(self) -> None:
-        """Read the bag.
-
-        Raises:
-            InputError: If it is broken.
-        """
-        for topic, stamp_ns, raw in self._bag.stream([Topic(n, t.found, t.types[0]) for n, t in self._topics.items()]):
-            self._stamps[topic.name].append(stamp_ns)
-            if len(self._messages[topic.name]) < MESSAGES_KEPT:
-                self._messages[topic.name].append(self._bag.deserialise(topic, raw))
-
-    @property
-    def topics(self) -> dict[str, ObservedTopic]:
-        """The topics with what was read."""
-        return {
-            name: ObservedTopic(
-                topic.found,
-                topic.types,
-                stamps_ns=np.array(self._stamps[name], np.int64),
-                messages=tuple(self._messages[name]),
-            )
-            for name, topic in self._topics.items()
-        }
-
-
 def observe_source(path: Path, *, extrinsics_given: bool, progress: Callable[[], None] = lambda: None) -> Observation:
-    """Observe a source of files: every image is read.
+    """Observe a source of files as the messages that it would be played as: every image is read.
 
     Args:
         path: Data set folder, KITTI or EuRoC sequence.
         extrinsics_given: Whether a parameter file has the extrinsics of the stereo rig.
         progress: Called after each pair.
     """
-    collector = _SourceCollector()
+    messages = _Messages()
     subject, broken, in_file, left_out = f"'{path}'", "", False, 0
     try:
         source = open_source(path)
         subject = f"{source.format} source '{path}'"
         in_file = source.loc is not None and source.loc.rig.T_rb_sb is not None
         left_out = source.left_out
-        collector.read(source, progress)
+        _read_source(source, messages, progress)
     except InputError as error:
         broken = str(error)
+    topics = {name: ObservedTopic(name, EXPECTED[name]) for name in messages.stamps}
+    for name, topic in topics.items():
+        stamps_ns, kept = messages.of(name)
+        topics[name] = replace(topic, stamps_ns=stamps_ns, messages=kept)
     return Observation(
         subject,
         live=False,
-        topics=collector.topics,
+        topics=topics,
         extrinsics_given=extrinsics_given,
         extrinsics_in_tf=in_file,
         broken=broken,
@@ -310,68 +300,35 @@ def observe_source(path: Path, *, extrinsics_given: bool, progress: Callable[[],
     )
 
 
-class _SourceCollector:
-    """Collects the stamps and the first messages of a source; what was read before an error stays."""
+def _read_source(source: Source, messages: _Messages, progress: Callable[[], None]) -> None:
+    """Note all messages of a source.
 
-    def __init__(self) -> None:
-        self._stamps: dict[str, list[int]] = {}
-        self._messages: dict[str, list[Any]] = {}
+    Raises:
+        InputError: If it is broken.
+    """
 
-    def read(self, source: Source, progress: Callable[[], None]) -> None:
-        """Read a source.
+    def note_rig(task: str, rig: StereoRig) -> None:
+        for side in SIDES:
+            messages.note(f"{task}/{side}/camera_info", 0, bag_messages.camera_info, 0, rig, task, side)
 
-        Raises:
-            InputError: If it is broken.
-        """
-        if source.loc is not None:
-            self._read_drive(source.loc, progress)
-        if source.nav is not None:
-            self._read_panorama(source.nav, progress)
+    def note_pair(task: str, pair: StereoPair) -> None:
+        for side in SIDES:
+            values = (pair.stamp_ns, getattr(pair, side), task, side)
+            messages.note(f"{task}/{side}/image_rect", pair.stamp_ns, bag_messages.image, *values)
+        progress()
 
-    @property
-    def topics(self) -> dict[str, ObservedTopic]:
-        """What was read, by the names of topics."""
-        return {
-            name: ObservedTopic(
-                name, EXPECTED[name], stamps_ns=np.array(stamps, np.int64), messages=tuple(self._messages[name])
-            )
-            for name, stamps in self._stamps.items()
-        }
-
-    def _read_drive(self, drive: LocSequence, progress: Callable[[], None]) -> None:
-        self._note_rig("loc", drive.rig)
-        truth = drive.ground_truth
-        if truth is not None:
-            for i, stamp_ns in enumerate(truth.stamps_ns.tolist()):
-                pose = (truth.positions[i], truth.quats_xyzw[i])
-                self._note("ground_truth/odometry", stamp_ns, bag_messages.odometry, *pose)
-        for pair in drive.pairs():
-            self._note_pair("loc", pair)
-            progress()
-
-    def _read_panorama(self, panorama: NavSequence, progress: Callable[[], None]) -> None:
-        self._note_rig("nav", panorama.rig)
-        for posed in panorama.pairs():
+    if source.loc is not None:
+        note_rig("loc", source.loc.rig)
+        truth = source.loc.ground_truth or Trajectory.empty()
+        for stamp_ns, *pose in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
+            messages.note("ground_truth/odometry", stamp_ns, bag_messages.odometry, stamp_ns, *pose)
+        for pair in source.loc.pairs():
+            note_pair("loc", pair)
+    if source.nav is not None:
+        note_rig("nav", source.nav.rig)
+        for posed in source.nav.pairs():
             stamp_ns = posed.pair.stamp_ns
-            self._note_pair("nav", posed.pair)
-            self._note("nav/pose", stamp_ns, bag_messages.pose, posed.T_lm_navsb)
+            messages.note("nav/pose", stamp_ns, bag_messages.pose, stamp_ns, posed.T_lm_navsb)
             if posed.truth is not None:
-                self._stamps.setdefault("ground_truth/points", []).append(stamp_ns)
-                self._messages.setdefault("ground_truth/points", [])
-            progress()
-
-    def _note_rig(self, task: str, rig: StereoRig) -> None:
-        for side in SIDES:
-            self._note(f"{task}/{side}/camera_info", 0, bag_messages.camera_info, rig, task, side)
-
-    def _note_pair(self, task: str, pair: StereoPair) -> None:
-        for side in SIDES:
-            image = getattr(pair, side)
-            self._note(f"{task}/{side}/image_rect", pair.stamp_ns, bag_messages.image, image, task, side)
-
-    def _note(self, name: str, stamp_ns: int, make: Callable[..., Any], *values: object) -> None:
-        """Note a stamp of a topic, and the message that `make` makes of it and the values while few are kept."""
-        self._stamps.setdefault(name, []).append(stamp_ns)
-        kept = self._messages.setdefault(name, [])
-        if len(kept) < MESSAGES_KEPT:
-            kept.append(make(stamp_ns, *values))
+                messages.note("ground_truth/points", stamp_ns, lambda: None)  # its stamps alone are judged
+            note_pair("nav", posed.pair)
