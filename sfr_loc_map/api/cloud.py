@@ -15,7 +15,7 @@ from sfr_loc_map.api.tables import data_frame
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry import cloud as base
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
-from sfr_loc_map.metrics.method_record import MethodRecord
+from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.pipeline.call_stats import CallRecord
 
 if TYPE_CHECKING:

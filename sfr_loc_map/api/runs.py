@@ -24,7 +24,7 @@ from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.method import OURS, MethodLimits, MethodTask
 from sfr_loc_map.methods.registry import find_method, record_of_ours
-from sfr_loc_map.metrics.method_record import MethodRecord
+from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.pipeline import offline
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.offline import localise_with, map_pairs_with, tracking_warning

@@ -21,12 +21,11 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.estimate import PoseEstimate
-from sfr_loc_map.metrics.aligned_error import curves_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.metrics.method_record import MethodRecord
+from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.pipeline.call_stats import CallRecord, save_stats
 from sfr_loc_map.pipeline.scoring import save_evo_result
-from sfr_loc_map.report.path_figure import path_figure
+from sfr_loc_map.report.path_figure import curves_of, path_figure
 
 if TYPE_CHECKING:
     import pandas

@@ -15,7 +15,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method import Method, MethodLimits
-from sfr_loc_map.metrics.resources import CallUsage
+from sfr_loc_map.metrics.calls import CallUsage
 
 Progress = Callable[[str], None]
 """Called with the name of a method after each of its calls."""

@@ -166,10 +166,9 @@ def plot(
     """Draw trajectories from above, in height and, with --truth, their distance to it, for a quick look."""
     from sfr_loc_map.config import build
     from sfr_loc_map.io.bag_files import is_bag
-    from sfr_loc_map.metrics.aligned_error import curves_of
     from sfr_loc_map.metrics.config import AlignedErrorConfig
     from sfr_loc_map.pipeline.scoring import load_drive, load_estimates, load_truth
-    from sfr_loc_map.report.path_figure import save_path_html, save_path_png
+    from sfr_loc_map.report.path_figure import curves_of, save_path_html, save_path_png
 
     check_suffix(output, (*HTML_SUFFIXES, ".png"))
     check_outputs(output, overwrite=overwrite, inputs=[*trajectories, *([truth] if truth is not None else [])])

@@ -297,8 +297,7 @@ def _result_of(results: ReplayResults, correction: Correction) -> ReplayResult:
 
 def _external_run_of(results: ReplayResults, correction: Correction) -> ExternalRun | None:
     """Return what is known of the external node of a replay, None without one."""
-    from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
-    from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore
+    from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
     from sfr_loc_map.pipeline.external_run import ExternalRun
 
     node, book = results.observed, results.answers

@@ -11,8 +11,7 @@ from sfr_loc_map.errors import FailedVerdictError, NotJudgedError
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
     from sfr_loc_map.metrics.config import Condition
-    from sfr_loc_map.metrics.method_record import MethodRecord
-    from sfr_loc_map.metrics.score import Score
+    from sfr_loc_map.metrics.score import MethodRecord, Score
     from sfr_loc_map.pipeline.call_stats import CallRecord
 
 

@@ -18,8 +18,8 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp, finding_kind, leak_finding
 from sfr_loc_map.methods.method import Method, MethodLimits
 from sfr_loc_map.methods.method_process import Answer, MethodFailureError, MethodProcess, no_usage
-from sfr_loc_map.metrics.method_record import FindingKind
-from sfr_loc_map.metrics.resources import CallUsage
+from sfr_loc_map.metrics.calls import CallUsage
+from sfr_loc_map.metrics.score import FindingKind
 
 SYMMETRY = 1e-6
 """Largest asymmetry of a covariance, over its largest element."""

@@ -23,8 +23,8 @@ from sfr_loc_map.mapping.systematic import CalibrationSigma
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp, leak_finding
 from sfr_loc_map.methods.method import Method, MethodLimits
 from sfr_loc_map.methods.method_process import Answer, MethodFailureError, no_usage
-from sfr_loc_map.metrics.method_record import FindingKind
-from sfr_loc_map.metrics.resources import CallUsage
+from sfr_loc_map.metrics.calls import CallUsage
+from sfr_loc_map.metrics.score import FindingKind
 
 F = np.float32
 DISPARITY_SIGMA_PX = F(0.5)

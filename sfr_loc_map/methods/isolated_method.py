@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.method import Method, MethodLimits
 from sfr_loc_map.methods.method_process import Answer, MethodFailureError, MethodProcess
-from sfr_loc_map.metrics.method_record import FindingKind, MethodRecord
+from sfr_loc_map.metrics.score import FindingKind, MethodRecord
 
 
 class IsolatedMethod:

@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from sfr_loc_map.config import param
-from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 
 WORKERS = Path(__file__).parent / "workers"
 OURS = "sfr"

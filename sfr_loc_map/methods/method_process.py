@@ -25,8 +25,8 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.method import Method, MethodLimits
-from sfr_loc_map.metrics.method_record import FindingKind, MethodKind
-from sfr_loc_map.metrics.resources import CallUsage
+from sfr_loc_map.metrics.calls import CallUsage
+from sfr_loc_map.metrics.score import FindingKind, MethodKind
 
 EXIT_TIMEOUT_S = 10.0
 POLL_S = 0.05

@@ -12,7 +12,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.inputs import hash_path, parse_yaml
 from sfr_loc_map.methods.method import OURS, Method, MethodTask
-from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 
 GROUPS = {MethodTask.LOCALISE: "sfr_loc_map.localisers", MethodTask.MAP: "sfr_loc_map.mappers"}
 """Groups of entry points by which other packages add methods: `name = package.module:Class`."""

@@ -14,6 +14,7 @@ Definitions (docs/metrics.md says why):
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,21 +83,14 @@ class Estimates:
 
 def lost_by_covariance(covariance: FloatArray) -> Mask:
     """Tell for which covariances `(N, 21)` the pose is not known: 9999 on the whole diagonal."""
-    diagonal = np.flatnonzero(UPPER[0] == UPPER[1])
-    return np.asarray((covariance[:, diagonal] >= LOST_VARIANCE).all(axis=1))
+    return np.asarray((covariance[:, UPPER[0] == UPPER[1]] >= LOST_VARIANCE).all(axis=1))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Frames:
-    """Estimated and true poses side by side, in time order; quaternions are of unit length.
+class Frames(NamedTuple):
+    """Estimated and true poses side by side, in time order; metres, DS; quaternions of unit length, scalar last.
 
-    Attributes:
-        stamps_ns: `(N,)` int64, of the truth, or of the estimate where the truth is interpolated.
-        gt_pos: `(N, 3)` float64, metres, DS.
-        gt_quat: `(N, 4)` float64, RB in DS, scalar last.
-        est_pos: `(N, 3)` float64, metres, DS.
-        est_quat: `(N, 4)` float64.
-        est_rows: `(N,)` which of the estimates each is.
+    Stamps are those of the truth, or of the estimate where the truth is interpolated; `est_rows` tells which of the
+    estimates each is.
     """
 
     stamps_ns: IntArray
@@ -115,7 +109,9 @@ def associate(
     est_rows, gt_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
     est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
     tolerance = round(config.tolerance_s * NS_PER_S)
-    mode = decide_mode(est_stamps, gt_stamps, AssociationMode(config.truth), tolerance)
+    mode = AssociationMode(config.truth)
+    if mode is AssociationMode.AUTO:
+        mode = decide_mode(est_stamps, gt_stamps, tolerance)
     partner = match_stamps(est_stamps, gt_stamps, tolerance)
     matched = np.flatnonzero(partner >= 0)
     est, gt = est_rows[matched], gt_rows[partner[matched]]
@@ -164,15 +160,11 @@ def unique_rows(stamps_ns: IntArray) -> Rows:
 
 def count_unordered(stamps_ns: IntArray) -> int:
     """Return how many stamps are earlier than one before them."""
-    if len(stamps_ns) < 2:
-        return 0
     return int(np.count_nonzero(stamps_ns[1:] < np.maximum.accumulate(stamps_ns)[:-1]))
 
 
-def decide_mode(est_stamps: IntArray, gt_stamps: IntArray, chosen: AssociationMode, tolerance: int) -> AssociationMode:
+def decide_mode(est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> AssociationMode:
     """Return `match` or `interpolate` from stamps in order and without duplicates; the tolerance is in nanoseconds."""
-    if chosen is not AssociationMode.AUTO:
-        return chosen
     if not len(est_stamps) or not len(gt_stamps):
         return AssociationMode.MATCH
     low = max(est_stamps[0], gt_stamps[0]) - tolerance
@@ -184,9 +176,8 @@ def decide_mode(est_stamps: IntArray, gt_stamps: IntArray, chosen: AssociationMo
     est, gt = est[est <= until], gt[gt <= until]
     if not len(est) or not len(gt):  # the few stamps of one kind lie between two of the other
         return AssociationMode.INTERPOLATE
-    together = np.count_nonzero(_nearest(est, gt)[1] <= tolerance)
-    coincide = 4 * together >= min(len(est), len(gt))
-    return AssociationMode.MATCH if coincide else AssociationMode.INTERPOLATE
+    together = np.count_nonzero(nearest_stamps(est, gt)[1] <= tolerance)
+    return AssociationMode.MATCH if 4 * together >= min(len(est), len(gt)) else AssociationMode.INTERPOLATE
 
 
 def match_stamps(est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> Rows:
@@ -204,7 +195,7 @@ def match_stamps(est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> R
     free_est = np.flatnonzero(~equal)
     free_gt = np.setdiff1d(np.arange(len(gt_stamps)), index[equal], assume_unique=True) if len(free_est) else free_est
     if tolerance and len(free_est) and len(free_gt):
-        nearest, difference = _nearest(est_stamps[free_est], gt_stamps[free_gt])
+        nearest, difference = nearest_stamps(est_stamps[free_est], gt_stamps[free_gt])
         candidates = np.flatnonzero(difference <= tolerance)
         candidates = candidates[np.argsort(difference[candidates], kind="stable")]
         _, first = np.unique(nearest[candidates], return_index=True)
@@ -223,8 +214,8 @@ def bracketed(est_stamps: IntArray, gt_stamps: IntArray, partner: Rows, max_gap:
     return left_over[near], after[near]
 
 
-def _nearest(stamps: IntArray, among: IntArray) -> tuple[Rows, IntArray]:
-    """Return the index of the nearest of `among` (sorted, not empty) for each stamp, and the distance."""
+def nearest_stamps(stamps: IntArray, among: IntArray) -> tuple[Rows, IntArray]:
+    """Return for each stamp the index of the nearest of `among` (sorted, not empty; the earlier of two) and how far."""
     after = np.minimum(np.searchsorted(among, stamps), len(among) - 1)
     before = np.maximum(after - 1, 0)
     to_before, to_after = np.abs(stamps - among[before]), np.abs(among[after] - stamps)

@@ -1,17 +1,26 @@
-"""Time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2]."""
+"""Time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2]: measured one by one, and scored.
+
+Memory: before a call the kernel's high-water mark of the process' resident memory is set back to what is resident
+now (`5` written to `/proc/self/clear_refs`), after it the mark is read (`VmHWM` in `/proc/self/status`). So the peak is
+the kernel's own, and nothing between two samples can be missed. It is of the whole process, all threads together. It
+resolves pages (4 KiB) up to the kernel's per-thread counters, some hundred KiB. Memory "above the idle process" is the
+peak less what was resident when the meter was made or told so (`mark_idle`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.metrics.config import CallKind, MappingState
-from sfr_loc_map.metrics.resources import METHOD, METHOD_UNAVAILABLE
 from sfr_loc_map.metrics.score import (
     CallDetails,
     CallFigures,
@@ -29,54 +38,79 @@ from sfr_loc_map.metrics.statistics import column, sample_statistic
 
 HOST_CLOCK = "host monotonic"
 NODE_CLOCK = "as the node reports (/diagnostics)"
-HISTOGRAM_BINS = 40
+METHOD = "kernel high-water mark of resident memory (VmHWM), set back before each call"
+METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mark (/proc/self/clear_refs)"
 KINDS: dict[str, CallKind] = {MappingState.MAPPED: CallKind.MAPPING, MappingState.FUSED: CallKind.FUSION}
 """Kind of call by its state; all other states are those of the localiser."""
+HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000
 """Calls of each kind that are kept for figures."""
 Part = TypeVar("Part", TimingScore, MemoryScore, CallDetails)
-Rows = NDArray[np.intp]
-STAGE_PREFIX, STAGE_SUFFIX = "stage_", "_s"
-"""What surrounds the name of a stage among the figures of a call."""
 
 
-def call_score(seconds: FloatArray, clock: str, stages: Mapping[str, StageTime] | None = None) -> CallScore:
-    """Return the figures of all calls, the first apart as well, since it may load or compile.
-
-    Args:
-        seconds: `(N,)` seconds of each call in order; NaN (not measured) is left out.
-        clock: Clock they were measured with; a host time is never shown under another name.
-        stages: Times of the stages of the calls.
-    """
-    known = seconds[np.isfinite(seconds)]
-    return CallScore(
-        **asdict(sample_statistic(known)),
-        p99=float(np.percentile(known, 99.0)) if len(known) else None,
-        max=float(known.max()) if len(known) else None,
-        first=float(known[0]) if len(known) else None,
-        max_after_first=float(known[1:].max()) if len(known) > 1 else None,
-        clock=clock,
-        stages=stages or {},
-    )
+# ---- measuring
 
 
-def stage_time(seconds: FloatArray) -> StageTime | None:
-    """Return the figures of one stage over the calls that had it; None if none had."""
-    known = seconds[np.isfinite(seconds)]
-    if not len(known):
-        return None
-    return StageTime(**asdict(sample_statistic(known)), max=float(known.max()))
+@dataclass(slots=True)
+class CallUsage:
+    """What one call took: wall-clock seconds to its return, peak resident memory, the same above the idle process."""
+
+    processing_time_s: float = 0.0
+    peak_rss_bytes: int | None = None
+    above_idle_bytes: int | None = None
 
 
-def call_histogram(seconds: FloatArray) -> CallHistogram:
-    """Return a histogram of the times with logarithmic bins."""
-    known = seconds[np.isfinite(seconds) & (seconds > 0)]
-    if not len(known):
-        return CallHistogram(edges_s=(), counts=())
-    low, high = float(known.min()), float(known.max())
-    edges = np.geomspace(low, max(high, low * 1.01) * (1 + 1e-9), HISTOGRAM_BINS + 1)
-    edges[0] = low
-    return CallHistogram(edges_s=tuple(edges.tolist()), counts=tuple(np.histogram(known, edges)[0].tolist()))
+class CallMeter:
+    """Measures calls, one at a time; names its clock and how memory is measured."""
+
+    def __init__(self, clock_ns: Callable[[], int] = time.perf_counter_ns, clock: str = HOST_CLOCK) -> None:
+        """Take the present resident memory as that of the idle process."""
+        self.clock = clock
+        self._clock_ns = clock_ns
+        try:
+            _reset_peak()
+            self._available = _status_bytes(b"VmHWM:") > 0
+        except OSError:
+            self._available = False
+        self.method = METHOD if self._available else METHOD_UNAVAILABLE
+        self.mark_idle()
+
+    def mark_idle(self) -> None:
+        """Take the present resident memory as that of the idle process (after start and warm-up)."""
+        self._idle = _status_bytes(b"VmRSS:") if self._available else 0
+
+    @contextmanager
+    def measure(self) -> Iterator[CallUsage]:
+        """Measure what is done in the `with` block; the usage is filled in at its end, an error passes through."""
+        usage = CallUsage()
+        if self._available:
+            _reset_peak()
+        begin = self._clock_ns()
+        try:
+            yield usage
+        finally:
+            usage.processing_time_s = (self._clock_ns() - begin) * 1e-9
+            if self._available:
+                usage.peak_rss_bytes = _status_bytes(b"VmHWM:")
+                usage.above_idle_bytes = max(usage.peak_rss_bytes - self._idle, 0)
+
+
+def _reset_peak() -> None:
+    handle = os.open("/proc/self/clear_refs", os.O_WRONLY)
+    try:
+        os.write(handle, b"5")
+    finally:
+        os.close(handle)
+
+
+def _status_bytes(key: bytes) -> int:
+    with open("/proc/self/status", "rb", buffering=0) as stream:
+        text = stream.read(8192)
+    at = text.find(key)
+    return 0 if at < 0 else int(text[at + len(key) : text.index(b"kB", at)]) * 1024
+
+
+# ---- scoring
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,15 +134,8 @@ class Calls:
     stage_s: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class ScoredCalls:
-    """What calls add to the score.
-
-    Attributes:
-        timing: The part `timing`.
-        memory: The part `memory`.
-        details: What figures are drawn from, None if it is not wanted.
-    """
+class ScoredCalls(NamedTuple):
+    """What calls add to the score: its parts `timing` and `memory`, and what figures are drawn from if wanted."""
 
     timing: TimingScore
     memory: MemoryScore
@@ -129,13 +156,7 @@ def _merged(first: Part, second: Part) -> Part:
 
 
 def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> ScoredCalls:
-    """Return times and memory of calls; localisation, mapping (one pair) and fusion are told apart by their states.
-
-    Args:
-        calls: All calls.
-        clock: Clock of their times.
-        details: Whether what figures are drawn from is wanted.
-    """
+    """Return times (with the name of their clock) and memory of calls, whose states tell what kind they are."""
     kinds = np.array([KINDS.get(state, CallKind.LOCALISATION) for state in calls.states], dtype=object)
     timing, peaks, drawn = {}, {}, {}
     for kind in CallKind:
@@ -145,7 +166,7 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
         seconds = calls.seconds[rows]
         if np.isfinite(seconds).any():
             times = {name: stage_time(values[rows]) for name, values in sorted(calls.stage_s.items())}
-            stages = {name: time for name, time in times.items() if time is not None}
+            stages = {name: figures for name, figures in times.items() if figures is not None}
             timing[kind.value] = call_score(seconds, clock, stages)
         peak, above_idle = (
             int(known.max()) if len(known := values[rows][np.isfinite(values[rows])]) else None
@@ -159,38 +180,45 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
     return ScoredCalls(TimingScore(**timing), memory, CallDetails(**drawn) if details else None)
 
 
-def score_target(calls: Calls, name: str) -> TargetScore:
-    """Return the score of calls that were measured elsewhere, under that target's name.
+def call_score(seconds: FloatArray, clock: str, stages: Mapping[str, StageTime] | None = None) -> CallScore:
+    """Return the figures of all calls, the first apart as well, since it may load or compile.
 
-    They stand apart from the host's figures, and neither is shown under the other's name.
-
-    Args:
-        calls: Calls as measured there.
-        name: Name of the target.
+    Seconds `(N,)` in order, NaN (not measured) is left out; a host time is never shown under another clock's name.
     """
-    parts = score_calls(calls, clock=name, details=False)
-    memory = replace(parts.memory, method=f"as measured on {name}")
-    measured = any(_measured(peaks) for kind in CallKind if (peaks := memory.of(kind)) is not None)
-    return TargetScore(name=name, timing=parts.timing, memory=memory if measured else MemoryScore())
+    known = seconds[np.isfinite(seconds)]
+    return CallScore(
+        **asdict(sample_statistic(known)),
+        p99=float(np.percentile(known, 99.0)) if len(known) else None,
+        max=float(known.max()) if len(known) else None,
+        first=float(known[0]) if len(known) else None,
+        max_after_first=float(known[1:].max()) if len(known) > 1 else None,
+        clock=clock,
+        stages=stages or {},
+    )
 
 
-def _measured(peaks: PeakMemory) -> bool:
-    return peaks.peak_bytes is not None or peaks.above_idle_bytes is not None
+def stage_time(seconds: FloatArray) -> StageTime | None:
+    """Return the figures of one stage over the calls that had it; None if none had."""
+    known = seconds[np.isfinite(seconds)]
+    return StageTime(**asdict(sample_statistic(known)), max=float(known.max())) if len(known) else None
 
 
-def stage_of(figure: str) -> str | None:
-    """Return the name of the stage whose time a figure of a call is, None if it is none."""
-    is_stage = figure.startswith(STAGE_PREFIX) and figure.endswith(STAGE_SUFFIX)
-    return figure.removeprefix(STAGE_PREFIX).removesuffix(STAGE_SUFFIX) or None if is_stage else None
+def call_histogram(seconds: FloatArray) -> CallHistogram:
+    """Return a histogram of the times with logarithmic bins."""
+    known = seconds[np.isfinite(seconds) & (seconds > 0)]
+    if not len(known):
+        return CallHistogram(edges_s=(), counts=())
+    low, high = float(known.min()), float(known.max())
+    edges = np.geomspace(low, max(high, low * 1.01) * (1 + 1e-9), HISTOGRAM_BINS + 1)
+    edges[0] = low
+    return CallHistogram(edges_s=tuple(edges.tolist()), counts=tuple(np.histogram(known, edges)[0].tolist()))
 
 
-def _figures(calls: Calls, mine: Rows) -> CallFigures:
+def _figures(calls: Calls, mine: NDArray[np.intp]) -> CallFigures:
     """Return the calls for figures; of many calls the slowest of each block, so that no peak is hidden."""
     block = max(1, -(-len(mine) // SERIES_ROWS))
-    chosen = []
-    for first in range(0, len(mine), block):
-        rows = mine[first : first + block]
-        chosen.append(rows[np.argmax(np.nan_to_num(calls.seconds[rows], nan=-1.0))])
+    blocks = (mine[first : first + block] for first in range(0, len(mine), block))
+    chosen = [rows[np.argmax(np.nan_to_num(calls.seconds[rows], nan=-1.0))] for rows in blocks]
     series = CallSeries(
         slowest_of=block,
         stamp_ns=tuple(calls.stamps_ns[chosen].tolist()),
@@ -201,13 +229,33 @@ def _figures(calls: Calls, mine: Rows) -> CallFigures:
     return CallFigures(histogram=call_histogram(calls.seconds[mine]), series=series)
 
 
+def score_target(calls: Calls, name: str) -> TargetScore:
+    """Return the score of calls that were measured elsewhere, under that target's name.
+
+    They stand apart from the host's figures, and neither is shown under the other's name.
+    """
+    timing, memory, _ = score_calls(calls, clock=name, details=False)
+    measured = any(_measured(peaks) for kind in CallKind if (peaks := memory.of(kind)) is not None)
+    memory = replace(memory, method=f"as measured on {name}") if measured else MemoryScore()
+    return TargetScore(name=name, timing=timing, memory=memory)
+
+
+def _measured(peaks: PeakMemory) -> bool:
+    return peaks.peak_bytes is not None or peaks.above_idle_bytes is not None
+
+
+def stage_of(figure: str) -> str | None:
+    """Return the name of the stage whose time a figure of a call is (`stage_NAME_s`), None if it is none."""
+    is_stage = figure.startswith("stage_") and figure.endswith("_s")
+    return figure.removeprefix("stage_").removesuffix("_s") or None if is_stage else None
+
+
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     """Return scored calls with the clock of an external node's own times, and the memory of its processes.
 
     Its latency is not among them: it is not a time per call.
     """
-    kind = CallKind(node.task)
-    timing, memory = scored.timing, scored.memory
+    kind, timing, memory = CallKind(node.task), scored.timing, scored.memory
     if (calls := timing.of(kind)) is not None:
         timing = replace(timing, **{kind.value: replace(calls, clock=NODE_CLOCK)})
     told = memory.of(kind)
@@ -218,4 +266,4 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
             method += f"; others: {memory.method}"
         peaks = PeakMemory(peak_bytes=node.process.peak_rss_bytes, above_idle_bytes=None)
         memory = replace(memory, **{kind.value: peaks}, method=method)
-    return replace(scored, timing=timing, memory=memory)
+    return scored._replace(timing=timing, memory=memory)

@@ -26,7 +26,7 @@ from sfr_loc_map.metrics.score import (
     SigmaNees,
     Triangulation,
 )
-from sfr_loc_map.metrics.statistics import chi2_quantile, column, sample_statistic
+from sfr_loc_map.metrics.statistics import chi2_interval95, chi2_quantile, column, sample_statistic
 
 FOOTPRINTS = 2.0
 """A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f."""
@@ -39,13 +39,7 @@ CLOUD_ROWS = 8000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairTruth:
-    """The truth of one pair.
-
-    Attributes:
-        points: `(H, W, 3)` float32, metres, LM; NaN where none.
-        T_lm_left: Takes points in the left optical frame to LM.
-        rig: Rig of the images.
-    """
+    """The truth of one pair: points `(H, W, 3)` float32, metres, LM, NaN where none; pose of the left optical frame."""
 
     points: NDArray[np.float32]
     T_lm_left: Transform
@@ -65,9 +59,7 @@ class PairTruth:
     @classmethod
     def of(cls, pair: PosedStereoPair, rig: StereoRig) -> PairTruth | None:
         """Return the truth of a pair, None if the source has none."""
-        if pair.truth is None:
-            return None
-        return cls(pair.truth, pair.T_lm_navsb @ rig.T_sb_left, rig)
+        return None if pair.truth is None else cls(pair.truth, pair.T_lm_navsb @ rig.T_sb_left, rig)
 
     def ranges_m(self) -> FloatArray:
         """Return the distance `(H, W)` of each true point from the left optical centre; NaN where none."""
@@ -93,6 +85,9 @@ def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTrut
             "give a source with truth"
         )
     return [truth for truth in truths if truth is not None]
+
+
+# ---- what is covered, and how far points are off
 
 
 def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[Mask]:
@@ -134,29 +129,17 @@ def footprint_coverage(
     return covered
 
 
-@dataclass(frozen=True, slots=True)
-class ScoredMap:
-    """What a cloud adds to the score.
-
-    Attributes:
-        score: The part `map`.
-        details: What figures are drawn from, None if the points' pixels are not known.
-    """
-
-    score: MapScore
-    details: MapDetails | None
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PointErrors:
-    """The errors of points that have a truth.
+    """The errors `(N,)` of points that have a truth, in the order of the cloud.
 
     Attributes:
-        index: `(N,)` which points of the cloud.
-        error_m: `(N,)` distance from the truth [4.3.4].
-        range_m: `(N,)` distance of the truth from the left optical centre.
-        along_m: `(N,)` part of the error along the ray, positive if too far.
-        disparity_px: `(N,)` disparity that the depth amounts to, less the true one.
+        index: Which points of the cloud.
+        error_m: Distance from the truth [4.3.4].
+        range_m: Distance of the truth from the left optical centre.
+        along_m: Part of the error along the ray, positive if too far.
+        disparity_px: Disparity that the depth along the left optical axis amounts to, less the true one:
+            `f b / Z - f b / Z_true`.
     """
 
     index: NDArray[np.intp]
@@ -167,17 +150,26 @@ class PointErrors:
 
 
 def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
-    """Return the errors of all points whose pixel has a truth, in the order of the cloud.
-
-    A disparity error is `f b / Z - f b / Z_true`, Z the depth along the left optical axis of the point's pair.
+    """Return the errors of all points whose pixel has a truth.
 
     Raises:
-        MetricsError: If a point names a pair or pixel that is not there.
+        MetricsError: If a point is not finite, or names a pair or pixel that is not there.
     """
-    _check_pixels(cloud, truths)
+    if not np.isfinite(cloud.xyz).all():
+        raise MetricsError("the cloud has points that are not finite: leave them out")
+    if len(cloud) and int(cloud.pair.max()) >= len(truths):
+        raise MetricsError(
+            f"the cloud has points of pair {int(cloud.pair.max())} but the truth has {len(truths)} pairs (0 to "
+            f"{len(truths) - 1}): give the source that the cloud was made from"
+        )
     parts = []
     for number, truth in enumerate(truths):
         index = np.flatnonzero(cloud.pair == number)
+        if (cloud.u[index] >= truth.rig.width).any() or (cloud.v[index] >= truth.rig.height).any():
+            raise MetricsError(
+                f"the cloud has pixels outside the {truth.rig.width} x {truth.rig.height} of pair {number}: "
+                "give the source that the cloud was made from"
+            )
         true = truth.points[cloud.v[index], cloud.u[index]].astype(np.float64)
         known = np.isfinite(true).all(axis=1)
         index, true = index[known], true[known]
@@ -194,13 +186,19 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
     return PointErrors(index[order], *(column[order] for column in rest))
 
 
-def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
-    """Return the score of a cloud whose points' pixels are known.
+# ---- the score
 
-    Args:
-        cloud: Points in LM with pixel and pair; it says whether it is fused.
-        truths: Truth of the pairs 0, 1, ... of the cloud.
-        config: Settings.
+
+@dataclass(frozen=True, slots=True)
+class ScoredMap:
+    """What a cloud adds to the score: its part, and what figures are drawn from if the points' pixels are known."""
+
+    score: MapScore
+    details: MapDetails | None
+
+
+def score_map(cloud: PointCloud, truths: Sequence[PairTruth], config: MapScoreConfig) -> ScoredMap:
+    """Return the score of a cloud in LM whose points' pixels are known, by the truth of the pairs 0, 1, ... of it.
 
     Raises:
         MetricsError: If a point names a pair or pixel that is not there, a point is not finite, or the cloud does not
@@ -281,23 +279,6 @@ def score_nearest(xyz: NDArray[np.floating], truths: Sequence[PairTruth], config
     return ScoredMap(score, None)
 
 
-def _check_pixels(cloud: PointCloud, truths: Sequence[PairTruth]) -> None:
-    if not np.isfinite(cloud.xyz).all():
-        raise MetricsError("the cloud has points that are not finite: leave them out")
-    if len(cloud) and int(cloud.pair.max()) >= len(truths):
-        raise MetricsError(
-            f"the cloud has points of pair {int(cloud.pair.max())} but the truth has {len(truths)} pairs (0 to "
-            f"{len(truths) - 1}): give the source that the cloud was made from"
-        )
-    for number, truth in enumerate(truths):
-        mine = cloud.pair == number
-        if (cloud.u[mine] >= truth.rig.width).any() or (cloud.v[mine] >= truth.rig.height).any():
-            raise MetricsError(
-                f"the cloud has pixels outside the {truth.rig.width} x {truth.rig.height} of pair {number}: "
-                "give the source that the cloud was made from"
-            )
-
-
 def _coverage(covered: Sequence[Mask], ranges: Sequence[FloatArray], low: float, high: float) -> float | None:
     """Return the share of the true points at ranges in [low, high) that are covered."""
     inside = [(distance >= low) & (distance < high) for distance in ranges]
@@ -321,24 +302,20 @@ def _consistency(cloud: PointCloud, errors: PointErrors) -> SigmaNees | None:
     sigma = cloud.sigma[errors.index].astype(np.float64)
     usable = np.flatnonzero(np.isfinite(sigma) & (sigma > 0))
     points = errors.index[usable]
-    block_u, block_v = (
-        cloud.u[points].astype(np.int64) // NEES_BLOCK_PX,
-        cloud.v[points].astype(np.int64) // NEES_BLOCK_PX,
-    )
-    block = (cloud.pair[points].astype(np.int64) << 32) + (block_v << 16) + block_u
+    u, v = (pixels[points].astype(np.int64) // NEES_BLOCK_PX for pixels in (cloud.u, cloud.v))
+    block = (cloud.pair[points].astype(np.int64) << 32) + (v << 16) + u
     chosen = usable[np.unique(block, return_index=True)[1]]
     count = len(chosen)
     if count < 2:
         return None
     squares = np.square(errors.along_m[chosen] / sigma[chosen])
-    low, high = (chi2_quantile(p, count) / count for p in (0.025, 0.975))
     return SigmaNees(
         count=count,
         mean=float(np.mean(squares)),
         median=float(np.median(squares)),
         expected=1.0,
         expected_median=chi2_quantile(0.5, 1),
-        interval95=(low, high),
+        interval95=chi2_interval95(count, count),
     )
 
 
@@ -354,10 +331,8 @@ def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]
         range_m=column(np.round(errors.range_m[::step], 3), None),
     )
     images = tuple(_error_image(cloud, errors, number, truth) for number, truth in enumerate(truths))
-    rig = truths[0].rig
-    return MapDetails(
-        cloud=sample, error_images=images, triangulation=Triangulation(focal_px=rig.fx, baseline_m=rig.baseline_m)
-    )
+    law = Triangulation(focal_px=truths[0].rig.fx, baseline_m=truths[0].rig.baseline_m)
+    return MapDetails(cloud=sample, error_images=images, triangulation=law)
 
 
 def _error_image(cloud: PointCloud, errors: PointErrors, number: int, truth: PairTruth) -> ErrorImage:

@@ -7,7 +7,7 @@ blocks (circular block bootstrap, as for the interval of one figure, see `metric
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Annotated, Any
@@ -16,27 +16,24 @@ import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.confidence import (
+from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.score import Interval, Key, MethodRecord, Score, SubTrajectoryRows
+from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.statistics import (
     MIN_FREEDOM,
     MIN_INDEPENDENT,
     WIDENING,
     blocks_share,
+    holm,
+    norm,
     resampled_figures,
+    student_quantile,
+    student_share,
 )
-from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.method_record import MethodRecord
-from sfr_loc_map.metrics.score import (
-    Interval,
-    Key,
-    Score,
-    SubTrajectoryRows,
-)
-from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.statistics import holm, norm, student_quantile, student_share
+from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING
+from sfr_loc_map.metrics.trajectory_score import FIGURES
 
 SCHEMA = "sfr-compare/1"
-FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
-"""Figures that are compared and the columns of the errors that they are made of."""
 _PRECISION = 1e-9
 """The errors in a score's details are rounded to this."""
 
@@ -53,45 +50,25 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairedDifference:
-    """One figure of one condition over the sub-trajectories that two scores have in common.
+    """One figure of one condition over the sub-trajectories that two scores have in common."""
 
-    Attributes:
-        name: Name of the other score.
-        condition: What ends the sub-trajectories.
-        figure: `position_m`, `attitude_deg` or `heading_deg`.
-        count: Common sub-trajectories.
-        left_out: Sub-trajectories of the first and of the other score that are not common.
-        first: Mean + 3 sigma of the first score over the common ones.
-        other: The same of the other score.
-        difference: Other less first: below zero the other is better.
-        ci95: 95 % interval of the difference.
-        outcome: What the interval says; `no difference shown` if it holds zero.
-        p: Probability of such a difference by chance, by the scatter that the interval is made of; None without one.
-        p_corrected: The same corrected for the number of comparisons (Holm).
-    """
-
-    name: str
-    condition: Condition
-    figure: str
-    count: int
-    left_out: tuple[int, int]
-    first: float | None
-    other: float | None
-    difference: float | None
-    ci95: Interval | None
-    outcome: Annotated[Outcome, Key("verdict")]
-    p: float | None = None
-    p_corrected: float | None = None
+    name: str  #: Name of the other score.
+    condition: Condition  #: What ends the sub-trajectories.
+    figure: str  #: `position_m`, `attitude_deg` or `heading_deg`.
+    count: int  #: Common sub-trajectories.
+    left_out: tuple[int, int]  #: Sub-trajectories of the first and of the other score that are not common.
+    first: float | None  #: Mean + 3 sigma of the first score over the common ones.
+    other: float | None  #: The same of the other score.
+    difference: float | None  #: Other less first: below zero the other is better.
+    ci95: Interval | None  #: 95 % interval of the difference.
+    outcome: Annotated[Outcome, Key("verdict")]  #: What it says; `no difference shown` if it holds zero.
+    p: float | None = None  #: Probability of such a difference by chance, by the same scatter; None without one.
+    p_corrected: float | None = None  #: The same corrected for the number of comparisons (Holm).
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideBySide:
-    """One figure of whole runs, which cannot be paired.
-
-    Attributes:
-        figure: Its place in the score.
-        values: One for each score, None where it has none.
-    """
+    """One figure of whole runs, which cannot be paired: its place in the score, a value for each (None: no value)."""
 
     figure: str
     values: tuple[float | None, ...]
@@ -99,14 +76,7 @@ class SideBySide:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """Scores compared with the first of them.
-
-    Attributes:
-        names: Name of each score.
-        methods: Whose figures each has, None where it does not say so.
-        pairs: By other score, condition and figure.
-        side_by_side: Figures of whole runs.
-    """
+    """Scores compared with the first of them: name and method of each, pairs by score, condition and figure."""
 
     names: tuple[str, ...]
     methods: tuple[MethodRecord | None, ...] = ()
@@ -115,13 +85,11 @@ class Comparison:
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values."""
-        return {
-            "schema": SCHEMA,
-            **{key: to_plain(getattr(self, key)) for key in ("names", "methods", "pairs", "side_by_side")},
-        }
+        keys = ("names", "methods", "pairs", "side_by_side")
+        return {"schema": SCHEMA, **{key: to_plain(getattr(self, key)) for key in keys}}
 
 
-SIDE_BY_SIDE: Mapping[str, str] = {
+SIDE_BY_SIDE = {
     "map.point_error_m.mean": "map.errors.point_error_m.mean",
     "map.point_error_m.mean_plus_3sigma": "map.errors.point_error_m.mean_plus_3sigma",
     "map.coverage": "map.coverage",
@@ -138,27 +106,23 @@ SIDE_BY_SIDE: Mapping[str, str] = {
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     """Return the comparison of scores with the first of them.
 
-    Args:
-        scores: Scores, at least two.
-        names: Name of each.
-
     Raises:
         MetricsError: If there are fewer than two scores, two of different data, or nothing that two of them have in
             common.
     """
     if len(scores) < 2:
         raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")
-    for score, name in zip(scores[1:], names[1:], strict=True):
+    others = list(zip(scores[1:], names[1:], strict=True))
+    for score, name in others:
         check_same_data(scores[0], score, (names[0], name))
-    others = zip(scores[1:], names[1:], strict=True)
     pairs = [pair for score, name in others for pair in _paired(scores[0], score, name)]
     corrected = holm([pair.p for pair in pairs])
     pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, corrected, strict=True)]
-    rows = [
-        SideBySide(figure=name, values=tuple(_value_at(score, place) for score in scores))
-        for name, place in SIDE_BY_SIDE.items()
-    ]
-    side_by_side = [row for row in rows if sum(value is not None for value in row.values) > 1]
+    side_by_side = []
+    for name, place in SIDE_BY_SIDE.items():
+        values = tuple(_value_at(score, place) for score in scores)
+        if sum(value is not None for value in values) > 1:
+            side_by_side.append(SideBySide(figure=name, values=values))
     if not pairs and not side_by_side:
         raise MetricsError("the scores have no condition and no figure in common: score the same data alike")
     methods = tuple(score.method for score in scores)
@@ -195,11 +159,8 @@ def _condition_pairs(part: SubTrajectoryRows, other: SubTrajectoryRows, name: st
         return []
     mine, theirs = (list(side) for side in zip(*common, strict=True))
     a, b = (
-        np.column_stack([np.asarray(values, np.float64)[rows] for values in columns])
-        for rows, columns in (
-            (side, (of.x_m, of.y_m, of.z_m, of.attitude_deg, of.heading_deg))
-            for side, of in ((mine, part), (theirs, other))
-        )
+        np.column_stack([np.asarray(getattr(of, name), np.float64)[rows] for name in COLUMNS[: HEADING + 1]])
+        for rows, of in ((mine, part), (theirs, other))
     )
     starts, ends = np.asarray(part.start_frame)[mine], np.asarray(part.end_frame)[mine]
     inside = np.searchsorted(starts, ends, side="left") - np.arange(len(starts))
@@ -224,13 +185,11 @@ def _condition_pairs(part: SubTrajectoryRows, other: SubTrajectoryRows, name: st
 
 def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
     """Return the pair with the difference of the figures of errors `(N, d)`, its interval and the outcome."""
-    first, other = _mean_plus_3sigma(a), _mean_plus_3sigma(b)
-    pair = replace(pair, first=first, other=other)
-    if first is None or other is None:
+    if len(a) < 2:
         return pair
-    difference = other - first
-    pair = replace(pair, difference=difference)
-    independent = len(a) / overlap
+    first, other = (norm(errors.mean(axis=0)) + 3.0 * norm(errors.std(axis=0, ddof=1)) for errors in (a, b))
+    difference, independent = other - first, len(a) / overlap
+    pair = replace(pair, first=first, other=other, difference=difference)
     if np.array_equal(a, b):
         return replace(pair, ci95=(0.0, 0.0), outcome=Outcome.EQUAL)
     if independent < MIN_INDEPENDENT:
@@ -247,16 +206,6 @@ def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overl
     return replace(pair, ci95=(difference - half, difference + half), outcome=outcome, p=p)
 
 
-def _mean_plus_3sigma(errors: FloatArray) -> float | None:
-    if len(errors) < 2:
-        return None
-    return norm(errors.mean(axis=0)) + 3.0 * norm(errors.std(axis=0, ddof=1))
-
-
-TRUTH_ROLES = ("truth", "map_truth")
-"""Names of inputs in the provenance that must be alike."""
-
-
 def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
     """Check that two scores were made with the same truth: by its hash, and by the stamps of the sub-trajectories.
 
@@ -264,7 +213,7 @@ def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
         MetricsError: If not; the names are for its message.
     """
     both = first, other
-    for role in TRUTH_ROLES:
+    for role in ("truth", "map_truth"):
         mine, theirs = (None if score.provenance is None else score.provenance.inputs.get(role) for score in both)
         if mine is None or theirs is None:
             continue

@@ -69,26 +69,17 @@ class ConditionKind(StrEnum):
     @property
     def unit(self) -> str:
         """Unit of its value."""
-        return _UNITS[self]
+        return {"distance": "m", "time": "s", "frames": "frames"}[self]
 
     @property
     def key(self) -> str:
         """Its key in the JSON of the score."""
-        return _KEYS[self]
-
-
-_UNITS = {ConditionKind.DISTANCE: "m", ConditionKind.TIME: "s", ConditionKind.FRAMES: "frames"}
-_KEYS = {ConditionKind.DISTANCE: "distance_m", ConditionKind.TIME: "time_s", ConditionKind.FRAMES: "frames"}
+        return {"distance": "distance_m", "time": "time_s", "frames": "frames"}[self]
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What ends a sub-trajectory.
-
-    Attributes:
-        kind: Distance travelled, elapsed time or number of frames.
-        value: Metres, seconds or number of frames, above 0, at most `MAX_VALUE`.
-    """
+    """What ends a sub-trajectory: so many metres, seconds or frames, above 0, at most `MAX_VALUE`."""
 
     kind: ConditionKind
     value: float
@@ -224,11 +215,7 @@ class ScoreConfig:
 
 
 def score_config(conditions: Sequence[str] | None, settings: Mapping[str, object]) -> ScoreConfig:
-    """Return the settings of a score from options.
-
-    Args:
-        conditions: Ends of a sub-trajectory; the default where there are none.
-        settings: Other values by dotted name.
+    """Return the settings of a score from options: ends of a sub-trajectory (default: none), others by dotted name.
 
     Raises:
         ConfigError: If one is not valid.
@@ -238,11 +225,7 @@ def score_config(conditions: Sequence[str] | None, settings: Mapping[str, object
 
 
 def aligned_error_config(align: str | None, settings: Mapping[str, object]) -> AlignedErrorConfig | None:
-    """Return the settings of APE and RPE, None where no alignment is named.
-
-    Args:
-        align: Alignment, None for no such errors.
-        settings: Other values by name; None for the default.
+    """Return the settings of APE and RPE, None where no alignment is named; values by name, None for the default.
 
     Raises:
         ConfigError: If one is not valid, or is given without an alignment.

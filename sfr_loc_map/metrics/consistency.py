@@ -38,7 +38,7 @@ from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.metrics.association import UPPER, Estimates, Frames, unique_rows
 from sfr_loc_map.metrics.score import NeesPart, NeesScore
-from sfr_loc_map.metrics.statistics import chi2_quantile
+from sfr_loc_map.metrics.statistics import chi2_interval95
 
 PARTS = (slice(0, 6), slice(0, 3), slice(3, 6))
 """Pose, position, attitude."""
@@ -63,14 +63,9 @@ def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> 
 def nees_score(
     frames: Frames, covariances: FloatArray, sums: Mapping[int, FloatArray], starts: IntArray, ends: IntArray
 ) -> NeesScore | None:
-    """Return the mean NEES of sub-trajectories and its interval; None where no covariance is known.
+    """Return the mean NEES of sub-trajectories from frames (going up) to frames, None where no covariance is known.
 
-    Args:
-        frames: All frames.
-        covariances: `(E, 21)` of all estimates, NaN where not known.
-        sums: See `sums_of_steps`; empty where no step is known.
-        starts: `(M,)` frames, going up.
-        ends: `(M,)` frames.
+    Covariances `(E, 21)` are of all estimates, NaN where not known; see `sums_of_steps`, empty where no step is known.
     """
     totals = np.zeros(len(PARTS))
     count = from_steps = not_usable = free_from = 0
@@ -104,8 +99,7 @@ def nees_score(
         if not count:
             parts.append(NeesPart(mean=None, expected=float(degrees), interval95=None, consistent=None))
             continue
-        mean = total / count
-        low, high = (chi2_quantile(p, degrees * count) / count for p in (0.025, 0.975))
+        mean, (low, high) = total / count, chi2_interval95(degrees * count, count)
         inside = low <= mean <= high
         parts.append(NeesPart(mean=mean, expected=float(degrees), interval95=(low, high), consistent=inside))
     pose, position, attitude = parts
@@ -128,12 +122,9 @@ def relative_error(frames: Frames, start: int, end: int) -> FloatArray:
 
 
 def relative_covariance(start: FloatArray, end: FloatArray, position: FloatArray) -> FloatArray | None:
-    """Return the covariance `(6, 6)` of a pose given another one, None where a step between is not known.
+    """Return the covariance `(6, 6)` of a pose at a position given another one, None where a step is not known.
 
-    Args:
-        start: `(43,)` sums at the earlier pose.
-        end: `(43,)` at the later one.
-        position: `(3,)` of the later one.
+    Start and end are the sums `(43,)` at the earlier and the later one.
     """
     between = end - start
     if between[42] > 0.0:
@@ -155,14 +146,9 @@ def _matrix(triangle: FloatArray) -> FloatArray:
 def accumulated(
     steps: FloatArray, lost: Mask, positions: FloatArray, quats: FloatArray, wanted: IntArray
 ) -> FloatArray:
-    """Return the sums `(W, 43)` at some of the poses, which are in the order of their stamps.
+    """Return the sums `(W, 43)` at rows that go up, of steps `(N, 27)` to poses in the order of their stamps.
 
-    Args:
-        steps: `(N, 27)` step to each, NaN where not known.
-        lost: `(N,)` poses that repeat the one before: they have no step.
-        positions: `(N, 3)` metres, DS.
-        quats: `(N, 4)` of unit length.
-        wanted: `(W,)` rows that go up.
+    Steps are NaN where not known; a lost pose repeats the one before and has none. Metres, DS; unit quaternions.
     """
     result, found = np.empty((len(wanted), 43)), 0
     total, before = np.zeros(43), np.array([[0.0, 0.0, 0.0, 1.0]])
@@ -170,7 +156,11 @@ def accumulated(
     for k in range(len(steps)):
         if not lost[k]:
             if _is_finite(steps, k):
-                _unpack(steps, k, step)
+                column = 0
+                for i in range(6):
+                    for j in range(i, 6):
+                        step[i, j] = step[j, i] = steps[k, column]
+                        column += 1
                 _to_origin(row_quat(before, 0), positions[k], carried)
                 _add(total, carried, step, steps[k])
             else:
@@ -189,15 +179,6 @@ def _is_finite(steps: FloatArray, k: int) -> bool:
         if not np.isfinite(value):
             return False
     return True
-
-
-@jit
-def _unpack(steps: FloatArray, k: int, step: FloatArray) -> None:
-    column = 0
-    for i in range(6):
-        for j in range(i, 6):
-            step[i, j] = step[j, i] = steps[k, column]
-            column += 1
 
 
 @jit

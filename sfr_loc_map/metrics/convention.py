@@ -20,90 +20,71 @@ import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted, lever_arms
-from sfr_loc_map.geometry.pose_convention import OPTICAL_IN_BODY as OPTICAL_IN_RB
-from sfr_loc_map.geometry.quaternion_kernels import row_difference, slerp, unit_quats
+from sfr_loc_map.geometry.pose_convention import (
+    FIRST_POSE,
+    MIRROR,
+    PoseConvention,
+    aligned,
+    converted,
+    lever_arms,
+)
+from sfr_loc_map.geometry.pose_convention import (
+    OPTICAL_IN_BODY as OPTICAL_IN_RB,
+)
+from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix, quat_multiply, quat_rotate
-from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.jit import jit
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.score import Key
-from sfr_loc_map.metrics.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
+from sfr_loc_map.metrics.trajectory_error import ATTITUDE, PoseRows, sub_trajectory_errors
 
-GAIN = 2.0
-"""Undoing a mismatch must make the disagreement this many times smaller."""
-GAIN_FITTED = 3.0
-"""The same where numbers were fitted to undo it."""
+GAIN, GAIN_FITTED = 2.0, 3.0
+"""Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""
 AGREES = 1e-3
 """A disagreement below this (a thousandth of the path, or 0.06 degrees) needs no explanation."""
 EXPLAINED = 0.25
 """What is left must be less than this (a quarter of the path, or 14 degrees)."""
 SIMPLER = 2.0
 """A mismatch with fitted numbers must explain this many times more than one without."""
-MAX_POSES = 20_000
-MIN_POSES = 8
+MAX_POSES, MIN_POSES = 20_000, 8
 SUB_TRAJECTORIES = 400
-MIN_LEVER_M = 0.05
-MAX_TILT_DEG = 60.0
+MIN_LEVER_M, MAX_TILT_DEG = 0.05, 60.0
 OFFSET_STEPS = 200
 AS_GOOD = 1.1
 """An offset to the stamps of the truth themselves is taken for the best one if it is this near to it."""
 STAMP_NOISE_NS = 1_000
 LOOKS_WRONG = "the estimate looks wrong:"
-
 Poses = tuple[FloatArray, FloatArray]
 """Positions `(N, 3)` and unit quaternions `(N, 4)`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hypothesis:
-    """One convention mismatch and what undoing it does.
+    """One convention mismatch and what undoing it does."""
 
-    Attributes:
-        mismatch: Short name.
-        sentence: What is wrong with the estimate, and what to do.
-        disagreement: What is left when it is undone.
-        fitted: Whether numbers were fitted to undo it.
-        setting: What corrects it as `NAME=VALUE` of `PoseConvention`; empty where none does.
-    """
-
-    mismatch: Annotated[str, Key("mistake")]
-    sentence: str
-    disagreement: float
-    fitted: bool = False
-    setting: str = ""
+    mismatch: Annotated[str, Key("mistake")]  #: Short name.
+    sentence: str  #: What is wrong with the estimate, and what to do.
+    disagreement: float  #: What is left when it is undone.
+    fitted: bool = False  #: Whether numbers were fitted to undo it.
+    setting: str = ""  #: What corrects it as `NAME=VALUE` of `PoseConvention`; empty where none does.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        disagreement: As the estimate stands; None where estimate and truth have no stamp in common.
-        hypotheses: All mismatches looked into, the best explanation first.
-        found: The mismatch that explains the disagreement, None if none does or there is nothing to explain.
-    """
-
-    disagreement: float | None
-    hypotheses: Annotated[tuple[Hypothesis, ...], Key("suspicions")]
-    found: Hypothesis | None
+    disagreement: float | None  #: As the estimate stands; None where both have no stamp in common.
+    hypotheses: Annotated[tuple[Hypothesis, ...], Key("suspicions")]  #: Mismatches, the best explanation first.
+    found: Hypothesis | None  #: That which explains the disagreement, None if none does or there is none.
 
 
 def diagnose(
     estimate: Trajectory, truth: Trajectory, config: AssociationConfig, T_rb_left: Transform | None = None
 ) -> Diagnosis:
-    """Find the single convention mismatch that explains how estimate and truth disagree.
-
-    Args:
-        estimate: Estimated poses of RB in DS.
-        truth: True poses of RB in DS.
-        config: How estimates find their truth.
-        T_rb_left: Extrinsics of the left camera, where they are known.
-    """
+    """Find the single convention mismatch that explains how estimate and truth (poses of RB in DS) disagree."""
     step = max(1, len(estimate) // MAX_POSES)
     rows = unique_rows(estimate.stamps_ns)[::step]
     estimate = Trajectory(estimate.stamps_ns[rows], estimate.positions[rows], estimate.quats_xyzw[rows])
@@ -141,11 +122,12 @@ def disagreement(truth: Poses, estimate: Poses) -> float:
     no_length = np.zeros((len(truth[0]), 2))
     poses = PoseRows(*truth, np.ascontiguousarray(estimate[0]), np.ascontiguousarray(estimate[1]), no_length)
     errors = sub_trajectory_errors(poses, starts, ends, True)
-    until = _travelled(np.ascontiguousarray(truth[0]))
+    x, y, z = np.diff(truth[0], axis=0).T
+    until = np.append(0.0, np.cumsum(np.sqrt(x * x + y * y + z * z)))
     lengths = until[ends] - until[starts]
     lengths = np.maximum(lengths, max(0.1 * float(lengths.mean()), 1e-9))  # never much less than the mean
     position = np.sqrt(np.square(errors[:, :3]).sum(axis=1)) / lengths
-    return float(np.mean(np.sqrt(np.square(position) + np.square(np.radians(errors[:, ErrorColumn.ATTITUDE])))))
+    return float(np.mean(np.sqrt(np.square(position) + np.square(np.radians(errors[:, ATTITUDE])))))
 
 
 @lru_cache(maxsize=8)
@@ -187,12 +169,7 @@ def _each_undone(
             "rotate them to RB",
             (p, quat_multiply(q, quat_from_matrix(OPTICAL_IN_RB.T))),
         ),
-        (
-            "millimetres",
-            "metres_per_unit=0.001",
-            "its positions are in millimetres: write metres",
-            (p * 1e-3, q),
-        ),
+        ("millimetres", "metres_per_unit=0.001", "its positions are in millimetres: write metres", (p * 1e-3, q)),
         (
             "kilometres",
             "metres_per_unit=1000",
@@ -307,24 +284,23 @@ def _shifted(estimate: Trajectory, truth: Trajectory, shift: int) -> float:
         return float("inf")
     chosen = slice(first, last, max(1, (last - first) // 800))
     stamps = estimate.stamps_ns[chosen] + shift
-    positions, before, after, share = _around(truth.stamps_ns, truth.positions, truth.quats_xyzw, stamps)
-    quats = slerp(unit_quats(before), unit_quats(after), share)
+    after = np.searchsorted(truth.stamps_ns, stamps, side="right")
+    begin = truth.stamps_ns[after - 1]
+    share = (stamps - begin) / (truth.stamps_ns[after] - begin)
+    start = truth.positions[after - 1]
+    positions = start + share[:, None] * (truth.positions[after] - start)
+    quats = slerp(unit_quats(truth.quats_xyzw[after - 1]), unit_quats(truth.quats_xyzw[after]), share)
     return disagreement((positions, quats), (estimate.positions[chosen], unit_quats(estimate.quats_xyzw[chosen])))
 
 
 def converted_estimates(
     estimates: Estimates, convention: PoseConvention, T_rb_child: Transform, truth: Trajectory | None
 ) -> Estimates:
-    """Return estimates as poses of RB in DS.
+    """Return estimates (of a child frame of RB, as they were written) as poses of RB in DS.
 
-    A covariance is carried along; where poses are inverted or mirrored it is left out. Steps (`step_cov`) are motions
-    of RB: they stay only where nothing but the world frame or the stamps differ.
-
-    Args:
-        estimates: As they were written.
-        convention: In what they differ.
-        T_rb_child: Pose in RB of the frame they are of.
-        truth: True poses, for a world frame that is aligned at the first pose; None: the first pose is the identity.
+    A world frame that is the first pose is aligned there with the truth; without one the first pose is the identity. A
+    covariance is carried along; where poses are inverted or mirrored it is left out. Steps (`step_cov`) are motions of
+    RB: they stay only where nothing but the world frame or the stamps differ.
 
     Raises:
         MetricsError: If no pose has a true pose to align the world frame with.
@@ -332,24 +308,22 @@ def converted_estimates(
     """
     poses = converted(estimates.trajectory, convention, T_rb_child)
     covariance = None if convention.inverse or convention.mirrored else estimates.covariance
-    if covariance is not None:
-        covariance = _converted_covariance(covariance, convention, lever_arms(poses, T_rb_child))
+    if covariance is not None and (convention.metres_per_unit != 1.0 or convention.of_another_frame):
+        unit = np.diag([convention.metres_per_unit] * 3 + [1.0] * 3)
+        carry = np.array([propagation(arm) @ unit for arm in lever_arms(poses, T_rb_child)]).reshape(-1, 6, 6)
+        covariance = _carried(covariance, carry)
     plain = convention == PoseConvention(world=convention.world, time_offset_ns=convention.time_offset_ns)
     result = replace(estimates, trajectory=poses, covariance=covariance, steps=estimates.steps if plain else None)
     if convention.world != FIRST_POSE:
         return result
     T_ds_world = world_at_first_pose(result, truth)
     if covariance is not None:
-        covariance = _rotated_covariance(covariance, T_ds_world.rotation)
+        covariance = _carried(covariance, np.asarray(np.kron(np.eye(2), T_ds_world.rotation), np.float64))
     return replace(result, trajectory=aligned(poses, T_ds_world), covariance=covariance)
 
 
 def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:
-    """Return `T_ds_world` that takes the first pose that is not lost and has a true pose to it.
-
-    Args:
-        estimates: Poses of RB in their world frame.
-        truth: True poses, None: the first pose is the identity.
+    """Return `T_ds_world` that takes the first pose that is not lost and has a true pose to it (to the identity).
 
     Raises:
         MetricsError: If no pose has a true pose.
@@ -367,78 +341,9 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
     return true @ Transform.from_quat(frames.est_pos[first], frames.est_quat[first]).inverse()
 
 
-def _converted_covariance(covariance: FloatArray, convention: PoseConvention, arms: FloatArray) -> FloatArray:
-    """Return covariances `(N, 21)` in metres, of RB in place of a frame from which RB lies at `arms` `(N, 3)`."""
-    if convention.metres_per_unit == 1.0 and not convention.of_another_frame:
-        return covariance
-    unit = np.diag([convention.metres_per_unit] * 3 + [1.0] * 3)
-    carry = np.array([propagation(arm) @ unit for arm in arms]).reshape(-1, 6, 6)
-    return _upper(carry @ _full(covariance) @ carry.transpose(0, 2, 1))
-
-
-def _rotated_covariance(covariance: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Return covariances `(N, 21)` in axes that `rotation` `(3, 3)` turns theirs into."""
-    turn = np.kron(np.eye(2), rotation)
-    return _upper(turn @ _full(covariance) @ turn.T)
-
-
-def _full(covariance: FloatArray) -> FloatArray:
+def _carried(covariance: FloatArray, carry: FloatArray) -> FloatArray:
+    """Return `A P A^T` of covariances `(N, 21)`; A `(6, 6)`, or one for each."""
     full = np.empty((len(covariance), 6, 6))
     full[:, UPPER[0], UPPER[1]] = full[:, UPPER[1], UPPER[0]] = covariance
-    return full
-
-
-def _upper(full: FloatArray) -> FloatArray:
-    return np.ascontiguousarray(full[:, UPPER[0], UPPER[1]]).reshape(-1, COVARIANCE_SIZE)
-
-
-@jit
-def _travelled(positions: FloatArray) -> FloatArray:
-    """Return the path length `(N,)` up to each position `(N, 3)`."""
-    until = np.zeros(len(positions))
-    for i in range(1, len(positions)):
-        x, y, z = row_difference(positions, i, positions, i - 1)
-        until[i] = until[i - 1] + np.sqrt(x * x + y * y + z * z)
-    return until
-
-
-@jit
-def _around(
-    stamps: IntArray, positions: FloatArray, quats: FloatArray, wanted: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return interpolated positions `(M, 3)`, the quaternions `(M, 4)` before and after, and the share of the latter.
-
-    Args:
-        stamps: `(N,)` in order.
-        positions: `(N, 3)`, metres.
-        quats: `(N, 4)`.
-        wanted: `(M,)` stamps in order, from the first to before the last; mostly evenly spaced.
-    """
-    found, share = np.empty((len(wanted), 3)), np.empty(len(wanted))
-    before, after = np.empty((len(wanted), 4)), np.empty((len(wanted), 4))
-    row, rows = 1, 0
-    for i in range(len(wanted)):
-        guess = min(row + rows, len(stamps) - 1)
-        if not stamps[guess - 1] <= wanted[i] < stamps[guess]:
-            guess = _first_later(stamps, wanted[i])
-        row, rows = guess, guess - row
-        begin = stamps[row - 1]
-        share[i] = (wanted[i] - begin) / (stamps[row] - begin)
-        for k in range(3):
-            found[i, k] = positions[row - 1, k] + share[i] * (positions[row, k] - positions[row - 1, k])
-        copy_row(quats[row - 1], before[i])
-        copy_row(quats[row], after[i])
-    return found, before, after, share
-
-
-@jit
-def _first_later(stamps: IntArray, wanted: int) -> int:
-    """Return the row of the first stamp after a stamp."""
-    low, high = 0, len(stamps)
-    while low < high:
-        middle = (low + high) // 2
-        if stamps[middle] <= wanted:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    moved = carry @ full @ np.swapaxes(carry, -1, -2)
+    return np.ascontiguousarray(moved[:, UPPER[0], UPPER[1]]).reshape(-1, COVARIANCE_SIZE)

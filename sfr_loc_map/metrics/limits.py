@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -62,13 +62,7 @@ class LimitPart(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure of the score.
-
-    Attributes:
-        value: The figure, None where it is undefined or absent.
-        count: Number of values it is made of, None where it is not made of many.
-        interval: Its 95 % interval, None where it has none.
-    """
+    """A figure of the score, the number of values it is made of and its 95 % interval, where it has them."""
 
     value: float | None = None
     count: int | None = None
@@ -78,8 +72,6 @@ class Figure:
 COVERAGE_MIN = "coverage_min"
 """The one limit that is a lower bound."""
 
-_KINDS = (CallKind.LOCALISATION, CallKind.MAPPING)
-_TIMES = ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max")
 _PLACES: dict[LimitPart, dict[str, str]] = {
     LimitPart.TRAJECTORY: {
         f"{error}_{statistic}_{unit}": f"{error}_{unit}.{statistic}"
@@ -93,9 +85,15 @@ _PLACES: dict[LimitPart, dict[str, str]] = {
         },
         COVERAGE_MIN: "coverage",
     },
-    LimitPart.TIMING: {f"{kind}_{statistic}_s": f"{kind}.{statistic}" for kind in CallKind for statistic in _TIMES},
+    LimitPart.TIMING: {
+        f"{kind}_{statistic}_s": f"{kind}.{statistic}"
+        for kind in CallKind
+        for statistic in ("mean", "mean_plus_3sigma", "p50", "p95", "p99", "max")
+    },
     LimitPart.MEMORY: {
-        f"{kind}_{peak}_bytes": f"{kind}.{peak}_bytes" for kind in _KINDS for peak in ("peak", "above_idle")
+        f"{kind}_{peak}_bytes": f"{kind}.{peak}_bytes"
+        for kind in (CallKind.LOCALISATION, CallKind.MAPPING)
+        for peak in ("peak", "above_idle")
     },
 }
 """Where each figure that a limit names stands: of a condition, or of the part of the score."""
@@ -108,14 +106,7 @@ NAMES: Mapping[LimitPart, Collection[str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One limit.
-
-    Attributes:
-        part: Part of the score.
-        key: Its key in the file.
-        limit: Bound in the unit of the key.
-        condition: Condition of the sub-trajectories; None outside `trajectory`.
-    """
+    """One limit: a bound in the unit of its key; of sub-trajectories of a condition, None outside `trajectory`."""
 
     part: LimitPart
     key: str
@@ -125,12 +116,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """All limits of a file.
-
-    Attributes:
-        limits: In the order of the file.
-        minimum_count: Fewer values than this are not enough for a verdict.
-    """
+    """All limits of a file, in its order; fewer values than the minimum are not enough for a verdict."""
 
     limits: tuple[Limit, ...]
     minimum_count: int = 2
@@ -151,11 +137,7 @@ def load_limits(path: Path) -> Limits:
 
 
 def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
-    """Return the limits of a mapping as in the file.
-
-    Args:
-        content: The mapping.
-        origin: Where it comes from, for messages.
+    """Return the limits of a mapping as in the file; `origin` is where it comes from, for messages.
 
     Raises:
         ConfigError: If a key or value is not valid.
@@ -171,24 +153,21 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
         )
     limits: list[Limit] = []
     for number, entry in enumerate(entries, 1):
-        limits += _trajectory_limits(entry, f"{origin}: trajectory entry {number}")
+        place = f"{origin}: trajectory entry {number}"
+        if not isinstance(entry, Mapping) or not isinstance(entry.get("condition"), str):
+            raise ConfigError(f"{place}: needs 'condition', such as distance=5, and limits beside it")
+        try:
+            condition = Condition.parse(entry["condition"])
+        except MetricsError as error:
+            raise ConfigError(f"{place}: {error}") from error
+        rest = {key: value for key, value in entry.items() if key != "condition"}
+        limits += _limits_of(LimitPart.TRAJECTORY, rest, place, condition)
     for part in LimitPart:
         if part is not LimitPart.TRAJECTORY:
             limits += _limits_of(part, content.get(part, {}), f"{origin}: '{part}'", None)
     if not limits:
         raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitPart)}")
     return Limits(tuple(limits), minimum)
-
-
-def _trajectory_limits(entry: object, origin: str) -> list[Limit]:
-    if not isinstance(entry, Mapping) or not isinstance(entry.get("condition"), str):
-        raise ConfigError(f"{origin}: needs 'condition', such as distance=5, and limits beside it")
-    try:
-        condition = Condition.parse(entry["condition"])
-    except MetricsError as error:
-        raise ConfigError(f"{origin}: {error}") from error
-    rest = {key: value for key, value in entry.items() if key != "condition"}
-    return _limits_of(LimitPart.TRAJECTORY, rest, origin, condition)
 
 
 def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition | None) -> list[Limit]:
@@ -220,12 +199,7 @@ def build_score(
 ) -> Score:
     """Return a score with its figures, what they are drawn from, and the verdicts on them.
 
-    Args:
-        rest: All other parts.
-        limits: Limits to judge by.
-        trajectory: Of an estimate.
-        map: Of a cloud.
-        calls: Of one or several sources of calls, on this host; of a kind that several have the last counts.
+    Calls may come from several sources on this host: of a kind that several have the last counts.
     """
     made = reduce(lambda first, second: first.merged(second), calls) if calls else None
     details = Details(
@@ -250,7 +224,27 @@ def verdicts(limits: Limits, score: Score) -> tuple[Verdict, ...]:
     A figure passes at its limit; a mean of a signed figure (heading) is taken without its sign. `certain` tells
     whether the 95 % interval lies on one side of the limit, None where there is no interval.
     """
-    return tuple(_verdict(limit, limits.minimum_count, figure_of(limit, score)) for limit in limits.limits)
+    judged = []
+    for limit in limits.limits:
+        figure = figure_of(limit, score)
+        value, count, interval = figure.value, figure.count, figure.interval
+        state, certain = VerdictState.NOT_ENOUGH_DATA, None
+        if value is not None and (count is None or count >= limits.minimum_count):
+            met = value >= limit.limit if limit.key == COVERAGE_MIN else abs(value) <= limit.limit
+            state = VerdictState.PASS if met else VerdictState.FAIL
+            certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
+        verdict = Verdict(
+            metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
+            limit=limit.limit,
+            value=value,
+            ci95=interval,
+            condition=limit.condition,
+            count=count,
+            state=state,
+            certain=certain,
+        )
+        judged.append(verdict)
+    return tuple(judged)
 
 
 def figure_of(limit: Limit, score: Score) -> Figure:
@@ -268,91 +262,51 @@ def figure_of(limit: Limit, score: Score) -> Figure:
     return Figure(getattr(owner, last, None), getattr(owner, "count", count), getattr(owner, f"{last}_ci95", None))
 
 
-def _verdict(limit: Limit, minimum: int, figure: Figure) -> Verdict:
-    value, count, interval = figure.value, figure.count, figure.interval
-    lower_bound, certain = limit.key == COVERAGE_MIN, None
-    if value is None or (count is not None and count < minimum):
-        state = VerdictState.NOT_ENOUGH_DATA
-    else:
-        met = value >= limit.limit if lower_bound else abs(value) <= limit.limit
-        state = VerdictState.PASS if met else VerdictState.FAIL
-        certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
-    return Verdict(
-        metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
-        limit=limit.limit,
-        value=value,
-        ci95=interval,
-        condition=limit.condition,
-        count=count,
-        state=state,
-        certain=certain,
-    )
-
-
-class _Extent(NamedTuple):
-    """How long a drive is."""
-
-    frames: int
-    path_length_m: float
-    duration_s: float
+# ---- what could not be judged, and why
 
 
 def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple[str, ...]:
     """Return why something could not be judged, one phrase for each reason; empty if all was judged.
 
-    Args:
-        score: The score.
-        asked: Conditions that the user named, in options or limits; those of the default settings count only where
-            the user named none.
+    Conditions that the user asked for, in options or limits, count; those of the default settings only without any.
     """
     if score.contradiction is not None:
         return (score.contradiction,)
-    unmet = _unmet(score.trajectory, asked) if score.trajectory is not None else {}
-    errors = None if score.map is None else score.map.errors
-    no_truth = errors is not None and not errors.point_error_m.count
-    limits = [item for item in score.verdicts if item.state is VerdictState.NOT_ENOUGH_DATA]
-    return (
-        *unmet.values(),
-        *(["map: no point of the cloud has a true point"] if no_truth else []),
-        *(_no_data(item) for item in limits if item.condition not in unmet),
-    )
-
-
-def _unmet(trajectory: TrajectoryScore, asked: Collection[Condition]) -> dict[Condition | None, str]:
-    """Return the reasons of the conditions that the drive never meets."""
-    return {
-        part.condition: _reason(
-            part.condition, _Extent(trajectory.matched, trajectory.path_length_m, trajectory.duration_s or 0.0)
-        )
-        for part in trajectory.conditions
-        if not part.count and (not asked or part.condition in asked)
-    }
+    drive, errors = score.trajectory, None if score.map is None else score.map.errors
+    unmet: dict[Condition | None, str] = {}
+    for part in () if drive is None else drive.conditions:
+        if drive is not None and not part.count and (not asked or part.condition in asked):
+            extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
+            unmet[part.condition] = _reason(part.condition, *extent)
+    reasons = [*unmet.values()]
+    if errors is not None and not errors.point_error_m.count:
+        reasons.append("map: no point of the cloud has a true point")
+    for item in score.verdicts:
+        if item.state is VerdictState.NOT_ENOUGH_DATA and item.condition not in unmet:
+            over = "" if item.condition is None else f" over {item.condition.label}"
+            reasons.append(f"limit {item.metric}{over}: " + (f"only {item.count} values" if item.count else "no data"))
+    return tuple(reasons)
 
 
 def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> tuple[str, ...]:
     """Return why a drive with this truth never meets some conditions, to be said before the work is done."""
-    steps = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)
+    length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
     duration_s = float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0
-    extent = _Extent(len(truth), float(steps.sum()), duration_s)
     longest = {
-        ConditionKind.DISTANCE: extent.path_length_m,
-        ConditionKind.TIME: extent.duration_s,
-        ConditionKind.FRAMES: float(extent.frames - 1),
+        ConditionKind.DISTANCE: length_m,
+        ConditionKind.TIME: duration_s,
+        ConditionKind.FRAMES: float(len(truth) - 1),
     }
-    return tuple(_reason(item, extent) for item in conditions if item.value > longest[item.kind])
+    beyond = (item for item in conditions if item.value > longest[item.kind])
+    return tuple(_reason(item, len(truth), length_m, duration_s) for item in beyond)
 
 
-def _reason(condition: Condition, extent: _Extent) -> str:
+def _reason(condition: Condition, frames: int, length_m: float, duration_s: float) -> str:
     """Return how long the drive is in the unit of a condition that it never meets."""
     texts = {
-        ConditionKind.DISTANCE: f"the drive is {extent.path_length_m:.1f} m long",
-        ConditionKind.TIME: f"the drive lasts {extent.duration_s:.1f} s",
-        ConditionKind.FRAMES: f"the drive has {extent.frames} frames",
+        ConditionKind.DISTANCE: f"the drive is {length_m:.1f} m long",
+        ConditionKind.TIME: f"the drive lasts {duration_s:.1f} s",
+        ConditionKind.FRAMES: f"the drive has {frames} frames",
     }
     one = "one pose of the estimate has a true pose, at least two are needed"
-    return f"condition {condition.kind}={condition.value:g}: {texts[condition.kind] if extent.frames > 1 else one}"
-
-
-def _no_data(item: Verdict) -> str:
-    condition = "" if item.condition is None else f" over {item.condition.label}"
-    return f"limit {item.metric}{condition}: " + (f"only {item.count} values" if item.count else "no data")
+    return f"condition {condition.kind}={condition.value:g}: {texts[condition.kind] if frames > 1 else one}"

@@ -13,11 +13,11 @@ import difflib
 import json
 import math
 import types
-from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, fields, is_dataclass
 from enum import StrEnum
 from functools import cache
-from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import parse_json
@@ -33,36 +33,35 @@ class RecordError(ValueError):
     """A JSON value is not what its type says; the message names the place."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Field:
-    """How one field is written and read."""
+class _Field(NamedTuple):
+    """How one field is written and read: `keys` in its owner's object, several (after a prefix) if it is inlined."""
 
     name: str
-    key: str
     kind: Any
+    keys: tuple[str, ...]
     prefix: str | None
-    """Prefix of the keys of an inlined record, None of other fields."""
     left_out_if_empty: bool
     has_default: bool
-
-    def names(self) -> list[str]:
-        """Return its keys in the owner's object."""
-        if self.prefix is None:
-            return [self.key]
-        record = next(part for part in (self.kind, *get_args(self.kind)) if is_dataclass(part))
-        return [self.prefix + key for item in _fields_of(cast(Any, record)) for key in item.names()]
 
 
 @cache
 def _fields_of(record: type) -> tuple[_Field, ...]:
     found = []
     hints = get_type_hints(record, include_extras=True)
-    for item in fields(record):
+    for item in fields(cast(Any, record)):
         kind, *notes = get_args(hints[item.name]) if get_origin(hints[item.name]) is Annotated else [hints[item.name]]
-        key = next((note.name for note in notes if isinstance(note, Key)), item.name)
-        prefix = next((note.prefix for note in notes if isinstance(note, Inline)), None)
+        keys: tuple[str, ...] = (item.name,)
+        prefix = None
+        for note in notes:
+            if isinstance(note, Key):
+                keys = (note.name,)
+            elif isinstance(note, Inline):
+                inner = next(part for part in (kind, *get_args(kind)) if is_dataclass(part))
+                prefix = note.prefix
+                keys = tuple(prefix + key for each in _fields_of(cast(type, inner)) for key in each.keys)
         omitted = item.default is None or item.default == () or item.default_factory is not MISSING
-        found.append(_Field(item.name, key, kind, prefix, omitted, omitted or item.default is not MISSING))
+        has_default = omitted or item.default is not MISSING
+        found.append(_Field(item.name, kind, keys, prefix, omitted, has_default))
     return tuple(found)
 
 
@@ -83,29 +82,18 @@ def to_plain(value: Any) -> Any:  # noqa: ANN401 - any value of a record
         part = getattr(value, item.name)
         if item.left_out_if_empty and (part is None or (isinstance(part, (tuple, Mapping)) and not part)):
             continue
-        if item.prefix is None:
-            plain[item.key] = to_plain(part)
-        else:
-            plain |= {item.prefix + key: inner for key, inner in to_plain(part).items()}
+        inner = to_plain(part)
+        plain |= {item.keys[0]: inner} if item.prefix is None else {item.prefix + key: v for key, v in inner.items()}
     return plain
 
 
 def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lists of them
     """Return the JSON of a record in one line; numbers in the shortest form that reads back to the same bits."""
-    return _line(to_plain(value))
-
-
-def _line(plain: Any) -> str:  # noqa: ANN401 - JSON values
-    return json.dumps(plain, allow_nan=False, separators=(",", ":")) + "\n"
+    return json.dumps(to_plain(value), allow_nan=False, separators=(",", ":")) + "\n"
 
 
 def from_plain(kind: type[T], value: object, place: str = "") -> T:
-    """Return the record of JSON values.
-
-    Args:
-        kind: Class of the record.
-        value: JSON values.
-        place: What the value is called in messages.
+    """Return the record of JSON values; `place` is what the value is called in messages.
 
     Raises:
         RecordError: If a key is missing or unknown or a value is of another type; one line.
@@ -120,17 +108,19 @@ def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type 
     if origin in (Union, types.UnionType):
         undefined = value is None or (isinstance(value, float) and not math.isfinite(value))
         return None if undefined else _read(next(part for part in parts if part is not types.NoneType), value, place)
-    if hasattr(kind, "from_plain"):
-        try:
-            return kind.from_plain(value)
-        except ValueError as error:
-            raise RecordError(f"{place}: {error}") from error
-    if is_dataclass(kind):
-        return _read_record(cast(type, kind), value, place)
     if origin is not None and issubclass(origin, Mapping) and isinstance(value, Mapping):
-        return {key: _read(parts[1], item, f"{place}.{key}" if place else key) for key, item in value.items()}
+        return {key: _read(parts[1], item, _inside(place, key)) for key, item in value.items()}
     if origin is tuple and is_dataclass(parts[0]) and isinstance(value, list):
         return tuple(_read(parts[0], item, place) for item in value)
+    try:
+        if hasattr(kind, "from_plain"):
+            return kind.from_plain(value)
+        if is_dataclass(kind):
+            return cast(Any, kind)(**dict(_read_fields(cast(type, kind), value, place)))
+    except RecordError:
+        raise
+    except ValueError as error:
+        raise RecordError(f"{place or 'it'}: {error}") from error
     import msgspec  # what writes alone starts without it
 
     try:
@@ -141,31 +131,32 @@ def _read(kind: Any, value: Any, place: str) -> Any:  # noqa: ANN401 - any type 
         raise RecordError(f"{place or 'it'} is {found}: {error}") from error
 
 
-def _read_record(kind: type, content: Any, place: str) -> Any:  # noqa: ANN401 - of the class given
+def _inside(place: str, key: str) -> str:
+    return f"{place}.{key}" if place else key
+
+
+def _read_fields(kind: type, content: Any, place: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - any JSON
+    """Yield name and value of the fields of a record that are there."""
     if not isinstance(content, Mapping):
         raise RecordError(f"{place or 'it'} is {type(content).__name__}: an object is needed")
-    items, chosen = _fields_of(cast(Any, kind)), {}
-    known = [key for item in items for key in item.names()]
+    items = _fields_of(kind)
+    known = [key for item in items for key in item.keys]
     for key in content:
         if key not in known:
             close = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
             raise RecordError(f"{place or 'it'} has an unknown key '{key}' ({hint})")
     for item in items:
-        present = [key for key in item.names() if key in content]
+        present = [key for key in item.keys if key in content]
         if not present and item.has_default:
             continue
         if item.prefix is not None:
             inner = {key.removeprefix(item.prefix): content[key] for key in present}
-            chosen[item.name] = _read(item.kind, inner, place)
+            yield item.name, _read(item.kind, inner, place)
         elif not present:
-            raise RecordError(f"{place or 'it'} has no '{item.key}'")
+            raise RecordError(f"{place or 'it'} has no '{item.keys[0]}'")
         else:
-            chosen[item.name] = _read(item.kind, content[item.key], f"{place}.{item.key}" if place else item.key)
-    try:
-        return kind(**chosen)
-    except ValueError as error:
-        raise RecordError(f"{place or 'it'}: {error}") from error
+            yield item.name, _read(item.kind, content[present[0]], _inside(place, present[0]))
 
 
 def _sensible(value: Any) -> Any:  # noqa: ANN401 - any value of JSON
@@ -192,15 +183,11 @@ def to_dict(score: Score) -> dict[str, Any]:
 
 def to_json(score: Score) -> str:
     """Return the score as text; numbers in the shortest form that reads back to the same bits."""
-    return _line(to_dict(score))
+    return json.dumps(to_dict(score), allow_nan=False, separators=(",", ":")) + "\n"
 
 
 def from_dict(content: object, origin: str = "score") -> Score:
-    """Return the score of JSON values.
-
-    Args:
-        content: JSON values.
-        origin: Where they come from, for messages.
+    """Return the score of JSON values; `origin` is where they come from, for messages.
 
     Raises:
         InputError: If they are not as the schema says: what and where, in one line.
@@ -219,10 +206,6 @@ def from_dict(content: object, origin: str = "score") -> Score:
 
 def from_json(text: str, origin: str = "score") -> Score:
     """Return the score of a text; numbers that are not finite are undefined.
-
-    Args:
-        text: The text.
-        origin: Where it comes from, for messages.
 
     Raises:
         InputError: If it is no JSON or not as the schema says: what and where, in one line.

@@ -55,13 +55,7 @@ def path_lengths(positions: FloatArray) -> FloatArray:
 def find_ends(starts: IntArray, progress: Progress, kind: int, threshold: float) -> IntArray:
     """Return for each start the frame of its end, or the number of frames if the condition is not met by the last.
 
-    Both go up, so that one walk through the frames finds all.
-
-    Args:
-        starts: `(M,)` frames, going up.
-        progress: Of the frames `(N,)`.
-        kind: `DISTANCE`, `TIME` or `FRAMES`.
-        threshold: Metres, nanoseconds or frames.
+    Both go up, so that one walk through the frames finds all. The threshold is in metres, nanoseconds or frames.
     """
     stamps_ns, lengths = progress
     count = len(stamps_ns)

@@ -6,7 +6,6 @@ from before N does not count. With `position` re-basing only the position offset
 
 from __future__ import annotations
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -19,39 +18,16 @@ MIN_DIRECTION_M = 1e-6
 """A horizontal displacement shorter than this has no direction: the rover's heading is taken."""
 
 
-class ErrorColumn(IntEnum):
-    """Columns of the errors of sub-trajectories."""
-
-    X = 0
-    """Estimate less truth along x of DS, m."""
-    Y = 1
-    """Along y of DS, m."""
-    Z = 2
-    """Along z of DS, m."""
-    ATTITUDE = 3
-    """Angle between both attitudes [4.2.3.2], deg."""
-    HEADING = 4
-    """Estimate less truth [4.2.3.3], deg."""
-    ALONG = 5
-    """Along the horizontal true displacement, m."""
-    CROSS = 6
-    """To the left of it, m."""
-    VERTICAL = 7
-    """Along z of DS, m."""
-    TRAVELLED = 8
-    """Length of the true path, m."""
+X, Y, Z, ATTITUDE, HEADING, ALONG, CROSS, VERTICAL, TRAVELLED = range(9)
+"""Columns of the errors of sub-trajectories."""
+COLUMNS = ("x_m", "y_m", "z_m", "attitude_deg", "heading_deg", "along_m", "cross_m", "vertical_m", "travelled_m")
+"""The same by the names of the score's rows: estimate less truth along the axes of DS; angle between both attitudes
+[4.2.3.2]; heading, estimate less truth [4.2.3.3]; error along the horizontal true displacement, to the left of it and
+along z of DS; length of the true path."""
 
 
 class PoseRows(NamedTuple):
-    """Poses side by side.
-
-    Attributes:
-        gt_pos: `(N, 3)` true positions, metres, DS.
-        gt_quat: `(N, 4)` unit quaternions, RB in DS.
-        est_pos: `(N, 3)` estimated positions.
-        est_quat: `(N, 4)` estimated attitudes.
-        lengths: `(N, 2)` path lengths, each the sum of two numbers.
-    """
+    """True and estimated poses side by side: `(N, 3)` metres, DS; `(N, 4)` of unit length; path lengths `(N, 2)`."""
 
     gt_pos: FloatArray
     gt_quat: FloatArray
@@ -72,21 +48,12 @@ def wrapped_deg(angle: float) -> float:
     return float(angle - 360.0 * np.ceil((angle - 180.0) / 360.0))
 
 
-X, Y, Z, ATTITUDE, HEADING, ALONG, CROSS, VERTICAL, TRAVELLED = map(int, ErrorColumn)
-"""The columns for kernels: before 0.68 numba takes no enumeration for an index."""
-
-
 @jit
 def sub_trajectory_errors(poses: PoseRows, starts: IntArray, ends: IntArray, whole_pose: bool) -> FloatArray:
-    """Return the errors `(M, 9)` of sub-trajectories; `ErrorColumn` names them.
+    """Return the errors `(M, 9)` of sub-trajectories from rows to rows `(M,)` of the poses; `COLUMNS` names them.
 
-    Row by row, so that the bits of a row do not depend on how many are computed at once.
-
-    Args:
-        poses: Poses among which the starts and ends are.
-        starts: `(M,)` rows of the starts.
-        ends: `(M,)` rows of the ends.
-        whole_pose: Re-base the whole pose; False for the position only.
+    Row by row, so that the bits of a row do not depend on how many are computed at once. `whole_pose` re-bases the
+    whole pose, otherwise the position only.
     """
     out = np.empty((len(starts), 9))
     for m in range(len(starts)):

@@ -5,7 +5,7 @@ The same function scores a file and a live run; test/metrics/reference.py says i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,12 +14,10 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import Estimates, Frames, associate
-from sfr_loc_map.metrics.confidence import block_sums, interval95
 from sfr_loc_map.metrics.config import Condition, ConditionKind, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import nees_score, sums_of_steps
 from sfr_loc_map.metrics.score import (
     AssociationScore,
-    Column,
     ConditionScore,
     DistanceScore,
     ErrorComponents,
@@ -30,13 +28,12 @@ from sfr_loc_map.metrics.score import (
     TrajectoryDetails,
     TrajectoryScore,
 )
-from sfr_loc_map.metrics.statistics import column, moments, statistic
+from sfr_loc_map.metrics.statistics import block_sums, column, interval95, moments, statistic
 from sfr_loc_map.metrics.sub_trajectories import KINDS, Progress, find_ends, path_lengths
-from sfr_loc_map.metrics.trajectory_error import ErrorColumn, PoseRows, sub_trajectory_errors
+from sfr_loc_map.metrics.trajectory_error import COLUMNS, HEADING, PoseRows, sub_trajectory_errors
 
-POSITION, ATTITUDE, HEADING = slice(0, 3), slice(3, 4), slice(4, 5)
-"""Columns of the errors that the figures of the score are made of."""
-INTERVAL_COLUMNS = 5
+FIGURES = {"position_m": slice(0, 3), "attitude_deg": slice(3, 4), "heading_deg": slice(4, 5)}
+"""Figures of the score and the columns of the errors that they are made of."""
 PATH_ROWS, DETAIL_ROWS = 2000, 1000
 """Frames, and sub-trajectories of each condition, that are kept for figures."""
 POSITION_VARIANCES = [0, 6, 11]
@@ -50,14 +47,8 @@ DISTANCES_MAX_STARTS = 5000
 """A sub-trajectory of theirs through more starts than this is left out: the rover stood."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScoredTrajectory:
-    """What the trajectory adds to the score.
-
-    Attributes:
-        score: The part `trajectory`.
-        details: What figures are drawn from, None if it is not wanted.
-    """
+class ScoredTrajectory(NamedTuple):
+    """What the trajectory adds to the score: its part, and what figures are drawn from if that is wanted."""
 
     score: TrajectoryScore
     details: TrajectoryDetails | None
@@ -71,14 +62,9 @@ def score_trajectory(
     details: bool = True,
     under_way: bool = False,
 ) -> ScoredTrajectory:
-    """Return the score of a trajectory.
+    """Return the score of a trajectory; poses of RB in DS, in any order.
 
-    Args:
-        estimates: Estimated poses of RB in DS, in any order.
-        truth: True poses of RB in DS, in any order.
-        config: Settings.
-        details: Whether what figures are drawn from is wanted.
-        under_way: Whether the run goes on, so that estimates without a truth are no error.
+    While a run is under way, estimates without a truth are no error.
 
     Raises:
         MetricsError: If no estimate has a truth, or a condition is not valid.
@@ -87,11 +73,12 @@ def score_trajectory(
     if not conditions:
         raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
     frames, counts, mode = associate(estimates, truth, config.association)
-    if not len(frames.stamps_ns) and not under_way:
+    stamps_ns = frames.stamps_ns
+    if not len(stamps_ns) and not under_way:
         raise MetricsError(_nothing_in_common(estimates.trajectory, truth))
     lengths = path_lengths(frames.gt_pos)
     poses = PoseRows(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat, lengths)
-    progress, whole_pose = Progress(frames.stamps_ns, lengths), config.rebase == Rebase.POSE
+    progress, whole_pose = Progress(stamps_ns, lengths), config.rebase == Rebase.POSE
     spans = [_sub_trajectories(progress, condition, config.spacing) for condition in conditions]
     sums: dict[int, FloatArray] = {}
     if estimates.steps is not None and estimates.covariance is not None:
@@ -106,27 +93,19 @@ def score_trajectory(
             nees = nees_score(frames, estimates.covariance, sums, starts, ends)
         scores.append(_condition_score(condition, config, errors, ends - starts, nees))
         if details:
-            rows.append(_sub_trajectory_rows(condition, errors, frames.stamps_ns, starts, ends))
+            rows.append(_sub_trajectory_rows(condition, errors, stamps_ns, starts, ends))
 
     by_distance = []
     for metres in DISTANCES_M:
         spacing = max(config.spacing, round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0)))
         starts, ends = _sub_trajectories(progress, Condition(ConditionKind.DISTANCE, metres), spacing)
         short = ends - starts <= DISTANCES_MAX_STARTS * spacing
-        if not short.any():
+        if not (count := int(np.count_nonzero(short))):
             continue
         mean, squares = moments(sub_trajectory_errors(poses, starts[short], ends[short], whole_pose))
-        count = int(np.count_nonzero(short))
-        position, attitude, heading = (
-            statistic(count, mean[columns], squares[columns]) for columns in (POSITION, ATTITUDE, HEADING)
-        )
-        by_distance.append(
-            DistanceScore(
-                distance_m=metres, count=count, position_m=position, attitude_deg=attitude, heading_deg=heading
-            )
-        )
+        figures = {name: statistic(count, mean[which], squares[which]) for name, which in FIGURES.items()}
+        by_distance.append(DistanceScore(distance_m=metres, count=count, **figures))
 
-    stamps_ns = frames.stamps_ns
     score = TrajectoryScore(
         first=scores[0],
         matched=counts.matched,
@@ -152,10 +131,9 @@ def score_trajectory(
 
 def _sub_trajectories(progress: Progress, condition: Condition, spacing: int) -> tuple[IntArray, IntArray]:
     """Return first and last frames of the sub-trajectories of a condition."""
-    count = len(progress.stamps_ns)
-    starts = np.arange(0, count, spacing)
+    starts = np.arange(0, len(progress.stamps_ns), spacing)
     ends = find_ends(starts, progress, KINDS[condition.kind], condition.threshold)
-    met = ends < count
+    met = ends < len(progress.stamps_ns)
     return starts[met], ends[met]
 
 
@@ -165,40 +143,30 @@ def _condition_score(
     """Return the figures of errors `(M, 9)` over so many frames each."""
     count = len(errors)
     mean, squares = moments(errors)
-    stretches = block_sums(errors[:, :INTERVAL_COLUMNS])
+    stretches = block_sums(errors[:, : HEADING + 1])
     overlap = int(np.sum(-(-frames // config.spacing))) / max(count, 1)
-
-    def figure(columns: slice, *, unsigned: bool = False) -> IntervalStatistic:
-        plain = statistic(count, mean[columns], squares[columns])
-        return IntervalStatistic(
+    figures = {}
+    for name, which in FIGURES.items():
+        plain = statistic(count, mean[which], squares[which])
+        figures[name] = IntervalStatistic(
             mean=plain.mean,
             sigma=plain.sigma,
             mean_plus_3sigma=plain.mean_plus_3sigma,
-            mean_plus_3sigma_ci95=interval95(stretches, columns, overlap, unsigned=unsigned),
+            mean_plus_3sigma_ci95=interval95(stretches, which, overlap, unsigned=name == "attitude_deg"),
         )
-
-    x, y, z, along, cross, vertical = (
-        statistic(count, mean[[index]], squares[[index]])
-        for index in (
-            ErrorColumn.X,
-            ErrorColumn.Y,
-            ErrorColumn.Z,
-            ErrorColumn.ALONG,
-            ErrorColumn.CROSS,
-            ErrorColumn.VERTICAL,
-        )
-    )
+    components = {
+        name: statistic(count, mean[[COLUMNS.index(name)]], squares[[COLUMNS.index(name)]])
+        for name in ("x_m", "y_m", "z_m", "along_m", "cross_m", "vertical_m")
+    }
     return ConditionScore(
         count=count,
         condition=condition,
         spacing_frames=config.spacing,
         rebase=Rebase(config.rebase),
-        position_m=figure(POSITION),
-        attitude_deg=figure(ATTITUDE, unsigned=True),
-        heading_deg=figure(HEADING),
         overlap=overlap,
         nees=nees,
-        components=ErrorComponents(x_m=x, y_m=y, z_m=z, along_m=along, cross_m=cross, vertical_m=vertical),
+        components=ErrorComponents(**components),
+        **figures,
     )
 
 
@@ -215,7 +183,7 @@ def _sub_trajectory_rows(
 ) -> SubTrajectoryRows:
     every = _every(len(errors), DETAIL_ROWS)
     starts, ends = starts[::every], ends[::every]
-    columns = [column(values) for values in errors[::every].T]
+    columns: dict[str, Any] = dict(zip(COLUMNS, map(column, errors[::every].T), strict=True))
     return SubTrajectoryRows(
         condition=condition,
         every=every,
@@ -223,54 +191,38 @@ def _sub_trajectory_rows(
         end_frame=tuple(ends.tolist()),
         start_stamp_ns=tuple(stamps_ns[starts].tolist()),
         end_stamp_ns=tuple(stamps_ns[ends].tolist()),
-        x_m=columns[ErrorColumn.X],
-        y_m=columns[ErrorColumn.Y],
-        z_m=columns[ErrorColumn.Z],
-        attitude_deg=columns[ErrorColumn.ATTITUDE],
-        heading_deg=columns[ErrorColumn.HEADING],
-        along_m=columns[ErrorColumn.ALONG],
-        cross_m=columns[ErrorColumn.CROSS],
-        vertical_m=columns[ErrorColumn.VERTICAL],
-        travelled_m=columns[ErrorColumn.TRAVELLED],
+        **columns,
     )
 
 
 def _path_rows(estimates: Estimates, frames: Frames, lengths: FloatArray) -> PathRows:
     every = _every(len(lengths), PATH_ROWS)
     rows = frames.est_rows[::every]
-    truth, estimate = ([column(values) for values in poses[::every].T] for poses in (frames.gt_pos, frames.est_pos))
-    sigmas: list[Column] = [(), (), ()]
+    columns: dict[str, Any] = {}
+    for name, poses in (("truth", frames.gt_pos), ("estimate", frames.est_pos)):
+        columns |= {f"{name}_{axis}_m": column(values) for axis, values in zip("xyz", poses[::every].T, strict=True)}
     if estimates.covariance is not None:
         variances = estimates.covariance[rows][:, POSITION_VARIANCES]
         if np.isfinite(deviations := np.sqrt(np.where(variances >= 0.0, variances, np.nan))).any():
-            sigmas = [column(values) for values in deviations.T]
+            columns |= {f"sigma_{axis}_m": column(values) for axis, values in zip("xyz", deviations.T, strict=True)}
     return PathRows(
         every=every,
         stamp_ns=tuple(frames.stamps_ns[::every].tolist()),
         travelled_m=column(lengths[::every, 0] + lengths[::every, 1]),
-        truth_x_m=truth[0],
-        truth_y_m=truth[1],
-        truth_z_m=truth[2],
-        estimate_x_m=estimate[0],
-        estimate_y_m=estimate[1],
-        estimate_z_m=estimate[2],
         lost=tuple(estimates.lost[rows].tolist()),
         degraded=tuple(estimates.degraded[rows].tolist()),
-        sigma_x_m=sigmas[0],
-        sigma_y_m=sigmas[1],
-        sigma_z_m=sigmas[2],
+        **columns,
     )
 
 
 def _nothing_in_common(estimate: Trajectory, truth: Trajectory) -> str:
     spans = []
     for name, poses in (("the estimate", estimate), ("the truth", truth)):
-        ends = (
-            f" from {poses.stamps_ns.min() / NS_PER_S:.3f} s to {poses.stamps_ns.max() / NS_PER_S:.3f} s"
-            if len(poses)
-            else ""
-        )
-        spans.append(f"{name} has {len(poses)} poses{ends}")
+        text = f"{name} has {len(poses)} poses"
+        if len(poses):
+            first, last = poses.stamps_ns.min() / NS_PER_S, poses.stamps_ns.max() / NS_PER_S
+            text += f" from {first:.3f} s to {last:.3f} s"
+        spans.append(text)
     return (
         f"no estimate has a truth at its stamp: {', '.join(spans)}; give trajectories of the same drive and clock "
         "(sfr doctor finds a clock that is off)"

@@ -18,11 +18,10 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
-from sfr_loc_map.metrics.calls import Calls, stage_of
+from sfr_loc_map.metrics.calls import Calls, CallUsage, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.method_record import FindingKind, FindingRecord, MethodKind, MethodRecord
-from sfr_loc_map.metrics.resources import CallUsage
+from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 STEP_NAMES = (*(f"step_{name}" for name in COVARIANCE_NAMES), *(f"systematic_cov_{i}" for i in range(6)))

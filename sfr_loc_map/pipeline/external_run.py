@@ -20,8 +20,16 @@ from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.calls import stage_time
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.convention import converted_estimates
-from sfr_loc_map.metrics.method_record import FindingKind, FindingRecord, MethodRecord
-from sfr_loc_map.metrics.score import AnswerCounts, ConventionRecord, ExternalScore, ProcessUsage, StageTime
+from sfr_loc_map.metrics.score import (
+    AnswerCounts,
+    ConventionRecord,
+    ExternalScore,
+    FindingKind,
+    FindingRecord,
+    MethodRecord,
+    ProcessUsage,
+    StageTime,
+)
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.scoring import Correction, ScoredDrive, corrected
 

@@ -35,9 +35,9 @@ from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method import Method, MethodLimits
+from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.method_record import MethodRecord
-from sfr_loc_map.metrics.resources import CallMeter
+from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.kernels import load_kernels
 

@@ -31,19 +31,21 @@ from sfr_loc_map.io.trajectory_file import (
     read_trajectory_file,
     trajectory_text,
 )
-from sfr_loc_map.metrics.aligned_error import absolute_errors, aligned_errors, aligned_poses
+from sfr_loc_map.metrics.aligned_error import aligned_errors, aligned_poses
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import ScoredCalls, score_calls, score_target, with_external
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, truths_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig
 from sfr_loc_map.metrics.convention import Diagnosis, converted_estimates, diagnose
 from sfr_loc_map.metrics.limits import Limits, build_score
-from sfr_loc_map.metrics.method_record import FindingRecord, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score import (
     ConventionRecord,
     ExternalScore,
+    FindingRecord,
     InputFile,
     MemoryScore,
+    MethodKind,
+    MethodRecord,
     Provenance,
     Score,
     TimingScore,
@@ -514,7 +516,7 @@ def save_evo_result(
         OutputError: If the file cannot be written.
     """
     poses = aligned_poses(estimate, truth, config)
-    errors = absolute_errors(poses).translation_m
+    errors = poses.errors_m()
     ape = aligned_errors(estimate, truth, config).ape
     stats = {item.name: getattr(ape.translation, item.name) for item in fields(ape.translation)}
     seconds = poses.stamps_ns / NS_PER_S

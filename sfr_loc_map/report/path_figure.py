@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sfr_loc_map.errors import MissingExtraError
-from sfr_loc_map.inputs import printable
+import numpy as np
+
+from sfr_loc_map.errors import MetricsError, MissingExtraError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.metrics.aligned_error import Curve
+from sfr_loc_map.metrics.aligned_error import aligned_poses
+from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.report.plots import PALETTE, Plot, Trace, axis, error_scale, line, scaled, to_figure
 
 if TYPE_CHECKING:
@@ -19,6 +24,49 @@ if TYPE_CHECKING:
 
 COLOURS = ("one", "two", "three", "four", "five")
 X, Y, Z, TIME = "x of DS (east), m", "y of DS (north), m", "z of DS (up), m", "time, s"
+
+
+MOST_POINTS = 5000
+"""Poses of a path that are drawn."""
+
+
+class Curve(NamedTuple):
+    """One path: seconds since the first stamp of all, positions `(N, 3)` in m, distance to the truth where known."""
+
+    name: str
+    seconds: FloatArray
+    positions: FloatArray
+    error_m: FloatArray | None = None
+    is_truth: bool = False
+
+
+def curves_of(
+    trajectories: Mapping[str, Trajectory], truth: Trajectory | None, config: AlignedErrorConfig
+) -> list[Curve]:
+    """Return trajectories as curves; with a truth it comes first, and each is aligned with it.
+
+    Raises:
+        MetricsError: If one has no pose, or no stamps near those of the truth.
+    """
+    given = [poses for poses in (*trajectories.values(), truth) if poses is not None and len(poses)]
+    if len(given) < len(trajectories) + (truth is not None) or not given:
+        raise MetricsError("a trajectory without poses cannot be drawn: leave it out")
+    begin_ns = min(int(poses.stamps_ns.min()) for poses in given)
+    drawn: list[tuple[str, IntArray, FloatArray, FloatArray | None, bool]] = []
+    if truth is not None:
+        drawn.append(("truth", truth.stamps_ns, truth.positions, None, True))
+    for name, poses in trajectories.items():
+        if truth is None:
+            drawn.append((name, poses.stamps_ns, poses.positions, None, False))
+        else:
+            paired = aligned_poses(poses, truth, config)
+            drawn.append((name, paired.stamps_ns, paired.estimate.positions, paired.errors_m(), False))
+    curves = []
+    for name, stamps_ns, positions, error_m, is_truth in drawn:
+        every = slice(None, None, max(1, -(-len(stamps_ns) // MOST_POINTS)))
+        seconds = ((stamps_ns[every] - begin_ns) / NS_PER_S).astype(np.float64)
+        curves.append(Curve(name, seconds, positions[every], None if error_m is None else error_m[every], is_truth))
+    return curves
 
 
 def path_plot(curves: Sequence[Curve]) -> Plot:

@@ -31,9 +31,9 @@ from sfr_loc_map.methods import registry
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.method import WORKERS, Method, MethodTask
 from sfr_loc_map.methods.registry import lacks
+from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.method_record import MethodKind
-from sfr_loc_map.metrics.resources import CallUsage
+from sfr_loc_map.metrics.score import MethodKind
 
 SCORE = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
 METHOD = """

@@ -12,9 +12,8 @@ from cli_result import Sfr
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
-from sfr_loc_map.metrics.aligned_error import curves_of
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.report.path_figure import path_plot
+from sfr_loc_map.report.path_figure import curves_of, path_plot
 
 
 def straight(count: int = 20) -> Trajectory:

@@ -28,7 +28,7 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method import MethodTask
 from sfr_loc_map.methods.protocols import LocaliserProtocol, MapperProtocol
 from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 from sfr_loc_map.pipeline.call_stats import load_call_stats
 from sfr_loc_map.pipeline.offline import localise
 

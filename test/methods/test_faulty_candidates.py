@@ -23,7 +23,7 @@ from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser, LocaliserC
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method import MethodLimits, MethodTask
 from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.metrics.resources import CallUsage
+from sfr_loc_map.metrics.calls import CallUsage
 
 Build = Callable[..., Path]
 LIMITS = MethodLimits(call_timeout_s=0.5, memory_mb=400)

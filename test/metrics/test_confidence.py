@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from interval_coverage import coverage
 
-from sfr_loc_map.metrics.confidence import MAX_BLOCKS, block_sums, interval95
+from sfr_loc_map.metrics.statistics import MAX_BLOCKS, block_sums, interval95
 
 
 def test_sums_of_stretches_stay_few() -> None:

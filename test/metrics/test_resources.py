@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.metrics import resources
-from sfr_loc_map.metrics.resources import METHOD_UNAVAILABLE, CallMeter
+from sfr_loc_map.metrics.calls import METHOD_UNAVAILABLE, CallMeter
 
 SIZE = 200 * 1024 * 1024
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sfr_loc_map.metrics.method_record import FindingKind
+from sfr_loc_map.metrics.score import FindingKind
 from sfr_loc_map.pipeline.external_run import MAX_IN_A_ROW, Answer, AnswerBook
 
 

@@ -12,8 +12,15 @@ from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.calls import NODE_CLOCK, ScoredCalls, score_calls, with_external
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
-from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MemoryScore, ProcessUsage, TimingScore
+from sfr_loc_map.metrics.score import (
+    AnswerCounts,
+    ExternalScore,
+    MemoryScore,
+    MethodKind,
+    MethodRecord,
+    ProcessUsage,
+    TimingScore,
+)
 from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, load_call_stats, save_stats
 from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
 from sfr_loc_map.pipeline.scoring import Correction

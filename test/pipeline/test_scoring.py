@@ -18,7 +18,7 @@ from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.association import lost_by_covariance
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
-from sfr_loc_map.metrics.method_record import FindingKind, MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import FindingKind, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
 from sfr_loc_map.pipeline.scoring import Run, ScoreInputs, estimates_of, score_run

@@ -9,8 +9,14 @@ import pytest
 from made_scores import whole_score
 
 from sfr_loc_map.metrics.config import Condition, VerdictState
-from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
-from sfr_loc_map.metrics.score import InputFile, Provenance, Score, Verdict
+from sfr_loc_map.metrics.score import (
+    InputFile,
+    MethodKind,
+    MethodRecord,
+    Provenance,
+    Score,
+    Verdict,
+)
 from sfr_loc_map.report.page import (
     MOST,
     LookFirst,

@@ -11,8 +11,15 @@ from made_scores import HOSTILE, whole_score
 from typer.testing import CliRunner
 
 from sfr_loc_map.cli.main import app
-from sfr_loc_map.metrics.method_record import MethodKind, MethodRecord
-from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MapScore, Score, StageTime
+from sfr_loc_map.metrics.score import (
+    AnswerCounts,
+    ExternalScore,
+    MapScore,
+    MethodKind,
+    MethodRecord,
+    Score,
+    StageTime,
+)
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.report.comparison import methods_figures, methods_tables, plain
 from sfr_loc_map.report.tables import Table
