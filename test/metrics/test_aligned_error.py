@@ -63,7 +63,8 @@ def test_alignment_finds_what_was_applied(with_scale: bool) -> None:
     found = umeyama(TENTHS.positions, targets, with_scale=with_scale)
     assert found.scale == pytest.approx(scale, abs=1e-12)
     assert np.abs(found.rotation - rotation).max() < 1e-12
-    assert np.abs(found.apply(TENTHS.positions) - targets).max() < 1e-12
+    moved = found.scale * TENTHS.positions @ found.rotation.T + found.translation
+    assert np.abs(moved - targets).max() < 1e-12
 
 
 def test_a_mirrored_path_is_aligned_by_a_rotation() -> None:

@@ -3,7 +3,7 @@ import time
 import numpy as np
 import pytest
 
-from sfr_loc_map.metrics import resources
+from sfr_loc_map.metrics import calls
 from sfr_loc_map.metrics.calls import METHOD_UNAVAILABLE, CallMeter
 
 SIZE = 200 * 1024 * 1024
@@ -56,7 +56,10 @@ def test_clock_can_be_plugged_in_and_an_error_passes() -> None:
 
 @pytest.mark.clause("4.2.2")
 def test_without_the_kernels_mark_memory_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(resources, "_CLEAR", "/proc/self/no_such_file")
+    def refuse() -> None:
+        raise OSError("no such file")
+
+    monkeypatch.setattr(calls, "_reset_peak", refuse)
     meter = CallMeter()
     with meter.measure() as call:
         pass

@@ -7,7 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.metrics.trajectory_error import (
-    ErrorColumn,
+    ALONG,
+    ATTITUDE,
+    CROSS,
+    HEADING,
+    TRAVELLED,
+    VERTICAL,
     PoseRows,
     heading_rad,
     sub_trajectory_errors,
@@ -48,14 +53,14 @@ def test_errors_are_those_of_the_definition(spread: float, whole_pose: bool) -> 
         headings = [math.atan2(*r.apply([1.0, 0.0, 0.0])[1::-1]) for r in (attitude, gt_j)]
         forward = true_move[:2] / np.linalg.norm(true_move[:2])
         assert got[k, :3] == pytest.approx(error, abs=1e-12)
-        assert got[k, ErrorColumn.ATTITUDE] == pytest.approx(turn, abs=1e-10)
+        assert got[k, ATTITUDE] == pytest.approx(turn, abs=1e-10)
         heading = math.remainder(math.degrees(headings[0] - headings[1]), 360.0)
-        assert got[k, ErrorColumn.HEADING] == pytest.approx(heading, abs=1e-10)
-        assert got[k, ErrorColumn.ALONG] == pytest.approx(forward @ error[:2], abs=1e-12)
-        assert got[k, ErrorColumn.CROSS] == pytest.approx(forward[0] * error[1] - forward[1] * error[0], abs=1e-12)
-        assert got[k, ErrorColumn.VERTICAL] == pytest.approx(error[2], abs=1e-12)
+        assert got[k, HEADING] == pytest.approx(heading, abs=1e-10)
+        assert got[k, ALONG] == pytest.approx(forward @ error[:2], abs=1e-12)
+        assert got[k, CROSS] == pytest.approx(forward[0] * error[1] - forward[1] * error[0], abs=1e-12)
+        assert got[k, VERTICAL] == pytest.approx(error[2], abs=1e-12)
         path = rows.lengths[j].sum() - rows.lengths[i].sum()
-        assert got[k, ErrorColumn.TRAVELLED] == pytest.approx(path, abs=1e-12)
+        assert got[k, TRAVELLED] == pytest.approx(path, abs=1e-12)
 
 
 @pytest.mark.clause("4.1.2")
@@ -77,8 +82,8 @@ def test_without_a_horizontal_displacement_the_heading_is_the_direction() -> Non
     still, up = np.zeros((2, 3)), np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 5.0]])
     rows = PoseRows(still, np.tile(yaw, (2, 1)), up, np.tile(yaw, (2, 1)), np.zeros((2, 2)))
     got = sub_trajectory_errors(rows, np.array([0]), np.array([1]), True)[0]
-    assert got[ErrorColumn.ALONG] == pytest.approx(math.cos(0.8) + 2.0 * math.sin(0.8))
-    assert got[ErrorColumn.CROSS] == pytest.approx(2.0 * math.cos(0.8) - math.sin(0.8))
+    assert got[ALONG] == pytest.approx(math.cos(0.8) + 2.0 * math.sin(0.8))
+    assert got[CROSS] == pytest.approx(2.0 * math.cos(0.8) - math.sin(0.8))
 
 
 @pytest.mark.clause("4.2.3.3")
