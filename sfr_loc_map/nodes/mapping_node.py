@@ -26,8 +26,8 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.terrain.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
-from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.calls import CallUsage
+from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.diagnostics import Call, Level
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints, profile
 from sfr_loc_map.nodes.messages.fields import header_msg
