@@ -60,12 +60,12 @@ suite-chaos: $(COMPILED)  ## Run a suite on a Dask cluster whose processes are k
 	$(BIN)/python test/suite/chaos.py
 
 live-soak: $(COMPILED)  ## Load the live page for half an hour: five pages, then large images and clouds
-	$(BIN)/python test/live/soak.py load 60
-	$(BIN)/python test/live/soak.py clients 30
+	PYTHONPATH=. $(BIN)/python test/live/soak.py load 60
+	PYTHONPATH=. $(BIN)/python test/live/soak.py clients 30
 
 live-screen: $(COMPILED)  ## What Chromium shows of a replay and of failures, and how late
-	PYTHONPATH=. $(BIN)/python test/live/on_screen.py 5
-	PYTHONPATH=. $(BIN)/python test/live/on_failure.py
+	PYTHONPATH=. $(BIN)/python test/live/on_screen.py replay 5
+	PYTHONPATH=. $(BIN)/python test/live/on_screen.py failures
 
 monitor-soak: $(COMPILED)  ## Eight simulated hours of the monitor at 50 Hz, faster than real time; HOURS=N for others
 	$(BIN)/python test/nodes/monitor_soak.py $(HOURS)

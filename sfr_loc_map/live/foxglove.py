@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable
-from threading import Event, Lock, Thread
+from threading import Event, Thread
 from typing import Any
 
 import foxglove
@@ -42,7 +42,7 @@ from foxglove.messages import (
     Vector2,
     Vector3,
 )
-from foxglove.websocket import ChannelView, Client, ServerListener, WebSocketServer
+from foxglove.websocket import WebSocketServer
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import NS_PER_S
@@ -82,50 +82,14 @@ VIOLET, GREY = Color(r=0.86, g=0.24, b=0.86, a=1.0), Color(r=0.6, g=0.6, b=0.6, 
 RED, YELLOW = Color(r=0.9, g=0.1, b=0.1, a=1.0), Color(r=0.9, g=0.7, b=0.0, a=1.0)
 
 
-class _Subscriptions(ServerListener):
-    """Who looks at what. Called in threads of the SDK."""
-
-    def __init__(self, hub: Hub) -> None:
-        self._hub, self._lock = hub, Lock()
-        self._clients: dict[str, set[int]] = {}
-        self._new: set[str] = set()
-
-    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        """Note that a client wants a topic."""
-        with self._lock:
-            self._clients.setdefault(channel.topic, set()).add(client.id)
-            self._new.add(channel.topic)
-            self._want()
-
-    def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
-        """Note that it does not any more, or is gone."""
-        with self._lock:
-            self._clients.get(channel.topic, set()).discard(client.id)
-            self._want()
-
-    def take_new(self) -> set[str]:
-        """Return the topics that somebody has begun to look at."""
-        with self._lock:
-            new, self._new = self._new, set()
-        return new
-
-    def _want(self) -> None:
-        self._hub.want(frozenset(view for topic, view in VIEWS.items() if self._clients.get(topic)))
-
-
 class FoxgloveView:
-    """Serves what a hub brings on a port of loopback (0: a free one); a context manager.
-
-    Attributes:
-        url: Address of the server, once it runs.
-    """
+    """Serves what a hub brings at `url`, on a port of loopback (0: a free one); a context manager."""
 
     def __init__(self, hub: Hub, port: int, title: str) -> None:
         """Make the channels."""
         self.url = ""
         self._hub, self._port, self._title = hub, port, title
         self._state = LiveState()
-        self._subscriptions = _Subscriptions(hub)
         self._context = context = foxglove.Context()
         of_json = {FIGURES: "sfr-live/1", CALLS: "sfr-call"}
         self._channels: dict[str, Any] = {  # whose classes have no common one
@@ -148,15 +112,12 @@ class FoxgloveView:
                 name=f"sfr live {self._title}",
                 host=HOST,
                 port=self._port,
-                server_listener=self._subscriptions,
                 message_backlog_size=BACKLOG_MESSAGES,
                 context=self._context,
             )
         except Exception as error:
-            place = f"{HOST} port {self._port}"
-            raise NodeError(
-                f"cannot listen on {place}: {error}; choose another --foxglove-port (0: a free one)"
-            ) from error
+            hint = "choose another --foxglove-port (0: a free one)"
+            raise NodeError(f"cannot listen on {HOST} port {self._port}: {error}; {hint}") from error
         self.url = f"ws://{HOST}:{self._server.port}"
         self._thread.start()
         return self
@@ -171,13 +132,17 @@ class FoxgloveView:
             channel.close()
 
     def _run(self) -> None:
-        state = self._state
+        state, before = self._state, set[str]()
         while not self._stopped.wait(TICK_S):
             for update in self._hub.take():
                 state.apply(update)
                 if isinstance(update, Media):
                     self._show(update)
-            new, now_s = self._subscriptions.take_new(), time.monotonic()
+            looked_at = {topic for topic, channel in self._channels.items() if channel.has_sinks()}
+            new, now_s = looked_at - before, time.monotonic()
+            if looked_at != before:
+                before = looked_at
+                self._hub.want(frozenset(VIEWS[topic] for topic in looked_at & VIEWS.keys()))
             for media in state.media.values():
                 if _channel_of(media) in new:  # what came before somebody looked
                     self._show(media)

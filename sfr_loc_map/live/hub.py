@@ -66,24 +66,14 @@ class Command:
 
 
 class Operator(Protocol):
-    """Carries commands out: the nodes' services, or a player."""
+    """Carries commands out: the nodes' services, or a player. `run` says what was done, and may take seconds."""
 
     @property
-    def actions(self) -> frozenset[Action]:
-        """What it can do."""
-        ...
+    def actions(self) -> frozenset[Action]: ...  # noqa: D102
 
-    def run(self, command: Command) -> str:
-        """Carry a command out and say what was done; may take seconds, called in a thread of its own.
+    def run(self, command: Command) -> str: ...  # noqa: D102
 
-        Raises:
-            SfrError: If it cannot be done: why.
-        """
-        ...
-
-    def close(self) -> None:
-        """Give up what is under way: a program that ends waits for its threads."""
-        ...
+    def close(self) -> None: ...  # noqa: D102
 
 
 class Hub:

@@ -13,9 +13,8 @@ import struct
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,6 +34,9 @@ from sfr_loc_map.live.updates import (
     Update,
     View,
 )
+
+if TYPE_CHECKING:
+    from aiohttp import web
 
 SEND_TIMEOUT_S = 10.0
 """A page that takes nothing for so long is cut off."""
@@ -83,36 +85,14 @@ def _bytes(values: FloatArray32) -> bytes:
     return np.ascontiguousarray(values, "<f4").tobytes()
 
 
-class Channel(Protocol):
-    """Sends to a page; returns when the network has room again."""
-
-    async def send_str(self, data: str) -> None:
-        """Send a text."""
-        ...
-
-    async def send_bytes(self, data: bytes) -> None:
-        """Send bytes."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    view: View
-    number: int
-    data: bytes
-
-
 class Pages:
     """What all pages are shown, and how many there are. Used by the thread of the server's loop alone.
 
     Attributes:
-        state: What is known of the run.
-        pages: Those that look on.
         report_text: Message of the latest report, empty before the first.
         nodes_text: Message of the nodes.
-        frames: Newest image, cloud, map and tracks by topic.
+        frames: Newest image, cloud, map and tracks by topic: view, number among those of its topic, bytes.
         epoch: Counts the restarts of a player.
-        is_over: Whether the run has ended.
     """
 
     def __init__(self, state: LiveState, hub: Hub) -> None:
@@ -120,7 +100,7 @@ class Pages:
         self.state = state
         self.pages: list[Page] = []
         self.report_text = self.nodes_text = ""
-        self.frames: dict[str, _Frame] = {}
+        self.frames: dict[str, tuple[View, int, bytes]] = {}
         self.epoch = 0
         self.is_over = False
         self._hub = hub
@@ -132,9 +112,8 @@ class Pages:
     def note(self, update: Update) -> None:
         """Note a record that the state has taken in."""
         if isinstance(update, Media) and update.topic in self.state.media:
-            before = self.frames.get(update.topic)
-            number = 1 if before is None else before.number + 1
-            self.frames[update.topic] = _Frame(update.view, number, frame_of(update))
+            _, number, _ = self.frames.get(update.topic, (update.view, 0, b""))
+            self.frames[update.topic] = update.view, number + 1, frame_of(update)
         elif isinstance(update, TimeLine) and update.restarted:
             self.epoch += 1
             self.frames.clear()
@@ -203,18 +182,16 @@ class Page:
     """One page: how far it is, what it looks at. Used by the thread of the server's loop alone.
 
     Attributes:
-        views: What it looks at.
         news: Set where there may be something new for it.
         pong: Answer to its last request for the time, empty once sent.
         replaced: Images and clouds that were not sent, as a newer one came.
-        is_cut_off: Whether it has not read for too long.
         waiting: Tells how many bytes wait for the network.
     """
 
     def __init__(
         self,
         pages: Pages,
-        channel: Channel,
+        channel: web.WebSocketResponse,
         bytes_per_s: float,
         waiting: Callable[[], int] = lambda: 0,
         clock: Callable[[], float] = time.monotonic,
@@ -237,8 +214,8 @@ class Page:
     def want(self, views: frozenset[View]) -> None:
         """Look at other things; what has not been looked at is no newer one that was left out."""
         self.views = views
-        frames = self._all.frames
-        self._sent = {name: sent for name, sent in self._sent.items() if name in frames and frames[name].view in views}
+        looked_at = {topic for topic, (view, _, _) in self._all.frames.items() if view in views}
+        self._sent = {topic: sent for topic, sent in self._sent.items() if topic in looked_at}
 
     async def send_all(self, server: dict[str, Any]) -> None:
         """Greet the page and send what is new, until it is cut off.
@@ -300,8 +277,8 @@ class Page:
         frames, nothing = self._all.frames, (0, 0)
         new = [
             topic
-            for topic, frame in frames.items()
-            if frame.view in self.views and frame.number != self._sent.get(topic, nothing)[0]
+            for topic, (view, number, _) in frames.items()
+            if view in self.views and number != self._sent.get(topic, nothing)[0]
         ]
         return min(new, key=lambda topic: self._sent.get(topic, nothing)[1], default=None)
 
@@ -310,9 +287,9 @@ class Page:
         await asyncio.wait_for(self._channel.send_str(text), SEND_TIMEOUT_S)
 
     async def _send_frame(self, topic: str) -> None:
-        frame, (before, _) = self._all.frames[topic], self._sent.get(topic, (0, 0))
-        self.replaced += max(frame.number - before - 1, 0) if before else 0
+        (_, number, data), (before, _) = self._all.frames[topic], self._sent.get(topic, (0, 0))
+        self.replaced += max(number - before - 1, 0) if before else 0
         self._frames_sent += 1
-        self._sent[topic] = frame.number, self._frames_sent
-        self._credit -= len(frame.data)
-        await asyncio.wait_for(self._channel.send_bytes(frame.data), SEND_TIMEOUT_S)
+        self._sent[topic] = number, self._frames_sent
+        self._credit -= len(data)
+        await asyncio.wait_for(self._channel.send_bytes(data), SEND_TIMEOUT_S)

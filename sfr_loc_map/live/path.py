@@ -85,9 +85,7 @@ class LivePath:
 
     Attributes:
         version: Changes whenever rows that were given out do not hold any more.
-        condition: What ends a sub-trajectory.
         spacing: Frames from one start of a sub-trajectory to the next.
-        rows: All rows that are kept, the oldest first.
         under_way: The oldest sub-trajectory that has not ended, as JSON values; None without truth.
     """
 

@@ -47,28 +47,15 @@ NO_HEALTH = "as recorded; its health was not"
 
 
 class Player:
-    """Plays in a thread of its own, from the begin of the `with` block to its end. The operator of the views.
-
-    Attributes:
-        at_s: How far it is.
-        problem: Why it plays no more, empty otherwise.
-    """
+    """Plays in a thread of its own, from the begin of the `with` block to its end. The operator of the views."""
 
     actions = frozenset({Action.PLAY, Action.PAUSE, Action.SEEK})
 
     def __init__(
         self, hub: Hub, recording: Recording, config: ScoreConfig, limits: Limits | None, rate: float = 1.0
     ) -> None:
-        """Stand before the begin.
-
-        Args:
-            hub: Takes what has happened.
-            recording: The run.
-            config: Settings of the score.
-            limits: Limits to judge by.
-            rate: Multiple of the recorded speed.
-        """
-        self.problem = ""
+        """Stand before the begin; the rate is a multiple of the recorded speed."""
+        self.problem = ""  # why it plays no more
         self._hub, self._recording, self._settings, self._rate = hub, recording, (config, limits), rate
         self._silent = recording.silent_nodes
         self._map_score: ScoredMap | None = None

@@ -77,13 +77,10 @@ class Recording:
     """A recorded run; what is absent is None or empty.
 
     Attributes:
-        title: Its name.
         moments: All that has happened but images, in its order; the truth of a stamp comes first.
         source: Images.
-        map: The map, for its score.
         report: JSON of a score that was made before, for where it cannot be made again.
         begin_ns: First stamp of the drive and of the mapping pairs.
-        end_s: Length.
     """
 
     title: str
@@ -119,9 +116,7 @@ class Recording:
 def open_recording(path: Path, truth: Path | None = None) -> Recording:
     """Return what is recorded in a folder of `sfr replay --out`, a bag or a data set.
 
-    Args:
-        path: Where it is.
-        truth: Source with the truth and the images of a replay; None: the one that its report names.
+    Truth and images of a replay are those of the source `truth`; None: of the one that its report names.
 
     Raises:
         InputError: If there is nothing to play, or it is broken.

@@ -29,16 +29,10 @@ WORST_FIRST = (VerdictState.FAIL, VerdictState.NOT_ENOUGH_DATA, VerdictState.PAS
 
 @dataclass(frozen=True, slots=True)
 class ReportView:
-    """One report.
+    """One report: its JSON values as they came, and what is shown of it.
 
-    Attributes:
-        content: Its JSON values, as they came.
-        overall: Verdict over all limits.
-        tables: Its tables, whose strings are shown.
-        warnings: One line each.
-        condition: What ends the first sub-trajectories that were scored, None without a trajectory.
-        spacing: Frames from one start of a sub-trajectory to the next.
-        received_s: When it was received.
+    The condition ends the first sub-trajectories that were scored, None without a trajectory; the spacing is that of
+    their starts, frames.
     """
 
     content: dict[str, Any]

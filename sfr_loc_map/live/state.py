@@ -137,12 +137,8 @@ class LiveState:
     """What is known of a run. One thread alone uses it.
 
     Attributes:
-        path: Estimates, truth and errors.
-        report: The monitor's latest report, None before the first.
-        nodes: By name.
         calls: The last calls as JSON values, each with its number `n`.
         media: Newest image, cloud, map and tracks by topic.
-        topics: By name.
         lost: Messages that did not arrive here, by topic.
         time_line: Of the player of a recorded run, None of a live one.
         problems: What could not be read, the latest last.

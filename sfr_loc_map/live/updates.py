@@ -97,70 +97,48 @@ class ImageSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudSample:
-    """One cloud, thinned for the screen.
-
-    Attributes:
-        topic: Where it comes from, such as `mapping/points`.
-        stamp_ns: Its stamp.
-        points: `(N, 4)` float32: x, y, z, sigma in metres, LM; sigma is NaN where it is not known.
-        total: How many points it had.
-        published_s: When it was published.
-        error: `(N,)` distance to the truth in metres, None where it is not known.
-    """
+    """One cloud, thinned for the screen; metres, LM; float32, NaN where not known."""
 
     view: ClassVar[View] = View.CLOUDS
     topic: str
     stamp_ns: int
-    points: FloatArray32
-    total: int
+    points: FloatArray32  # (N, 4): x, y, z, sigma
+    total: int  # points that it had
     published_s: float
-    error: FloatArray32 | None = None
+    error: FloatArray32 | None = None  # (N,) distance to the truth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElevationSample:
     """A map from above in cells, thinned for the screen.
 
-    Attributes:
-        topic: Where it comes from.
-        stamp_ns: Its stamp.
-        origin_m: Corner of cell (0, 0), LM.
-        cell_m: Side of a cell as it is shown.
-        names: Names of the layers, of `height`, `sigma`, `error` (metres), `hazard` (0 to 100), `slope` (radians),
-            `roughness`, `step` (metres) and `count`.
-        layers: `(rows along y, columns along x, len(names))` float32, NaN where not known.
-        published_s: When it was published.
-        every: Cells of the grid, along each axis, for one that is shown.
+    Layers are some of `height`, `sigma`, `error` (metres), `hazard` (0 to 100), `slope` (radians), `roughness`, `step`
+    (metres) and `count`.
     """
 
     view: ClassVar[View] = View.CLOUDS
     topic: str
     stamp_ns: int
-    origin_m: tuple[float, float]
-    cell_m: float
+    origin_m: tuple[float, float]  # corner of cell (0, 0), LM
+    cell_m: float  # as it is shown
     names: tuple[str, ...]
-    layers: FloatArray32
+    layers: FloatArray32  # (rows along y, columns along x, names), NaN where not known
     published_s: float
-    every: int = 1
+    every: int = 1  # cells of the grid, along each axis, for one that is shown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackSample:
     """What the localiser tracked in the images of a stamp, and where it looks for nothing.
 
-    Attributes:
-        topic: Where it comes from.
-        stamp_ns: Stamp of the images.
-        tracks: `(N, 5)` float32: pixel in the left image, pixel in the newest keyframe, residual (1 and more: outlier;
-            NaN: not found).
-        masks: Outlines `(K, 2)` float32, pixels, of what is left out, by side.
-        published_s: When it was published.
+    A row of tracks is: pixel in the left image, pixel in the newest keyframe, residual (1 and more: outlier; NaN: not
+    found). Masks are outlines `(K, 2)`, pixels, of what is left out, by side.
     """
 
     view: ClassVar[View] = View.TRACKS
     topic: str
     stamp_ns: int
-    tracks: FloatArray32
+    tracks: FloatArray32  # (N, 5)
     masks: Mapping[str, tuple[FloatArray32, ...]]
     published_s: float
 

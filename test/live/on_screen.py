@@ -1,10 +1,12 @@
-"""What a real browser shows of a real replay: `make live-screen`.
+"""What a real browser shows of real runs, and how late: `make live-screen`.
 
-python test/live/on_screen.py [RATE] [FOLDER]
-    replays the sample with its live page in Chromium at a multiple of its speed (5: 10 Hz), checks that every panel is
-    drawn and that the figures are those of `state.json` and, after the end, of the final report; prints how long it
-    took from image to screen, part by part, and what each process used of the processor; with FOLDER it writes
-    live-light.webp, live-dark.webp and live-phone.webp there
+python test/live/on_screen.py replay [RATE] [FOLDER]
+    replays the sample at a multiple of its speed (5: 10 Hz), checks that every panel is drawn and that the figures are
+    those of `state.json` and, after the end, of the final report; prints how late images and poses are on the screen;
+    with FOLDER it writes live-light.webp, live-dark.webp and live-phone.webp there
+python test/live/on_screen.py failures
+    replays the sample with black pairs in it, and kills and stops the nodes of `sfr run --respawn`; prints after how
+    many seconds the page has shown each failure and that it is over
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -28,25 +31,21 @@ from sfr_loc_map.live.report_view import ReportView
 
 ROOT = Path(__file__).resolve().parents[2]
 SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+LIVE = ("--live", "--live-port", "0")
+SAMPLE = "sample/sample.mcap"
 LIMITS = """
-trajectory:
-  - condition: distance=2
-    position_mean_plus_3sigma_m: 0.02
-    attitude_mean_plus_3sigma_deg: 0.1
-    heading_mean_plus_3sigma_deg: 0.1
+trajectory: [{condition: distance=2, position_mean_plus_3sigma_m: 0.02, heading_mean_plus_3sigma_deg: 0.1}]
 map: {point_error_p95_m: 0.6}
 timing: {localisation_p95_s: 0.5}
 """
 SHOWN = """Object.fromEntries([...document.querySelectorAll('td[data-key]')]
     .map((cell) => [`${cell.dataset.key} ${cell.closest('details')?.dataset.name ?? 'live'}`, cell.textContent]))"""
 """All figures on the page by key and table."""
+PLOTS = ("error", "time", "transport", "receive", "memory")
 PANELS = (
     "document.querySelectorAll('#figure-table td[data-key]').length > 10",
     "document.getElementById('path-canvas').dataset.poses > 10",
-    *(
-        f"document.getElementById('{name}-canvas').dataset.points > 10"
-        for name in ("error", "time", "transport", "receive", "memory")
-    ),
+    *(f"document.getElementById('{name}-canvas').dataset.points > 10" for name in PLOTS),
     "document.querySelectorAll('#images canvas:not([hidden])').length === 2",
     "document.querySelector('#images canvas').dataset.tracks > 10",
     "['sigma', 'hazard', 'error'].every((name) => sfrLive.store.elevation.names.includes(name))",
@@ -55,154 +54,23 @@ PANELS = (
     "document.querySelectorAll('#nodes .node').length === 3",
     "document.querySelectorAll('#tables table').length > 3",
 )
-PARTS = ("latency_transport_s", "latency_receive_to_publish_s", "processing_time_s", "conversion_s")
-RECEIVED = "sfrLive.store.rows.filter((row) => row.published).map((row) => [row.stamp, row.received - row.published])"
 SCREENS = (("light", 1360, "light"), ("dark", 1360, "dark"), ("phone", 400, "light"))
+NODES = ("monitor_node", "mapping_node", "localisation_node")
+CARDS = "[...document.querySelectorAll('#nodes .node')]"
+ALL_HEARD = f"{CARDS}.length === 3 && !{CARDS}.some((card) => card.querySelector('b').textContent.startsWith('stale'))"
+STATE = "document.getElementById('state')"
+WATCH = f"""window.told = [];
+new MutationObserver(() => told.push([sfrLive.connection.now(), {STATE}.textContent.trim()]))
+    .observe({STATE}, {{ subtree: true, characterData: true, childList: true }})"""
+"""Writes down when the state in the header changes."""
 
 
-class Usage:
-    """Processor time by process since a moment."""
-
-    def __init__(self, parents: list[int]) -> None:
-        self._parents = parents
-        self._begin, self._at = self._seconds(), time.monotonic()
-
-    def _seconds(self) -> dict[tuple[int, str], float]:
-        found: dict[tuple[int, str], float] = {}
-        for parent in self._parents:
-            process = psutil.Process(parent)
-            for one in (process, *process.children(recursive=True)):
-                try:
-                    used, words = one.cpu_times(), " ".join(one.cmdline())
-                except psutil.Error:
-                    continue
-                name = re.search(r"process\.start nodes\.([a-z_.]+)|(chromium)", words)
-                found[one.pid, next(filter(None, name.groups())) if name else "replay"] = used.user + used.system
-        return found
-
-    def text(self) -> str:
-        passed = time.monotonic() - self._at
-        shares: dict[str, float] = {}
-        for key, seconds in self._seconds().items():
-            shares[key[1]] = shares.get(key[1], 0.0) + (seconds - self._begin.get(key, 0.0)) / passed
-        return ", ".join(f"{name} {100 * share:.0f} %" for name, share in sorted(shares.items(), key=lambda kv: -kv[1]))
-
-
-async def show(rate: float, folder: Path | None) -> None:
-    with tempfile.TemporaryDirectory() as name:
-        place = Path(name)
-        (place / "limits.yaml").write_text(LIMITS)
-        async with Browser(1360, 1000) as browser, aiohttp.ClientSession() as session:
-            begin = time.monotonic()
-            replay = start_replay(place, rate)
-            try:
-                url = await address(place / "log")
-                await browser.open(url)
-                await browser.wait_for("document.readyState === 'complete' && window.sfrLive")
-                print(f"page up {time.monotonic() - begin:.2f} s after the command, load {os.getloadavg()[0]:.1f}")
-                await _look(browser, session, url, replay.pid)
-                if folder is not None:
-                    folder.mkdir(parents=True, exist_ok=True)
-                    for kind, width, scheme in SCREENS:
-                        await _screenshot(browser, folder / f"live-{kind}.webp", width, scheme)
-                await asyncio.to_thread(replay.wait, 120)
-                await _compare_with_report(browser, place / "out")
-            finally:
-                replay.terminate()
-                replay.wait(30)
-                if replay.returncode not in (0, 1):
-                    print((place / "log").read_text()[-2000:])
-
-
-def start_replay(place: Path, rate: float) -> subprocess.Popen[bytes]:
-    """Start the replay with its page; what it writes goes to `log`, its report to `out`."""
-    options = ("--start", "truth", "--rate", str(rate), "--live", "--live-port", "0", "--out", str(place / "out"))
-    scored = ("--condition", "distance=2", "--limits", str(place / "limits.yaml"))
+def started(log: Path, *words: str, domain: str | None = None) -> subprocess.Popen[bytes]:
+    """Start a command that writes to a log."""
     environment = {name: value for name, value in os.environ.items() if name != "ROS_DOMAIN_ID"}
-    with (place / "log").open("wb") as log:
-        return subprocess.Popen(
-            (*SFR, "replay", "sample/sample.mcap", *options, *scored),
-            cwd=ROOT,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            env=environment | {"PYTHONPATH": str(ROOT)},
-        )
-
-
-async def _look(browser: Browser, session: aiohttp.ClientSession, url: str, replay: int) -> None:
-    """Follow the page until the run ends; compare it with state.json while it goes on."""
-    await browser.wait_for("sfrLive.store.rows.length > 5", 120)
-    usage, equal, looks, text = Usage([replay, browser.process.pid]), 0, 0, ""
-    while not await browser.value("sfrLive.store.ended"):
-        equal, looks = equal + await _equals_state(browser, session, url), looks + 1
-        text = usage.text()
-        await asyncio.sleep(0.5)
-    print(f"load {os.getloadavg()[0]:.1f}; {text}")
-    print(f"figures equal to state.json in {equal} of {looks} looks, in the others the report changed between them")
-    await _print_lags(browser)
-    await browser.set_size(1360, 4000)
-    for condition in PANELS:
-        await browser.wait_for(condition)
-    print(f"all {len(PANELS)} panels drawn; complaints: {browser.complaints()}")
-
-
-async def _equals_state(browser: Browser, session: aiohttp.ClientSession, url: str) -> bool:
-    """Tell whether the figures on the page are those of state.json right before or after."""
-    shown = None
-    for _ in range(2):
-        try:
-            async with session.get(url + "state.json") as answer:
-                wanted = _figures((await answer.json())["live"]["tables"])
-        except (aiohttp.ClientError, OSError):
-            return False
-        if wanted == shown:
-            return True
-        shown = await browser.value(SHOWN)
-        if wanted == shown:
-            return True
-    return False
-
-
-def _figures(tables: list[dict[str, Any]]) -> dict[str, str]:
-    cells = ((table["name"], cell) for table in tables for row in table["rows"] for cell in row)
-    return {f"{cell['key']} {name}": cell.get("text", "") for name, cell in cells if "key" in cell}
-
-
-async def _print_lags(browser: Browser) -> None:
-    calls = await browser.value("sfrLive.store.calls.filter((call) => call.node === 'localisation_node')")
-    for name in PARTS:
-        print(f"  {name[:-2]}: {_spread([call[name] for call in calls if name in call])}")
-    lags = await browser.value("({poses: sfrLive.lag.poses, images: sfrLive.lag.images})")
-    for name, kept in lags.items():
-        print(f"  image published to {name} on the screen: {_spread([seconds for seconds, _ in kept])}")
-    received = dict(await browser.value(RECEIVED))
-    rest = [seconds - received[stamp] for seconds, stamp in lags["poses"] if stamp in received]
-    print(f"  of that of poses from the server to the screen: {_spread(rest)}")
-
-
-def _spread(seconds: list[float]) -> str:
-    low, high = np.quantile(seconds, (0.5, 0.95)) * 1e3
-    return f"p50 {low:.0f} ms, p95 {high:.0f} ms ({len(seconds)})"
-
-
-async def _compare_with_report(browser: Browser, out: Path) -> None:
-    """Compare the figures that the page keeps with those of the final report."""
-    wanted = _figures(ReportView.read((out / "report.json").read_text(), 0.0).to_plain()["tables"])
-    shown = await browser.value(SHOWN)
-    differ = {key: (shown.get(key), wanted[key]) for key in wanted if shown.get(key) != wanted[key]}
-    print(f"{len(wanted) - len(differ)} of {len(wanted)} figures of the final report are on the page; others: {differ}")
-
-
-async def _screenshot(browser: Browser, path: Path, width: int, scheme: str) -> None:
-    """Write the whole page, reduced."""
-    mobile = width < 760
-    await browser.set_scheme(scheme)
-    await browser.set_size(width, 900, mobile=mobile)
-    await asyncio.sleep(1.0)
-    height = await browser.value("document.body.scrollHeight")
-    await browser.set_size(width, min(height, 5200), mobile=mobile)
-    await asyncio.sleep(1.5)
-    await browser.screenshot(path, scale=1.0 if mobile else 0.75)
+    environment |= {"PYTHONPATH": str(ROOT)} | ({} if domain is None else {"ROS_DOMAIN_ID": domain})
+    with log.open("wb") as stream:
+        return subprocess.Popen((*SFR, *words), cwd=ROOT, stdout=stream, stderr=subprocess.STDOUT, env=environment)
 
 
 async def address(log: Path) -> str:
@@ -213,6 +81,131 @@ async def address(log: Path) -> str:
     raise TimeoutError(log.read_text(errors="replace"))
 
 
+async def show_replay(place: Path, rate: str, folder: Path | None) -> None:
+    (place / "limits.yaml").write_text(LIMITS)
+    scored = ("--condition", "distance=2", "--limits", str(place / "limits.yaml"), "--out", str(place / "out"))
+    async with Browser(1360, 1000) as browser, aiohttp.ClientSession() as session:
+        begin = time.monotonic()
+        replay = started(place / "log", "replay", SAMPLE, "--start", "truth", "--rate", rate, *LIVE, *scored)
+        try:
+            url = await address(place / "log")
+            await browser.open(url)
+            await browser.wait_for("document.readyState === 'complete' && window.sfrLive")
+            print(f"page up {time.monotonic() - begin:.2f} s after the command, load {os.getloadavg()[0]:.1f}")
+            equal, looks = 0, 0
+            while not await browser.value("sfrLive.store.ended"):
+                equal, looks = equal + await equals_state(browser, session, url), looks + 1
+                await asyncio.sleep(0.5)
+            print(f"figures equal to state.json in {equal} of {looks} looks; else the report changed between them")
+            lags = await browser.value("({poses: sfrLive.lag.poses, images: sfrLive.lag.images})")
+            for name, kept in lags.items():
+                low, high = np.quantile([seconds for seconds, _ in kept], (0.5, 0.95)) * 1e3
+                print(f"image published to {name} on the screen: p50 {low:.0f} ms, p95 {high:.0f} ms ({len(kept)})")
+            await browser.set_size(1360, 4000)
+            for condition in PANELS:
+                await browser.wait_for(condition)
+            print(f"all {len(PANELS)} panels drawn; complaints: {browser.complaints()}")
+            for kind, width, scheme in SCREENS if folder is not None else ():
+                await screenshot(browser, folder / f"live-{kind}.webp", width, scheme)
+            await asyncio.to_thread(replay.wait, 120)
+            wanted = figures(ReportView.read((place / "out" / "report.json").read_text(), 0.0).to_plain()["tables"])
+            shown = await browser.value(SHOWN)
+            differ = {key: (shown.get(key), wanted[key]) for key in wanted if shown.get(key) != wanted[key]}
+            print(f"{len(wanted) - len(differ)} of {len(wanted)} figures of the final report shown; others: {differ}")
+        finally:
+            replay.terminate()
+            if replay.wait(30) not in (0, 1):
+                print((place / "log").read_text()[-2000:])
+
+
+async def equals_state(browser: Browser, session: aiohttp.ClientSession, url: str) -> bool:
+    """Tell whether the figures on the page are those of state.json right before or after."""
+    shown = None
+    for _ in range(2):
+        try:
+            async with session.get(url + "state.json") as answer:
+                wanted = figures((await answer.json())["live"]["tables"])
+        except (aiohttp.ClientError, OSError):
+            return False
+        if wanted == shown or wanted == (shown := await browser.value(SHOWN)):
+            return True
+    return False
+
+
+def figures(tables: list[dict[str, Any]]) -> dict[str, str]:
+    cells = ((table["name"], cell) for table in tables for row in table["rows"] for cell in row)
+    return {f"{cell['key']} {name}": cell.get("text", "") for name, cell in cells if "key" in cell}
+
+
+async def screenshot(browser: Browser, path: Path, width: int, scheme: str) -> None:
+    """Write the whole page, reduced."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    mobile = width < 760
+    await browser.set_scheme(scheme)
+    await browser.set_size(width, 900, mobile=mobile)
+    await asyncio.sleep(1.0)
+    height = await browser.value("document.body.scrollHeight")
+    await browser.set_size(width, min(height, 5200), mobile=mobile)
+    await asyncio.sleep(1.5)
+    await browser.screenshot(path, scale=1.0 if mobile else 0.75)
+
+
+async def lose_localisation(place: Path) -> None:
+    """Replay the sample with eight black pairs, and compare when they were published with when the page said so."""
+    bag, fault = place / "lost.mcap", "black:share=0.08,burst=8,start=30"
+    started(place / "perturb.log", "perturb", SAMPLE, str(bag), "--fault", fault).wait()
+    replay = started(place / "log", "replay", str(bag), "--start", "truth", "--rate", "1", *LIVE)
+    try:
+        async with Browser(1360, 3600) as browser:
+            await browser.open(await address(place / "log"))
+            await browser.wait_for("window.sfrLive && document.readyState === 'complete'")
+            await browser.value(WATCH)
+            await browser.wait_for("sfrLive.store.ended", 300)
+            rows = await browser.value("sfrLive.store.rows.map((row) => [row.published, row.lost])")
+            told = await browser.value("told")
+            lost = [number for number, row in enumerate(rows) if row[1]]
+            lost_s, found_s = rows[lost[0]][0], rows[lost[-1] + 1][0]
+            said = next(at for at, text in told if at > lost_s and "lost" in text)
+            over = next(at for at, text in told if at > found_s and "lost" not in text)
+            print(f"{len(lost)} lost pairs: shown {said - lost_s:.2f} s after the first, over {over - found_s:.2f} s")
+    finally:
+        replay.terminate()
+        replay.wait(30)
+
+
+async def kill_nodes(place: Path) -> None:
+    run = started(place / "run.log", "run", "all", *LIVE, "--respawn", domain="91")
+    try:
+        async with Browser(1360, 3600) as browser:
+            await browser.open(await address(place / "run.log"))
+            for name, number in (*((name, signal.SIGKILL) for name in NODES), ("monitor_node", signal.SIGSTOP)):
+                await browser.wait_for(ALL_HEARD, 120)
+                await asyncio.sleep(2.5)
+                children = psutil.Process(run.pid).children(recursive=True)
+                (node,) = (child for child in children if f"nodes.{name}" in " ".join(child.cmdline()))
+                begin, short = time.monotonic(), name.removesuffix("_node")
+                node.send_signal(number)
+                card = f"{CARDS}.find((card) => card.textContent.includes('{short}'))"
+                await browser.wait_for(f"{card}.textContent.includes('stale')")
+                shown = time.monotonic() - begin
+                if number is signal.SIGSTOP:
+                    node.send_signal(signal.SIGCONT)
+                await browser.wait_for(ALL_HEARD, 120)
+                print(f"{number.name} to {name}: shown after {shown:.2f} s, back {time.monotonic() - begin:.2f} s")
+            print(f"complaints of the page: {browser.complaints()}")
+    finally:
+        run.terminate()
+        run.wait(30)
+
+
+async def main(kind: str = "replay", rate: str = "5", folder: str = "") -> None:
+    with tempfile.TemporaryDirectory() as name:
+        if kind == "replay":
+            await show_replay(Path(name), rate, Path(folder) if folder else None)
+        else:
+            await lose_localisation(Path(name))
+            await kill_nodes(Path(name))
+
+
 if __name__ == "__main__":
-    arguments = sys.argv[1:]
-    asyncio.run(show(float(arguments[0]) if arguments else 5.0, Path(arguments[1]) if arguments[1:] else None))
+    asyncio.run(main(*sys.argv[1:]))

@@ -1,10 +1,10 @@
 """Load tests of the live page that no test suite has time for: `make live-soak`.
 
 python test/live/soak.py clients [MINUTES]
-    five pages, one that never reads, one that connects again each second, beside a replay of the sample at 10 Hz in a
-    loop; in six rounds, each begins with up to a minute without pages
+    three pages, one that never reads and one that connects again each second, beside a replay of the sample at 10 Hz in
+    a loop; in six rounds, each begins with up to a minute without pages
 python test/live/soak.py load [SECONDS]
-    stereo images of 1 MP at 10 Hz and a cloud of a million points each 5 s
+    stereo images of 1 MP and poses at 10 Hz and a cloud of a million points each 5 s
 """
 
 from __future__ import annotations
@@ -12,8 +12,6 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import re
-import subprocess
 import sys
 import tempfile
 import time
@@ -23,12 +21,11 @@ from typing import Any
 import aiohttp
 import numpy as np
 import psutil
+from on_screen import LIVE, SAMPLE, address, started
 
-ROOT = Path(__file__).resolve().parents[2]
-SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
-ALONE_S = 60.0
-ROUNDS = 6
+ALONE_S, ROUNDS, DOMAIN = 60.0, 6, "93"
 VIEWS = {"type": "want", "views": ["images", "clouds", "tracks"]}
+WIDTH, HEIGHT, POINTS = 1152, 896, 1_000_000
 
 
 class Page:
@@ -36,10 +33,9 @@ class Page:
 
     def __init__(self, url: str) -> None:
         self.url = url
-        self.calls: list[dict[str, Any]] = []
-        self.rows: list[tuple[int, float, float | None]] = []
+        self.took: list[float] = []
+        self.late: list[float] = []
         self.figures = self.media = 0
-        self.headers: dict[str, dict[str, Any]] = {}
 
     async def look(self, session: aiohttp.ClientSession, seconds: float, *, views: bool = True) -> None:
         end = time.monotonic() + seconds
@@ -55,24 +51,26 @@ class Page:
                     self._take(json.loads(message.data), len(message.data))
                 elif message.type is aiohttp.WSMsgType.BINARY:
                     self.media += len(message.data)
-                    size = int.from_bytes(message.data[:4], "little")
-                    header = json.loads(message.data[4 : 4 + size])
-                    self.headers[header["topic"]] = header
                 else:
                     return
 
     def _take(self, message: dict[str, Any], size: int) -> None:
         self.figures += size
         if message["type"] == "calls" and not message["whole"]:
-            self.calls += [call for call in message["calls"] if call["node"] == "localisation_node"]
+            calls = [call for call in message["calls"] if call["node"] == "localisation_node"]
+            self.took += [call["processing_time_s"] for call in calls]
         if message["type"] == "path" and not message["whole"]:
-            self.rows += [(row[0], time.time(), row[3]) for row in message["rows"]]
+            self.late += [time.time() - row[3] for row in message["rows"] if row[3] is not None]
 
 
-async def never_reads(session: aiohttp.ClientSession, url: str, seconds: float) -> None:
+def spread(seconds: list[float]) -> str:
+    low, high = np.quantile(seconds or [np.nan], (0.5, 0.95)) * 1e3
+    return f"p50 {low:.1f} ms, p95 {high:.1f} ms ({len(seconds)})"
+
+
+async def never_reads(url: str, seconds: float) -> None:
     """Connect, ask for everything, read nothing."""
-    port = int(url.rsplit(":", 1)[1].strip("/"))
-    end = time.monotonic() + seconds
+    port, end = int(url.rsplit(":", 1)[1].strip("/")), time.monotonic() + seconds
     while time.monotonic() < end:
         _, writer = await asyncio.open_connection("127.0.0.1", port, limit=1024)
         request = f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -85,19 +83,11 @@ async def never_reads(session: aiohttp.ClientSession, url: str, seconds: float) 
         writer.transport.abort()
 
 
-async def reconnects(session: aiohttp.ClientSession, url: str, seconds: float) -> int:
-    """Connect again each second; return how often the full state came."""
-    end, whole = time.monotonic() + seconds, 0
+async def reconnects(session: aiohttp.ClientSession, url: str, seconds: float) -> None:
+    end = time.monotonic() + seconds
     while time.monotonic() < end:
-        page = Page(url)
-        await page.look(session, 1.0)
-        whole += page.figures > 0
-    return whole
-
-
-def p95_ms(calls: list[dict[str, Any]], name: str = "processing_time_s") -> float:
-    values = [call[name] for call in calls if name in call]
-    return float(np.quantile(values, 0.95) * 1e3) if values else float("nan")
+        await (page := Page(url)).look(session, 1.0)
+        assert page.figures, "a page that connects again is told all"
 
 
 async def state_of(session: aiohttp.ClientSession, url: str) -> dict[str, Any]:
@@ -105,105 +95,107 @@ async def state_of(session: aiohttp.ClientSession, url: str) -> dict[str, Any]:
         return dict((await answer.json())["live"])
 
 
-def server_process(parent: int) -> psutil.Process:
-    """Return the process of the page beside a replay."""
-    children = psutil.Process(parent).children(recursive=True)
-    return next(child for child in children if "nodes.live_page" in " ".join(child.cmdline()))
-
-
-async def clients(minutes: float) -> None:
+async def clients(place: Path, minutes: float) -> None:
     seconds = minutes * 60.0 / ROUNDS
-    with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "log"
-        with log.open("wb") as stream:
-            options = ("--start", "truth", "--rate", "5", "--loop", "--live", "--live-port", "0")
-            command = (*SFR, "replay", "sample/sample.mcap", *options)
-            to = {"stdout": stream, "stderr": subprocess.STDOUT, "env": _environment(), "start_new_session": True}
-            replay = subprocess.Popen(command, cwd=ROOT, **to)
-        try:
-            url = await _address(log)
-            server = server_process(replay.pid)
-            async with aiohttp.ClientSession() as session:
-                while not (await state_of(session, url))["poses"]:
-                    await asyncio.sleep(0.5)
-                alone, pages, memory, count = Page(url), [Page(url) for _ in range(3)], [server.memory_info().rss], 0
-                for _ in range(ROUNDS):
-                    await alone.look(session, min(seconds, ALONE_S), views=False)
-                    looking = [page.look(session, seconds) for page in pages]
-                    others = [never_reads(session, url, seconds), reconnects(session, url, seconds)]
-                    *_, again, _ = await asyncio.gather(*looking, *others, _watch_memory(server, memory, seconds))
-                    count += again
-                state = await state_of(session, url)
-        finally:
-            replay.terminate()
-            replay.wait(30)
-    busy = pages[0].calls
-    lost = {node["name"]: node["values"].get("dropped_in_transport") for node in state["nodes"]}
-    parts = [f"{np.mean(part) / 1e6:.1f}" for part in np.array_split(np.array(memory[1:]), ROUNDS)]
-    print(f"{minutes:g} minutes, {len(alone.calls)} calls before, {len(busy)} with five pages, {count} reconnections")
-    print(f"localisation p95: {p95_ms(alone.calls):.1f} ms without pages, {p95_ms(busy):.1f} ms with")
-    most = max(memory) / 1e6
-    print(f"server memory: {memory[0] / 1e6:.1f} MB before, then means of {', '.join(parts)} MB, at most {most:.1f}")
+    replay = started(place / "log", "replay", SAMPLE, "--start", "truth", "--rate", "5", "--loop", *LIVE)
+    os.nice(10)  # the pages would be on other machines
+    try:
+        url = await address(place / "log")
+        children = psutil.Process(replay.pid).children(recursive=True)
+        server = next(child for child in children if "nodes.live_page" in " ".join(child.cmdline()))
+        memory: list[float] = []
+
+        async def watch_memory() -> None:
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                await asyncio.sleep(1.0)
+                memory.append(server.memory_info().rss / 1e6)
+
+        async with aiohttp.ClientSession() as session:
+            while not (await state_of(session, url))["poses"]:
+                await asyncio.sleep(0.5)
+            alone, pages = Page(url), [Page(url) for _ in range(3)]
+            for _ in range(ROUNDS):
+                await alone.look(session, min(seconds, ALONE_S), views=False)
+                looking = [page.look(session, seconds) for page in pages]
+                others = (never_reads(url, seconds), reconnects(session, url, seconds), watch_memory())
+                await asyncio.gather(*looking, *others)
+            state = await state_of(session, url)
+    finally:
+        replay.terminate()
+        replay.wait(30)
+    parts = ", ".join(f"{np.mean(part):.1f}" for part in np.array_split(memory, ROUNDS))
+    print(f"localisation: {spread(alone.took)} without pages, {spread(pages[0].took)} with")
+    print(f"server memory by rounds: {parts} MB, at most {max(memory):.1f} MB")
     media, figures = (size / seconds / ROUNDS for size in (pages[0].media / 1e6, pages[0].figures / 1e3))
     print(f"each page: {media:.2f} MB/s of images and clouds, {figures:.1f} kB/s of figures")
+    lost = {node["name"]: node["values"].get("dropped_in_transport") for node in state["nodes"]}
     print(f"lost in transport to the nodes: {lost}; the server: {state['server']}")
 
 
-async def _watch_memory(server: psutil.Process, memory: list[int], seconds: float) -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        await asyncio.sleep(1.0)
-        memory.append(server.memory_info().rss)
+async def load(place: Path, seconds: float) -> None:
+    os.environ["ROS_DOMAIN_ID"] = DOMAIN
+    page = started(place / "log", "live", "--port", "0", domain=DOMAIN)
+    try:
+        url = await address(place / "log")
+        async with aiohttp.ClientSession() as session:
+            looking = asyncio.create_task((found := Page(url)).look(session, seconds + 6.0))
+            sent = await asyncio.to_thread(publish_load, seconds)
+            await looking
+            state = await state_of(session, url)
+    finally:
+        page.terminate()
+        page.wait(30)
+    print(f"{sent} poses sent, {state['poses']} received; from image to page {spread(found.late)}")
+    print(f"{found.media / seconds / 1e6:.2f} MB/s of images and clouds; the server: {state['server']}")
 
 
-def _environment() -> dict[str, str]:
-    return {name: value for name, value in os.environ.items() if name != "ROS_DOMAIN_ID"} | {"PYTHONPATH": str(ROOT)}
+def publish_load(seconds: float) -> int:
+    """Publish for some time; return how many poses."""
+    import rclpy
+    from nav_msgs.msg import Odometry
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from rclpy.signals import SignalHandlerOptions
+    from sensor_msgs.msg import Image, PointCloud2
+
+    from sfr_loc_map.geometry.cloud import PointCloud
+    from sfr_loc_map.nodes.messages.fields import byte_array, header_msg
+    from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
+
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node, qos = rclpy.create_node("load_publisher"), QoSProfile(depth=5)
+    images = [node.create_publisher(Image, f"loc/{side}/image_rect", qos) for side in ("left", "right")]
+    odometry = node.create_publisher(Odometry, "localisation/odometry", qos)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    clouds = node.create_publisher(PointCloud2, "mapping/points", latched)
+    rng, records = np.random.default_rng(1), np.zeros(POINTS, PointCloud.dtype())
+    for name in "xyz":
+        records[name] = rng.uniform(-5.0, 5.0, POINTS)
+    cloud, pixels = PointCloud.from_structured(records), byte_array(rng.integers(0, 255, (HEIGHT, WIDTH), np.uint8))
+    time.sleep(2.0)  # discovery
+    begin, sent = time.monotonic(), 0
+    while time.monotonic() - begin < seconds:
+        header = header_msg(time.time_ns(), "ds")
+        image = Image(header=header, height=HEIGHT, width=WIDTH, encoding="mono8", step=WIDTH, data=pixels)
+        for publisher in images:
+            publisher.publish(image)
+        message = Odometry(header=header, child_frame_id="rb")
+        message.pose.pose.position.x, message.pose.pose.orientation.w = 0.01 * sent, 1.0
+        odometry.publish(message)
+        if sent % 50 == 0:
+            clouds.publish(cloud_msg(cloud, time.time_ns(), "lm"))
+        sent += 1
+        time.sleep(max(begin + sent / 10.0 - time.monotonic(), 0.0))
+    time.sleep(1.0)
+    node.destroy_node()
+    rclpy.try_shutdown()
+    return sent
 
 
-async def _address(log: Path) -> str:
-    for _ in range(1200):
-        if found := re.search(r"live: (\S+)", log.read_text(errors="replace")):
-            return found[1]
-        await asyncio.sleep(0.1)
-    raise TimeoutError(log.read_text(errors="replace"))
-
-
-async def load(seconds: float) -> None:
-    from load_publisher import publish_load
-
-    os.environ["ROS_DOMAIN_ID"] = "93"
-    with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "log"
-        with log.open("wb") as stream:
-            environment = _environment() | {"ROS_DOMAIN_ID": "93"}
-            page = subprocess.Popen(
-                (*SFR, "live", "--port", "0"), stdout=stream, stderr=subprocess.STDOUT, env=environment
-            )
-        try:
-            url = await _address(log)
-            async with aiohttp.ClientSession() as session:
-                found = Page(url)
-                looking = asyncio.create_task(found.look(session, seconds + 4.0))
-                await asyncio.sleep(2.0)
-                sent = await asyncio.to_thread(publish_load, seconds)
-                await looking
-                state = await state_of(session, url)
-        finally:
-            page.terminate()
-            page.wait(30)
-    lags = sorted(at - published for _, at, published in found.rows if published)
-    lag = (
-        f"{lags[len(lags) // 2] * 1e3:.0f} ms, 95 % within {lags[int(len(lags) * 0.95)] * 1e3:.0f} ms"
-        if lags
-        else "unknown"
-    )
-    print(f"{sent} poses sent, {state['poses']} received, {len(found.rows)} sent to the page as they came; delay {lag}")
-    for name, header in sorted(found.headers.items()):
-        print(f"  {name}: { ({key: header[key] for key in ('size', 'full_size', 'count', 'total') if key in header}) }")
-    print(f"{found.media / (seconds + 4.0) / 1e6:.2f} MB/s of images and clouds; the server: {state['server']}")
+async def main(kind: str, amount: str = "30") -> None:
+    with tempfile.TemporaryDirectory() as name:
+        await {"clients": clients, "load": load}[kind](Path(name), float(amount))
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent))
-    kind, amount = sys.argv[1], sys.argv[2:]
-    asyncio.run(clients(float(*amount or [30])) if kind == "clients" else load(float(*amount or [60])))
+    asyncio.run(main(*sys.argv[1:]))

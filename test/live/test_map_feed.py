@@ -1,4 +1,4 @@
-"""Maps as the page is given them: the mapper's own grid with hazard and error, large ones thinned without loss."""
+"""Maps as the page is given them: the mapper's own grid with hazard and error."""
 
 # ruff: noqa: E402 - ROS may be absent
 from __future__ import annotations
@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -21,7 +20,6 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.media import MAX_CELLS, outlines, thinned
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
@@ -104,24 +102,3 @@ def test_broken_grids_are_refused() -> None:
         message.data = byte_array(cells)
         with pytest.raises(InputError, match="must grow"):
             MapFeed(Hub(), lambda: True).add_elevation(sent(message), 0.0)
-
-
-def test_thinned_grids_keep_the_worst_hazard_and_means_of_heights() -> None:
-    layers = np.zeros((400, 300, 3), np.float32)
-    layers[..., 0] = np.arange(400)[:, None]
-    layers[7, 8, 1], layers[..., 2], layers[:4, :4, 0] = 100.0, 1.0, np.nan
-    grid = thinned(ElevationSample("m", 0, (1.0, 2.0), 0.1, ("height", "hazard", "count"), layers, 0.0))
-    assert grid.every == 2
-    assert grid.layers.shape == (200, 150, 3)
-    assert grid.layers.shape[0] * grid.layers.shape[1] <= MAX_CELLS
-    assert grid.cell_m == pytest.approx(0.2)
-    assert grid.layers[3, 4, 1] == 100.0
-    assert (grid.layers[5, 5, 0], grid.layers[5, 5, 2]) == (10.5, 4.0)
-    assert np.isnan(grid.layers[1, 1, 0])
-
-
-def test_outline_of_a_mask_is_that_of_the_image() -> None:
-    mask = np.full((60, 80), 255, np.uint8)
-    cv2.rectangle(mask, (10, 40), (30, 59), 0, -1)
-    (ring,) = outlines(mask, 4.0)
-    assert (ring.min(axis=0).tolist(), ring.max(axis=0).tolist()) == ([41.5, 161.5], [121.5, 237.5])

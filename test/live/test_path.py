@@ -13,15 +13,11 @@ from sfr_loc_map.live.path import LivePath
 from sfr_loc_map.live.updates import PoseSample, Track
 from sfr_loc_map.metrics.config import Condition
 
-MAX_ROWS = 50
-STEP_NS = NS_PER_S // 10
-
 
 def pose(track: Track, number: float, transform: Transform, variance: float = 1e-4) -> PoseSample:
-    x, y, z = transform.translation.tolist()
-    a, b, c, d = transform.quat_xyzw.tolist()
+    (x, y, z), (a, b, c, d) = transform.translation.tolist(), transform.quat_xyzw.tolist()
     covariance = np.eye(6) * variance if track is Track.ESTIMATE else None
-    return PoseSample(track, round(number * STEP_NS), (x, y, z), (a, b, c, d), number, covariance)
+    return PoseSample(track, round(number * NS_PER_S / 10), (x, y, z), (a, b, c, d), number, covariance)
 
 
 def turned(x: float, y: float, yaw: float) -> Transform:
@@ -56,50 +52,39 @@ def test_poses_wait_for_a_truth_that_is_on_its_way_and_are_interpolated() -> Non
     assert path.rows[-1].truth_m is None
 
 
-def test_without_truth_every_pose_is_shown_at_once() -> None:
+def test_without_truth_every_pose_is_shown_at_once_until_stamps_go_back() -> None:
     path = LivePath()
-    path.add(pose(Track.ESTIMATE, 0, drive(0)))
-    path.add(pose(Track.ESTIMATE, 1, drive(1), LOST_VARIANCE))
-    assert [row.lost for row in path.rows] == [False, True]
+    for number in (0, 20, 40):
+        path.add(pose(Track.ESTIMATE, number, drive(number), LOST_VARIANCE if number == 20 else 1e-4))
+    assert [row.lost for row in path.rows] == [False, True, False]
     assert path.under_way is None
     assert path.rows[1].covariance_xy_m2 is None
-
-
-def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
-    path = LivePath()
-    path.condition, path.spacing = Condition.parse("frames=20"), 10
-    drift = turned(0.0, 0.0, 0.001)
-    estimate = Transform.identity()
-    for number in range(36):
-        path.add(pose(Track.TRUTH, number, drive(number)))
-        path.add(pose(Track.ESTIMATE, number, estimate))
-        estimate = estimate @ drive(number).inverse() @ drive(number + 1) @ drift
-    found = path.under_way
-    assert found is not None
-    assert (found["start_n"], found["progress"]) == (20, 0.75)
-    start, now = 20, 35
-    # what the score compares: T_gt(N) inv(T_est(N)) T_est(N+x) with T_gt(N+x)
-    estimates = [Transform.identity()]
-    for number in range(now):
-        estimates.append(estimates[-1] @ drive(number).inverse() @ drive(number + 1) @ drift)
-    moved = drive(start) @ estimates[start].inverse() @ estimates[now]
-    assert found["error"] == pytest.approx((moved.translation - drive(now).translation).tolist(), abs=1e-9)
-    assert math.hypot(*found["error"]) > 1e-3
-
-
-def test_stamps_that_go_back_begin_a_new_run() -> None:
-    path = LivePath()
-    for number in (0, 20, 40, 1):
-        path.add(pose(Track.ESTIMATE, number, drive(number)))
+    path.add(pose(Track.ESTIMATE, 1, drive(1)))
     assert [row.n for row in path.rows] == [0]
     assert path.version == 1
 
 
+def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
+    path, drift, estimates = LivePath(), turned(0.0, 0.0, 0.001), [Transform.identity()]
+    path.condition, path.spacing = Condition.parse("frames=20"), 10
+    for number in range(36):
+        path.add(pose(Track.TRUTH, number, drive(number)))
+        path.add(pose(Track.ESTIMATE, number, estimates[-1]))
+        estimates.append(estimates[-1] @ drive(number).inverse() @ drive(number + 1) @ drift)
+    found = path.under_way
+    assert found is not None
+    assert (found["start_n"], found["progress"]) == (20, 0.75)
+    # what the score compares: T_gt(N) inv(T_est(N)) T_est(N+x) with T_gt(N+x)
+    moved = drive(20) @ estimates[20].inverse() @ estimates[35]
+    assert found["error"] == pytest.approx((moved.translation - drive(35).translation).tolist(), abs=1e-9)
+    assert math.hypot(*found["error"]) > 1e-3
+
+
 def test_long_runs_keep_a_bounded_number_of_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sfr_loc_map.live.path.MAX_ROWS", MAX_ROWS)
+    monkeypatch.setattr("sfr_loc_map.live.path.MAX_ROWS", 50)
     path = LivePath()
-    for number in range(4 * MAX_ROWS):
+    for number in range(200):
         path.add(pose(Track.ESTIMATE, number, turned(0.1 * number, 0.0, 0.0)))
-    assert MAX_ROWS // 2 <= len(path.rows) <= MAX_ROWS
+    assert 25 <= len(path.rows) <= 50
     assert path.rows[0].n == 0
     assert path.rows[-1].distance_m == pytest.approx(0.1 * path.rows[-1].n)

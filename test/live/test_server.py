@@ -7,19 +7,16 @@ import json
 import re
 import struct
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from live_run import cloud, fill, frame, health, image
+from live_run import fill, frame, health
 from made_scores import json_of, whole_score
 
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.live.hub import Action, Command, Hub
-from sfr_loc_map.live.media import file_sample
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import ImageSample, View
 
@@ -50,16 +47,22 @@ class Recorder:
 class Served:
     """A server under test with a session that asks it."""
 
-    def __init__(self, hub: Hub, operator: Recorder, server: LiveServer, session: Any) -> None:
-        self.hub, self.operator, self.server, self.session = hub, operator, server, session
+    def __init__(self, session: Any, **config: Any) -> None:
+        self.hub, self.operator, self.session = Hub(), Recorder(), session
+        self.hub.operator = self.operator
+        self.server = LiveServer(LiveConfig(port=0, **config), self.hub, "test")
+
+    @property
+    def port(self) -> int:
+        return int(self.server.url.split("?")[0].rsplit(":")[-1].strip("/"))
 
     async def get(self, path: str, **headers: str) -> tuple[int, str, Any]:
-        async with self.session.get(self.server.url.split("?")[0] + path, headers=headers) as answer:
+        async with self.session.get(f"http://127.0.0.1:{self.port}/{path}", headers=headers) as answer:
             return answer.status, await answer.text(), answer.headers
 
     async def command(self, content: Any, **headers: str) -> tuple[int, dict[str, Any]]:
         async with self.session.post(self.server.url + "command", json=content, headers=headers) as answer:
-            return answer.status, await answer.json(content_type=None)
+            return answer.status, json.loads(await answer.text()) if answer.content_type.endswith("json") else {}
 
     async def token(self) -> str:
         found = re.search(r'name="command-token" content="([^"]+)"', (await self.get(""))[1])
@@ -67,34 +70,26 @@ class Served:
         return found[1]
 
 
-@asynccontextmanager
-async def served(**config: Any) -> AsyncIterator[Served]:
-    hub, operator, ready = Hub(), Recorder(), asyncio.Event()
-    hub.operator = operator
-    server = LiveServer(LiveConfig(port=0, **config), hub, "test")
-    task = asyncio.create_task(server.serve(lambda _: ready.set()))
-    await asyncio.wait_for(ready.wait(), 10)
-    async with aiohttp.ClientSession() as session:
-        yield Served(hub, operator, server, session)
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
-
-
 def in_loop(test: Callable[[Served], Awaitable[None]], **config: Any) -> None:
     async def run() -> None:
-        async with served(**config) as found:
+        async with aiohttp.ClientSession() as session:
+            found, ready = Served(session, **config), asyncio.Event()
+            task = asyncio.create_task(found.server.serve(lambda _: ready.set()))
+            await asyncio.wait_for(ready.wait(), 10)
             await test(found)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
     asyncio.run(asyncio.wait_for(run(), 60))
 
 
 async def messages_until(
-    channel: Any, done: Callable[[list[dict[str, Any]], list[bytes]], bool]
+    channel: Any, done: Callable[[list[dict[str, Any]], list[bytes]], Any], timeout_s: float = 10.0
 ) -> tuple[list[Any], list[bytes]]:
     texts: list[dict[str, Any]] = []
     frames: list[bytes] = []
     while not done(texts, frames):
-        message = await asyncio.wait_for(channel.receive(), 10)
+        message = await asyncio.wait_for(channel.receive(), timeout_s)
         if message.type is aiohttp.WSMsgType.TEXT:
             texts.append(json.loads(message.data))
         else:
@@ -135,23 +130,31 @@ def test_page_state_and_health_are_served_and_nothing_else() -> None:
     in_loop(test)
 
 
-def test_strangers_are_refused() -> None:
+def test_strangers_are_refused_and_commands_need_the_token_of_the_page() -> None:
     async def test(found: Served) -> None:
-        port = found.server.url.rsplit(":")[-1].strip("/")
-        assert (await found.get("state.json", Host=f"evil.example:{port}"))[0] == 403
+        asked = {"action": "reset", "node": "mapping_node"}
+        assert (await found.get("state.json", Host=f"evil.example:{found.port}"))[0] == 403
         assert (await found.get("state.json", Origin="http://evil.example"))[0] == 403
-        assert (await found.get("state.json", Host=f"localhost:{port}"))[0] == 200
+        assert (await found.get("state.json", Host=f"localhost:{found.port}"))[0] == 200
         with pytest.raises(aiohttp.WSServerHandshakeError):
             await found.session.ws_connect(found.server.url + "ws", origin="http://evil.example")
+        assert (await found.command(asked))[0] == 403
+        header = {"X-SFR-Token": await found.token()}
+        assert (await found.command(asked, Origin="http://evil.example", **header))[0] == 403
+        assert found.operator.commands == []
+        assert await found.command(asked, **header) == (200, {"ok": True, "text": "done"})
+        assert found.operator.commands == [Command(Action.RESET, "mapping_node")]
+        for bad in ({"action": "rm"}, [], {"action": "reset", "at_s": "x"}, {"action": "seek", "at_s": -1}):
+            assert (await found.command(bad, **header))[0] == 400
+        refused = await found.command({"action": "reset", "node": "nowhere"}, **header)
+        assert refused[1]["text"] == "there is no such node"
 
     in_loop(test)
 
 
 def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureFixture[str]) -> None:
     async def test(found: Served) -> None:
-        port = int(found.server.url.split("?")[0].rsplit(":")[-1].strip("/"))
-        token = b"X-SFR-Token: " + (await found.token()).encode()
-        body = b"POST /command HTTP/1.1\r\n" + token
+        body = b"POST /command HTTP/1.1\r\nX-SFR-Token: " + (await found.token()).encode()
         for request, status in (
             (b"GET / HTTP/1.1\r\nOrigin: http://[", 403),
             (b"GET / HTTP/1.1\r\nAuthorization: Bearer \xff", 200),
@@ -163,7 +166,7 @@ def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureF
             (b"GET /" + b"a" * 9000 + b" HTTP/1.1", 400),
         ):
             first, _, rest = request.partition(b"\r\n")
-            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            reader, writer = await asyncio.open_connection("127.0.0.1", found.port)
             writer.write(first + b"\r\nHost: localhost\r\n" + rest + b"\r\n\r\n")
             head = (await asyncio.wait_for(reader.readline(), 10)).split()
             writer.close()
@@ -175,8 +178,7 @@ def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureF
 
 def test_a_page_that_stays_open_keeps_nobody_at_the_end() -> None:
     async def test(found: Served) -> None:
-        port = int(found.server.url.rsplit(":")[-1].strip("/"))
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        reader, writer = await asyncio.open_connection("127.0.0.1", found.port)
         words = "GET /ws HTTP/1.1", "Host: localhost", "Upgrade: websocket", "Connection: Upgrade"
         key = "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
         writer.write("\r\n".join([*words, *key, "", ""]).encode())
@@ -195,32 +197,16 @@ def test_other_hosts_need_the_token() -> None:
             LiveServer(LiveConfig(host=host, token=token), Hub())
 
     async def test(found: Served) -> None:
-        assert (await found.get("state.json"))[0] == 403
-        assert (await found.get("state.json?token=wrong-word"))[0] == 403
-        assert (await found.get("state.json", Authorization="Bearer a-long-secret"))[0] == 200
-        assert (await found.get("?token=a-long-secret"))[0] == 200
-        assert (await found.get("healthz"))[0] == 200
+        for path, header, status in (
+            ("state.json", {}, 403),
+            ("state.json?token=wrong-word", {}, 403),
+            ("state.json", {"Authorization": "Bearer a-long-secret"}, 200),
+            ("?token=a-long-secret", {}, 200),
+            ("healthz", {}, 200),
+        ):
+            assert (await found.get(path, **header))[0] == status
 
     in_loop(test, token="a-long-secret")
-
-
-def test_commands_need_the_token_of_the_page() -> None:
-    async def test(found: Served) -> None:
-        asked = {"action": "reset", "node": "mapping_node"}
-        assert (await found.command(asked))[0] == 403
-        header = {"X-SFR-Token": await found.token()}
-        strange = header | {"Origin": "http://evil.example"}
-        async with found.session.post(found.server.url + "command", json=asked, headers=strange) as answer:
-            assert answer.status == 403
-        assert await found.command(asked, **header) == (200, {"ok": True, "text": "done"})
-        assert found.operator.commands == [Command(Action.RESET, "mapping_node")]
-        for bad in ({"action": "rm"}, [], {"action": "reset", "at_s": "x"}, {"action": "seek", "at_s": -1}):
-            assert (await found.command(bad, **header))[0] == 400
-        assert (await found.command({"action": "reset", "node": "nowhere"}, **header))[1][
-            "text"
-        ] == "there is no such node"
-
-    in_loop(test)
 
 
 def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
@@ -303,7 +289,7 @@ def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
         for number in range(200):  # ten seconds of 20 images a second, 20 kB each: four times the budget
             now[0] = number * 0.05
             images = [
-                ImageSample(topic, number, bytes(size), (1, 1), (1, 1), 0.0) for topic in ("loc/left", "loc/right")
+                ImageSample(f"loc/{side}", number, bytes(size), (1, 1), (1, 1), 0.0) for side in ("left", "right")
             ]
             for update in (*frame(number, 1.0), *images):
                 pages.state.apply(update)
@@ -322,32 +308,15 @@ def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
 
 def test_stale_nodes_are_told_without_any_message() -> None:
     async def test(found: Served) -> None:
-        import time
-
         found.hub.put(health("mapping_node", time.time() - 1.5))
         async with found.session.ws_connect(found.server.url + "ws") as channel:
+            for stale in (True, False):
+                await messages_until(
+                    channel, lambda texts, _, stale=stale: texts and stale_in(texts[-1]) is stale, timeout_s=5.0
+                )
+                found.hub.put(health("mapping_node", time.time() + 300.0))  # not old again, however busy the host is
 
-            def is_stale(texts: list[dict[str, Any]], _: list[bytes]) -> bool:
-                return any(node["stale"] for text in texts if text["type"] == "nodes" for node in text["nodes"])
-
-            await messages_until(channel, is_stale)
-            found.hub.put(health("mapping_node", time.time() + 300.0))  # not old again, however busy the host is
-            texts, _ = await messages_until(
-                channel, lambda texts, _: bool(texts) and texts[-1]["type"] == "nodes" and not is_stale(texts[-1:], [])
-            )
-            assert texts
+    def stale_in(text: dict[str, Any]) -> bool | None:
+        return any(node["stale"] for node in text["nodes"]) if text["type"] == "nodes" and text["nodes"] else None
 
     in_loop(test)
-
-
-def test_images_and_clouds_are_small_enough_for_a_screen() -> None:
-    big = image("loc/left", 1, 0.0)
-    points, grid = cloud(1, 0.0, 100_000)
-    assert len(big.jpeg) < 40_000
-    assert file_sample("loc/left", 1, big.jpeg, 0.0).jpeg is big.jpeg, "what is small enough is not decoded"
-    with pytest.raises(InputError):
-        file_sample("loc/left", 1, b"no image", 0.0)
-    png = file_sample("loc/left", 1, encode_png(np.zeros((900, 1200), np.uint8)), 0.0)
-    assert (png.size, png.full_size, png.jpeg[:2]) == ((640, 480), (1200, 900), b"\xff\xd8")
-    assert len(points.points) == 40_000
-    assert grid.layers.nbytes < 1_500_000

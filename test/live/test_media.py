@@ -1,0 +1,47 @@
+"""Images, clouds, grids and masks are small enough for a screen, and lose nothing that matters."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from live_run import cloud, image
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.io.image_codec import encode_png
+from sfr_loc_map.live.media import MAX_CELLS, file_sample, outlines, thinned
+from sfr_loc_map.live.updates import ElevationSample
+
+
+def test_images_and_clouds_are_small_enough_for_a_screen() -> None:
+    big = image("loc/left", 1, 0.0)
+    points, grid = cloud(1, 0.0, 100_000)
+    assert len(big.jpeg) < 40_000
+    assert file_sample("loc/left", 1, big.jpeg, 0.0).jpeg is big.jpeg, "what is small enough is not decoded"
+    with pytest.raises(InputError):
+        file_sample("loc/left", 1, b"no image", 0.0)
+    png = file_sample("loc/left", 1, encode_png(np.zeros((900, 1200), np.uint8)), 0.0)
+    assert (png.size, png.full_size, png.jpeg[:2]) == ((640, 480), (1200, 900), b"\xff\xd8")
+    assert len(points.points) == 40_000
+    assert grid.layers.nbytes < 1_500_000
+
+
+def test_thinned_grids_keep_the_worst_hazard_and_means_of_heights() -> None:
+    layers = np.zeros((400, 300, 3), np.float32)
+    layers[..., 0] = np.arange(400)[:, None]
+    layers[7, 8, 1], layers[..., 2], layers[:4, :4, 0] = 100.0, 1.0, np.nan
+    grid = thinned(ElevationSample("m", 0, (1.0, 2.0), 0.1, ("height", "hazard", "count"), layers, 0.0))
+    assert grid.every == 2
+    assert grid.layers.shape == (200, 150, 3)
+    assert grid.layers.shape[0] * grid.layers.shape[1] <= MAX_CELLS
+    assert grid.cell_m == pytest.approx(0.2)
+    assert grid.layers[3, 4, 1] == 100.0
+    assert (grid.layers[5, 5, 0], grid.layers[5, 5, 2]) == (10.5, 4.0)
+    assert np.isnan(grid.layers[1, 1, 0])
+
+
+def test_outline_of_a_mask_is_that_of_the_image() -> None:
+    mask = np.full((60, 80), 255, np.uint8)
+    cv2.rectangle(mask, (10, 40), (30, 59), 0, -1)
+    (ring,) = outlines(mask, 4.0)
+    assert (ring.min(axis=0).tolist(), ring.max(axis=0).tolist()) == ([41.5, 161.5], [121.5, 237.5])
