@@ -29,9 +29,9 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.patch import HALF
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.filters import MAD_TO_SIGMA
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
-from sfr_loc_map.mapping.robust import MAD_TO_SIGMA
 from sfr_loc_map.pipeline.offline import start_pose
 
 EVERY = 10

@@ -1,4 +1,4 @@
-"""Train the network that judges pixels beside jumps of disparity; see `mapping/disparity/edge_network.py`.
+"""Train the network that judges pixels beside jumps of disparity; see `mapping/disparity/edge_evidence.py`.
 
     python tools/train_edge_network.py sfr_loc_map/mapping/disparity/edge_network.json SOURCE ...
 
@@ -21,8 +21,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.edge_evidence import FIGURES, Scene, edge_evidence, support_weights
-from sfr_loc_map.mapping.disparity.edge_network import Network
+from sfr_loc_map.mapping.disparity.edge_evidence import FIGURES, EdgeNetwork, EdgeScene, edge_evidence
 from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
@@ -77,7 +76,7 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
             known = beside_jump(refined.disparity_px) & locally_valid(refined, initial, local_variance(left))
             chosen = np.flatnonzero(known & np.isfinite(truth))
             sigma = disparity_sigma(refined)
-            scene = Scene(left, refined.right, refined.disparity_px, np.isfinite(initial), sigma, *support_weights())
+            scene = EdgeScene(left, refined.right, refined.disparity_px, np.isfinite(initial), sigma)
             evidence = edge_evidence(scene, chosen)
             error_px = np.abs((refined.disparity_px - truth).flat[chosen])
             some = random.permutation(len(chosen))[:MOST]
@@ -118,7 +117,7 @@ def train(evidence: np.ndarray, error_px: np.ndarray, random: np.random.Generato
                 weights[k] -= rate * (first[k] / (1.0 - 0.9**step)) / size
         print(f"pass {number + 1} of {PASSES}: cross entropy {loss / (len(order) // BATCH):.4f}", flush=True)
     hidden = weights[0] / scale
-    return dict(zip(Network._fields, (low, high, hidden, weights[1] - hidden @ mean, *weights[2:]), strict=True))
+    return dict(zip(EdgeNetwork._fields, (low, high, hidden, weights[1] - hidden @ mean, *weights[2:]), strict=True))
 
 
 def main(out: Path, sources: list[Path]) -> None:

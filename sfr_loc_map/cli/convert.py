@@ -148,7 +148,7 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
     """Write a cloud in another format, or its elevation model."""
     from sfr_loc_map.io import geotiff
     from sfr_loc_map.io.cloud_file import check_cloud_format, load_cloud, save_cloud
-    from sfr_loc_map.mapping.terrain.config import TerrainConfig
+    from sfr_loc_map.mapping.config import TerrainConfig
     from sfr_loc_map.pipeline.map_files import grid_of_file, save_dem, with_cell
 
     is_model = destination.suffix in MODELS or destination.name.endswith(ARCHIVE)

@@ -3,11 +3,10 @@
 The flow, file by file (`mapper.Mapper` calls them in this order):
 
     process(pair):  checks -> disparity/semi_global_matching -> disparity/variational_refinement
-                    (rectification_correction, photometric_residual, regularisation, conjugate_gradient)
-                    -> disparity/uncertainty -> disparity/validity (occlusion, edge_evidence, edge_network)
-                    -> disparity/hole_filling -> reprojection
-    fuse(maps):     multiview/registration -> multiview/fusion (view_reprojection, pose_agreement)
-    products:       terrain/elevation, terrain/grid (cells, hazard)
+                    (right_camera, photometric_residual, smoothness) -> disparity/uncertainty
+                    -> disparity/validity (edge_evidence) -> disparity/hole_filling -> reprojection
+    fuse(maps):     multiview/fixed_content -> multiview/registration -> multiview/fusion (pair_view)
+    products:       terrain/elevation, terrain/grid
 """
 
 import lazy_loader

@@ -1,8 +1,8 @@
 from .config import MappingConfig as MappingConfig
+from .config import TerrainConfig as TerrainConfig
 from .mapper import FusedMap as FusedMap
 from .mapper import Mapper as Mapper
 from .mapper import PairMap as PairMap
-from .terrain.config import TerrainConfig as TerrainConfig
 from .terrain.elevation import ElevationModel as ElevationModel
 from .terrain.elevation import elevation_from_cloud as elevation_from_cloud
 from .terrain.elevation import point_covariances as point_covariances

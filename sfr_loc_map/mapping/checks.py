@@ -8,9 +8,9 @@ import numpy as np
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.mapping.disparity.rectification_correction import RectificationCorrection
+from sfr_loc_map.mapping.disparity.filters import mad_sigma
+from sfr_loc_map.mapping.disparity.right_camera import RectificationCorrection
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
-from sfr_loc_map.mapping.robust import mad_sigma
 
 MIN_CONTRAST = 2.0
 """Standard deviation of an image's grey levels below which there is nothing to match."""

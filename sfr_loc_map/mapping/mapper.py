@@ -17,22 +17,23 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.checks import check_images, check_matches, matched_share
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
-from sfr_loc_map.mapping.disparity.camera_rotation import CameraRotation, camera_rotation, without_roll
-from sfr_loc_map.mapping.disparity.edge_evidence import support_weights
 from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.hole_filling import FILLED_SIGMA_PX, fill_holes
-from sfr_loc_map.mapping.disparity.saturation import Saturation, saturation
+from sfr_loc_map.mapping.disparity.right_camera import camera_rotation, without_roll
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
-from sfr_loc_map.mapping.disparity.surface_hypotheses import Images
-from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
+from sfr_loc_map.mapping.disparity.uncertainty import Saturation, disparity_sigma, saturation
 from sfr_loc_map.mapping.disparity.validity import valid_mask
-from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
+from sfr_loc_map.mapping.disparity.variational_refinement import refine
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
-from sfr_loc_map.mapping.multiview.registration import Registration, register_views
-from sfr_loc_map.mapping.multiview.view import View
-from sfr_loc_map.mapping.reprojection import cloud_from_disparity
-from sfr_loc_map.mapping.systematic import CalibrationSigma, check_calibration, total_sigma, widest
+from sfr_loc_map.mapping.multiview.pair_view import PairView
+from sfr_loc_map.mapping.multiview.registration import register_views
+from sfr_loc_map.mapping.reprojection import (
+    CalibrationSigma,
+    check_calibration,
+    cloud_from_disparity,
+    total_sigma,
+)
 
 F = np.float32
 
@@ -55,7 +56,7 @@ class PairMap:
     stamp_ns: int
     cloud: PointCloud
     random_sigma: NDArray[np.float32]
-    view: View
+    view: PairView
     saturation: Saturation
     calibration: CalibrationSigma
     statistics: Mapping[str, float] = field(default_factory=dict)
@@ -115,17 +116,16 @@ class Mapper:
         left, right = noise[:, :side].copy(), noise[:, 8:].copy()
         initial = np.full(left.shape, 8.0, F)
         initial[:, side // 2 :] = 4.0
-        refined = refine(left.astype(F), right.astype(F), initial)
+        grey = left.astype(F)
+        refined = refine(grey, right.astype(F), initial)
         sigma = disparity_sigma(refined)
-        valid = valid_mask(left.astype(F), refined, initial, sigma, local_variance(left.astype(F)))
-        camera_rotation(left.astype(F), refined, valid, self._rig)
-        images = Images(left.astype(F), refined.right, *support_weights())
-        fill_holes(images, initial, left < 200, initial, refined.noise, left >= 200)
+        valid = valid_mask(grey, refined, initial, sigma, local_variance(grey))
+        camera_rotation(grey, refined.right, refined.disparity_px, valid, refined.correction.vertical_px, self._rig)
+        fill_holes(grey, refined.right, initial, left < 200, initial, refined.noise, left >= 200)
         cloud = cloud_from_disparity(initial, sigma, left, self._rig, self._rig.T_sb_left, 0)
         saturation(left, np.full_like(right, 255), initial).widen(cloud.sigma.copy(), cloud, 0)
         total_sigma(cloud, [self._rig.T_sb_left], self._rig, CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0))
-        view = View(cloud, initial, self._rig.T_sb_left, refined.noise)
-        without_fixed_content([view, view], self._rig)
+        view = PairView(cloud, initial, self._rig.T_sb_left, refined.noise)
         fuse_views([view, view], self._rig)
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
@@ -150,28 +150,43 @@ class Mapper:
         clipped = saturation(pair.left, pair.right, refined.disparity_px)
         contrast = local_variance(left)
         valid = valid_mask(left, refined, initial, sigma, contrast) & ~clipped.flat
-        rotation = camera_rotation(left, refined, valid, self._rig)
+        rotation = camera_rotation(
+            left, refined.right, refined.disparity_px, valid, refined.correction.vertical_px, self._rig
+        )
         share = matched_share(left, contrast, valid & (refined.disparity_px >= self._search.min_disparity_px))
-        images = Images(left, refined.right, *support_weights())
-        filled = fill_holes(images, refined.disparity_px, valid, initial, refined.noise, ~clipped.flat)
-        sigma[filled.filled] = np.maximum(sigma[filled.filled], FILLED_SIGMA_PX)
-        found = without_roll(filled.disparity, rotation, self._rig)
-        valid |= filled.filled
+        found, filled = fill_holes(
+            left, refined.right, refined.disparity_px, valid, initial, refined.noise, ~clipped.flat
+        )
+        sigma[filled] = np.maximum(sigma[filled], FILLED_SIGMA_PX)
+        found = without_roll(found, rotation, self._rig)
+        valid |= filled
         valid &= found >= self._search.min_disparity_px
         warnings = check_matches(pair, share, refined.correction, clipped.share, self._search.count)
         disparity = np.where(valid, found, F(np.nan))
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
-        view = View(cloud, disparity, T_lm_left, refined.noise)
-        check = check_calibration(self._calibration, rotation, self._rig)
+        view = PairView(cloud, disparity, T_lm_left, refined.noise)
+        calibration, doubts = check_calibration(self._calibration, rotation, self._rig)
         random_sigma = cloud.sigma.copy()
         clipped.widen(random_sigma, cloud, index)
-        stated = self._stated(replace(cloud, sigma=random_sigma), [T_lm_left] * (index + 1), check.sigma)
-        statistics = _statistics(view, refined, share) | _rotation_statistics(rotation)
-        statistics["saturated_share"] = clipped.share
-        warnings += check.warnings
-        self.statistics = statistics
-        return PairMap(pair.stamp_ns, stated, random_sigma, view, clipped, check.sigma, statistics, warnings)
+        stated = self._stated(replace(cloud, sigma=random_sigma), [T_lm_left] * (index + 1), calibration)
+        yaw_known = math.isfinite(rotation.yaw_sigma_rad)
+        self.statistics = {
+            "points": float(len(cloud)),
+            "density": len(cloud) / disparity.size,
+            "noise_grey": refined.noise,
+            "gain": refined.correction.gain,
+            "offset_grey": refined.correction.offset,
+            "vertical_offset_px": refined.correction.vertical_px[0],
+            "vertical_offset_largest_px": refined.correction.max_vertical_px,
+            "matched_share": share,
+            "right_yaw_deg": math.degrees(rotation.yaw_rad) if yaw_known else math.nan,
+            "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if yaw_known else math.nan,
+            "right_roll_deg": math.degrees(rotation.roll_rad),
+            "saturated_share": clipped.share,
+        }
+        warnings += doubts
+        return PairMap(pair.stamp_ns, stated, random_sigma, view, clipped, calibration, self.statistics, warnings)
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
         """Return one cloud of up to three pairs; its points' `pair` is the place of their map in the order given.
@@ -181,51 +196,30 @@ class Mapper:
         """
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
-        views = [item.view.numbered(number) for number, item in enumerate(maps)]
-        moving = without_fixed_content(views, self._rig)
-        views = list(moving.views)
-        registered = register_views(views, self._rig) if self._refine_poses else Registration(views)
-        fused = fuse_views(registered.views, self._rig)
-        T_lm_left = tuple(view.T_lm_left for view in registered.views)
-        random_sigma = fused.cloud.sigma.copy()
+        views: Sequence[PairView] = [item.view.numbered(number) for number, item in enumerate(maps)]
+        views, fixed, fixed_warnings = without_fixed_content(views, self._rig)
+        moved: dict[str, float] = {}
+        pose_warnings: tuple[str, ...] = ()
+        if self._refine_poses:
+            views, moved, pose_warnings = register_views(views, self._rig)
+        cloud, agreement, fusion_warnings = fuse_views(views, self._rig)
+        T_lm_left = tuple(view.T_lm_left for view in views)
+        random_sigma = cloud.sigma.copy()
         for number, item in enumerate(maps):
-            item.saturation.widen(random_sigma, fused.cloud, number)
-        calibration = widest([item.calibration for item in maps])
+            item.saturation.widen(random_sigma, cloud, number)
+        # Pairs of one rig share its calibration: the largest sigma of each part holds for all.
+        calibration = CalibrationSigma(*(max(values) for values in zip(*(m.calibration for m in maps), strict=True)))
         stamps_ns = tuple(item.stamp_ns for item in maps)
-        cloud = replace(fused.cloud, sigma=random_sigma, pair_stamps_ns=stamps_ns)
-        self.statistics = {**fused.statistics, **moving.statistics, **registered.statistics}
+        cloud = replace(cloud, sigma=random_sigma, pair_stamps_ns=stamps_ns)
+        self.statistics = {**agreement, **fixed, **moved}
         return FusedMap(
             self._stated(cloud, T_lm_left, calibration),
             random_sigma,
             T_lm_left,
             self.statistics,
-            (*moving.warnings, *fused.warnings, *registered.warnings),
+            (*fixed_warnings, *fusion_warnings, *pose_warnings),
         )
 
     def _stated(self, cloud: PointCloud, T_lm_left: Sequence[Transform], calibration: CalibrationSigma) -> PointCloud:
         """Return a cloud with the calibration's part in its sigma."""
         return replace(cloud, sigma=total_sigma(cloud, T_lm_left, self._rig, calibration))
-
-
-def _statistics(view: View, refined: RefinedDisparity, share: float) -> dict[str, float]:
-    """Return the figures of a pair by name; `share` is that of the textured pixels that are matched."""
-    return {
-        "points": float(len(view.cloud)),
-        "density": len(view.cloud) / view.disparity_px.size,
-        "noise_grey": refined.noise,
-        "gain": refined.correction.gain,
-        "offset_grey": refined.correction.offset,
-        "vertical_offset_px": refined.correction.vertical_px[0],
-        "vertical_offset_largest_px": refined.correction.max_vertical_px,
-        "matched_share": share,
-    }
-
-
-def _rotation_statistics(rotation: CameraRotation) -> dict[str, float]:
-    """Return the rotation of the right camera by name, degrees; a yaw that could not be measured is NaN."""
-    known = math.isfinite(rotation.yaw_sigma_rad)
-    return {
-        "right_yaw_deg": math.degrees(rotation.yaw_rad) if known else math.nan,
-        "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if known else math.nan,
-        "right_roll_deg": math.degrees(rotation.roll_rad),
-    }

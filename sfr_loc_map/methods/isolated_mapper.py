@@ -15,11 +15,10 @@ from sfr_loc_map.geometry.arrays import FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.disparity.saturation import Saturation
+from sfr_loc_map.mapping.disparity.uncertainty import Saturation
 from sfr_loc_map.mapping.mapper import FusedMap, PairMap
-from sfr_loc_map.mapping.multiview.view import View
-from sfr_loc_map.mapping.reprojection import cloud_from_disparity
-from sfr_loc_map.mapping.systematic import CalibrationSigma
+from sfr_loc_map.mapping.multiview.pair_view import PairView
+from sfr_loc_map.mapping.reprojection import CalibrationSigma, cloud_from_disparity
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp, leak_finding
 from sfr_loc_map.methods.method import Method, MethodLimits
 from sfr_loc_map.methods.method_process import Answer, MethodFailureError, no_usage
@@ -173,7 +172,7 @@ class IsolatedMapper(IsolatedMethod):
     ) -> PairMap:
         shape = disparity.shape
         plain = Saturation(np.zeros(shape, np.bool_), np.zeros(shape, np.uint8), 0.0)
-        view, figures = View(cloud, disparity, T_lm_left, 0.0), result.get("statistics") or {}
+        view, figures = PairView(cloud, disparity, T_lm_left, 0.0), result.get("statistics") or {}
         warnings = tuple(result.get("warnings") or ())
         return PairMap(pair.stamp_ns, cloud, cloud.sigma, view, plain, NO_CALIBRATION, figures, warnings)
 

@@ -22,9 +22,8 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig, TerrainConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
-from sfr_loc_map.mapping.terrain.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import MappingState

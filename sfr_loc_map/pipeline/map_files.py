@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io import geotiff
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud
-from sfr_loc_map.mapping.terrain.config import TerrainConfig
+from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel, point_covariances
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline.kernels import load_kernels

@@ -1,59 +1,123 @@
-"""Points against the pinhole equations, their sigma against Monte Carlo."""
+"""Points against the pinhole equations, their sigma against Monte Carlo and against a calibration that is wrong."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.reprojection import cloud_from_disparity
+from sfr_loc_map.mapping.config import CalibrationUncertainty
+from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
+from sfr_loc_map.mapping.reprojection import CalibrationSigma, check_calibration, cloud_from_disparity, total_sigma
 
-RIG = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)
-POSE = Transform(matrix_from_rotvec([0.4, -1.1, 0.7]), np.array([3.0, -1.0, 2.0]))
-RNG = np.random.default_rng(0)
-DISPARITY = RNG.uniform(1.0, 8.0, (RIG.height, RIG.width)).astype(np.float32)
-DISPARITY[RNG.uniform(size=DISPARITY.shape) < 0.3] = np.nan
-DISPARITY[5] = np.nan
-SIGMA = RNG.uniform(0.01, 0.1, DISPARITY.shape).astype(np.float32)
-LEFT = RNG.integers(0, 256, DISPARITY.shape, dtype=np.uint8)
-
-
-def project(local: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return u, v and disparity of points of the left optical frame."""
-    x, y, z = local.T
-    u_right = RIG.fx * (x - RIG.baseline_m) / z + RIG.cx
-    u = RIG.fx * x / z + RIG.cx
-    return u, RIG.fy * y / z + RIG.cy, u - u_right
+SMALL = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)
+RIG = StereoRig(400, 300, 320.0, 320.0, 199.5, 149.5, 0.2)
+POSE = Transform(matrix_from_rotvec([0.2, -0.4, 0.3]), np.array([3.0, -1.0, 2.0]))
+NONE = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0)
+ANGLE = 1e-4
+"""Radians, and the share by which a length is wrong: small enough for the first order."""
 
 
-def test_points_project_to_their_pixel_and_disparity() -> None:
-    cloud = cloud_from_disparity(DISPARITY, SIGMA, LEFT, RIG, POSE, 2)
-    u, v, disparity = project(POSE.inverse().apply(cloud.xyz))
-    np.testing.assert_allclose(u, cloud.u, atol=1e-4)
-    np.testing.assert_allclose(v, cloud.v, atol=1e-4)
-    np.testing.assert_allclose(disparity, DISPARITY[cloud.v, cloud.u], rtol=1e-5)
-
-
-def test_every_pixel_with_a_disparity_gives_a_point_in_order() -> None:
-    cloud = cloud_from_disparity(DISPARITY, SIGMA, LEFT, RIG, POSE, 2)
-    v, u = np.nonzero(np.isfinite(DISPARITY))
+def test_points_project_to_their_pixel_and_disparity_in_order() -> None:
+    rng = np.random.default_rng(0)
+    disparity = rng.uniform(1.0, 8.0, (SMALL.height, SMALL.width)).astype(np.float32)
+    disparity[rng.uniform(size=disparity.shape) < 0.3] = np.nan
+    disparity[5] = np.nan
+    left = rng.integers(0, 256, disparity.shape, dtype=np.uint8)
+    cloud = cloud_from_disparity(disparity, np.ones_like(disparity), left, SMALL, POSE, 2)
+    v, u = np.nonzero(np.isfinite(disparity))
     np.testing.assert_array_equal(cloud.u, u)
     np.testing.assert_array_equal(cloud.v, v)
-    np.testing.assert_array_equal(cloud.intensity, LEFT[v, u])
+    np.testing.assert_array_equal(cloud.intensity, left[v, u])
     assert (cloud.pair == 2).all()
-    assert len(cloud_from_disparity(np.full_like(DISPARITY, np.nan), SIGMA, LEFT, RIG, POSE, 0)) == 0
+    x, y, z = POSE.inverse().apply(cloud.xyz).T
+    np.testing.assert_allclose(SMALL.fx * x / z + SMALL.cx, u, atol=1e-4)
+    np.testing.assert_allclose(SMALL.fy * y / z + SMALL.cy, v, atol=1e-4)
+    np.testing.assert_allclose(SMALL.fx * SMALL.baseline_m / z, disparity[v, u], rtol=1e-5)
+    assert len(cloud_from_disparity(np.full_like(disparity, np.nan), disparity, left, SMALL, POSE, 0)) == 0
 
 
-@pytest.mark.parametrize("sigma_px", [0.02, 0.1])
-def test_sigma_is_the_scatter_along_the_ray(sigma_px: float) -> None:
+def test_sigma_is_the_scatter_along_the_ray() -> None:
     """Disparities drawn from a normal distribution; the ranges scatter by what is stated."""
-    truth = np.full((RIG.height, RIG.width), 5.0)
-    ranges = []
+    rng, sigma_px = np.random.default_rng(0), 0.05
+    truth, grey = np.full((SMALL.height, SMALL.width), 5.0, np.float32), np.zeros((SMALL.height, SMALL.width), np.uint8)
+    deviation, ranges = np.full_like(truth, sigma_px), []
     for _ in range(600):
-        drawn = RNG.normal(truth, sigma_px).astype(np.float32)
-        cloud = cloud_from_disparity(drawn, np.full_like(drawn, sigma_px), LEFT, RIG, POSE, 0)
+        cloud = cloud_from_disparity(rng.normal(truth, sigma_px).astype(np.float32), deviation, grey, SMALL, POSE, 0)
         ranges.append(np.linalg.norm(cloud.xyz - POSE.translation, axis=1))
-    stated = cloud_from_disparity(truth.astype(np.float32), np.full_like(SIGMA, sigma_px), LEFT, RIG, POSE, 0).sigma
-    ratio = np.std(ranges, axis=0) / stated
+    ratio = np.std(ranges, axis=0) / cloud_from_disparity(truth, deviation, grey, SMALL, POSE, 0).sigma
     assert ratio.mean() == pytest.approx(1.0, abs=0.01)
     assert ratio.std() < 0.04
+
+
+def disparity_of(rotation: np.ndarray) -> np.ndarray:
+    """Return the disparities of ground as a right camera rotated by a vector sees it."""
+    v, u = np.mgrid[: RIG.height, : RIG.width].astype(float)
+    depth = RIG.fx * RIG.baseline_m / (4.0 + 0.05 * v + 0.01 * u)
+    left = np.stack(((u - RIG.cx) / RIG.fx, (v - RIG.cy) / RIG.fy, np.ones_like(u)), axis=-1) * depth[..., None]
+    right = (left - [RIG.baseline_m, 0.0, 0.0]) @ matrix_from_rotvec(rotation)
+    return u - (RIG.fx * right[..., 0] / right[..., 2] + RIG.cx)
+
+
+def cloud_at(disparity: np.ndarray, rig: StereoRig = RIG, sigma_px: float = 0.0) -> PointCloud:
+    deviation = np.full(disparity.shape, sigma_px, np.float32)
+    grey = np.zeros(disparity.shape, np.uint8)
+    return cloud_from_disparity(disparity.astype(np.float32), deviation, grey, rig, POSE, 0)
+
+
+def moved_m(name: str) -> np.ndarray:
+    """Return how far each point moves along its ray if one number of the calibration is wrong by `ANGLE`."""
+    axes = {"pitch": 0, "yaw": 1, "roll": 2}
+    rotation, rig = np.zeros(3), RIG
+    if name in axes:
+        rotation[axes[name]] = ANGLE
+    elif name == "focal":
+        rig = replace(RIG, fx=RIG.fx * (1 + ANGLE), fy=RIG.fy * (1 + ANGLE))
+    else:
+        rig = replace(RIG, baseline_m=RIG.baseline_m * (1 + ANGLE))
+    true, wrong = cloud_at(disparity_of(np.zeros(3))), cloud_at(disparity_of(rotation), rig)
+    return np.linalg.norm(wrong.xyz - true.xyz, axis=1)
+
+
+@pytest.mark.parametrize("name", CalibrationSigma._fields)
+def test_sigma_is_how_far_a_wrong_calibration_moves_the_points(name: str) -> None:
+    cloud = cloud_at(disparity_of(np.zeros(3)))
+    sigma = total_sigma(cloud, [POSE], RIG, NONE._replace(**{name: ANGLE}))
+    moved = moved_m(name)
+    if name == "focal":  # the depth alone moves, the point stays on its column and row
+        ray = (cloud.xyz - POSE.translation) / np.linalg.norm(cloud.xyz - POSE.translation, axis=1)[:, None]
+        moved = moved / (ray @ POSE.rotation[:, 2])
+    near = np.abs(sigma - moved) < 0.02 * moved + 2e-5
+    assert near.mean() > 0.999
+    assert sigma.max() > 1e-4
+
+
+def test_parts_add_as_variances_and_none_leaves_sigma_as_it_is() -> None:
+    cloud = cloud_at(disparity_of(np.zeros(3)), sigma_px=0.1)
+    np.testing.assert_array_equal(total_sigma(cloud, [POSE], RIG, NONE), cloud.sigma)
+    parts = CalibrationSigma(1e-4, 2e-4, 3e-4, 1e-3, 2e-3)
+    single = [total_sigma(cloud, [POSE], RIG, NONE._replace(**{n: v})) for n, v in parts._asdict().items()]
+    variance = sum(np.square(s) - np.square(cloud.sigma) for s in single) + np.square(cloud.sigma)
+    np.testing.assert_allclose(total_sigma(cloud, [POSE], RIG, parts), np.sqrt(variance), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("yaw_deg", "sigma_deg", "widened", "told"),
+    [
+        (0.008, 0.001, False, False),  # as large as the calibration allows for
+        (0.05, 0.02, False, False),  # not measured
+        (-0.015, 0.001, True, False),
+        (-0.05, 0.002, True, True),
+    ],
+)
+def test_a_measured_yaw_widens_sigma_and_is_told_a_doubtful_one_is_not(
+    yaw_deg: float, sigma_deg: float, widened: bool, told: bool
+) -> None:
+    rotation = CameraRotation(np.radians(yaw_deg), np.radians(sigma_deg), 0.0, 0.0)
+    sigma, warnings = check_calibration(CalibrationUncertainty(), rotation, RIG)
+    stated = np.radians(CalibrationUncertainty().yaw_deg)
+    assert sigma.yaw == (np.hypot(stated, np.radians(yaw_deg)) if widened else stated)
+    assert bool(warnings) == told

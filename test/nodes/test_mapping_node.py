@@ -21,9 +21,8 @@ from stereo_msgs.msg import DisparityImage
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.config import MappingConfig, TerrainConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.terrain.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.nodes.diagnostics import values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode

@@ -12,7 +12,7 @@ import pytest
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.cloud_file import LoadedCloud
-from sfr_loc_map.mapping.terrain.config import TerrainConfig
+from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline import map_files

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.mapper import FusedMap
-from sfr_loc_map.mapping.terrain.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 
 REACH_M = 5.0

@@ -1,31 +1,45 @@
 """What the images say about pixels beside a jump of disparity: do they belong to their own surface or to the other?
 
-Matching costs are truncated mean absolute differences with adaptive support weights (Yoon and Kweon 2006).
+Matching costs are truncated mean absolute differences with adaptive support weights (Yoon and Kweon 2006). A network
+with one hidden layer judges a pixel by them and its surroundings. Its weights are learnt on rendered ground, where the
+truth is known (`tools/train_edge_network.py`).
 """
 
 from __future__ import annotations
 
+import json
+from functools import cache
+from importlib.resources import files
 from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.arrays import FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.occlusion import LARGE, MAX_DIFFERENCE, OTHER_SURFACE_PX
 
 F = np.float32
 
+OTHER_SURFACE_PX = F(1.0)
+"""Disparities that differ by less belong to one surface."""
+MAX_DIFFERENCE = F(30.0)
+"""Absolute differences of grey level are truncated to this."""
+LARGE = F(1e9)
+"""Cost where there is nothing to compare."""
 NEIGHBOURHOOD = 3
 """Half side of the neighbourhood in which other surfaces are searched, pixels."""
 CLAIM_PX = 6
 """Columns to either side in which surfaces are sought that claim the same pixel of the right image."""
 FIGURES = 15
 """Number of the figures of a pixel."""
-GREY_SCALE, DISTANCE_SCALE_PX = 8.0, 3.0
-SUPPORT_RADIUS = 4
-"""Neighbours of similar grey level support a pixel: where their weight is 1/e, and the radius of the window."""
+RADIUS = 4
+"""Half side of the window over which costs are averaged."""
+WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / 8.0).astype(F)
+"""Support of a neighbour by the difference of its grey level from the centre."""
+_AXIS = np.arange(-RADIUS, RADIUS + 1, dtype=np.float64)
+WEIGHT_BY_DISTANCE = np.exp(-np.hypot(_AXIS[:, None], _AXIS[None]) / 3.0).astype(F)
+"""Support of a neighbour by its position in the window."""
 MAX_LOG = 3.0
 """Logarithms of margins and jumps are clipped to this; it also stands for a margin where there is no other surface."""
 MIN_TYPICAL_GREY = 0.5
@@ -34,37 +48,15 @@ MIN_COST = 0.05
 """Smallest cost, in typical ones, whose logarithm is taken."""
 
 
-class SupportWeights(NamedTuple):
-    """Adaptive support weights (Yoon and Kweon 2006).
+class EdgeScene(NamedTuple):
+    """Images and disparities that are judged, `(H, W)` each.
 
     Attributes:
-        by_grey: `(256,)` float32, by the difference of grey level from the centre.
-        by_distance: `(2 r + 1, 2 r + 1)` float32, by the position in the window.
-    """
-
-    by_grey: FloatImage
-    by_distance: FloatImage
-
-
-def support_weights() -> SupportWeights:
-    """Return the weights of a window by which matching costs are judged."""
-    axis = np.arange(-SUPPORT_RADIUS, SUPPORT_RADIUS + 1, dtype=np.float64)
-    distance = np.hypot(axis[:, None], axis[None])
-    by_grey = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
-    return SupportWeights(by_grey, np.exp(-distance / DISTANCE_SCALE_PX).astype(F))
-
-
-class Scene(NamedTuple):
-    """Images and disparities that are judged.
-
-    Attributes:
-        left: `(H, W)` whole grey levels.
-        right: `(H, W)` grey levels, corrected.
-        disparity: `(H, W)`, pixels.
-        matched: `(H, W)`, whose disparities count as surfaces.
-        sigma: `(H, W)`, standard deviation of the disparity, pixels.
-        by_grey: As in `SupportWeights`.
-        by_distance: Likewise.
+        left: Whole grey levels.
+        right: Grey levels, corrected.
+        disparity: Pixels.
+        matched: Whose disparities count as surfaces.
+        sigma: Standard deviation of the disparity, pixels.
     """
 
     left: FloatImage
@@ -72,46 +64,33 @@ class Scene(NamedTuple):
     disparity: FloatImage
     matched: Mask
     sigma: FloatImage
-    by_grey: FloatImage
-    by_distance: FloatImage
-
-
-class Costs(NamedTuple):
-    """Matching costs of a pixel at one disparity, grey levels.
-
-    Attributes:
-        left: Over the window, weights by the left image.
-        both: The same, weights by both images.
-        close: Mean of 3 x 3 pixels.
-        worth: Number of pixels that the window is worth.
-    """
-
-    left: np.float32
-    both: np.float32
-    close: np.float32
-    worth: np.float32
 
 
 @jit_rows_inline
-def matching_costs(scene: Scene, y: int, x: int, disparity: np.float32) -> Costs:
-    """Return the costs of a pixel at a disparity; `LARGE` where its window lies outside the right image."""
+def _matching_costs(
+    scene: EdgeScene, y: int, x: int, disparity: np.float32
+) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """Return the costs of a pixel at a disparity, grey levels, and the number of pixels that its window is worth.
+
+    The costs are those with weights by the left image, with weights by both images, and the mean of 3 x 3 pixels;
+    `LARGE` where the window lies outside the right image.
+    """
     left, right = scene.left, scene.right
     rows, cols = left.shape
-    radius = scene.by_distance.shape[0] // 2
     whole = int(np.floor(disparity))
     part = disparity - F(whole)
     k = min(max(x - whole, 1), cols - 1)
     centre = right[y, k] + part * (right[y, k - 1] - right[y, k])
     total, weights, squares = F(0.0), F(0.0), F(0.0)
     total_both, weights_both, total_close, count = F(0.0), F(0.0), F(0.0), F(0.0)
-    first, last = max(x - radius, whole + 1, 0), min(x + radius, cols - 1 + whole, cols - 1)
-    for v in range(max(0, y - radius), min(rows, y + radius + 1)):
+    first, last = max(x - RADIUS, whole + 1, 0), min(x + RADIUS, cols - 1 + whole, cols - 1)
+    for v in range(max(0, y - RADIUS), min(rows, y + RADIUS + 1)):
         for u in range(first, last + 1):
             value = right[v, u - whole] + part * (right[v, u - whole - 1] - right[v, u - whole])
             difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
-            weight = scene.by_grey[int(abs(left[v, u] - left[y, x]))]
-            weight *= scene.by_distance[v - y + radius, u - x + radius]
-            weight_both = weight * scene.by_grey[min(int(abs(value - centre)), 255)]
+            weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
+            weight *= WEIGHT_BY_DISTANCE[v - y + RADIUS, u - x + RADIUS]
+            weight_both = weight * WEIGHT_BY_GREY[min(int(abs(value - centre)), 255)]
             total += weight * difference
             weights += weight
             squares += weight * weight
@@ -121,13 +100,13 @@ def matching_costs(scene: Scene, y: int, x: int, disparity: np.float32) -> Costs
                 total_close += difference
                 count += F(1.0)
     if not weights_both > F(0.0):
-        return Costs(LARGE, LARGE, LARGE, F(1.0))
+        return LARGE, LARGE, LARGE, F(1.0)
     close = total_close / max(count, F(1.0))
-    return Costs(total / weights, total_both / weights_both, close, weights * weights / squares)
+    return total / weights, total_both / weights_both, close, weights * weights / squares
 
 
 @jit_rows_inline
-def _fill_costs(scene: Scene, y: int, x: int, out: FloatImage) -> None:
+def _fill_costs(scene: EdgeScene, y: int, x: int, out: FloatImage) -> None:
     """Fill the figures that follow from costs: at the pixel's own disparity and at its neighbours' extremes."""
     rows, cols = scene.disparity.shape
     own = scene.disparity[y, x]
@@ -136,20 +115,20 @@ def _fill_costs(scene: Scene, y: int, x: int, out: FloatImage) -> None:
         for u in range(max(0, x - NEIGHBOURHOOD), min(cols, x + NEIGHBOURHOOD + 1)):
             if scene.matched[v, u]:
                 low, high = min(low, scene.disparity[v, u]), max(high, scene.disparity[v, u])
-    mine = matching_costs(scene, y, x, own)
+    mine_left, mine_both, mine_close, worth = _matching_costs(scene, y, x, own)
     best, both, close, jump = LARGE, LARGE, LARGE, F(0.0)
     for other in (low, high):
         if abs(other - own) >= OTHER_SURFACE_PX:
-            costs = matching_costs(scene, y, x, other)
-            both = min(both, costs.both)
-            if costs.left < best:
-                best, close, jump = costs.left, costs.close, other - own
-    out[0], out[1], out[2] = best - mine.left, both - mine.both, close - mine.close
-    out[3], out[4], out[5], out[6], out[7] = mine.worth, mine.left, mine.both, mine.close, jump
+            other_left, other_both, other_close, _ = _matching_costs(scene, y, x, other)
+            both = min(both, other_both)
+            if other_left < best:
+                best, close, jump = other_left, other_close, other - own
+    out[0], out[1], out[2] = best - mine_left, both - mine_both, close - mine_close
+    out[3], out[4], out[5], out[6], out[7] = worth, mine_left, mine_both, mine_close, jump
 
 
 @jit_rows_inline
-def _fill_surroundings(scene: Scene, y: int, x: int, out: FloatImage) -> None:
+def _fill_surroundings(scene: EdgeScene, y: int, x: int, out: FloatImage) -> None:
     """Fill the figures that follow from the disparities and grey levels around."""
     disparity, left = scene.disparity, scene.left
     rows, cols = disparity.shape
@@ -183,7 +162,7 @@ def _fill_surroundings(scene: Scene, y: int, x: int, out: FloatImage) -> None:
 
 
 @jit_rows
-def edge_figures(scene: Scene, chosen: NDArray[np.int64]) -> FloatImage:
+def edge_figures(scene: EdgeScene, chosen: IntArray) -> FloatImage:
     """Return the figures of pixels `(N, 15)`, given by their places in the flat image.
 
     Columns: margin in cost of the best other surface over the pixel's own (weights by the left image, by both, 3 x 3
@@ -203,7 +182,7 @@ def edge_figures(scene: Scene, chosen: NDArray[np.int64]) -> FloatImage:
     return out
 
 
-def edge_evidence(scene: Scene, chosen: NDArray[np.int64]) -> FloatImage:
+def edge_evidence(scene: EdgeScene, chosen: IntArray) -> FloatImage:
     """Return what a network judges pixels by `(N, 15)`: the figures without unit, of the size of one.
 
     Costs are taken relative to the typical one of the pair: real images match less well than their noise explains.
@@ -225,3 +204,53 @@ def edge_evidence(scene: Scene, chosen: NDArray[np.int64]) -> FloatImage:
 
 def _signed_log(values: NDArray[np.floating]) -> NDArray[np.floating]:
     return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
+
+
+class EdgeNetwork(NamedTuple):
+    """A network with one hidden layer of K rectified linear units, float32.
+
+    Attributes:
+        low: `(15,)`. Evidence is clipped to the range that was common where the weights were learnt.
+        high: `(15,)`, likewise.
+        hidden: `(K, 15)`, weights of the evidence.
+        hidden_offset: `(K,)`.
+        output: `(K,)`, weights of the hidden layer.
+        output_offset: `(1,)`.
+    """
+
+    low: FloatImage
+    high: FloatImage
+    hidden: FloatImage
+    hidden_offset: FloatImage
+    output: FloatImage
+    output_offset: FloatImage
+
+
+@cache
+def edge_network() -> EdgeNetwork:
+    """Return the network that is part of the suite."""
+    text = files("sfr_loc_map.mapping.disparity").joinpath("edge_network.json").read_text(encoding="utf-8")
+    weights = json.loads(text)
+    return EdgeNetwork(*(np.asarray(weights[name], F) for name in EdgeNetwork._fields))
+
+
+@jit_rows
+def log_odds(network: EdgeNetwork, evidence: FloatImage) -> FloatImage:
+    """Return the log odds `(N,)` that a pixel's surface is the wrong one, of its evidence `(N, 15)`."""
+    low, high = network.low, network.high
+    hidden, hidden_offset, output = network.hidden, network.hidden_offset, network.output
+    out = np.empty(len(evidence), F)
+    for n in prange(len(evidence)):
+        total = network.output_offset[0]
+        for k in range(len(output)):
+            unit = hidden_offset[k]
+            for i in range(hidden.shape[1]):
+                unit += hidden[k, i] * min(max(evidence[n, i], low[i]), high[i])
+            total += output[k] * max(unit, F(0.0))
+        out[n] = total
+    return out
+
+
+def wrong_surface_log_odds(scene: EdgeScene, chosen: IntArray) -> FloatImage:
+    """Return the log odds `(N,)` that pixels, given by their places in the flat image, are on the wrong surface."""
+    return log_odds(edge_network(), edge_evidence(scene, chosen))

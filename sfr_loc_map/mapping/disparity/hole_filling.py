@@ -2,7 +2,7 @@
 
 The hypotheses of a pixel are the surfaces that it meets along eight directions, continued as planes. Each is judged by
 the images: the matching cost over the pixels around, mostly those that have no disparity either. The scale is the cost
-of valid pixels beside holes in the same pair.
+of valid pixels beside holes in the same pair. Two surfaces cannot be seen at one pixel of the right image.
 """
 
 from __future__ import annotations
@@ -13,25 +13,28 @@ import cv2
 import numpy as np
 from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.arrays import FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.filters import depth_ratio
-from sfr_loc_map.mapping.disparity.occlusion import LARGE, OTHER_SURFACE_PX
-from sfr_loc_map.mapping.disparity.partner_claims import Claims, confirmed, is_contradicted, right_claims
-from sfr_loc_map.mapping.disparity.surface_hypotheses import (
-    REACH,
-    Field,
-    Images,
-    Plane,
-    hypotheses,
-    own_costs,
-    plane_cost,
+from sfr_loc_map.mapping.disparity.edge_evidence import (
+    LARGE,
+    MAX_DIFFERENCE,
+    OTHER_SURFACE_PX,
+    RADIUS,
+    WEIGHT_BY_DISTANCE,
+    WEIGHT_BY_GREY,
 )
+from sfr_loc_map.mapping.disparity.filters import depth_ratio, within
 
 F = np.float32
 
 PASSES = 2
 """What was filled offers its surface to its neighbours in the next pass."""
+REACH = 12
+"""Rows or columns within which a surface is a hypothesis."""
+SLOPE_PX = 2
+"""Distance over which a surface's slope is taken, pixels."""
+VALID_WEIGHT = F(0.3)
+"""Weight in a window of pixels that have a disparity: they would only repeat what they were found to be."""
 COST_PERCENTILE = 90.0
 """A filled pixel matches no worse than so many percent of the valid pixels beside holes: `BESIDE` pixels or less from
 one. Every `SAMPLE`th of them is taken."""
@@ -42,30 +45,61 @@ ASIDE_PX = F(2.0)
 """A surface that nothing else confirms must match better than disparities so far to either side."""
 SAME_PX = F(0.5)
 """Hypotheses that differ by less are judged once."""
+MIN_ALIKE = 5
+"""Of the eight pixels around a filled one so many must belong to its surface."""
 FILLED_SIGMA_PX = F(0.5)
 """Smallest standard deviation of a filled disparity. The root of the mean squared error was 0.2 to 0.9 on rendered
 ground, two thirds of them were within 0.16 to 0.3."""
-
-
 MAX_DEPTH_RATIO, NEAR_PX = F(4.0), 7
 """A hole takes no surface that is so many times as far as another one within so many pixels, as behind the rim of a
 crater: one such pixel in ten thousand would be most of the error of a map."""
+_DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
+"""Rows and columns of a step; opposite directions follow each other."""
 
 
-class Filled(NamedTuple):
-    """Disparities `(H, W)` with those of holes that were filled, and which these are."""
+class HoleScene(NamedTuple):
+    """What a pass fills, `(H, W)` each.
 
+    Attributes:
+        left: Whole grey levels.
+        right: Grey levels, corrected.
+        disparity: Pixels.
+        valid: Whose disparities count as surfaces.
+        open: Which pixels may be filled.
+        matched: Pixels, what the matcher found, NaN for nothing.
+        distance: Rows or columns to a valid pixel.
+    """
+
+    left: FloatImage
+    right: FloatImage
     disparity: FloatImage
-    filled: Mask
+    valid: Mask
+    open: Mask
+    matched: FloatImage
+    distance: FloatImage
+
+
+class Claims(NamedTuple):
+    """Smallest and largest disparity `(H, W)` of the pixels that correspond to each pixel of the right image."""
+
+    low: FloatImage
+    high: FloatImage
 
 
 def fill_holes(
-    images: Images, disparity: FloatImage, valid: Mask, matched: FloatImage, noise: float, may: Mask
-) -> Filled:
-    """Return the disparities with those of pixels that take a surface beside them.
+    left: FloatImage,
+    right: FloatImage,
+    disparity: FloatImage,
+    valid: Mask,
+    matched: FloatImage,
+    noise: float,
+    may: Mask,
+) -> tuple[FloatImage, Mask]:
+    """Return the disparities with those of pixels that take a surface beside them, and which these are.
 
     Args:
-        images: What is matched.
+        left: `(H, W)`, whole grey levels.
+        right: `(H, W)`, grey levels, corrected.
         disparity: `(H, W)`, pixels.
         valid: `(H, W)`, which of them count.
         matched: `(H, W)`, pixels, what the matcher found, NaN for nothing.
@@ -73,17 +107,17 @@ def fill_holes(
         may: `(H, W)`, which pixels may be filled.
     """
     known, beside = valid, may
-    limit = _cost_limit(images, Field(disparity, valid, ~valid, matched, disparity))
+    limit = _cost_limit(HoleScene(left, right, disparity, valid, ~valid, matched, disparity))
     for _ in range(PASSES if limit > 0.0 else 0):
-        present = Field(disparity, known, beside & ~known, matched, distance_to(known))
-        found = fill_pass(images, present, right_claims(disparity, known), F(limit), F(MARGIN_SIGMAS * noise))
+        scene = HoleScene(left, right, disparity, known, beside & ~known, matched, distance_to(known))
+        found = fill_pass(scene, right_claims(disparity, known), F(limit), F(MARGIN_SIGMAS * noise))
         added = np.isfinite(found)
         merged, either = np.where(added, found, disparity), known | added
         added = confirmed(merged, either, added, right_claims(merged, either))
         disparity, known = np.where(added, found, disparity), known | added
         beside = may & within(added, REACH)
     near_enough = depth_ratio(np.where(known, disparity, F(0.0)), NEAR_PX) < MAX_DEPTH_RATIO
-    return Filled(disparity, known & ~valid & near_enough)
+    return disparity, known & ~valid & near_enough
 
 
 def distance_to(valid: Mask) -> FloatImage:
@@ -91,132 +125,217 @@ def distance_to(valid: Mask) -> FloatImage:
     return np.asarray(cv2.distanceTransform((~valid).astype(np.uint8), cv2.DIST_C, 3), F)
 
 
-def within(pixels: Mask, reach: int) -> Mask:
-    """Tell which pixels are within so many rows and columns of one that is set."""
-    square = np.ones((2 * reach + 1,) * 2, np.uint8)
-    return np.asarray(cv2.dilate(pixels.astype(np.uint8), square)).astype(np.bool_)
-
-
-def _cost_limit(images: Images, field: Field) -> float:
+def _cost_limit(scene: HoleScene) -> float:
     """Return the matching cost that a filled pixel may have, grey levels; 0 if too little is known."""
-    beside = within(field.open, BESIDE) & field.valid
-    chosen = np.flatnonzero(beside)[::SAMPLE]
+    chosen = np.flatnonzero(within(scene.open, BESIDE) & scene.valid)[::SAMPLE]
     if len(chosen) < MIN_SAMPLES:
         return 0.0
-    return float(np.percentile(own_costs(images, field, chosen), COST_PERCENTILE))
-
-
-@jit_rows_inline
-def _enclosed(found: FloatImage, best: np.float32) -> bool:
-    """Tell whether one surface is met in two opposite directions."""
-    for k in range(0, len(found), 2):
-        if abs(found[k, 0] - best) < OTHER_SURFACE_PX and abs(found[k + 1, 0] - best) < OTHER_SURFACE_PX:
-            return True
-    return False
-
-
-@jit_rows_inline
-def _judged_before(found: FloatImage, k: int) -> int:
-    """Return the first hypothesis of the same disparity."""
-    for i in range(k):
-        if abs(found[i, 0] - found[k, 0]) < SAME_PX:
-            return i
-    return k
-
-
-@jit_rows_inline
-def _costs(images: Images, valid: Mask, y: int, x: int, found: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """Return the matching cost of each hypothesis `(8,)`, and how many pixels its window is worth."""
-    cost, worth = np.full(8, LARGE), np.ones(8, F)
-    for k in range(8):
-        if found[k, 0] == found[k, 0]:
-            before = _judged_before(found, k)
-            if before < k:
-                cost[k], worth[k] = cost[before], worth[before]
-            else:
-                plane = Plane(found[k, 0], found[k, 1], found[k, 2])
-                cost[k], worth[k] = plane_cost(images, valid, y, x, plane)
-    return cost, worth
-
-
-@jit_rows_inline
-def _other_cost(found: FloatImage, cost: FloatImage, disparity: np.float32) -> np.float32:
-    """Return the lowest cost among the hypotheses of other surfaces."""
-    lowest = LARGE
-    for k in range(8):
-        if abs(found[k, 0] - disparity) > OTHER_SURFACE_PX:
-            lowest = min(lowest, cost[k])
-    return lowest
-
-
-@jit_rows_inline
-def _cost_aside(images: Images, valid: Mask, y: int, x: int, plane: Plane) -> np.float32:
-    """Return the lower cost of the disparities to either side of a plane's."""
-    lowest = LARGE
-    for side in (-ASIDE_PX, ASIDE_PX):
-        aside = Plane(plane.disparity + side, plane.slope_x, plane.slope_y)
-        lowest = min(lowest, plane_cost(images, valid, y, x, aside)[0])
-    return lowest
-
-
-@jit_rows_inline
-def _cheapest(cost: FloatImage, possible: Mask) -> int:
-    """Return the possible hypothesis of the lowest cost, the first of equals; one without a cost is taken at once."""
-    best, lowest = 0, LARGE
-    for k in range(8):
-        if possible[k] and (cost[k] < lowest or np.isnan(cost[k])):
-            best, lowest = k, cost[k]
-            if np.isnan(lowest):
-                break
-    return best
-
-
-@jit_rows_inline
-def _filled(
-    images: Images, field: Field, claims: Claims, limit: np.float32, margin: np.float32, y: int, x: int
-) -> np.float32:
-    """Return the disparity of the best hypothesis of a pixel, NaN if none is good enough.
-
-    Where the field agrees with it, it is the field's.
-    """
-    found = hypotheses(field, y, x)
-    possible, count = np.zeros(8, np.bool_), 0
-    for k in range(8):
-        possible[k] = not is_contradicted(found[k, 0], claims, y, x)
-        count += possible[k]
-    if count == 0:
-        return F(np.nan)
-    cost, worth = _costs(images, field.valid, y, x, found)
-    best = _cheapest(cost, possible)
-    disparity: np.float32 = found[best, 0]
-    needed = cost[best] + margin / np.sqrt(worth[best])
-    if not (possible[best] and cost[best] <= limit and _other_cost(found, cost, disparity) >= needed):
-        return F(np.nan)
-    if not (_enclosed(found, disparity) or abs(field.matched[y, x] - disparity) < OTHER_SURFACE_PX):
-        plane = Plane(disparity, found[best, 1], found[best, 2])
-        if _cost_aside(images, field.valid, y, x, plane) < needed:
-            return F(np.nan)
-    own: np.float32 = field.disparity[y, x]
-    return own if abs(own - disparity) < OTHER_SURFACE_PX else disparity
+    return float(np.percentile(own_costs(scene, chosen), COST_PERCENTILE))
 
 
 @jit_rows
-def fill_pass(images: Images, field: Field, claims: Claims, limit: np.float32, margin: np.float32) -> FloatImage:
+def fill_pass(scene: HoleScene, claims: Claims, limit: np.float32, margin: np.float32) -> FloatImage:
     """Return the disparities `(H, W)` of the open pixels that one pass fills, NaN elsewhere.
 
     Args:
-        images: What is matched.
-        field: Valid disparities are hypotheses, open pixels are filled.
+        scene: Valid disparities are hypotheses, open pixels are filled.
         claims: Of the valid disparities.
         limit: Largest matching cost, grey levels.
         margin: In matching cost over other hypotheses, of a window that is worth one pixel, grey levels.
     """
-    rows, cols = field.disparity.shape
+    rows, cols = scene.disparity.shape
     out = np.full((rows, cols), F(np.nan))
     for n in prange(rows):
         # Even rows first, then odd ones: each of two threads gets as many holes as the other.
         y = 2 * n if 2 * n < rows else 2 * n - rows + 1 - rows % 2
         for x in range(cols):
-            if field.open[y, x] and field.distance[y, x] <= REACH:
-                out[y, x] = _filled(images, field, claims, limit, margin, y, x)
+            if scene.open[y, x] and scene.distance[y, x] <= REACH:
+                out[y, x] = _filled(scene, claims, limit, margin, y, x)
+    return out
+
+
+@jit_rows_inline
+def _filled(scene: HoleScene, claims: Claims, limit: np.float32, margin: np.float32, y: int, x: int) -> np.float32:
+    """Return the disparity of the best hypothesis of a pixel, NaN if none is good enough.
+
+    Where the field agrees with it, it is the field's.
+    """
+    found = hypotheses(scene, y, x)
+    possible, count = np.zeros(8, np.bool_), 0
+    for k in range(8):
+        possible[k] = not _is_contradicted(found[k, 0], claims, y, x)
+        count += possible[k]
+    if count == 0:
+        return F(np.nan)
+    cost, worth = _costs(scene, y, x, found)
+    best, lowest = 0, LARGE
+    for k in range(8):
+        if possible[k] and cost[k] < lowest:
+            best, lowest = k, cost[k]
+    disparity: np.float32 = found[best, 0]
+    rival, enclosed = LARGE, False
+    for k in range(8):
+        if abs(found[k, 0] - disparity) > OTHER_SURFACE_PX:
+            rival = min(rival, cost[k])
+    needed = cost[best] + margin / np.sqrt(worth[best])
+    if not (possible[best] and cost[best] <= limit and rival >= needed):
+        return F(np.nan)
+    for k in range(0, 8, 2):  # met in two opposite directions
+        opposite = abs(found[k + 1, 0] - disparity) < OTHER_SURFACE_PX
+        enclosed |= abs(found[k, 0] - disparity) < OTHER_SURFACE_PX and opposite
+    if not (enclosed or abs(scene.matched[y, x] - disparity) < OTHER_SURFACE_PX):
+        for side in (-ASIDE_PX, ASIDE_PX):
+            if plane_cost(scene, y, x, disparity + side, found[best, 1], found[best, 2])[0] < needed:
+                return F(np.nan)
+    own: np.float32 = scene.disparity[y, x]
+    return own if abs(own - disparity) < OTHER_SURFACE_PX else disparity
+
+
+@jit_rows_inline
+def _costs(scene: HoleScene, y: int, x: int, found: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Return the matching cost of each hypothesis `(8,)`, and how many pixels its window is worth."""
+    cost, worth = np.full(8, LARGE), np.ones(8, F)
+    for k in range(8):
+        if found[k, 0] == found[k, 0]:
+            first = 0
+            while first < k and not abs(found[first, 0] - found[k, 0]) < SAME_PX:
+                first += 1
+            if first < k:
+                cost[k], worth[k] = cost[first], worth[first]
+            else:
+                cost[k], worth[k] = plane_cost(scene, y, x, found[k, 0], found[k, 1], found[k, 2])
+    return cost, worth
+
+
+@jit_rows_inline
+def hypotheses(scene: HoleScene, y: int, x: int) -> FloatImage:
+    """Return the first surface along each direction, continued to the pixel as a plane `(8, 3)`; NaN if there is none.
+
+    Columns: disparity at the pixel, and its slope along rows and columns, pixels for each pixel.
+    """
+    rows, cols = scene.disparity.shape
+    found = np.full((8, 3), F(np.nan))
+    for k in range(8):
+        dy, dx = _DIRECTIONS[k, 0], _DIRECTIONS[k, 1]
+        s = int(scene.distance[y, x])
+        while s <= REACH:
+            v, u = y + s * dy, x + s * dx
+            if not (0 <= v < rows and 0 <= u < cols):
+                break
+            if scene.valid[v, u]:
+                slope_x, slope_y = _surface_slope(scene, v, u, 0, 1), _surface_slope(scene, v, u, 1, 0)
+                found[k, 0] = scene.disparity[v, u] - F(s) * (slope_x * F(dx) + slope_y * F(dy))
+                found[k, 1], found[k, 2] = slope_x, slope_y
+                break
+            s += int(scene.distance[v, u])
+    return found
+
+
+@jit_rows_inline
+def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.float32:
+    """Return the slope of a valid pixel's surface along an axis, from what is valid on either side."""
+    rows, cols = scene.disparity.shape
+    centre = scene.disparity[y, x]
+    rise, run = F(0.0), F(0.0)
+    for side in (-SLOPE_PX, SLOPE_PX):
+        v, u = y + side * dy, x + side * dx
+        if 0 <= v < rows and 0 <= u < cols and scene.valid[v, u]:
+            step = scene.disparity[v, u] - centre
+            if abs(step) < OTHER_SURFACE_PX:
+                rise += step if side > 0 else -step
+                run += F(SLOPE_PX)
+    slope: np.float32 = rise / max(run, F(1.0))
+    return slope
+
+
+@jit_rows_inline
+def plane_cost(
+    scene: HoleScene, y: int, x: int, disparity: np.float32, slope_x: np.float32, slope_y: np.float32
+) -> tuple[np.float32, np.float32]:
+    """Return the weighted mean absolute difference around a pixel, grey levels, and how many pixels that is worth."""
+    left, right = scene.left, scene.right
+    rows, cols = left.shape
+    total, weights, squares = F(0.0), F(0.0), F(0.0)
+    for v in range(max(0, y - RADIUS), min(rows, y + RADIUS + 1)):
+        start = F(x) - disparity - slope_y * F(v - y)
+        for u in range(max(0, x - RADIUS), min(cols, x + RADIUS + 1)):
+            column = start + (F(1.0) - slope_x) * F(u - x)
+            if not (column >= F(0.0) and column < F(cols - 1)):
+                continue
+            k = int(column)
+            value = right[v, k] + (column - F(k)) * (right[v, k + 1] - right[v, k])
+            weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
+            weight *= WEIGHT_BY_DISTANCE[v - y + RADIUS, u - x + RADIUS]
+            weight *= VALID_WEIGHT if scene.valid[v, u] else F(1.0)
+            total += weight * min(abs(value - left[v, u]), MAX_DIFFERENCE)
+            weights += weight
+            squares += weight * weight
+    if not weights > F(0.0):
+        return LARGE, F(0.0)
+    return total / weights, weights * weights / squares
+
+
+@jit_rows
+def own_costs(scene: HoleScene, chosen: IntArray) -> FloatImage:
+    """Return the matching costs `(N,)` of valid pixels, given by their places in the flat image."""
+    cols = scene.disparity.shape[1]
+    out = np.empty(len(chosen), F)
+    for n in prange(len(chosen)):
+        y, x = chosen[n] // cols, chosen[n] % cols
+        slope_x, slope_y = _surface_slope(scene, y, x, 0, 1), _surface_slope(scene, y, x, 1, 0)
+        out[n] = plane_cost(scene, y, x, scene.disparity[y, x], slope_x, slope_y)[0]
+    return out
+
+
+@jit_rows
+def right_claims(disparity: FloatImage, valid: Mask) -> Claims:
+    """Return which disparities claim each pixel of the right image."""
+    rows, cols = disparity.shape
+    low, high = np.empty((rows, cols), F), np.empty((rows, cols), F)
+    for y in prange(rows):
+        for x in range(cols):
+            low[y, x], high[y, x] = LARGE, -LARGE
+        for x in range(cols):
+            if valid[y, x]:
+                u = int(np.rint(F(x) - disparity[y, x]))
+                if 0 <= u < cols:
+                    low[y, u] = min(low[y, u], disparity[y, x])
+                    high[y, u] = max(high[y, u], disparity[y, x])
+    return Claims(low, high)
+
+
+@jit_rows_inline
+def _is_contradicted(disparity: np.float32, claims: Claims, y: int, x: int) -> bool:
+    """Tell whether the partner of a pixel lies outside the right image or belongs to another surface."""
+    column = F(x) - disparity
+    if not (column >= F(0.0) and column < F(claims.low.shape[1] - 1)):
+        return True
+    u = int(np.rint(column))
+    nearer: bool = claims.high[y, u] > disparity + OTHER_SURFACE_PX
+    farther: bool = claims.low[y, u] < disparity - OTHER_SURFACE_PX
+    return nearer or farther
+
+
+@jit_rows
+def confirmed(disparity: FloatImage, known: Mask, added: Mask, claims: Claims) -> Mask:
+    """Tell which added pixels `(H, W)` are no single ones and have a partner that is no other surface's.
+
+    Args:
+        disparity: `(H, W)`, pixels.
+        known: `(H, W)`, which are valid or filled.
+        added: `(H, W)`, those to test, all of them known.
+        claims: Of the known ones.
+    """
+    rows, cols = disparity.shape
+    out = np.zeros((rows, cols), np.bool_)
+    for y in prange(rows):
+        for x in range(cols):
+            if not added[y, x] or _is_contradicted(disparity[y, x], claims, y, x):
+                continue
+            alike = -1  # without the pixel itself
+            for v in range(max(0, y - 1), min(rows, y + 2)):
+                for u in range(max(0, x - 1), min(cols, x + 2)):
+                    if known[v, u] and abs(disparity[v, u] - disparity[y, x]) < OTHER_SURFACE_PX:
+                        alike += 1
+            out[y, x] = alike >= MIN_ALIKE
     return out

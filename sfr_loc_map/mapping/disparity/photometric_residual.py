@@ -1,4 +1,4 @@
-"""The data term: residuals of the warped right image, brightness offset, and normal equations of each cell."""
+"""The data term: residuals of the warped right image, their noise, and the normal equations of each cell."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.arrays import FloatImage, IntArray
+from sfr_loc_map.geometry.median import median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
+from sfr_loc_map.mapping.disparity.filters import MAD_TO_SIGMA, mad_sigma
 
 F = np.float32
 
@@ -16,6 +18,11 @@ DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * 0.1065))
 DERIVATIVE_FAR = F(0.5 * 0.1065)
 SMOOTH_SIDE = F(0.1065)
 """Taps of a central difference after a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))` at one pixel."""
+MIN_NOISE = 0.3
+"""Standard deviation that the rounding to whole grey levels alone gives a residual, about."""
+DEFAULT_VARIANCE = F(25.0)
+"""Grey levels squared, where too few residuals are known to measure it."""
+BINS, MIN_PER_BIN = 8, 50
 
 
 class NormalEquations(NamedTuple):
@@ -126,17 +133,6 @@ def cell_means(residual: FloatImage, limit: np.float32) -> FloatImage:
 
 
 @jit_rows
-def normalised_residual(residual: FloatImage, offset: FloatImage, deviation: FloatImage) -> FloatImage:
-    """Return the residual `(H, W)` without its cell's offset, over its cell's standard deviation `(H/2, W/2)`."""
-    rows, cols = residual.shape
-    out = np.empty((rows, cols), F)
-    for y in prange(rows):
-        for x in range(cols):
-            out[y, x] = (residual[y, x] - offset[y // 2, x // 2]) / deviation[y // 2, x // 2]
-    return out
-
-
-@jit_rows
 def mean_template(left: FloatImage, residual: FloatImage, offset: FloatImage, limit: np.float32) -> FloatImage:
     """Return the mean of the left and the warped right image, brightness offset removed.
 
@@ -213,3 +209,40 @@ def normal_equations(
             chi2[i, j] = square
             weights[i, j] = weight_sum
     return NormalEquations(information, information_vector, chi2, weights)
+
+
+def overall_noise(residual: FloatImage) -> float:
+    """Return the robust standard deviation of a residual `(H, W)`, grey levels, at least `MIN_NOISE`."""
+    sample = residual[::8, ::4]
+    sample = sample[np.isfinite(sample)]
+    return max(mad_sigma(sample - median(sample)), MIN_NOISE) if len(sample) else MIN_NOISE
+
+
+def noise_variance(grey: FloatImage, order: IntArray, residual: FloatImage, offset: FloatImage) -> FloatImage:
+    """Return the variance of a residual in each cell `(H/2, W/2)`: the best straight line over the grey level.
+
+    A camera's noise has a constant part and one that grows with the light (photon noise).
+
+    Args:
+        grey: `(H/2, W/2)`, mean grey level of the left image in each cell.
+        order: That sorts every second one of every fourth row by grey level: all residuals of a pair share it.
+        residual: `(H, W)`, grey levels, NaN where unknown.
+        offset: `(H/2, W/2)`, brightness offset of the residual.
+    """
+    deviation = np.abs(residual[::8, ::4] - offset[::4, ::2]).ravel()
+    order = order[np.isfinite(deviation)[order]]
+    level, deviation = grey[::4, ::2].ravel()[order], deviation[order]
+    if len(level) < BINS * MIN_PER_BIN:
+        return np.full(offset.shape, DEFAULT_VARIANCE, F)
+    centre = np.array([part.mean() for part in np.array_split(level, BINS)], np.float64)
+    variance = np.array([(MAD_TO_SIGMA * median(part)) ** 2 for part in np.array_split(deviation, BINS)])
+    variance = np.maximum(variance, MIN_NOISE**2)
+    weight = 1.0 / np.square(variance)
+    middle = np.average(centre, weights=weight)
+    spread = float(np.average(np.square(centre - middle), weights=weight))
+    mean = float(np.average(variance, weights=weight))
+    slope = float(np.average((centre - middle) * (variance - mean), weights=weight)) / max(spread, 1.0)
+    model = grey - F(middle)
+    model *= F(slope)
+    model += F(mean)
+    return np.clip(model, F(variance.min()), F(variance.max()), out=model)

@@ -16,13 +16,10 @@ from sfr_loc_map.mapping.config import MappingConfig
 WIDE = 800
 """Images of so many columns are matched at half their width: a quarter of the cost, less noise, and the refinement has
 cells of two pixels anyway. Small images are matched as they are: edges come out sharper, and the cost is small."""
-BLOCK = 1
-"""Side of the matching block: larger ones fatten the edges of rocks."""
 SPREAD_PERCENTILES, SPREAD_STRIDE = (10.0, 50.0, 90.0), 4
 ALIKE_GREY = 8.0
 """Percentiles of a pair of one exposure differ by less, as the two images do not show quite the same."""
-SPECKLE_PIXELS = 60
-SPECKLE_STEP = 16
+SPECKLE_PIXELS, SPECKLE_STEP = 60, 16
 """Islands of fewer pixels are removed; within one, neighbours differ by at most so many sixteenths of a pixel."""
 
 
@@ -59,27 +56,20 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
 
 
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
-    """Return the disparity of the left image by semi-global matching (Hirschmueller 2008, OpenCV's three paths).
+    """Return the disparity of the left image `(H, W)`, pixels, NaN where the left-right check fails.
 
-    A right image of another exposure is equalised. Columns of wide images are averaged in pairs. Both images are padded
-    on the left, so that columns are matched even where a part of the search range lies outside the right image.
-
-    Args:
-        left: `(H, W)` uint8.
-        right: `(H, W)` uint8.
-        count: Disparities 0 to `count - 1` are searched.
-
-    Returns:
-        `(H, W)` float32, pixels, steps of 1/16, of 1/8 in wide images; NaN where the left-right check fails.
+    Semi-global matching (Hirschmueller 2008, OpenCV's three paths) in steps of 1/16 pixel, of 1/8 in wide images, whose
+    columns are averaged in pairs. A right image of another exposure is equalised. Both images are padded on the left,
+    so that columns are matched even where a part of the search range, 0 to `count - 1`, lies outside the right image.
     """
     columns = 2 if left.shape[1] >= WIDE else 1
     searched = 16 * math.ceil(count / (16 * columns))
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=searched,
-        blockSize=BLOCK,
-        P1=8 * BLOCK * BLOCK,
-        P2=32 * BLOCK * BLOCK,
+        blockSize=1,  # larger blocks fatten the edges of rocks
+        P1=8,
+        P2=32,
         disp12MaxDiff=1,
         preFilterCap=31,
         uniquenessRatio=2,

@@ -1,11 +1,21 @@
-"""The standard deviation of each refined disparity."""
+"""The standard deviation of each disparity: of noise and smoothing, wider beside saturated pixels.
+
+What the calibration adds to the sigma of a point: `mapping/reprojection.py`.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
 
-from sfr_loc_map.geometry.arrays import FloatImage
+import cv2
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.median import median
+from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 
@@ -27,6 +37,18 @@ MAX_CREASE_PX = F(1.0)
 EDGE_FACTOR = 10.0
 """Second differences beyond so many times the median are edges, no shape of the ground."""
 
+_CLIPPED = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).astype(np.uint8)
+"""By grey level: 255 for saturated ones, 0 for others."""
+FLAT_PX = 5
+"""A pixel whose square of this side is saturated throughout has nothing to match."""
+AROUND_PX = 11
+"""Saturated pixels count for the uncertainty of those within a square of this side."""
+SIGMA_GROWTH = F(1.5)
+"""How much sigma grows where all pixels around are saturated: their residuals are small without being right, so the
+noise that is measured in the images is too small. Found on rendered ground of which half is clipped."""
+SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
+"""Factor on sigma by the mean around a pixel."""
+
 
 def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     """Return the standard deviation of each disparity `(H, W)` float32, pixels.
@@ -39,7 +61,8 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     height, width = refined.disparity_px.shape
     information = np.maximum(box_mean(refined.information, WINDOW_CELLS) - NOISE_INFORMATION, F(1e-3))
     weight = np.sqrt(box_mean(refined.weights.along_x, WINDOW_CELLS) * box_mean(refined.weights.along_y, WINDOW_CELLS))
-    curvature = _curvature(refined.cells_px)
+    along_x, along_y = second_differences(refined.cells_px)
+    curvature = np.abs(along_x) + np.abs(along_y)
     typical = median(curvature)
     of_ground = box_mean(np.minimum(curvature, F(EDGE_FACTOR * typical)), WINDOW_CELLS)
     noise = F(0.125) / np.sqrt(information * weight)
@@ -49,7 +72,45 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     return np.asarray(np.minimum(sigma[:height, :width], MAX_SIGMA_PX), F)
 
 
-def _curvature(cells: FloatImage) -> FloatImage:
-    """Return the size of the second differences along both axes, pixels."""
-    along_x, along_y = second_differences(cells)
-    return np.asarray(np.abs(along_x) + np.abs(along_y), F)
+@dataclass(frozen=True, slots=True, eq=False)
+class Saturation:
+    """How saturated the images are around each pixel of the left one: there is no texture, and highlights move.
+
+    Attributes:
+        flat: `(H, W)`, there is nothing but saturation in one of the images.
+        around: `(H, W)` uint8, the mean around each pixel of 0 for pixels that are not saturated, 255 for others.
+        share: Share of the pixels of the left image that are saturated in either.
+    """
+
+    flat: Mask
+    around: GreyImage
+    share: float
+
+    def widen(self, sigma: NDArray[np.float32], cloud: PointCloud, number: int) -> None:
+        """Multiply the standard deviations `(N,)` of the points of a cloud's pair by their factors, in place."""
+        if self.share > 0.0:
+            _widen(sigma, cloud.v, cloud.u, cloud.pair == number, self.around)
+
+
+@jit_rows
+def _widen(
+    sigma: NDArray[np.float32], v: NDArray[np.uint16], u: NDArray[np.uint16], which: Mask, around: GreyImage
+) -> None:
+    for n in prange(len(sigma)):
+        if which[n]:
+            sigma[n] *= SIGMA_FACTORS[around[v[n], u[n]]]
+
+
+def saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:
+    """Return how saturated both images are around each pixel and its partner; the disparity `(H, W)` has no holes."""
+    clipped_left, clipped_right = cv2.LUT(left, _CLIPPED), cv2.LUT(right, _CLIPPED)
+    if clipped_right.any():
+        columns = np.arange(left.shape[1], dtype=F) - disparity_px
+        nearest = np.rint(columns).astype(np.int32)
+        inside = (columns >= -0.5) & (nearest < left.shape[1])
+        clipped_right = np.take_along_axis(clipped_right, np.where(inside, nearest, 0), axis=1) * inside
+    square = np.ones((FLAT_PX, FLAT_PX), np.uint8)
+    flat = np.maximum(cv2.erode(clipped_left, square), cv2.erode(clipped_right, square)) > 0
+    either = np.maximum(clipped_left, clipped_right)
+    around = np.asarray(cv2.blur(either, (AROUND_PX, AROUND_PX)), np.uint8)
+    return Saturation(flat, around, float(np.count_nonzero(either) / either.size))

@@ -1,6 +1,6 @@
 """Sub-pixel disparity by a variational fit of the whole field to both images.
 
-The field minimises, over cells of 2 x 2 pixels,
+The field minimises, over cells of 2 x 2 pixels (a surface that is smooth over several pixels needs no more),
 
     sum (r - g s)^2 / variance  +  sum smoothness_weight (second differences of the field)^2
 
@@ -17,34 +17,24 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.arrays import FloatImage, IntArray
 from sfr_loc_map.geometry.median import median
-from sfr_loc_map.mapping.disparity.conjugate_gradient import conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.disparity_grid import (
-    cells_from_pixels,
-    edge_preserving_mean,
-    fill_occlusions,
-    pixels_from_cells,
-)
-from sfr_loc_map.mapping.disparity.filters import (
-    box_mean,
-    downsample_mean,
-    second_differences,
-    upsample_bilinear,
-)
-from sfr_loc_map.mapping.disparity.noise_model import GreyLevels, grey_levels, noise_variance, overall_noise
+from sfr_loc_map.jit import jit_rows, jit_rows_inline
+from sfr_loc_map.mapping.disparity.filters import box_mean, downsample_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.photometric_residual import (
     NormalEquations,
     cell_means,
     mean_template,
+    noise_variance,
     normal_equations,
-    normalised_residual,
+    overall_noise,
     photometric_residual,
     slopes,
 )
-from sfr_loc_map.mapping.disparity.rectification_correction import RectificationCorrection, correct_rectification
-from sfr_loc_map.mapping.disparity.regularisation import SmoothnessWeights, smoothness_weight
+from sfr_loc_map.mapping.disparity.right_camera import RectificationCorrection, correct_rectification
+from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugate_gradient_step, smoothness_weight
 
 F = np.float32
 
@@ -99,31 +89,27 @@ class RefinedDisparity:
 
 
 def refine(left: FloatImage, right: FloatImage, initial_px: FloatImage) -> RefinedDisparity:
-    """Return the disparity field that fits both images best.
-
-    Args:
-        left: `(H, W)` float32 grey.
-        right: `(H, W)` float32 grey.
-        initial_px: `(H, W)` float32, pixels, right to about a pixel; NaN where unknown.
-    """
+    """Return the disparity field that fits both images `(H, W)` best; the start is right to about a pixel, or NaN."""
     height, width = left.shape
     left, right, cells = padded(left), padded(right), initial_cells(padded(initial_px))
     correction, right = correct_rectification(left, right, pixels_from_cells(cells, JUMP_PX))
-    grey = grey_levels(left)
-    last = linearise(left, right, grey, cells)
-    for warp in range(NOISY_WARPS):
-        if warp == WARPS and median(last.equations.information) > NOISY_PX**-2:
+    grey = downsample_mean(left, 2)
+    order = np.argsort(grey[::4, ::2].ravel(), kind="stable")
+    for warp in range(NOISY_WARPS + 1):
+        residual, offset, variance, equations = linearise(left, right, grey, order, cells)
+        precise = warp == WARPS and median(equations.information) > NOISY_PX**-2
+        if precise or warp == NOISY_WARPS:
             break
-        cells, weights = coarse_to_fine_step(cells, last.equations.information, last.equations.information_vector)
-        last = linearise(left, right, grey, cells)
-    deviation = np.sqrt(last.variance)
-    normalised = normalised_residual(last.residual, last.offset, deviation)
+        cells, weights = coarse_to_fine_step(cells, equations.information, equations.information_vector)
+    deviation = np.sqrt(variance)
+    residual -= offset.repeat(2, axis=0).repeat(2, axis=1)
+    residual /= deviation.repeat(2, axis=0).repeat(2, axis=1)
     return RefinedDisparity(
         np.ascontiguousarray(pixels_from_cells(cells, JUMP_PX)[:height, :width]),
         cells,
-        last.equations.information,
+        equations.information,
         weights,
-        normalised[:height, :width],
+        residual[:height, :width],
         median(deviation),
         np.ascontiguousarray(right[:height, :width]),
         correction,
@@ -144,32 +130,18 @@ def initial_cells(initial_px: FloatImage) -> FloatImage:
     return cells
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Linearisation:
-    """The data term about a field.
+def linearise(
+    left: FloatImage, right: FloatImage, grey: FloatImage, order: IntArray, cells: FloatImage
+) -> tuple[FloatImage, FloatImage, FloatImage, NormalEquations]:
+    """Return residuals `(H, W)`, their brightness offset and variance, and the normal equations of each cell.
 
-    Attributes:
-        residual: `(H, W)`, grey levels, NaN outside the right image.
-        offset: `(H/2, W/2)`, its brightness offset, grey levels.
-        variance: `(H/2, W/2)`, grey levels squared.
-        equations: Of the change of each cell.
-    """
-
-    residual: FloatImage
-    offset: FloatImage
-    variance: FloatImage
-    equations: NormalEquations
-
-
-def linearise(left: FloatImage, right: FloatImage, grey: GreyLevels, cells: FloatImage) -> Linearisation:
-    """Return residuals, their brightness offset and variance, and the normal equations of each cell.
-
-    `grey` is of the left image. Where residuals exceed their stated variance, the information is reduced by as much.
+    Grey and order are of the left image, as `noise_variance` takes them. Where residuals exceed their stated variance,
+    the information is reduced by as much.
     """
     residual = photometric_residual(left, right, pixels_from_cells(cells, JUMP_PX))
     noise = overall_noise(residual)
     offset = box_mean(cell_means(residual, F(3.0 * noise)), BOX)
-    variance = noise_variance(grey, residual, offset)
+    variance = noise_variance(grey, order, residual, offset)
     template = mean_template(left, residual, offset, F(4.0 * noise))
     found = normal_equations(slopes(template), residual, offset, F(1.0) / variance, TAIL)
     chi2_per_dof = box_mean(found.chi2, BOX) / np.maximum(box_mean(found.weight, BOX), F(0.1))
@@ -178,7 +150,7 @@ def linearise(left: FloatImage, right: FloatImage, grey: GreyLevels, cells: Floa
         information=np.asarray(found.information / excess, F),
         information_vector=np.asarray(found.information_vector / excess, F),
     )
-    return Linearisation(residual, offset, variance, scaled)
+    return residual, offset, variance, scaled
 
 
 def roughness(cells: FloatImage) -> tuple[FloatImage, FloatImage]:
@@ -213,3 +185,107 @@ def coarse_to_fine_step(
     weights = smoothness_weight(cells, scale_x, scale_y, F(1.0))
     step = conjugate_gradient_step(cells, information, information_vector, weights, SOLVER_ITERATIONS[0])
     return cells + step, weights
+
+
+@jit_rows
+def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
+    """Return the mean disparity of each cell's nearest surface `(H/2, W/2)`, NaN for a cell without any."""
+    rows, cols = disparity.shape[0] // 2, disparity.shape[1] // 2
+    cells = np.empty((rows, cols), F)
+    for i in prange(rows):
+        for j in range(cols):
+            nearest = F(-1.0)
+            for k in range(4):
+                nearest = max(nearest, disparity[2 * i + k // 2, 2 * j + k % 2])
+            total, count = F(0.0), F(0.0)
+            for k in range(4):
+                value = disparity[2 * i + k // 2, 2 * j + k % 2]
+                if value > nearest - jump:
+                    total += value
+                    count += F(1.0)
+            cells[i, j] = total / count if count > 0 and nearest >= 0 else F(np.nan)
+    return cells
+
+
+@jit_rows
+def fill_occlusions(cells: FloatImage) -> FloatImage:
+    """Return the cells with each hole given the farther of its two neighbours along the row: holes are occlusions."""
+    rows, cols = cells.shape
+    out = cells.copy()
+    for i in prange(rows):
+        last = F(np.nan)
+        j = 0
+        while j < cols:
+            if cells[i, j] == cells[i, j]:
+                last = cells[i, j]
+                j += 1
+                continue
+            end = j
+            while end < cols and cells[i, end] != cells[i, end]:
+                end += 1
+            value = last
+            if end < cols and not value <= cells[i, end]:
+                value = cells[i, end]
+            if value != value:
+                value = F(0.0)
+            for k in range(j, end):
+                out[i, k] = value
+            j = end
+    return out
+
+
+@jit_rows
+def edge_preserving_mean(cells: FloatImage, radius: int, jump: np.float32) -> FloatImage:
+    """Return each cell's mean over its neighbours that differ by less than `jump`: noise is averaged, edges stay."""
+    rows, cols = cells.shape
+    out = np.empty_like(cells)
+    for i in prange(rows):
+        total, count = np.zeros(cols, F), np.zeros(cols, F)
+        for y in range(max(0, i - radius), min(rows, i + radius + 1)):
+            for dx in range(-radius, radius + 1):
+                # The columns are the innermost loop, over slices that start at 0: they are computed side by side.
+                first, last = max(0, -dx), min(cols, cols - dx)
+                neighbours, centres = cells[y, first + dx : last + dx], cells[i, first:last]
+                totals, counts = total[first:last], count[first:last]
+                for j in range(len(centres)):
+                    step = neighbours[j] - centres[j]
+                    near = F(1.0) if abs(step) < jump else F(0.0)
+                    totals[j] += near * step
+                    counts[j] += near
+        for j in range(cols):
+            out[i, j] = cells[i, j] + total[j] / count[j]
+    return out
+
+
+@jit_rows_inline
+def _same_surface(value: np.float32, centre: np.float32, jump: np.float32) -> np.float32:
+    """Return the value if it belongs to the surface of `centre`, otherwise `centre`."""
+    return centre if abs(value - centre) > jump else value
+
+
+@jit_rows_inline
+def _between(
+    centre: np.float32, along: np.float32, across: np.float32, corner: np.float32, jump: np.float32
+) -> np.float32:
+    """Return the field a quarter of a cell from a centre, towards two of its neighbours and the corner between."""
+    sides = _same_surface(across, centre, jump) + _same_surface(along, centre, jump)
+    return F(0.5625) * centre + F(0.1875) * sides + F(0.0625) * _same_surface(corner, centre, jump)
+
+
+@jit_rows
+def pixels_from_cells(cells: FloatImage, jump: np.float32) -> FloatImage:
+    """Return the field at pixels `(2 h, 2 w)`, bilinear between cell centres but never across a jump."""
+    rows, cols = cells.shape
+    out = np.empty((2 * rows, 2 * cols), F)
+    for y in prange(2 * rows):
+        i = y // 2
+        i2 = min(max(i - 1 + 2 * (y % 2), 0), rows - 1)
+        for j in range(cols - 1):
+            out[y, 2 * j + 1] = _between(cells[i, j], cells[i2, j], cells[i, j + 1], cells[i2, j + 1], jump)
+            out[y, 2 * j + 2] = _between(cells[i, j + 1], cells[i2, j + 1], cells[i, j], cells[i2, j], jump)
+        for j in (0, cols - 1):
+            edge = _between(cells[i, j], cells[i2, j], cells[i, j], cells[i2, j], jump)
+            out[y, 2 * j + (0 if j == 0 else 1)] = edge
+        if cols == 1:
+            out[y, 1] = out[y, 0]
+    return out

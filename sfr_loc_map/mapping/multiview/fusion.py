@@ -11,17 +11,18 @@ the same sample the one with the larger weight stays.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.median import median
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.multiview.pose_agreement import PoseAgreement
-from sfr_loc_map.mapping.multiview.view import View
-from sfr_loc_map.mapping.multiview.view_reprojection import ReprojectedPoints, ViewImages, reproject_into_view
+from sfr_loc_map.mapping.disparity.filters import mad_sigma
+from sfr_loc_map.mapping.multiview.pair_view import SHIFT_PX, PairView, ReprojectedPoints, reproject_into_view
 
 F = np.float32
 
@@ -31,99 +32,112 @@ COMMON_SHARE = 0.5
 """Share of a point's variance that all pairs have in common (smoothing of the same shape) and no mean removes."""
 SAME_PX = F(0.02)
 """Two points that are seen nearer to each other than this are one sample: images from one position and direction."""
+SAMPLE = 4
+"""Agreement is measured by every fourth point."""
+MIN_OVERLAP = 1000
+"""Fewer points in common say nothing of poses."""
+MEDIAN_ABSOLUTE = 0.6745
+"""Median of the absolute value of a standard normal variable."""
+RANGE_WARNING = 1.8
+"""Ratio of measured to expected differences in range beyond which two poses are doubted."""
+GREY_WARNING = 0.45
+"""Ratio of grey level differences to those `SHIFT_PX` away beyond which poses are doubted; 0.1-0.3 for right poses."""
+MIN_TEXTURE = 2.0
+"""Spread of grey level differences `SHIFT_PX` away over that of noise below which grey levels say nothing of poses."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fusion:
-    """A fused cloud and how well its parts agreed.
+def fuse_views(views: Sequence[PairView], rig: StereoRig) -> tuple[PointCloud, dict[str, float], tuple[str, ...]]:
+    """Return one cloud of all pairs in LM, figures by name, and what is suspicious, one line each.
 
-    Attributes:
-        cloud: Points in LM; of one view they are its own, not fused.
-        statistics: Figures by name.
-        warnings: What is suspicious, one line each.
+    The points of a single view are its own. Of two with equal weights the view that precedes the other wins.
     """
-
-    cloud: PointCloud
-    statistics: dict[str, float]
-    warnings: tuple[str, ...]
-
-
-def fuse_views(views: Sequence[View], rig: StereoRig) -> Fusion:
-    """Return one cloud of all pairs.
-
-    Args:
-        views: One per pair, in the order of their points' `pair`.
-        rig: Rig of all pairs.
-    """
-    images = [ViewImages(view.disparity_px, view.weight_image(), view.grey_image()) for view in views]
-    clouds: list[PointCloud] = []
-    agreements: list[PoseAgreement] = []
     statistics = {"points_in": float(sum(len(view.cloud) for view in views)), "merged": 0.0, "dropped_conflict": 0.0}
+    clouds: list[PointCloud] = []
+    agreements: dict[str, float] = {}
+    warnings: list[str] = []
     for i, view in enumerate(views):
-        accumulator = FusionAccumulator(view, images[i].weight)
+        own_weight = view.images.weight[view.cloud.v, view.cloud.u]
+        total_weight, weighted_difference = own_weight.copy(), np.zeros_like(own_weight)
+        merged, duplicate, conflict = np.zeros((3, len(view.cloud)), np.bool_)
         for j, other in enumerate(views):
-            if j != i:
-                points = reproject_into_view(view.cloud, other.T_lm_left, images[j], rig)
-                accumulator.add(points, before=j < i)
-                agreements.append(PoseAgreement.measure((i, j), (view, other), points))
-        clouds.append(accumulator.cloud())
-        statistics["merged"] += accumulator.merged
-        statistics["dropped_conflict"] += accumulator.conflicts
+            if j == i:
+                continue
+            seen = reproject_into_view(view.cloud, other.T_lm_left, other.images, rig)
+            index, own = seen.index, own_weight[seen.index]
+            sigma = np.sqrt(np.square(view.cloud.sigma[index]) + np.square(seen.deviation))
+            agree = np.abs(seen.difference) / sigma <= AGREE_SIGMAS
+            weight = np.where(agree, seen.weight, F(0.0))
+            total_weight[index] += weight
+            weighted_difference[index] += weight * seen.difference
+            merged[index] |= agree
+            heavier = seen.weight >= own if j < i else seen.weight > own
+            duplicate[index] |= agree & heavier & (seen.offset_px < SAME_PX)
+            conflict[index] |= heavier & (seen.difference > AGREE_SIGMAS * sigma)
+            figures, warning = pose_agreement((i, j), (view, other), seen)
+            agreements |= figures
+            warnings += [warning] if warning and i < j else []  # once for two views
+        kept = ~(duplicate | conflict)
+        clouds.append(_moved_along_rays(view, kept, merged, total_weight, weighted_difference))
+        statistics["merged"] += int(merged.sum())
+        statistics["dropped_conflict"] += int(conflict.sum())
     cloud = replace(PointCloud.concatenate(clouds), fused=len(views) > 1)
     statistics |= {"points": float(len(cloud)), "pairs": float(len(views)), "fused": float(len(views) > 1)}
-    for agreement in agreements:
-        statistics |= agreement.statistics()
-    return Fusion(cloud, statistics, tuple(line for agreement in agreements for line in agreement.warnings()))
+    return cloud, statistics | agreements, tuple(warnings)
 
 
-class FusionAccumulator:
-    """Points of one view and the weighted sum of what the others say of them."""
+def _moved_along_rays(
+    view: PairView, kept: Mask, merged: Mask, total_weight: FloatImage, weighted_difference: FloatImage
+) -> PointCloud:
+    """Return the points that a view keeps; those that others agree with lie at the weighted mean."""
+    cloud, rows = view.cloud.select(kept), np.flatnonzero(kept)
+    moved = np.flatnonzero(merged[rows])
+    rows = rows[moved]
+    total, points = total_weight[rows], cloud.xyz.take(moved, axis=0)
+    rays = points - view.T_lm_left.translation.astype(F)
+    step = weighted_difference[rows] / total / np.sqrt(np.einsum("ij,ij->i", rays, rays))
+    cloud.xyz[moved] = points + rays * step[:, None]
+    variance = COMMON_SHARE * np.square(cloud.sigma[moved]) + (1.0 - COMMON_SHARE) / total
+    cloud.sigma[moved] = np.sqrt(variance)
+    return cloud
 
-    def __init__(self, view: View, weight: FloatImage) -> None:
-        """Begin with the view's own points; `weight` `(H, W)` is its weight image."""
-        self._view = view
-        count = len(view.cloud)
-        self._own_weight = weight[view.cloud.v, view.cloud.u]
-        self._weight = self._own_weight.copy()
-        self._weighted_difference = np.zeros_like(self._own_weight)
-        self._partners = np.zeros(count, np.uint8)
-        self._conflict = np.zeros(count, np.bool_)
-        self._duplicate = np.zeros(count, np.bool_)
 
-    @property
-    def merged(self) -> int:
-        """Number of points that another view agrees with."""
-        return int((self._partners > 0).sum())
+def pose_agreement(
+    numbers: tuple[int, int], views: tuple[PairView, PairView], seen: ReprojectedPoints
+) -> tuple[dict[str, float], str]:
+    """Return how well the points of one view agree with another, by name, and a line if their poses are in doubt.
 
-    @property
-    def conflicts(self) -> int:
-        """Number of points that another view with the lower variance sees through."""
-        return int(self._conflict.sum())
+    Range differences are compared with what is expected of correct sigmas and poses, grey level differences with those
+    `SHIFT_PX` away: a wrong yaw shows there on any texture. NaN where there is too little texture.
+    """
+    view, other = views
+    i, j = numbers
+    common = len(seen.index)
+    figures = {f"overlap_{i}_{j}": common / max(len(view.cloud), 1)}
+    if common == 0:
+        return figures, ""
+    difference = seen.difference[::SAMPLE]
+    own = view.cloud.sigma[seen.index[::SAMPLE]]
+    normalised = np.abs(difference) / np.sqrt(np.square(own) + np.square(seen.deviation[::SAMPLE]))
+    middle = median(difference)
+    grey, shifted = (_spread(item[::SAMPLE]) for item in (seen.grey_difference, seen.grey_difference_shifted))
+    textured = shifted > MIN_TEXTURE * max(view.noise_grey, other.noise_grey)
+    range_ratio = float(np.float32(median(normalised)) / MEDIAN_ABSOLUTE)
+    grey_ratio = grey / shifted if textured else math.nan
+    figures |= {
+        f"difference_median_m_{i}_{j}": middle,
+        f"difference_spread_m_{i}_{j}": mad_sigma(difference - np.float32(middle)),
+        f"difference_over_sigma_{i}_{j}": range_ratio,
+        f"grey_difference_over_beside_{i}_{j}": grey_ratio,
+    }
+    if common <= MIN_OVERLAP or not (range_ratio > RANGE_WARNING or grey_ratio > GREY_WARNING):
+        return figures, ""
+    return figures, (
+        f"pairs {i} and {j} disagree where they overlap: ranges differ by {range_ratio:.1f} times what is "
+        f"expected, grey levels by {grey_ratio:.2f} of what they differ {SHIFT_PX} pixels away: check the "
+        "baseline and their poses, or have the poses fitted (refine_poses)"
+    )
 
-    def add(self, points: ReprojectedPoints, *, before: bool) -> None:
-        """Take in what another view says; `before` tells whether it precedes this one: it then wins at equal weight."""
-        index, own = points.index, self._own_weight[points.index]
-        sigma = np.sqrt(np.square(self._view.cloud.sigma[index]) + np.square(points.deviation))
-        agree = np.abs(points.difference) / sigma <= AGREE_SIGMAS
-        weight = np.where(agree, points.weight, F(0.0))
-        self._weight[index] += weight
-        self._weighted_difference[index] += weight * points.difference
-        self._partners[index] += agree
-        heavier = (points.weight > own) | ((points.weight == own) & before)
-        self._duplicate[index] |= agree & heavier & (points.offset_px < SAME_PX)
-        self._conflict[index] |= heavier & (points.difference > AGREE_SIGMAS * sigma)
 
-    def cloud(self) -> PointCloud:
-        """Return the points that this view keeps, moved along their rays."""
-        kept = ~(self._duplicate | self._conflict)
-        cloud = self._view.cloud.select(kept)
-        rows = np.flatnonzero(kept)
-        merged = np.flatnonzero(self._partners[rows])
-        rows = rows[merged]
-        total, points = self._weight[rows], cloud.xyz.take(merged, axis=0)
-        rays = points - self._view.T_lm_left.translation.astype(F)
-        step = self._weighted_difference[rows] / total / np.sqrt(np.einsum("ij,ij->i", rays, rays))
-        cloud.xyz[merged] = points + rays * step[:, None]
-        variance = COMMON_SHARE * np.square(cloud.sigma[merged]) + (1.0 - COMMON_SHARE) / total
-        cloud.sigma[merged] = np.sqrt(variance)
-        return cloud
+def _spread(values: FloatImage) -> float:
+    known = values[np.isfinite(values)]
+    return mad_sigma(known - median(known)) if len(known) else math.nan

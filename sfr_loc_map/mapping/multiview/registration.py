@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.multiview.pose_agreement import MIN_OVERLAP
-from sfr_loc_map.mapping.multiview.view import View
-from sfr_loc_map.mapping.multiview.view_reprojection import ReprojectedPoints, ViewImages, reproject_into_view
-from sfr_loc_map.mapping.robust import mad_sigma
+from sfr_loc_map.mapping.disparity.filters import mad_sigma
+from sfr_loc_map.mapping.multiview.fusion import MIN_OVERLAP
+from sfr_loc_map.mapping.multiview.pair_view import PairView, ReprojectedPoints, ViewImages, reproject_into_view
 
 POINTS = 10_000
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
@@ -33,86 +32,50 @@ MAX_ROTATION_DEG, MAX_TRANSLATION_M = 2.0, 0.1
 """Poses that would have to be moved farther are left as given, with a warning."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Registration:
-    """Views with poses that fit each other.
+def register_views(
+    views: Sequence[PairView], rig: StereoRig
+) -> tuple[list[PairView], dict[str, float], tuple[str, ...]]:
+    """Return views with the second and third moved to fit those before, how far, and what could not be done.
 
-    Attributes:
-        views: The views.
-        statistics: How far each pose was moved, by name.
-        warnings: What could not be done, one line each.
+    Poses of pairs without overlap stay.
     """
-
-    views: Sequence[View]
-    statistics: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PoseCorrection:
-    """Motion that a pose needs.
-
-    Attributes:
-        T_left_left: Takes points of the left optical frame as posed to where they should be in that frame.
-    """
-
-    T_left_left: Transform
-
-    @property
-    def rotation_deg(self) -> float:
-        """Its angle."""
-        return float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(self.T_left_left.rotation))))
-
-    @property
-    def translation_m(self) -> float:
-        """Its length."""
-        return float(np.linalg.norm(self.T_left_left.translation))
-
-    @property
-    def is_plausible(self) -> bool:
-        """Whether it is within the bounds."""
-        return self.rotation_deg <= MAX_ROTATION_DEG and self.translation_m <= MAX_TRANSLATION_M
-
-
-def register_views(views: Sequence[View], rig: StereoRig) -> Registration:
-    """Return views with the second and third moved to fit those before; poses of pairs without overlap stay."""
     registered, statistics, warnings = [views[0]], {}, []
     for number, view in enumerate(views[1:], start=1):
-        correction = estimate_correction(registered, view, rig)
-        if correction is not None:
-            statistics[f"pose_turned_deg_{number}"] = correction.rotation_deg
-            statistics[f"pose_moved_m_{number}"] = correction.translation_m
-            if correction.is_plausible:
-                view = view.with_pose(view.T_lm_left @ correction.T_left_left)
+        motion = estimate_motion(registered, view, rig)
+        if motion is not None:
+            turned_deg = float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(motion.rotation))))
+            moved_m = float(np.linalg.norm(motion.translation))
+            statistics[f"pose_turned_deg_{number}"] = turned_deg
+            statistics[f"pose_moved_m_{number}"] = moved_m
+            if turned_deg <= MAX_ROTATION_DEG and moved_m <= MAX_TRANSLATION_M:
+                view = view.with_pose(view.T_lm_left @ motion)
             else:
                 warnings.append(
-                    f"pair {number} would fit if moved by {correction.rotation_deg:.1f} deg and "
-                    f"{correction.translation_m:.2f} m: that is beyond {MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} "
-                    "m, its pose is left as given"
+                    f"pair {number} would fit if moved by {turned_deg:.1f} deg and {moved_m:.2f} m: that is beyond "
+                    f"{MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, its pose is left as given"
                 )
         registered.append(view)
-    return Registration(registered, statistics, tuple(warnings))
+    return registered, statistics, tuple(warnings)
 
 
-def estimate_correction(fixed: Sequence[View], moved: View, rig: StereoRig) -> PoseCorrection | None:
-    """Return the motion of a view that makes it agree best with others, None where they overlap too little.
+def estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) -> Transform | None:
+    """Return the motion of a view, in its left optical frame, that makes it agree best with others.
 
     Ranges and grey levels of the others' points are compared with those of the view where they fall; six parameters,
-    robust least squares (Gauss-Newton, numerical derivatives), coarse to fine in the images.
-
-    Args:
-        fixed: Views whose poses are taken as right.
-        moved: The view.
-        rig: Rig of all.
+    robust least squares (Gauss-Newton, numerical derivatives), coarse to fine in the images. None where they overlap
+    too little.
     """
-    images = ViewImages(moved.disparity_px, moved.weight_image(), moved.grey_image())
-    clouds = [_common_points(view, moved, images, rig) for view in fixed]
+    clouds = []
+    for view in fixed:
+        index = reproject_into_view(view.cloud, moved.T_lm_left, moved.images, rig).index
+        clouds.append(view.cloud.select(index[:: max(1, len(index) // POINTS)]))
     if sum(len(cloud) for cloud in clouds) < MIN_OVERLAP:
         return None
     pose = moved.T_lm_left
     for blur in BLURS_PX:
-        blurred = images._replace(grey=moved.grey_image(blur))
-        points = _with_grey(clouds, [view.grey_image(blur) for view in fixed])
+        blurred = moved.images._replace(grey=moved.grey_image(blur))
+        pairs = zip(clouds, (view.grey_image(blur) for view in fixed), strict=True)
+        points = PointCloud.concatenate([replace(cloud, intensity=grey[cloud.v, cloud.u]) for cloud, grey in pairs])
         for _ in range(ITERATIONS):
             step = _gauss_newton_step(points, blurred, pose, moved.T_lm_left, rig)
             if step is None:
@@ -120,19 +83,7 @@ def estimate_correction(fixed: Sequence[View], moved: View, rig: StereoRig) -> P
             pose = pose @ _motion(step)
             if np.abs(step).max() < CONVERGED_STEP:
                 break
-    return PoseCorrection(moved.T_lm_left.inverse() @ pose)
-
-
-def _common_points(view: View, moved: View, images: ViewImages, rig: StereoRig) -> PointCloud:
-    """Return an even choice of a view's points that the other sees as well, as posed now."""
-    index = reproject_into_view(view.cloud, moved.T_lm_left, images, rig).index
-    return view.cloud.select(index[:: max(1, len(index) // POINTS)])
-
-
-def _with_grey(clouds: Sequence[PointCloud], images: Sequence[FloatImage]) -> PointCloud:
-    """Return all points with the grey level of the smoothed images."""
-    pairs = zip(clouds, images, strict=True)
-    return PointCloud.concatenate([replace(cloud, intensity=image[cloud.v, cloud.u]) for cloud, image in pairs])
+    return moved.T_lm_left.inverse() @ pose
 
 
 def _motion(parameters: FloatArray) -> Transform:

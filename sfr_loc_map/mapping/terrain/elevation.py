@@ -9,14 +9,100 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit
-from sfr_loc_map.mapping.terrain.cells import CellGrid, HeightErrors, height_sums
 
+MAX_CELLS = 25_000_000
 SLOPE = 0.1
 """Typical slope of ground: a point displaced along its ray lies over ground that is as much higher or lower."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellGrid:
+    """A grid of square cells whose sides lie at multiples of their length in x and y of LM.
+
+    So grids of one cell size have the same cells, whatever cloud they were made of.
+
+    Attributes:
+        first: Number of the first cell along x and along y, counted from that at the origin of LM.
+        rows: Cells along y.
+        columns: Cells along x.
+        cell_m: Side of a cell.
+    """
+
+    first: tuple[int, int]
+    rows: int
+    columns: int
+    cell_m: float
+
+    @property
+    def origin_m(self) -> tuple[float, float]:
+        """The x and y of the outer corner of cell (0, 0), which has the least x and y."""
+        return self.first[0] * self.cell_m, self.first[1] * self.cell_m
+
+    @classmethod
+    def over(
+        cls, xyz: NDArray[np.float32], cell_m: float, within: tuple[float, float, float] | None = None
+    ) -> CellGrid:
+        """Return the smallest grid that has a cell for each point.
+
+        Args:
+            xyz: `(N, 3)`, metres, LM.
+            cell_m: Side of a cell.
+            within: x, y and half the side of a square outside of which points do not count; None for all points.
+
+        Raises:
+            MappingError: If the cell is not positive, no point counts, or there would be too many cells.
+        """
+        if not cell_m > 0.0:
+            raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
+        if len(xyz) == 0:
+            raise MappingError("the cloud has no points: an elevation model needs some")
+        low, high = _bounds(xyz)
+        if within is not None:
+            centre, reach = np.array(within[:2]), within[2]
+            low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
+            if not (low <= high).all():
+                raise MappingError(f"the cloud has no points within {reach} m of the cameras: raise terrain.range_m")
+        first, last = np.floor(low / cell_m).astype(np.int64), np.floor(high / cell_m).astype(np.int64)
+        columns, rows = (int(size) for size in last - first + 1)
+        if rows * columns > MAX_CELLS:
+            raise MappingError(
+                f"cells of {cell_m} m over {columns * cell_m:.0f} x {rows * cell_m:.0f} m are "
+                f"{rows * columns / 1e6:.0f} million: {MAX_CELLS / 1e6:.0f} million are the limit; take larger cells "
+                f"or a smaller max_range_m"
+            )
+        return cls((int(first[0]), int(first[1])), rows, columns, cell_m)
+
+    def cell_of(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
+        """Return the cell `(N,)` of each point, row times columns plus column; -1 where it lies outside."""
+        return _cell_of(xyz, self.first[0], self.first[1], self.rows, self.columns, self.cell_m)
+
+
+@jit
+def _bounds(xyz: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the greatest x and y."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for i in range(len(xyz)):
+        for axis in range(2):
+            value = np.float64(xyz[i, axis])
+            low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
+    return low, high
+
+
+@jit
+def _cell_of(
+    xyz: NDArray[np.float32], first_x: int, first_y: int, rows: int, columns: int, cell_m: float
+) -> NDArray[np.int32]:
+    cell = np.empty(len(xyz), np.int32)
+    for i in range(len(xyz)):
+        x = np.floor(np.float64(xyz[i, 0]) / cell_m) - first_x
+        y = np.floor(np.float64(xyz[i, 1]) / cell_m) - first_y
+        inside = 0.0 <= x < columns and 0.0 <= y < rows
+        cell[i] = np.int32(y) * columns + np.int32(x) if inside else -1
+    return cell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,20 +163,64 @@ def elevation_of_cells(
 
     The other arguments are those of `elevation_from_cloud`.
     """
-    errors = HeightErrors(
-        _height_shares(cloud, T_lm_left), cloud.sigma, cloud.sigma if random_sigma is None else random_sigma
+    height = np.ascontiguousarray(cloud.xyz[:, 2])
+    random = cloud.sigma if random_sigma is None else random_sigma
+    points, weight, mean, spread, common = height_sums(
+        cell, grid.rows * grid.columns, height, _height_shares(cloud, T_lm_left), cloud.sigma, random
     )
-    sums = height_sums(cell, grid.rows * grid.columns, np.ascontiguousarray(cloud.xyz[:, 2]), errors)
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = sums.points / sums.weight + sums.spread / sums.weight / sums.points + sums.common / sums.weight
+        variance = points / weight + spread / weight / points + common / weight
     shape = (grid.rows, grid.columns)
     return ElevationModel(
-        sums.mean.astype(np.float32).reshape(shape),
+        mean.astype(np.float32).reshape(shape),
         np.sqrt(variance).astype(np.float32).reshape(shape),
-        sums.points.astype(np.int32).reshape(shape),
+        points.astype(np.int32).reshape(shape),
         grid.origin_m,
         grid.cell_m,
     )
+
+
+@jit
+def height_sums(
+    cell: NDArray[np.int32],
+    cells: int,
+    height: NDArray[np.float32],
+    share: FloatArray,
+    sigma_m: NDArray[np.float32],
+    random_m: NDArray[np.float32],
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return sums over the points of each cell, weighted by the inverse of the random part of their height's variance.
+
+    They are the number of points, the sum of the weights, the mean height (NaN without points), and the sums of the
+    weighted squared differences from it and of the weighted variances that points share, all `(cells,)`.
+
+    Args:
+        cell: `(N,)` cell of each point, -1 for none.
+        cells: Number of cells.
+        height: `(N,)` metres.
+        share: `(N,)` variance of the height over that along the ray.
+        sigma_m: `(N,)` standard deviation along the ray.
+        random_m: `(N,)` its part that differs from point to point.
+    """
+    count, weights, mean = np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells)
+    spread, common = np.zeros(cells), np.zeros(cells)
+    for i in range(len(cell)):
+        at = cell[i]
+        if at >= 0:
+            sigma, random = np.float64(sigma_m[i]), np.float64(random_m[i])
+            weight = 1.0 / (share[i] * (random * random))
+            count[at] += 1
+            weights[at] += weight
+            mean[at] += weight * np.float64(height[i])
+            common[at] += weight * (share[i] * max(sigma * sigma - random * random, 0.0))
+    for at in range(cells):
+        mean[at] = mean[at] / weights[at] if count[at] else np.nan
+    for i in range(len(cell)):
+        at = cell[i]
+        if at >= 0:
+            random, difference = np.float64(random_m[i]), np.float64(height[i]) - mean[at]
+            spread[at] += difference * difference / (share[i] * (random * random))
+    return count, weights, mean, spread, common
 
 
 def _height_shares(cloud: PointCloud, T_lm_left: Sequence[Transform] | None) -> FloatArray:
@@ -120,14 +250,6 @@ def _vertical_shares(xyz: NDArray[np.float32], pair: NDArray[np.uint8], centres:
     return share
 
 
-def rays(cloud: PointCloud, T_lm_left: Sequence[Transform]) -> FloatArray:
-    """Return the unit vectors `(N, 3)` in LM along which each point is seen by its pair's left camera."""
-    centres = np.stack([pose.translation for pose in T_lm_left])
-    ray = cloud.xyz - centres[cloud.pair]
-    ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
-    return np.asarray(ray)
-
-
 def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
@@ -139,10 +261,10 @@ def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_p
         T_lm_left: Pose of the left camera of each pair, in the order of the points' `pair`.
         focal_px: Focal length, pixels.
     """
-    ray = rays(cloud, T_lm_left)
     axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])[cloud.pair]
-    centres = np.stack([pose.translation for pose in T_lm_left])[cloud.pair]
-    depth = np.einsum("ij,ij->i", cloud.xyz - centres, axes)
+    ray = cloud.xyz - np.stack([pose.translation for pose in T_lm_left])[cloud.pair]
+    depth = np.einsum("ij,ij->i", ray, axes)
+    ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
     across = np.square(depth / focal_px) / 12.0
     along = np.square(cloud.sigma.astype(np.float64))
     outer = np.einsum("n,ni,nj->nij", along - across, ray, ray)

@@ -1,4 +1,10 @@
-"""The elevation grid: height, slope, roughness, step and hazard of square cells in LM."""
+"""The elevation grid: height, slope, roughness, step and hazard of square cells in LM.
+
+Slope and roughness are those of the plane fitted to the ground under the rover, as in Goldberg, Maimone and Matthies,
+"Stereo vision and rover navigation software for planetary exploration" (IEEE Aerospace Conference 2002); the three
+criteria are joined by their ratio to what the rover can bear, as in Chilian and Hirschmueller, "Stereo camera based
+navigation of mobile robots on rough terrain" (IROS 2009), here by the largest of them.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +12,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.terrain.cells import CellGrid, outer_heights, sorted_by_cell
-from sfr_loc_map.mapping.terrain.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.elevation import ElevationModel, elevation_of_cells
-from sfr_loc_map.mapping.terrain.hazard import NEIGHBOURS, Window, fit_planes, hazards, steps
+from sfr_loc_map.jit import jit, jit_inline, jit_rows
+from sfr_loc_map.mapping.config import TerrainConfig
+from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel, elevation_of_cells
+
+MIN_POINTS = 3
+"""A cell with fewer points has no height: two may both be outliers, and say nothing of what differs within the cell."""
+TAIL = 0.15
+"""Share of the points of a cell that lie above its high height, and below its low one: outliers are among them."""
+STEP_RADIUS_M = 0.25
+"""A step is a difference of heights within this distance: more would count a slope of small rocks as one."""
+KNOWN_SHARE = 0.5
+"""Share of the cells of the footprint that must have a height for slope and roughness."""
+NEIGHBOURS = 1.5
+"""Least radius, in cells, of a window in which a plane is fitted: a cell and its eight neighbours."""
+HAZARD, UNKNOWN = 100, -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +44,7 @@ class TerrainGrid:
             have no height.
         slope_rad: `(R, C)` float32, angle of the plane fitted to the heights within the rover's footprint.
         roughness_m: `(R, C)` float32, root of the mean squared difference of these heights from the plane.
-        step_m: `(R, C)` float32, largest difference of heights above that plane around the cell (`hazard.steps`).
+        step_m: `(R, C)` float32, largest difference of heights above that plane around the cell (.
         hazard: `(R, C)` int8, 100 where a criterion reaches its limit, 0 to 99 the largest share of a limit in
             percent, -1 where not known.
     """
@@ -60,31 +78,26 @@ def elevation_grid(
     if T_lm_left:
         x, y = np.mean([pose.translation[:2] for pose in T_lm_left], axis=0).tolist()
         within = (x, y, config.range_m)
-    grid = CellGrid.over(cloud.xyz, config.cell_m, within)
+    cell_m = config.cell_m
+    grid = CellGrid.over(cloud.xyz, cell_m, within)
     cell = grid.cell_of(cloud.xyz)
     model = elevation_of_cells(cloud, T_lm_left or None, grid, cell, random_sigma)
-    few = model.count < config.min_points
+    few = model.count < MIN_POINTS
     height_m, sigma_m = model.height_m.copy(), model.sigma_m.copy()
     height_m[few] = sigma_m[few] = np.nan
     begin, heights = sorted_by_cell(
         cell, model.count.astype(np.int64).reshape(-1), np.ascontiguousarray(cloud.xyz[:, 2])
     )
-    low, high = outer_heights(begin, heights, config.min_points).reshape(2, grid.rows, grid.columns)
-    return _terrain(replace(model, height_m=height_m, sigma_m=sigma_m), low, high, config)
-
-
-def _terrain(elevation: ElevationModel, low: FloatArray, high: FloatArray, config: TerrainConfig) -> TerrainGrid:
-    cell_m = config.cell_m
-    footprint = Window.disc(config.footprint_radius_m / cell_m)
-    around = Window.disc(max(config.footprint_radius_m / cell_m, NEIGHBOURS))
-    planes = fit_planes(elevation.height_m.astype(np.float64), around, cell_m)
-    slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(np.float32)
-    step_m = steps(low, high, planes, Window.disc(config.step_radius_m / cell_m), cell_m).astype(np.float32)
-    roughness_m = planes.residual_m.astype(np.float32)
+    low, high = outer_heights(begin, heights).reshape(2, grid.rows, grid.columns)
+    around = disc(max(config.footprint_radius_m / cell_m, NEIGHBOURS))
+    slope_x, slope_y, residual_m = fit_planes(height_m.astype(np.float64), around, cell_m)
+    slope_rad = np.arctan(np.hypot(slope_x, slope_y)).astype(np.float32)
+    roughness_m = residual_m.astype(np.float32)
+    step_m = steps(low, high, slope_x, slope_y, disc(STEP_RADIUS_M / cell_m), cell_m).astype(np.float32)
     shares = np.maximum(slope_rad / np.radians(config.max_slope_deg), roughness_m / config.max_roughness_m)
     step_share = step_m / np.float32(config.max_step_m)
-    hazard = hazards(shares.astype(np.float32), step_share, footprint)
-    return TerrainGrid(elevation, slope_rad, roughness_m, step_m, hazard)
+    hazard = hazards(shares.astype(np.float32), step_share, disc(config.footprint_radius_m / cell_m))
+    return TerrainGrid(replace(model, height_m=height_m, sigma_m=sigma_m), slope_rad, roughness_m, step_m, hazard)
 
 
 def warm_up() -> None:
@@ -94,3 +107,167 @@ def warm_up() -> None:
     ones = np.ones(len(xyz), np.float32)
     cloud = PointCloud(xyz, ones, ones, zeros, zeros, zeros.astype(np.uint8))
     elevation_grid(cloud, TerrainConfig(), [Transform.identity()], ones)
+
+
+def disc(radius_cells: float) -> IntArray:
+    """Return the cells whose centres lie within a distance, in cells: rows and columns from the middle one `(K, 2)`."""
+    reach = int(radius_cells)
+    rows, columns = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    inside = rows**2 + columns**2 <= radius_cells**2 + 1e-9
+    return np.column_stack((rows[inside], columns[inside])).astype(np.int64)
+
+
+@jit
+def sorted_by_cell(
+    cell: NDArray[np.int32], count: IntArray, height: NDArray[np.float32]
+) -> tuple[IntArray, NDArray[np.float32]]:
+    """Return where each cell's heights begin `(cells + 1,)`, and the heights in the order of the cells."""
+    begin = np.zeros(len(count) + 1, np.int64)
+    for at in range(len(count)):
+        begin[at + 1] = begin[at] + count[at]
+    place = begin[:-1].copy()
+    heights = np.empty(begin[-1], np.float32)
+    for i in range(len(cell)):
+        if cell[i] >= 0:
+            heights[place[cell[i]]] = height[i]
+            place[cell[i]] += 1
+    return begin, heights
+
+
+@jit_inline
+def _ranked(values: NDArray[np.float32], low: int, high: int, rank: int) -> float:
+    """Return the value of a rank among `values[low:high + 1]`, which are reordered (Hoare's selection)."""
+    while low < high:
+        pivot, left, right = values[(low + high) // 2], low, high
+        while left <= right:
+            while values[left] < pivot:
+                left += 1
+            while values[right] > pivot:
+                right -= 1
+            if left <= right:
+                values[left], values[right] = values[right], values[left]
+                left += 1
+                right -= 1
+        if rank <= right:
+            high = right
+        elif rank >= left:
+            low = left
+        else:
+            break
+    return np.float64(values[rank])
+
+
+@jit_rows
+def outer_heights(begin: IntArray, heights: NDArray[np.float32]) -> FloatArray:
+    """Return a low and a high one of the heights of each cell `(2, cells)`, `TAIL` from either end, by nearest rank.
+
+    Args:
+        begin: `(cells + 1,)` where each cell's heights begin; one with fewer than `MIN_POINTS` has none: NaN.
+        heights: In the order of the cells; reordered within each.
+    """
+    found = np.full((2, len(begin) - 1), np.nan)
+    for at in prange(len(begin) - 1):
+        low, high = begin[at], begin[at + 1] - 1
+        if high - low + 1 >= MIN_POINTS:
+            for which in range(2):
+                rank = low + np.int64(np.rint((TAIL + (1.0 - 2.0 * TAIL) * which) * (high - low)))
+                found[which, at] = _ranked(heights, low, high, rank)
+    return found
+
+
+@jit_rows
+def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the least-squares plane of the heights around each cell, all `(R, C)`, NaN where there is none.
+
+    They are its rise along x and along y, metres a metre, and the root of the mean squared difference from it, metres.
+
+    Args:
+        height: `(R, C)` metres, NaN where not known.
+        window: `(K, 2)`, cells that count; `KNOWN_SHARE` of them must have a height.
+        cell_m: Side of a cell.
+    """
+    rows, columns = height.shape
+    slope_x, slope_y = np.full((rows, columns), np.nan), np.full((rows, columns), np.nan)
+    residual = np.full((rows, columns), np.nan)
+    size = len(window)
+    for row in prange(rows):
+        for column in range(columns):
+            own = height[row, column]
+            if np.isnan(own):
+                continue
+            n, x, y, z = 0.0, 0.0, 0.0, 0.0
+            xx, xy, yy, xz, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for k in range(size):
+                i, j = row + window[k, 0], column + window[k, 1]
+                if 0 <= i < rows and 0 <= j < columns and not np.isnan(height[i, j]):
+                    dx, dy, dz = window[k, 1] * cell_m, window[k, 0] * cell_m, height[i, j] - own
+                    n, x, y, z = n + 1.0, x + dx, y + dy, z + dz
+                    xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+                    xz, yz, zz = xz + dx * dz, yz + dy * dz, zz + dz * dz
+            if n < KNOWN_SHARE * size:
+                continue
+            x, y, z = x / n, y / n, z / n
+            xx, xy, yy = xx / n - x * x, xy / n - x * y, yy / n - y * y
+            xz, yz, zz = xz / n - x * z, yz / n - y * z, zz / n - z * z
+            determinant = xx * yy - xy * xy
+            if determinant > 1e-6 * cell_m**4:
+                a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+                slope_x[row, column], slope_y[row, column] = a, b
+                residual[row, column] = np.sqrt(max(zz - a * xz - b * yz, 0.0))
+    return slope_x, slope_y, residual
+
+
+@jit_rows
+def steps(
+    low: FloatArray, high: FloatArray, slope_x: FloatArray, slope_y: FloatArray, window: IntArray, cell_m: float
+) -> FloatArray:
+    """Return the step of each cell `(R, C)`, metres, NaN where there is no plane.
+
+    It is the largest high height less the smallest low height of the cells of a window (`outer_heights`), all of them
+    above the plane of the footprint: a slope alone is no step.
+    """
+    rows, columns = low.shape
+    step = np.full((rows, columns), np.nan)
+    for row in prange(rows):
+        for column in range(columns):
+            a, b = slope_x[row, column], slope_y[row, column]
+            if np.isnan(a):
+                continue
+            least, largest = np.inf, -np.inf
+            for k in range(len(window)):
+                i, j = row + window[k, 0], column + window[k, 1]
+                if 0 <= i < rows and 0 <= j < columns and not np.isnan(low[i, j]):
+                    plane = (a * window[k, 1] + b * window[k, 0]) * cell_m
+                    least, largest = min(least, low[i, j] - plane), max(largest, high[i, j] - plane)
+            step[row, column] = largest - least
+    return step
+
+
+@jit_rows
+def hazards(shares: NDArray[np.float32], step_share: NDArray[np.float32], footprint: IntArray) -> NDArray[np.int8]:
+    """Return the hazard of each cell `(R, C)`: 100 for one, 0 to 99 for none, -1 where not known.
+
+    A cell is a hazard where a criterion reaches its limit under a rover that stands there: a step does so anywhere in
+    the footprint, also next to cells that are not known. Below that the value is the largest share of a limit.
+
+    Args:
+        shares: `(R, C)` larger one of slope and roughness over their limits, NaN where not known.
+        step_share: `(R, C)` step over its limit, likewise.
+        footprint: `(K, 2)`, cells under the rover.
+    """
+    rows, columns = shares.shape
+    hazard = np.full((rows, columns), np.int8(UNKNOWN))
+    for row in prange(rows):
+        for column in range(columns):
+            largest = np.float32(0.0)
+            for k in range(len(footprint)):
+                i, j = row + footprint[k, 0], column + footprint[k, 1]
+                if 0 <= i < rows and 0 <= j < columns and step_share[i, j] > largest:
+                    largest = step_share[i, j]
+            own = shares[row, column]
+            largest = max(largest, own)
+            if largest >= 1.0:
+                hazard[row, column] = HAZARD
+            elif not np.isnan(own):
+                hazard[row, column] = np.int8(largest * 100.0)
+    return hazard

@@ -1,5 +1,8 @@
-"""Figures of pixels beside a jump, on two planes of random dots, against plain numpy."""
+"""Figures of pixels beside a jump, on two planes of random dots, against plain numpy; the network and its training."""
 
+import importlib.util
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -7,21 +10,26 @@ import pytest
 
 from sfr_loc_map.mapping.disparity.edge_evidence import (
     FIGURES,
+    LARGE,
+    MAX_DIFFERENCE,
     NEIGHBOURHOOD,
-    Scene,
+    WEIGHT_BY_DISTANCE,
+    WEIGHT_BY_GREY,
+    EdgeNetwork,
+    EdgeScene,
     edge_evidence,
     edge_figures,
-    support_weights,
+    edge_network,
+    log_odds,
+    wrong_surface_log_odds,
 )
-from sfr_loc_map.mapping.disparity.edge_network import edge_network, log_odds, wrong_surface_log_odds
-from sfr_loc_map.mapping.disparity.occlusion import LARGE, MAX_DIFFERENCE
 from sfr_loc_map.mapping.disparity.validity import MAX_LOG_ODDS, beside_jump
 
 F = np.float32
 ROWS, COLS = 40, 120
 NEAR, FAR = 14.0, 6.0
 BLOCK = np.s_[10:30, 60:90]
-SUPPORT = support_weights()
+PROGRAM = Path(__file__).parents[3] / "tools" / "train_edge_network.py"
 
 
 def two_planes() -> np.ndarray:
@@ -44,10 +52,10 @@ def images() -> tuple[np.ndarray, np.ndarray]:
     return noisy[0], noisy[1]
 
 
-def scene(images: Any, disparity: np.ndarray, matched: np.ndarray | None = None) -> Scene:
+def scene(images: Any, disparity: np.ndarray, matched: np.ndarray | None = None) -> EdgeScene:
     everywhere = np.ones(disparity.shape, bool)
     sigma = np.full(disparity.shape, F(0.8))  # common beside jumps
-    return Scene(*images, disparity, everywhere if matched is None else matched, sigma, *SUPPORT)
+    return EdgeScene(*images, disparity, everywhere if matched is None else matched, sigma)
 
 
 def places(*pixels: tuple[int, int]) -> np.ndarray:
@@ -63,9 +71,9 @@ def cost(left: np.ndarray, right: np.ndarray, y: int, x: int, disparity: float) 
         for dx in range(-radius, radius + 1):
             value = rows[dy + radius][x + dx]
             difference = min(abs(value - left[y + dy, x + dx]), MAX_DIFFERENCE)
-            weight = SUPPORT.by_grey[int(abs(left[y + dy, x + dx] - left[y, x]))]
-            weight *= SUPPORT.by_distance[dy + radius, dx + radius]
-            other = weight * SUPPORT.by_grey[int(abs(value - rows[radius][x]))]
+            weight = WEIGHT_BY_GREY[int(abs(left[y + dy, x + dx] - left[y, x]))]
+            weight *= WEIGHT_BY_DISTANCE[dy + radius, dx + radius]
+            other = weight * WEIGHT_BY_GREY[int(abs(value - rows[radius][x]))]
             one.append((weight, weight * difference))
             both.append((other, other * difference))
             worth.append(weight)
@@ -95,48 +103,30 @@ def test_costs_and_margins_are_those_of_plain_numpy(images: Any, y: int, x: int)
 def test_surroundings_of_a_pixel_beside_the_block(images: Any) -> None:
     """Two columns left of the block; its row's background is hidden from column 52 on."""
     found = edge_figures(scene(images, two_planes()), places((20, 58), (5, 30)))
-    nearest, same, to_left, to_right, claim = found[0, 9:14]
-    around = images[0][17:24, 55:62]
     none = NEIGHBOURHOOD + 2
-    assert found[0, 8] == pytest.approx(around.std(), rel=1e-4)
-    assert (nearest, to_left, to_right) == (2, none, 2)
-    assert same == pytest.approx(5 / 7)
-    assert claim == 0.0  # the columns of the block that claim it are farther than is looked
+    assert found[0, 8] == pytest.approx(images[0][17:24, 55:62].std(), rel=1e-4)
+    # the columns of the block that claim it are farther than is looked
+    np.testing.assert_allclose(found[0, 9:14], [2, 5 / 7, none, 2, 0.0], rtol=1e-6)
     assert found[1, 0] == LARGE
     assert found[1, 9:14].tolist() == [none, 1.0, none, none, 0.0]
-
-
-def test_a_nearer_surface_claims_a_hidden_pixel(images: Any) -> None:
-    """The background of column 58 and the block's column 66 meet in column 52 of the right image."""
-    disparity = two_planes()
-    disparity[BLOCK] = FAR + 4.0
-    found = edge_figures(scene(images, disparity), places((20, 58)))[0]
-    assert found[13] == 4.0
-
-
-def test_surfaces_that_were_not_matched_do_not_count(images: Any) -> None:
+    nearer = two_planes()
+    nearer[BLOCK] = FAR + 4.0  # column 58 and the block's column 66 meet in column 52 of the right image
+    assert edge_figures(scene(images, nearer), places((20, 58)))[0, 13] == 4.0
     matched = np.ones((ROWS, COLS), bool)
     matched[BLOCK] = False
     assert edge_figures(scene(images, two_planes(), matched), places((20, 58)))[0, 0] == LARGE
 
 
-def test_evidence_is_finite_and_has_no_unit(images: Any) -> None:
+def test_evidence_is_finite_and_the_network_a_layer_of_rectified_units_and_a_sum(images: Any) -> None:
     everywhere = np.arange(ROWS * COLS)
     evidence = edge_evidence(scene(images, two_planes()), everywhere)
     assert evidence.shape == (ROWS * COLS, FIGURES)
     assert np.isfinite(evidence).all()
-    brighter = tuple(2.0 * image / 5.0 for image in images)
-    assert np.isfinite(edge_evidence(scene(brighter, two_planes()), everywhere)).all()
     assert edge_evidence(scene(images, two_planes()), everywhere[:0]).shape == (0, FIGURES)
-
-
-def test_the_network_is_a_layer_of_rectified_units_and_a_sum() -> None:
     network = edge_network()
-    evidence = np.random.default_rng(0).normal(size=(50, FIGURES)).astype(F)
-    clipped = np.clip(evidence, network.low, network.high)
-    units = np.maximum(clipped @ network.hidden.T + network.hidden_offset, 0.0)
-    expected = units @ network.output + network.output_offset[0]
-    np.testing.assert_allclose(log_odds(network, evidence), expected, rtol=1e-4, atol=1e-4)
+    units = np.clip(evidence, network.low, network.high) @ network.hidden.T + network.hidden_offset
+    expected = np.maximum(units, 0.0) @ network.output + network.output_offset[0]
+    np.testing.assert_allclose(log_odds(network, evidence), expected, rtol=1e-3, atol=1e-3)
 
 
 def test_pixels_with_the_disparity_of_the_other_surface_are_doubted(images: Any) -> None:
@@ -151,3 +141,27 @@ def test_pixels_with_the_disparity_of_the_other_surface_are_doubted(images: Any)
         odds[name] = found.reshape(ROWS, COLS)[14:26, 90:93]
     assert np.median(odds["right"]) < 0.0
     assert np.median(odds["wrong"]) > MAX_LOG_ODDS
+
+
+@pytest.fixture(scope="module")
+def program() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("train_edge_network", PROGRAM)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_it_learns_what_no_linear_function_can_tell(program: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pixels are wrong where one figure is far from 0, on either side."""
+    monkeypatch.setattr(program, "BATCH", 64)
+    random = np.random.default_rng(0)
+    evidence = random.normal(size=(8000, FIGURES))
+    error_px = np.where(np.abs(evidence[:, 0]) > 0.7, 1.5, 0.1)
+    weights = program.train(evidence, error_px, random)
+    network = EdgeNetwork(*(np.asarray(weights[name], np.float32) for name in EdgeNetwork._fields))
+    odds = log_odds(network, random.normal(size=(0, FIGURES)).astype(np.float32))
+    assert odds.shape == (0,)
+    unseen = random.normal(size=(2000, FIGURES)).astype(np.float32)
+    assert ((log_odds(network, unseen) > 0.0) == (np.abs(unseen[:, 0]) > 0.7)).mean() > 0.93

@@ -1,37 +1,28 @@
-"""Filters against plain numpy."""
+"""Filters and robust statistics against plain numpy."""
 
 import numpy as np
 import pytest
 
 from sfr_loc_map.mapping.disparity.filters import (
     MIN_DISPARITY_PX,
-    box_mean,
     depth_ratio,
-    downsample_mean,
     local_variance,
+    mad_sigma,
     second_differences,
     upsample_bilinear,
 )
 
-RNG = np.random.default_rng(0)
-IMAGE = RNG.normal(0.0, 5.0, (24, 32)).astype(np.float32)
 
-
-@pytest.mark.parametrize("side", [3, 5])
-def test_box_mean(side: int) -> None:
-    padded = np.pad(IMAGE, side // 2, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
-    np.testing.assert_allclose(box_mean(IMAGE, side), windows.mean(axis=(2, 3)), atol=1e-5)
-
-
-@pytest.mark.parametrize("factor", [2, 4])
-def test_downsampling_gives_block_means(factor: int) -> None:
-    blocks = IMAGE.reshape(24 // factor, factor, 32 // factor, factor).mean(axis=(1, 3))
-    np.testing.assert_allclose(downsample_mean(IMAGE, factor), blocks, atol=1e-5)
+@pytest.mark.parametrize("sigma", [0.1, 3.0])
+def test_mad_sigma_is_that_of_a_normal_law_even_with_outliers(sigma: float) -> None:
+    values = np.random.default_rng(0).normal(0.0, sigma, 20_000)
+    assert mad_sigma(values) == pytest.approx(sigma, rel=0.03)
+    values[:200] = 1e6
+    assert mad_sigma(values) == pytest.approx(sigma, rel=0.05)
 
 
 def test_local_variance() -> None:
-    grey = RNG.integers(0, 256, (40, 25)).astype(np.float32)
+    grey = np.random.default_rng(0).integers(0, 256, (40, 25)).astype(np.float32)
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(grey, 3, mode="reflect"), (7, 7))
     np.testing.assert_allclose(local_variance(grey), windows.var(axis=(2, 3)), rtol=1e-4)
 

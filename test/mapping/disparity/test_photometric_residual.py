@@ -1,14 +1,16 @@
-"""The data term: exact interpolation, the gradient of the residual's square, the robust weights."""
-
-from collections.abc import Callable
+"""The data term: exact interpolation, the gradient of the residual's square, the robust weights, the noise."""
 
 import numpy as np
 import pytest
 
 from sfr_loc_map.mapping.disparity.photometric_residual import (
+    DEFAULT_VARIANCE,
+    MIN_NOISE,
     cell_means,
     mean_template,
+    noise_variance,
     normal_equations,
+    overall_noise,
     photometric_residual,
     shift_rows,
     slopes,
@@ -30,27 +32,15 @@ def quadratic(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return 50.0 + 2.0 * u + 0.05 * u * u - 0.7 * v + 0.04 * v * v
 
 
-@pytest.mark.parametrize("disparity", [0.0, 3.0, 2.25, 4.7])
-def test_warping_is_exact_for_quadratics(disparity: float) -> None:
-    zero = np.zeros((ROWS, COLS), F)
-    warped = photometric_residual(zero, quadratic(U, V).astype(F), np.full((ROWS, COLS), disparity, F))
-    inside = np.s_[:, 6:-3]
-    np.testing.assert_allclose(warped[inside], quadratic(U - disparity, V)[inside], rtol=1e-5)
-
-
-@pytest.mark.parametrize("shift", [0.0, 2.0, -1.3, 0.45])
-def test_shifting_rows_is_exact_for_quadratics(shift: float) -> None:
-    shifted = shift_rows(quadratic(U, V).astype(F), np.full((ROWS, COLS), shift, F))
-    np.testing.assert_allclose(shifted[4:-4], quadratic(U, V + shift)[4:-4], rtol=1e-5)
-
-
-def test_the_residual_is_right_minus_left_and_nan_outside() -> None:
-    left, right = smooth(U, V).astype(F), (smooth(U, V) + 5.0).astype(F)
-    residual = photometric_residual(left, right, np.zeros((ROWS, COLS), F))
-    np.testing.assert_allclose(residual, 5.0, atol=1e-4)
-    outside = photometric_residual(left, right, np.full((ROWS, COLS), 3.5, F))
-    assert np.isnan(outside[:, :4]).all()
-    assert np.isfinite(outside[:, 4:]).all()
+@pytest.mark.parametrize("shift", [0.0, 3.0, 2.25, 4.7, -1.3])
+def test_interpolation_is_exact_for_quadratics(shift: float) -> None:
+    zero, image = np.zeros((ROWS, COLS), F), quadratic(U, V).astype(F)
+    if shift >= 0.0:
+        warped = photometric_residual(zero, image, np.full((ROWS, COLS), shift, F))
+        np.testing.assert_allclose(warped[:, 6:-3], quadratic(U - shift, V)[:, 6:-3], rtol=1e-5)
+        assert np.isnan(warped[:, : int(np.ceil(shift))]).all()
+    shifted = shift_rows(image, np.full((ROWS, COLS), shift, F))
+    np.testing.assert_allclose(shifted[6:-6], quadratic(U, V + shift)[6:-6], rtol=1e-5)
 
 
 def energy(left: np.ndarray, right: np.ndarray, disparity: np.ndarray) -> np.ndarray:
@@ -107,11 +97,22 @@ def test_cell_means_are_clipped_and_skip_nan() -> None:
     np.testing.assert_allclose(cell_means(residual, F(5.0)), [[2.0, 1.0], [0.0, 0.0]])
 
 
-def test_the_template_is_the_mean_of_both_images(textured: Callable[..., np.ndarray]) -> None:
-    left = textured(U, V, 3).astype(F)
-    residual = np.full_like(left, 4.0)
-    residual[0, 0], residual[0, 1] = np.nan, 50.0
-    offset = np.full((ROWS // 2, COLS // 2), 1.0, F)
-    template = mean_template(left, residual, offset, F(10.0))
-    np.testing.assert_allclose((template - left)[1:], 1.5, atol=1e-4)
-    np.testing.assert_array_equal(template[0, :2], left[0, :2])
+def test_the_variance_of_noise_grows_with_the_grey_level() -> None:
+    rng = np.random.default_rng(0)
+    left = np.tile(np.linspace(20.0, 220.0, 640), (400, 1))
+    variance = 1.0 + 0.05 * left
+    residual = rng.normal(3.0, np.sqrt(variance)).astype(F)
+    grey = left[::2, ::2].astype(F)
+    order = np.argsort(grey[::4, ::2].ravel(), kind="stable")
+    found = noise_variance(grey, order, residual, np.full(grey.shape, 3.0, F))
+    np.testing.assert_allclose(found[:, 20:-20], variance[::2, ::2][:, 20:-20], rtol=0.2)
+    residual[:] = np.nan
+    assert (noise_variance(grey, order, residual, np.zeros(grey.shape, F)) == DEFAULT_VARIANCE).all()
+    assert overall_noise(residual) == MIN_NOISE
+
+
+def test_overall_noise_ignores_offset_holes_and_outliers() -> None:
+    residual = np.random.default_rng(1).normal(7.0, 2.0, (400, 640)).astype(F)
+    residual[:, ::3] = np.nan
+    residual[:8] = 200.0
+    assert overall_noise(residual) == pytest.approx(2.0, rel=0.1)

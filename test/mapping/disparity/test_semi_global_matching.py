@@ -25,26 +25,16 @@ def stereogram(background: int, foreground: int) -> tuple[np.ndarray, np.ndarray
     return left, right, truth
 
 
-@pytest.mark.parametrize(("background", "foreground"), [(4, 12), (7, 20), (0, 3)])
-def test_a_random_dot_stereogram_is_matched(background: int, foreground: int) -> None:
-    left, right, truth = stereogram(background, foreground)
-    disparity = semi_global_matching(left, right, 32)
-    assert disparity.shape == truth.shape
+@pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.5, 0.0), (0.6, 80.0), (1.0, -30.0)])
+def test_a_random_dot_stereogram_of_any_exposure_is_matched(gain: float, offset: float) -> None:
+    left, right, truth = stereogram(4, 12)
+    left, right = (np.asarray(64 + image / 2, np.uint8) for image in (left, right))
+    other = np.clip(np.rint(gain * right + offset), 0, 255).astype(np.uint8)
+    disparity = semi_global_matching(left, other, 32)
     known = np.isfinite(disparity)
-    assert known[:, background:].mean() > 0.85
+    assert known[:, 4:].mean() > 0.85
     assert (np.abs(disparity - truth)[known] < 0.5).mean() > 0.97
-    inside = np.s_[35:85, 85:145]
-    assert np.nanmedian(disparity[inside]) == pytest.approx(foreground, abs=1.0 / 16.0)
-
-
-def test_the_background_beside_the_square_is_occluded() -> None:
-    """8 columns left of a square that stands out by 8 pixels have no counterpart."""
-    left, right, _ = stereogram(4, 12)
-    disparity = semi_global_matching(left, right, 32)
-    hidden = disparity[40:80, 73:79]
-    wrong = np.isfinite(hidden) & (np.abs(hidden - 4.0) < 0.5)
-    assert wrong.mean() < 0.5
-    assert np.isfinite(disparity[40:80, 40:70]).mean() > 0.95
+    assert np.nanmedian(disparity[35:85, 85:145]) == pytest.approx(12.0, abs=1.0 / 16.0)
 
 
 @pytest.mark.parametrize("cols", [WIDE - 1, WIDE, WIDE + 1])
@@ -62,36 +52,17 @@ def test_wide_images_are_matched_as_narrow_ones_are(cols: int) -> None:
     assert (np.abs(disparity - 9.0)[known] < 1.0).mean() > 0.97
 
 
-@pytest.mark.parametrize(("gain", "offset"), [(0.5, 0.0), (0.6, 80.0), (1.0, -30.0)])
-def test_images_of_two_exposures_are_matched(gain: float, offset: float) -> None:
-    left, right, truth = stereogram(4, 12)
-    left, right = (np.asarray(64 + image / 2, np.uint8) for image in (left, right))
-    other = np.clip(np.rint(gain * right + offset), 0, 255).astype(np.uint8)
-    disparity = semi_global_matching(left, other, 32)
-    known = np.isfinite(disparity)
-    assert known[:, 4:].mean() > 0.85
-    assert (np.abs(disparity - truth)[known] < 0.5).mean() > 0.97
-
-
 def test_swapped_images_do_not_match() -> None:
     left, right, _ = stereogram(8, 16)
     assert np.isfinite(semi_global_matching(right, left, 32)).mean() < 0.3
 
 
-def test_the_search_range_covers_the_depths() -> None:
+def test_the_search_range_covers_the_depths_and_at_most_half_the_width() -> None:
     rig = StereoRig(1000, 800, 500.0, 500.0, 499.5, 399.5, 0.2)
     found = search_range(rig, MappingConfig(min_range_m=2.0, max_range_m=25.0))
     assert found.min_disparity_px == pytest.approx(500.0 * 0.2 / 25.0)
-    assert found.count == 64
-    assert found.count > 500.0 * 0.2 / 2.0
-
-
-def test_no_more_than_half_the_width_is_searched() -> None:
-    rig = StereoRig(300, 200, 500.0, 500.0, 149.5, 99.5, 0.2)
-    assert search_range(rig, MappingConfig(min_range_m=0.1)).count == 160
-
-
-def test_depths_in_the_wrong_order_are_refused() -> None:
-    rig = StereoRig(300, 200, 500.0, 500.0, 149.5, 99.5, 0.2)
+    assert found.count == 64 > 500.0 * 0.2 / 2.0
+    narrow = StereoRig(300, 200, 500.0, 500.0, 149.5, 99.5, 0.2)
+    assert search_range(narrow, MappingConfig(min_range_m=0.1)).count == 160
     with pytest.raises(ConfigError, match=r"min_range_m 5\.0 must be less than max_range_m 5\.0"):
         search_range(rig, MappingConfig(min_range_m=5.0, max_range_m=5.0))

@@ -1,4 +1,4 @@
-"""Sigma against theory and against Monte Carlo."""
+"""Sigma against theory and against Monte Carlo; saturated pixels are holes, and sigma is wider beside them."""
 
 from dataclasses import replace
 from typing import Any
@@ -6,17 +6,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.conjugate_gradient import conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.regularisation import SmoothnessWeights
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
+from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugate_gradient_step
 from sfr_loc_map.mapping.disparity.uncertainty import (
     CREASE_SHARE,
     MAX_SIGMA_PX,
     NOISE_INFORMATION,
     SHAPE_SHARE,
     disparity_sigma,
+    saturation,
 )
 from sfr_loc_map.mapping.disparity.variational_refinement import refine
+from sfr_loc_map.mapping.mapper import Mapper
 
 F = np.float32
 INNER = np.s_[24:-24, 48:-24]
@@ -74,6 +78,7 @@ def test_sigma_is_bounded_without_information(refined: Any) -> None:
     assert (disparity_sigma(nothing) == MAX_SIGMA_PX).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [2.0, 6.0])
 def test_sigma_is_that_of_repeated_images(world: Any, slope_field: Any, noise: float) -> None:
     """Eight pairs of one scene with other noise: their scatter is what is stated."""
@@ -85,5 +90,51 @@ def test_sigma_is_that_of_repeated_images(world: Any, slope_field: Any, noise: f
         disparities.append(found.disparity_px[INNER])
         sigmas.append(disparity_sigma(found)[INNER])
     scatter = np.sqrt(np.mean(np.var(disparities, axis=0, ddof=1)))
-    stated = np.sqrt(np.mean(np.square(sigmas)))
-    assert 0.6 < scatter / stated < 1.4
+    assert 0.6 < scatter / np.sqrt(np.mean(np.square(sigmas))) < 1.4
+
+
+@pytest.mark.parametrize("level", [0, 255])
+def test_a_patch_of_either_image_is_flat_where_its_partner_is_seen(level: int) -> None:
+    left, right, disparity = np.full((60, 80), 100, np.uint8), np.full((60, 80), 100, np.uint8), np.full((60, 80), F(7))
+    assert not saturation(left, right, disparity).flat.any()
+    right[20:30, 30:40] = level
+    found = saturation(left, right, disparity)
+    rows, columns = np.nonzero(found.flat)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (22, 27, 39, 44)  # 7 pixels to the right
+    assert found.share == pytest.approx(100 / 4800)
+    left[20:30, 30:40], right[:] = level, 100
+    assert np.flatnonzero(saturation(left, right, disparity).flat.any(axis=0)).tolist() == list(range(32, 38))
+
+
+def test_a_clipped_patch_is_a_hole_and_uncertain_around_it(world: Any, slope_field: Any) -> None:
+    made = world(slope_field, width=384, height=320)
+    left, right = made.pair.left.copy(), made.pair.right.copy()
+    v, u = np.mgrid[:320, :384]
+    partner = np.rint(u - made.disparity).astype(int)
+    patch = (abs(v - 160) < 8) & (abs(u - 200) < 8)  # small enough to be bridged by smoothness
+    left[patch] = 255
+    right[v[patch], partner[patch]] = 255
+    plain = Mapper(made.rig, MappingConfig()).process(made.pair, Transform.identity(), 0)
+    result = Mapper(made.rig, MappingConfig()).process(StereoPair(0, left, right), Transform.identity(), 0)
+    inner = (abs(v - 160) < 5) & (abs(u - 200) < 5)
+    assert np.isfinite(plain.disparity_px[inner]).all()
+    assert np.isnan(result.disparity_px[inner]).all()
+    around = (abs(v - 160) < 11) & (abs(u - 200) < 11) & ~patch
+
+    def sigma_around(found: Any) -> float:
+        image = np.full(v.shape, np.nan)
+        image[found.cloud.v, found.cloud.u] = found.random_sigma
+        return float(np.nanmedian(image[around]))
+
+    assert sigma_around(result) > 1.2 * sigma_around(plain)
+    fused = Mapper(made.rig, MappingConfig()).fuse([result])
+    np.testing.assert_array_equal(fused.random_sigma, result.random_sigma)
+    np.testing.assert_array_equal(fused.cloud.sigma, result.cloud.sigma)
+
+
+def test_many_saturated_pixels_are_told(world: Any, slope_field: Any) -> None:
+    made = world(slope_field)
+    bright = [np.clip(image.astype(int) * 2, 0, 255).astype(np.uint8) for image in (made.pair.left, made.pair.right)]
+    result = Mapper(made.rig, MappingConfig()).process(StereoPair(0, *bright), Transform.identity(), 0)
+    assert any("% of the pixels are saturated" in line for line in result.warnings)
+    assert result.statistics["saturated_share"] > 0.3

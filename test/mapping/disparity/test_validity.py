@@ -3,13 +3,24 @@
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from sfr_loc_map.mapping.disparity.filters import local_variance
-from sfr_loc_map.mapping.disparity.segments import MIN_PIXELS
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION, disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import MAX_CHANGE_PX, MAX_SLOPE, Likeness, _passing, valid_mask
+from sfr_loc_map.mapping.disparity.validity import (
+    LARGE_PIXELS,
+    MAX_CHANGE_PX,
+    MAX_SLOPE,
+    MIN_PIXELS,
+    find_segments,
+    gradient_correlation,
+    locally_valid,
+    occlusion_mask,
+    valid_mask,
+    valid_segments,
+)
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 
 F = np.float32
@@ -45,31 +56,20 @@ def outside(mask: np.ndarray) -> np.ndarray:
     return far
 
 
-def test_a_good_scene_is_kept(scene: Scene) -> None:
-    assert scene.mask()[INNER].mean() > 0.999
+def test_a_good_scene_is_kept_where_both_cameras_see_it(scene: Scene) -> None:
+    mask, columns = scene.mask(), np.arange(scene.left.shape[1])
+    assert mask[INNER].mean() > 0.999
+    assert not mask[columns[None] - scene.refined.disparity_px < -1.0].any()
 
 
-def test_columns_that_the_right_camera_does_not_see_are_invalid(scene: Scene) -> None:
-    columns = np.arange(scene.left.shape[1])
-    out_of_view = columns[None] - scene.refined.disparity_px < -1.0
-    assert not scene.mask()[out_of_view].any()
-
-
-def test_what_the_matcher_left_out_is_invalid(scene: Scene) -> None:
+@pytest.mark.parametrize("error", [np.nan, 2.0 * MAX_CHANGE_PX])
+def test_what_the_matcher_left_out_or_refinement_moved_far_is_invalid(scene: Scene, error: float) -> None:
     initial = scene.initial.copy()
-    initial[PART] = np.nan
+    initial[PART] += error
     mask = scene.mask(initial=initial)
     assert not mask[PART].any()
     assert outside(mask).mean() > 0.999
     assert not scene.mask(initial=np.full_like(initial, np.nan)).any()
-
-
-def test_what_refinement_moved_far_is_invalid(scene: Scene) -> None:
-    initial = scene.initial.copy()
-    initial[PART] += 2.0 * MAX_CHANGE_PX
-    mask = scene.mask(initial=initial)
-    assert not mask[PART].any()
-    assert outside(mask).mean() > 0.999
 
 
 def test_textureless_regions_are_invalid(scene: Scene) -> None:
@@ -113,14 +113,75 @@ def test_pixels_of_a_surface_that_is_not_theirs_are_invalid(scene: Scene) -> Non
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_ramps_between_surfaces_are_invalid(scene: Scene, sign: float) -> None:
+@pytest.mark.parametrize(("slope", "kept"), [(0.95, False), (0.5 * MAX_SLOPE, True)])
+def test_ramps_between_surfaces_are_invalid(scene: Scene, sign: float, slope: float, kept: bool) -> None:
     """Six columns that rise or fall by a pixel each lie on one ray of a camera; half as steep ground stays."""
-    for slope, kept in ((0.95, False), (0.5 * MAX_SLOPE, True)):
-        ramp = np.clip(np.arange(scene.left.shape[1]) - 200.0, 0.0, 6.0) * sign * slope
-        initial = (scene.initial + ramp).astype(F)
-        refined = replace(scene.refined, disparity_px=(scene.refined.disparity_px + ramp).astype(F))
-        flat = np.ones_like(initial)
-        alike = Likeness(flat, 0.0 * flat, flat, F(1.0))
-        assert _passing(refined.disparity_px, flat > 0.0, flat < 0.0, alike)[50:150, 202:205].any() == kept
-        if not kept:
-            assert not scene.mask(refined, initial)[50:150, 202:205].any()
+    ramp = np.clip(np.arange(scene.left.shape[1]) - 200.0, 0.0, 6.0) * sign * slope
+    disparity, initial = (scene.refined.disparity_px + ramp).astype(F), (scene.initial + ramp).astype(F)
+    refined = replace(scene.refined, disparity_px=disparity)
+    contrast = np.full_like(initial, F(1e9))
+    assert locally_valid(refined, initial, contrast)[50:150, 202:205].any() == kept
+
+
+def test_the_background_left_of_a_block_is_occluded() -> None:
+    """The block covers columns 46-75 of the right image; there the background of columns 52-81 would be."""
+    disparity, valid = np.full((40, 120), F(6.0)), np.ones((40, 120), bool)
+    disparity[10:30, 60:90] = 14.0
+    expected = np.zeros_like(valid)
+    expected[:, :6] = True
+    expected[10:30, 52:60] = True
+    np.testing.assert_array_equal(occlusion_mask(disparity, valid, F(1.0)), expected)
+    assert not occlusion_mask(disparity, valid, F(8.5))[:, 14:].any()  # nearer by less than the jump
+    valid[10:30, 60:90] = False  # what is not valid occludes nothing
+    assert not occlusion_mask(disparity, valid, F(1.0))[:, 6:].any()
+
+
+def test_segments_are_those_of_a_flood_fill() -> None:
+    steps = np.random.default_rng(3).integers(-8, 60, (40, 70)).astype(np.int32)
+    steps[10:30, 20:60] //= 8
+    found, pixels = find_segments(steps, np.int32(16))
+    number = np.full(steps.shape, -1)
+    count = 0
+    for start in zip(*np.nonzero(steps >= 0), strict=True):
+        if number[start] >= 0:
+            continue
+        waiting = [start]
+        number[start] = count
+        while waiting:
+            y, x = waiting.pop()
+            for v, u in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
+                inside = 0 <= v < steps.shape[0] and 0 <= u < steps.shape[1]
+                if inside and steps[v, u] >= 0 > number[v, u] and abs(steps[v, u] - steps[y, x]) <= 16:
+                    number[v, u] = count
+                    waiting.append((v, u))
+        count += 1
+    np.testing.assert_array_equal(found, number)
+    np.testing.assert_array_equal(pixels, np.bincount(number[number >= 0]))
+
+
+def seen(image: np.ndarray, shift: float) -> np.ndarray:
+    """Return the right image of a surface at one disparity."""
+    columns, rows = np.meshgrid(np.arange(image.shape[1], dtype=F) + F(shift), np.arange(image.shape[0], dtype=F))
+    return np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT), F)
+
+
+def test_correlation_is_one_for_the_same_content_and_none_for_unrelated_noise() -> None:
+    rng = np.random.default_rng(0)
+    one, other = (cv2.GaussianBlur(rng.normal(128.0, 40.0, (60, 120)).astype(F), (0, 0), 1.5) for _ in range(2))
+    number, disparity = np.zeros(one.shape, np.int32), np.full(one.shape, F(7.3))
+    for right, low, high in ((seen(one, 7.3), 0.95, 1.0), (other, -0.2, 0.2), (-seen(one, 7.3), -1.0, -0.95)):
+        assert low < gradient_correlation(one, right, disparity, number, np.ones(1, bool))[0] < high
+    assert gradient_correlation(one, seen(one, 7.3), disparity, number, np.zeros(1, bool))[0] == 0.0
+
+
+@pytest.mark.parametrize("side", [int(np.sqrt(MIN_PIXELS)), 20, int(np.sqrt(LARGE_PIXELS)) + 1])
+@pytest.mark.parametrize("alike", [True, False])
+def test_small_segments_stay_if_their_content_is_in_both_images(side: int, alike: bool) -> None:
+    rng = np.random.default_rng(1)
+    left = cv2.GaussianBlur(rng.normal(128.0, 40.0, (90, 140)).astype(F), (0, 0), 1.5)
+    right = seen(left, 5.0) if alike else cv2.GaussianBlur(rng.normal(128.0, 40.0, left.shape).astype(F), (0, 0), 1.5)
+    valid = np.zeros(left.shape, np.bool_)
+    valid[20 : 20 + side, 40 : 40 + side] = True
+    kept = valid_segments(left, right, np.full(left.shape, 5.0, F), valid)
+    stays = side**2 > MIN_PIXELS and (alike or side**2 > LARGE_PIXELS)
+    np.testing.assert_array_equal(kept, valid & stays)

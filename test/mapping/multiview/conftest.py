@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.multiview.view import View
+from sfr_loc_map.mapping.multiview.pair_view import PairView
 
 POSE = Transform(matrix_from_rotvec([0.0, 0.4, 0.3]), np.array([0.0, 0.0, 2.0]))
 """Of NAVSB in LM."""
@@ -20,7 +20,7 @@ class TwoViews(NamedTuple):
     """Two views of one ground and its true disparities `(H, W)`."""
 
     rig: StereoRig
-    views: tuple[View, View]
+    views: tuple[PairView, PairView]
     disparity: np.ndarray
 
     def depth_errors(self, cloud: Any) -> np.ndarray:

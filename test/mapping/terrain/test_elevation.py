@@ -9,7 +9,13 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
-from sfr_loc_map.mapping.terrain.elevation import SLOPE, elevation_from_cloud, point_covariances, rays
+from sfr_loc_map.mapping.terrain.elevation import (
+    SLOPE,
+    CellGrid,
+    elevation_from_cloud,
+    height_sums,
+    point_covariances,
+)
 
 CENTRES = [np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 2.0])]
 POSES = [Transform(matrix_from_rotvec([-1.9, 0.3, 0.2]), centre) for centre in CENTRES]
@@ -27,16 +33,44 @@ def cloud_of(xyz: list[list[float]], sigma: list[float], pair: list[int]) -> Poi
     )
 
 
-def test_cells_lie_where_their_points_do() -> None:
-    xyz = [[-0.05, 0.25, 1.0], [0.35, -0.15, 2.0], [0.36, -0.19, 4.0]]
-    model = elevation_from_cloud(cloud_of(xyz, [0.01] * 3, [0] * 3), POSES, 0.1)
-    assert model.origin_m == pytest.approx((-0.1, -0.2))
-    assert model.height_m.shape == model.count.shape == model.sigma_m.shape == (5, 5)
-    assert model.height_m[4, 0] == pytest.approx(1.0)
-    assert model.count[4, 0] == 1
-    assert model.count[0, 4] == 2
-    assert 2.0 < model.height_m[0, 4] < 4.0
-    assert np.isfinite(model.height_m).sum() == 2
+def points(*xy: tuple[float, float]) -> np.ndarray:
+    return np.array([(x, y, 0.0) for x, y in xy], np.float32)
+
+
+def test_grids_of_one_cell_size_share_their_cells() -> None:
+    one = CellGrid.over(points((0.05, 0.05), (0.95, 0.45)), 0.1)
+    other = CellGrid.over(points((-0.35, 0.25), (0.55, 0.26)), 0.1)
+    assert (one.first, one.rows, one.columns) == ((0, 0), 5, 10)
+    assert (other.first, other.rows, other.columns) == ((-4, 2), 1, 10)
+    assert other.origin_m == pytest.approx((-0.4, 0.2))
+    assert one.cell_of(points((0.55, 0.25), (-0.01, 0.0), (1.01, 0.0), (0.0, 0.51))).tolist() == [25, -1, -1, -1]
+
+
+def test_points_beyond_the_reach_do_not_count() -> None:
+    grid = CellGrid.over(points((0.05, 0.05), (90.0, 0.0), (1.02, -1.02)), 0.1, (0.0, 0.0, 2.0))
+    assert (grid.first, grid.rows, grid.columns) == ((0, -11), 12, 21)
+    with pytest.raises(MappingError, match=r"no points within 2\.0 m of the cameras: raise terrain\.range_m"):
+        CellGrid.over(points((90.0, 0.0)), 0.1, (0.0, 0.0, 2.0))
+
+
+def test_sums_are_those_of_each_cell() -> None:
+    rng = np.random.default_rng(3)
+    cell = rng.integers(-1, 7, 500).astype(np.int32)
+    height, share = rng.normal(size=500).astype(np.float32), rng.uniform(0.1, 1.0, 500)
+    random = rng.uniform(0.01, 0.1, 500).astype(np.float32)
+    sigma = (random * rng.uniform(1.0, 2.0, 500)).astype(np.float32)
+    points, weights, means, spreads, commons = height_sums(cell, 8, height, share, sigma, random)
+    for at in range(7):
+        inside = cell == at
+        weight = 1.0 / (share * random.astype(float) ** 2)[inside]
+        mean = np.average(height[inside].astype(float), weights=weight)
+        assert points[at] == inside.sum()
+        assert weights[at] == pytest.approx(weight.sum())
+        assert means[at] == pytest.approx(mean)
+        assert spreads[at] == pytest.approx((weight * (height[inside] - mean) ** 2).sum())
+        common = share * (sigma.astype(float) ** 2 - random.astype(float) ** 2)
+        assert commons[at] == pytest.approx((weight * common[inside]).sum())
+    assert np.isnan(means[7])
 
 
 def test_heights_are_weighed_by_the_variance_of_height_not_of_range() -> None:
@@ -60,8 +94,7 @@ def test_an_error_that_points_share_has_no_say_in_weights_and_no_mean_removes_it
     plain = elevation_from_cloud(cloud_of(xyz, random.tolist(), [0] * 3), POSES, 1.0)
     common = elevation_from_cloud(cloud_of(xyz, np.hypot(random, 0.3).tolist(), [0] * 3), POSES, 1.0, random)
     assert common.height_m[0, 0] == plain.height_m[0, 0]
-    slant = rays(cloud_of(xyz[:1], [0.01], [0]), POSES)[0, 2]
-    expected = np.sqrt(plain.sigma_m[0, 0] ** 2 + 0.3**2 * (slant**2 + SLOPE**2))
+    expected = np.sqrt(plain.sigma_m[0, 0] ** 2 + 0.3**2 * (1.0 + SLOPE**2))  # seen from above
     assert common.sigma_m[0, 0] == pytest.approx(expected, rel=0.01)
 
 
@@ -72,18 +105,6 @@ def test_cells_that_cannot_be_are_refused(cell: float, message: str) -> None:
         elevation_from_cloud(cloud, POSES, cell)
     with pytest.raises(MappingError, match="no points"):
         elevation_from_cloud(cloud.select(np.zeros(2, bool)), POSES, 0.1)
-
-
-def test_covariance_is_that_of_the_ray_and_of_the_pixel() -> None:
-    local = np.array([[0.3, -0.2, 4.0], [0.0, 0.0, 7.0]])
-    xyz = [POSES[pair].apply(point).tolist() for pair, point in enumerate(local)]
-    matrices = point_covariances(cloud_of(xyz, [0.05, 0.02], [0, 1]), POSES, 800.0)
-    for pair, sigma in enumerate((0.05, 0.02)):
-        values, vectors = np.linalg.eigh(matrices[pair].astype(np.float64))
-        np.testing.assert_allclose(values[:2], (local[pair, 2] / 800.0) ** 2 / 12.0, rtol=1e-2)
-        assert values[2] == pytest.approx(sigma**2, rel=1e-4)
-        ray = POSES[pair].rotation @ local[pair] / np.linalg.norm(local[pair])
-        assert abs(vectors[:, 2] @ ray) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_covariance_is_the_scatter_of_points_of_a_pixel() -> None:
@@ -104,13 +125,6 @@ def test_covariance_is_the_scatter_of_points_of_a_pixel() -> None:
     found = np.cov(points.T)
     np.testing.assert_allclose(stated, found, atol=0.05 * np.trace(found))
     np.testing.assert_allclose(np.linalg.eigvalsh(stated)[:2], np.linalg.eigvalsh(found)[:2], rtol=0.2)
-
-
-def test_rays_are_unit_vectors_from_the_camera_to_the_point() -> None:
-    xyz = [[1.0, 2.0, 0.0], [3.0, 0.0, 2.0]]
-    found = rays(cloud_of(xyz, [0.1, 0.1], [0, 1]), POSES)
-    np.testing.assert_allclose(found[0], np.array([1.0, 2.0, -2.0]) / 3.0, atol=1e-6)
-    np.testing.assert_allclose(found[1], [1.0, 0.0, 0.0], atol=1e-6)
 
 
 def test_a_plane_gives_a_plane() -> None:

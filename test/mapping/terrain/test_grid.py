@@ -7,8 +7,16 @@ import pytest
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.terrain.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
+from sfr_loc_map.mapping.config import TerrainConfig
+from sfr_loc_map.mapping.terrain.grid import (
+    MIN_POINTS,
+    STEP_RADIUS_M,
+    TAIL,
+    TerrainGrid,
+    elevation_grid,
+    outer_heights,
+    sorted_by_cell,
+)
 
 CONFIG = TerrainConfig()
 CAMERA = [Transform(np.eye(3), np.array([0.0, 0.0, 2.0]))]
@@ -47,12 +55,8 @@ def test_a_plane_has_its_slope_and_neither_roughness_nor_step(rise_x: float, ris
 def test_a_slope_at_its_limit_is_a_hazard_and_one_below_is_none() -> None:
     for slope_deg, hazard in ((CONFIG.max_slope_deg - 0.5, 97), (CONFIG.max_slope_deg + 0.5, 100)):
         rise = np.tan(np.radians(slope_deg))
-        assert at_once(elevation_grid(ground(lambda x, y: rise * y), CONFIG, CAMERA).hazard[2:-2, 2:-2]) == hazard  # noqa: B023
-
-
-def at_once(layer: np.ndarray) -> int:
-    (value,) = set(layer.reshape(-1).tolist())
-    return value
+        plane = ground(lambda x, y, rise=rise: rise * y)
+        assert set(elevation_grid(plane, CONFIG, CAMERA).hazard[2:-2, 2:-2].reshape(-1).tolist()) == {hazard}
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -65,7 +69,7 @@ def test_a_rock_or_a_hole_is_a_hazard_as_far_as_the_footprint_reaches(sign: floa
     x0, y0 = grid.elevation.origin_m
     rows, columns = np.nonzero(grid.hazard == 100)
     distance = np.hypot(x0 + (columns + 0.5) * 0.1 - 0.05, y0 + (rows + 0.5) * 0.1 - 0.05)
-    assert distance.max() < 0.15 * np.sqrt(2) + CONFIG.step_radius_m + CONFIG.footprint_radius_m + 0.1
+    assert distance.max() < 0.15 * np.sqrt(2) + STEP_RADIUS_M + CONFIG.footprint_radius_m + 0.1
     reach = 0.15 + CONFIG.footprint_radius_m
     for x, y in ((reach, 0.05), (0.05, -reach + 0.1), (0.4, 0.4)):
         assert at(grid, grid.hazard, x, y) == 100
@@ -100,7 +104,7 @@ def test_what_was_not_seen_is_not_known_unless_a_step_is_near() -> None:
 def test_cells_with_few_points_have_no_height() -> None:
     sparse = ground(lambda x, y: x).select(np.arange(0, 40_000, 40))
     grid = elevation_grid(sparse, CONFIG, CAMERA)
-    few = grid.elevation.count < CONFIG.min_points
+    few = grid.elevation.count < MIN_POINTS
     assert few.any()
     assert np.isnan(grid.elevation.height_m[few]).all()
     assert np.isnan(grid.elevation.sigma_m[few]).all()
@@ -115,3 +119,15 @@ def test_poses_bound_the_range_and_lower_the_sigma() -> None:
     assert everything.hazard.shape == (40, 40)
     known, unknown = (at(grid, grid.elevation.sigma_m, 0.75, 0.75) for grid in (near, everything))
     assert known < unknown == pytest.approx(0.005, rel=0.02)
+
+
+def test_outer_heights_are_those_of_the_sorted_heights() -> None:
+    rng = np.random.default_rng(4)
+    cell = rng.integers(-1, 30, 900).astype(np.int32)
+    height = rng.integers(0, 12, 900).astype(np.float32)  # with many equal ones
+    low, high = outer_heights(*sorted_by_cell(cell, np.bincount(cell[cell >= 0], minlength=31), height))
+    for at in range(30):
+        ranked = np.sort(height[cell == at])
+        assert low[at] == ranked[round(TAIL * (len(ranked) - 1))]
+        assert high[at] == ranked[round((1.0 - TAIL) * (len(ranked) - 1))]
+    assert np.isnan(low[30])

@@ -1,10 +1,12 @@
-"""Points of one stereo pair reprojected into another: where it sees them, how far, how sharp and how bright."""
+"""One stereo pair as registration and fusion see it, and what it says of the points of another pair."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
@@ -18,6 +20,8 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline
 
 F = np.float32
 
+FEATHER_PX = 48.0
+"""Distance from the border of an image from which on its points have full weight."""
 JUMP_PX = F(1.0)
 """Nothing is interpolated between disparities that differ by this or more."""
 SHIFT_PX = 8
@@ -39,23 +43,61 @@ class ViewImages(NamedTuple):
     grey: FloatImage
 
 
-class _Samples(NamedTuple):
-    """What a view says of N points, `(N,)` float32 each, as `ReprojectedPoints` describes them.
+@dataclass(frozen=True, eq=False)
+class PairView:
+    """Points of one stereo pair with the disparity image and the pose that they come from.
 
-    `difference` is NaN where it says nothing; the others are then undefined.
+    Attributes:
+        cloud: Its points in LM.
+        disparity_px: `(H, W)` float32, pixels, NaN where none.
+        T_lm_left: Takes points in its left optical frame to LM.
+        noise_grey: Standard deviation of the difference of two images of the same ground, grey levels.
     """
 
-    difference: FloatImage
-    weight: FloatImage
-    grey: FloatImage
-    grey_shifted: FloatImage
-    offset_px: FloatImage
+    cloud: PointCloud
+    disparity_px: FloatImage
+    T_lm_left: Transform
+    noise_grey: float
 
-    @classmethod
-    def nothing(cls, count: int) -> _Samples:
-        """Return those of points that are not seen."""
-        weight, grey, offset_px = (np.empty(count, F) for _ in range(3))
-        return cls(np.full(count, np.nan, F), weight, grey, np.full(count, np.nan, F), offset_px)
+    def with_pose(self, T_lm_left: Transform) -> PairView:
+        """Return the view at another pose, its points moved along."""
+        xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.cloud.xyz).astype(F)
+        return replace(self, cloud=replace(self.cloud, xyz=xyz), T_lm_left=T_lm_left)
+
+    def numbered(self, number: int) -> PairView:
+        """Return the view as that of a pair of another number."""
+        pair = np.full(len(self.cloud), number, np.uint8)
+        return replace(self, cloud=replace(self.cloud, pair=pair))
+
+    @cached_property
+    def images(self) -> ViewImages:
+        """What is known of each pixel.
+
+        The weight is `feather / sigma^2`: it decreases towards the border, so that no seam shows where the image ends.
+        """
+        height, width = self.disparity_px.shape
+        sigma = np.full((height, width), np.inf, F)
+        sigma[self.cloud.v, self.cloud.u] = self.cloud.sigma
+        y, x = np.arange(height, dtype=F), np.arange(width, dtype=F)
+        edge_y, edge_x = np.minimum(y, height - 1 - y) + F(1.0), np.minimum(x, width - 1 - x) + F(1.0)
+        feather = np.minimum(np.minimum(edge_y[:, None], edge_x[None]) / F(FEATHER_PX), F(1.0))
+        return ViewImages(self.disparity_px, np.asarray(feather / np.square(sigma), F), self.grey_image())
+
+    def grey_image(self, blur_px: float = 0.0) -> FloatImage:
+        """Return the left image `(H, W)` where there are points, smoothed over these alone; NaN elsewhere.
+
+        Args:
+            blur_px: Standard deviation of the Gaussian; 0 for none.
+        """
+        known = np.zeros(self.disparity_px.shape, F)
+        grey = np.zeros_like(known)
+        known[self.cloud.v, self.cloud.u] = 1.0
+        grey[self.cloud.v, self.cloud.u] = self.cloud.intensity
+        if blur_px > 0.0:
+            total, share = (cv2.GaussianBlur(image, (0, 0), blur_px) for image in (grey, known))
+            grey = np.asarray(total / np.maximum(share, F(1e-3)), F)
+        grey[known == 0.0] = np.nan
+        return grey
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +105,7 @@ class ReprojectedPoints:
     """What another view says of the M points that it sees too, `(M,)` float32 each.
 
     Attributes:
-        index: `(M,)`, numbers of the points in their cloud.
+        index: Numbers of the points in their cloud.
         difference: How much farther along the view's ray it sees them, metres.
         deviation: Standard deviation of its range, metres.
         weight: Its weight, 1 / m^2.
@@ -84,18 +126,12 @@ class ReprojectedPoints:
 def reproject_into_view(
     cloud: PointCloud, T_lm_left: Transform, images: ViewImages, rig: StereoRig
 ) -> ReprojectedPoints:
-    """Return what another view says of the points that it sees too.
-
-    Args:
-        cloud: Points in LM.
-        T_lm_left: Pose of the view's left camera.
-        images: Of the view.
-        rig: Rig of all pairs.
-    """
+    """Return what a view, whose left camera has a pose, says of the points in LM that it sees too."""
     T_left_lm = T_lm_left.inverse()
-    samples = _Samples.nothing(len(cloud))
+    samples = np.empty((5, len(cloud)), F)
+    samples[0], samples[3] = np.nan, np.nan  # differences where there are none; shifted grey levels beyond the border
     _sample_view(cloud.xyz, T_left_lm.rotation, T_left_lm.translation, rig.camera, images, samples)
-    index = np.flatnonzero(np.isfinite(samples.difference))
+    index = np.flatnonzero(np.isfinite(samples[0]))
     difference, weight, grey, grey_shifted, offset_px = (values[index] for values in samples)
     own = cloud.intensity[index]
     deviation = np.asarray(F(1.0) / np.sqrt(weight), F)
@@ -109,12 +145,6 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
     lower = (1 - s) * image[i + 1, j] + s * image[i + 1, j + 1]
     value: float = (1 - t) * upper + t * lower
     return value
-
-
-@jit_rows_inline
-def _is_inside(u: float, v: float, rows: int, cols: int) -> bool:
-    """Tell whether there are four pixels around a point of the image."""
-    return u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1
 
 
 @jit_rows_inline
@@ -132,12 +162,13 @@ def _sample_view(
     translation: FloatArray,
     camera: StereoCamera,
     images: ViewImages,
-    out: _Samples,
+    out: FloatImage,
 ) -> None:
-    """Fill `out` where the view sees the points `(N, 3)`; rotation and translation take them to its left camera."""
+    """Fill difference, weight, grey level, shifted one and offset `(5, N)` of the points `(N, 3)` that the view sees.
+
+    Rotation and translation take them to its left camera.
+    """
     rows, cols = images.disparity.shape
-    difference, out_weight, out_offset = out.difference, out.weight, out.offset_px
-    out_grey, out_shifted = out.grey, out.grey_shifted
     scale = camera.fx * camera.baseline_m
     for n in prange(len(xyz)):
         x0, y0, z0 = np.float64(xyz[n, 0]), np.float64(xyz[n, 1]), np.float64(xyz[n, 2])
@@ -147,7 +178,7 @@ def _sample_view(
         if zl < MIN_DEPTH_M:
             continue
         u, v = camera.fx * xl / zl + camera.cx, camera.fy * yl / zl + camera.cy
-        if not _is_inside(u, v, rows, cols):
+        if not (u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1):  # four pixels around
             continue
         j, i = int(u), int(v)
         s, t = u - j, v - i
@@ -156,9 +187,9 @@ def _sample_view(
         if not (_is_smooth(images.disparity, i, j) and found > 0.0 and weight > 0.0):
             continue
         length = np.sqrt(xl * xl + yl * yl + zl * zl) / zl
-        difference[n] = (scale / found - zl) * length
-        out_weight[n] = weight
-        out_grey[n] = _bilinear(images.grey, i, j, t, s)
+        out[0, n] = (scale / found - zl) * length
+        out[1, n] = weight
+        out[2, n] = _bilinear(images.grey, i, j, t, s)
         if y + SHIFT_PX < rows and x + SHIFT_PX < cols:
-            out_shifted[n] = images.grey[y + SHIFT_PX, x + SHIFT_PX]
-        out_offset[n] = np.sqrt((v - y) * (v - y) + (u - x) * (u - x))
+            out[3, n] = images.grey[y + SHIFT_PX, x + SHIFT_PX]
+        out[4, n] = np.sqrt((v - y) * (v - y) + (u - x) * (u - x))

@@ -1,4 +1,4 @@
-"""Points reprojected into another view, against the pinhole equations written out in numpy."""
+"""A view: its weights, its smoothed image; points reprojected into it, against the pinhole equations in numpy."""
 
 import numpy as np
 import pytest
@@ -7,17 +7,62 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.multiview.view_reprojection import (
+from sfr_loc_map.mapping.multiview.pair_view import (
+    FEATHER_PX,
     SHIFT_PX,
+    PairView,
     ReprojectedPoints,
     ViewImages,
     reproject_into_view,
 )
 
 F = np.float32
+ROWS, COLS = 120, 160
 RIG = StereoRig(100, 80, 90.0, 95.0, 49.0, 40.0, 0.2)
 POSE = Transform(matrix_from_rotvec([-1.9, 0.3, 0.2]), np.array([0.5, -1.0, 2.0]))
 V, U = np.mgrid[: RIG.height, : RIG.width].astype(float)
+
+
+def view_of(known: np.ndarray, sigma: float = 0.1, grey: np.ndarray | None = None) -> PairView:
+    """Return a view with a point at each known pixel."""
+    v, u = np.nonzero(known)
+    grey = np.full(known.shape, 100.0) if grey is None else grey
+    xyz = np.random.default_rng(0).normal(0.0, 1.0, (len(u), 3)).astype(np.float32)
+    columns = np.full(len(u), sigma, np.float32), grey[v, u].astype(np.float32), u.astype(np.uint16)
+    cloud = PointCloud(xyz, *columns, v.astype(np.uint16), np.zeros(len(u), np.uint8))
+    return PairView(cloud, np.where(known, 5.0, np.nan).astype(np.float32), POSE, 1.0)
+
+
+def test_weights_are_inverse_variances_that_fade_at_the_border() -> None:
+    known = np.ones((ROWS, COLS), bool)
+    known[50:60, 60:70] = False
+    weight = view_of(known, 0.1).images.weight
+    assert weight[55, 65] == 0.0
+    assert weight[58, 80] == pytest.approx(100.0)
+    for v, u, edge in ((0, 80, 1), (60, 0, 1), (119, 80, 1), (60, 159, 1), (60, 11, 12), (107, 90, 13), (3, 5, 4)):
+        assert weight[v, u] == pytest.approx(100.0 * edge / FEATHER_PX, rel=1e-5)
+
+
+def test_the_grey_image_is_smoothed_over_known_pixels_alone() -> None:
+    rng = np.random.default_rng(0)
+    known = rng.uniform(size=(ROWS, COLS)) < 0.7
+    grey = rng.integers(0, 256, known.shape).astype(float)
+    view = view_of(known, grey=grey)
+    np.testing.assert_array_equal(view.grey_image(), np.where(known, grey, np.nan).astype(np.float32))
+    smoothed = view.grey_image(5.0)
+    np.testing.assert_array_equal(np.isnan(smoothed), ~known)
+    assert np.nanstd(smoothed) < 0.15 * grey.std()
+    np.testing.assert_allclose(view_of(known).grey_image(5.0)[known], 100.0, rtol=1e-4)
+
+
+def test_points_move_with_the_pose_and_take_a_number() -> None:
+    view = view_of(np.ones((4, 5), bool))
+    pose = Transform(matrix_from_rotvec([0.0, 0.3, 0.1]), np.array([0.0, -3.0, 0.5]))
+    moved = view.with_pose(pose)
+    expected = view.T_lm_left.inverse().apply(view.cloud.xyz)
+    np.testing.assert_allclose(pose.inverse().apply(moved.cloud.xyz), expected, atol=1e-5)
+    assert view.T_lm_left is POSE
+    assert set(view.numbered(2).cloud.pair.tolist()) == {2}
 
 
 def cloud_at(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> PointCloud:
@@ -40,6 +85,8 @@ def seen(cloud: PointCloud, view: ViewImages) -> ReprojectedPoints:
 
 
 RNG = np.random.default_rng(0)
+
+
 PIXELS = RNG.uniform(5.0, 60.0, 50), RNG.uniform(5.0, 50.0, 50)
 
 
@@ -88,10 +135,3 @@ def test_nothing_is_seen_across_a_jump_or_where_there_is_no_point() -> None:
     view.weight[40, 20] = 0.0
     u, v = np.array([29.5, 28.5, 30.5, 10.2, 20.2]), np.array([30.0, 30.0, 30.0, 20.3, 40.3])
     np.testing.assert_array_equal(seen(cloud_at(u, v, np.full(5, 4.0)), view).index, [1, 2])
-
-
-def test_the_shifted_grey_level_is_unknown_at_the_border() -> None:
-    found = seen(cloud_at(np.array([96.0, 40.0]), np.array([40.0, 76.0]), np.full(2, 4.0)), images())
-    assert len(found.index) == 2
-    assert np.isnan(found.grey_difference_shifted).all()
-    assert np.isfinite(found.grey_difference).all()

@@ -1,0 +1,255 @@
+"""How the right camera differs from its calibration: exposure and rows, which are corrected, and its rotation.
+
+A camera that is rotated by the small angles `w` about its axes (x right, y down, z forward) sees the point `(x, y)`,
+normalised, at `x - wy (1 + x^2) + wz y + wx x y`, `y + wx (1 + y^2) - wz x - wy x y` (first order). Along rows that is
+an error of the disparity, which no pair can tell from depth. Across rows it is vertical disparity, which can be
+measured: yaw as a saddle, roll as a tilt, pitch as an offset. An offset may as well be that of the principal point,
+which leaves rows alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import prange
+
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.jit import jit_rows, jit_rows_inline
+from sfr_loc_map.mapping.disparity.filters import mad_sigma
+from sfr_loc_map.mapping.disparity.photometric_residual import (
+    fill_residual_row,
+    photometric_residual,
+    residual_at,
+    shift_rows,
+)
+
+F = np.float32
+
+STRIDE = 3
+"""Every third pixel of every third row is used: a hundred thousand are plenty."""
+ITERATIONS = 3
+MIN_GREY, MAX_GREY = 2.0, 253.0
+"""Grey levels beyond which a pixel may be saturated and does not count for the exposure."""
+MIN_SPREAD = 8.0
+"""Grey levels that an image must span for its contrast to be compared."""
+MIN_EXPOSURE_PIXELS, MIN_ROW_PIXELS, MIN_ROTATION_PIXELS = 100, 1000, 5000
+MIN_OFFSET_PX = 0.02
+"""Rows are resampled only for more than this: resampling blurs, a hundredth of a pixel does not matter."""
+MAX_STEP_PX = 0.5
+TAIL = 2.0
+"""Residuals of so many standard deviations have half their weight."""
+MIN_ROLL_PX = 0.05
+"""Vertical disparity at the edge of the image from which on a roll is compensated; less is within the measurement."""
+
+
+@dataclass(frozen=True, slots=True)
+class RectificationCorrection:
+    """How the right image differs from a rectified, equally exposed one.
+
+    Attributes:
+        gain: Its contrast over that of the left image.
+        offset: Its brightness where the left image's is 0, grey levels.
+        vertical_px: Vertical disparity: its content lies lower than the left's by
+            `vertical_px[0] + vertical_px[1] x + vertical_px[2] y` pixels, x and y from -1 to 1 over the left image.
+    """
+
+    gain: float
+    offset: float
+    vertical_px: tuple[float, float, float]
+
+    @property
+    def max_vertical_px(self) -> float:
+        """Largest vertical disparity within the image, pixels."""
+        return sum(abs(value) for value in self.vertical_px)
+
+
+def correct_rectification(
+    left: FloatImage, right: FloatImage, disparity_px: FloatImage
+) -> tuple[RectificationCorrection, FloatImage]:
+    """Measure gain, offset and vertical disparity; return them with the corrected right image."""
+    gain, offset = _exposure(left, right, disparity_px)
+    equalised = (right - F(offset)) * F(1.0 / gain)
+    corrected, vertical = equalised, np.zeros(3)
+    for _ in range(ITERATIONS):
+        step = _vertical_step(left, corrected, disparity_px)
+        vertical += step
+        if np.abs(vertical).sum() < MIN_OFFSET_PX:
+            break
+        corrected = _shifted_up(equalised, vertical)
+        if np.abs(step).sum() < MIN_OFFSET_PX:
+            break
+    constant, tilt_x, tilt_y = (float(value) for value in vertical)
+    return RectificationCorrection(gain, offset, (constant, tilt_x, tilt_y)), corrected
+
+
+def _exposure(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tuple[float, float]:
+    """Return gain and offset of the right image against the left, from the spread of their common grey levels."""
+    a = left[::4, ::4]
+    b = photometric_residual(left, right, disparity)[::4, ::4] + a
+    usable = (a > MIN_GREY) & (a < MAX_GREY) & (b > MIN_GREY) & (b < MAX_GREY)
+    if usable.sum() < MIN_EXPOSURE_PIXELS:
+        return 1.0, 0.0
+    low_a, middle_a, high_a = np.quantile(a[usable], (0.1, 0.5, 0.9))
+    low_b, middle_b, high_b = np.quantile(b[usable], (0.1, 0.5, 0.9))
+    if high_a - low_a < MIN_SPREAD:
+        return 1.0, float(middle_b - middle_a)
+    gain = float(np.clip((high_b - low_b) / (high_a - low_a), 0.25, 4.0))
+    return gain, float(middle_b - gain * middle_a)
+
+
+def _vertical_step(left: FloatImage, right: FloatImage, disparity: FloatImage) -> FloatArray:
+    """Return the change of the vertical disparity by one weighted least squares step over the whole image.
+
+    Shifting the right image's content up by s changes the residual by `s` times the slope along columns. The step is 0
+    where there is too little to measure it by.
+    """
+    residual, slope = _row_samples(left, right, disparity)
+    usable = np.isfinite(residual)
+    y, x = np.nonzero(usable)
+    if len(y) < MIN_ROW_PIXELS:
+        return np.zeros(3)
+    r, g = residual[usable].astype(np.float64), slope[usable].astype(np.float64)
+    weight = 1.0 / (1.0 + (r / (TAIL * (mad_sigma(r) + 1e-3))) ** 2)
+    design = np.column_stack((np.ones(len(y)), 2.0 * x / residual.shape[1] - 1.0, 2.0 * y / residual.shape[0] - 1.0))
+    design *= g[:, None]
+    weighted = design * weight[:, None]
+    normal = weighted.T @ design
+    if not normal.any():  # no slope anywhere
+        return np.zeros(3)
+    step = np.linalg.solve(normal + 1e-6 * np.trace(normal) * np.eye(3), -(weighted.T @ r))
+    return np.asarray(np.clip(step, -MAX_STEP_PX, MAX_STEP_PX))
+
+
+@jit_rows
+def _row_samples(left: FloatImage, right: FloatImage, disparity: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Return residual and slope along the columns of every `STRIDE`-th pixel; the residual is NaN without a partner.
+
+    The slope is that of the mean of both images, by the Sobel operator, grey levels per pixel; 0 in the border rows.
+    """
+    height, width = left.shape
+    shape = ((height + STRIDE - 1) // STRIDE, (width + STRIDE - 1) // STRIDE)
+    residual, slope = np.empty(shape, F), np.zeros(shape, F)
+    for i in prange(shape[0]):
+        y = STRIDE * i
+        for j in range(shape[1]):
+            residual[i, j] = residual_at(left, right, disparity, y, STRIDE * j)
+        if 0 < y < height - 1:
+            for side in (-1, 1):
+                mean = np.empty(width, F)
+                fill_residual_row(left, right, disparity, y + side, mean)
+                for x in range(width):
+                    mean[x] = left[y + side, x] + (F(0.5) * mean[x] if mean[x] == mean[x] else F(0.0))
+                for j in range(shape[1]):
+                    x = STRIDE * j
+                    beside = mean[abs(x - 1)] + mean[x + 1 if x < width - 1 else x - 1]
+                    slope[i, j] = F(0.25) * mean[x] + F(0.125) * beside - slope[i, j]
+    return residual, slope
+
+
+def _shifted_up(image: FloatImage, vertical: FloatArray) -> FloatImage:
+    """Return the image with its content moved up by a vertical disparity (cubic along columns)."""
+    height, width = image.shape
+    y, x = np.linspace(-1.0, 1.0, height)[:, None], np.linspace(-1.0, 1.0, width)[None]
+    return shift_rows(image, (vertical[0] + vertical[1] * x + vertical[2] * y).astype(F))
+
+
+@dataclass(frozen=True, slots=True)
+class CameraRotation:
+    """Rotation of the right camera against its calibration.
+
+    Attributes:
+        yaw_rad: About y; positive turns it to the right.
+        yaw_sigma_rad: Standard deviation of the yaw.
+        roll_rad: About z; positive turns it clockwise.
+        pitch_rad: About x; positive turns it up. It is the rotation that the vertical offset amounts to.
+    """
+
+    yaw_rad: float
+    yaw_sigma_rad: float
+    roll_rad: float
+    pitch_rad: float
+
+
+def camera_rotation(
+    left: FloatImage,
+    right: FloatImage,
+    disparity_px: FloatImage,
+    valid: Mask,
+    vertical_px: tuple[float, float, float],
+    rig: StereoRig,
+) -> CameraRotation:
+    """Return the rotation that the vertical disparity of a pair shows; of too few pixels a yaw of 0, sigma infinite.
+
+    The correction of the right image has taken out an offset and tilts, `vertical_px`; what is left, the coefficients
+    of 1, x, y, x y, y^2, is fitted with them and the saddle of a yaw.
+    """
+    fit, deviation = np.zeros(5), np.full(5, np.inf)
+    residual, slope = _pixel_samples(left, right, disparity_px, valid)
+    usable = np.isfinite(residual)
+    v, u = np.nonzero(usable)
+    if len(v) >= MIN_ROTATION_PIXELS:
+        r, g = residual[usable].astype(np.float64), slope[usable].astype(np.float64)
+        disparity = disparity_px[::STRIDE, ::STRIDE][usable]
+        x, y = (u * STRIDE - disparity - rig.cx) / rig.fx, (v * STRIDE - rig.cy) / rig.fy
+        sigma = mad_sigma(r) + 1e-3
+        weight = 1.0 / (1.0 + np.square(r / (TAIL * sigma)))
+        design = np.column_stack((np.ones(len(x)), x, y, x * y, y * y)) * g[:, None]
+        weighted = design * weight[:, None]
+        normal = weighted.T @ design
+        normal += 1e-12 * (np.trace(normal) + 1.0) * np.eye(5)
+        inverse = np.linalg.inv(normal)
+        fit, deviation = -(inverse @ (weighted.T @ r)), sigma * np.sqrt(np.diag(inverse))
+    offset_px, tilt_px, _ = vertical_px
+    return CameraRotation(
+        yaw_rad=-float(fit[3]) / rig.fy,
+        yaw_sigma_rad=float(deviation[3]) / rig.fy,
+        roll_rad=-2.0 * tilt_px / rig.width - float(fit[1]) / rig.fy,
+        pitch_rad=(offset_px + float(fit[0])) / rig.fy,
+    )
+
+
+@jit_rows_inline
+def _template(left: FloatImage, right: FloatImage, disparity: FloatImage, y: int, x: int) -> np.float32:
+    """Return the mean of a left pixel and its partner; the left one without a partner. The border is reflected."""
+    rows, cols = left.shape
+    y = abs(y) if y < rows else 2 * (rows - 1) - y
+    x = abs(x) if x < cols else 2 * (cols - 1) - x
+    value = residual_at(left, right, disparity, y, x)
+    mean: np.float32 = left[y, x] + (F(0.5) * value if value == value else F(0.0))
+    return mean
+
+
+@jit_rows
+def _pixel_samples(
+    left: FloatImage, right: FloatImage, disparity: FloatImage, valid: Mask
+) -> tuple[FloatImage, FloatImage]:
+    """Return residual and slope along the columns of every `STRIDE`-th pixel; NaN where not valid.
+
+    The slope is that of the mean of both images, by the Sobel operator, grey levels per pixel.
+    """
+    rows, cols = (left.shape[0] + STRIDE - 1) // STRIDE, (left.shape[1] + STRIDE - 1) // STRIDE
+    residual, slope = np.empty((rows, cols), F), np.zeros((rows, cols), F)
+    for i in prange(rows):
+        for j in range(cols):
+            y, x = STRIDE * i, STRIDE * j
+            residual[i, j] = residual_at(left, right, disparity, y, x) if valid[y, x] else F(np.nan)
+            if residual[i, j] == residual[i, j]:
+                total = F(0.0)
+                for k in range(-1, 2):
+                    below = _template(left, right, disparity, y + 1, x + k)
+                    total += F(2 - abs(k)) * (below - _template(left, right, disparity, y - 1, x + k))
+                slope[i, j] = F(0.125) * total
+    return residual, slope
+
+
+def without_roll(disparity_px: FloatImage, rotation: CameraRotation, rig: StereoRig) -> FloatImage:
+    """Return disparities `(H, W)` without what a roll of the right camera adds to them, `-roll fy y`.
+
+    Less roll than shifts rows by `MIN_ROLL_PX` at the edges is left as it is.
+    """
+    if abs(rotation.roll_rad) * 0.5 * rig.width < MIN_ROLL_PX:
+        return disparity_px
+    rows = np.arange(rig.height, dtype=np.float64) - rig.cy
+    return np.asarray(disparity_px + F(rotation.roll_rad) * rows.astype(F)[:, None], F)

@@ -1,0 +1,135 @@
+"""The regulariser: symmetric, positive semidefinite, 0 on planes; its energy; the solve against a dense one."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.mapping.disparity.smoothness import (
+    MAX_STEP_PX,
+    SmoothnessWeights,
+    conjugate_gradient_step,
+    fill_smoothness,
+    inverse_diagonal,
+    smoothness_weight,
+)
+
+F = np.float32
+SHAPES = [(6, 7), (9, 5)]
+SHAPE = (7, 8)
+
+
+def dense_regulariser(weights: SmoothnessWeights) -> np.ndarray:
+    """Return `A' W A` `(h w, h w)`, column by column."""
+    shape = weights.along_x.shape
+    columns = []
+    for k in range(shape[0] * shape[1]):
+        unit = np.zeros(shape, F)
+        unit.flat[k] = 1.0
+        product = np.empty(shape, F)
+        fill_smoothness(unit, 0, weights, 0, product)
+        columns.append(product.ravel())
+    return np.stack(columns, axis=1).astype(np.float64)
+
+
+def random_weights(shape: tuple[int, int], seed: int = 0) -> SmoothnessWeights:
+    """Return weights from 0.5 to 2, 0 where a difference would reach beyond the border."""
+    rng = np.random.default_rng(seed)
+    along_x, along_y, mixed = (rng.uniform(0.5, 2.0, shape).astype(F) for _ in range(3))
+    along_x[:, [0, -1]] = 0.0
+    along_y[[0, -1]] = 0.0
+    mixed[-1], mixed[:, -1] = 0.0, 0.0
+    return SmoothnessWeights(along_x, along_y, mixed)
+
+
+def test_rows_of_the_product_do_not_depend_on_what_else_is_filled() -> None:
+    shape = (14, 9)
+    field, weights = np.random.default_rng(1).normal(0.0, 1.0, shape).astype(F), random_weights(shape)
+    whole = np.empty(shape, F)
+    fill_smoothness(field, 0, weights, 0, whole)
+    for first, last in ((0, 4), (4, 9), (9, 14)):
+        top, out = max(first - 2, 0), np.empty((last - first, shape[1]), F)
+        fill_smoothness(field[top : last + 2], top, weights, first, out)
+        np.testing.assert_array_equal(out, whole[first:last])
+
+
+def energy(field: np.ndarray, weights: Any) -> float:
+    """Return the weighted sum of squared second differences, in plain numpy."""
+    x, y, m = (np.asarray(w, float) for w in weights)
+    along_x, along_y = np.diff(field, 2, axis=1), np.diff(field, 2, axis=0)
+    mixed = np.diff(np.diff(field, axis=0), axis=1)
+    return float((x[:, 1:-1] * along_x**2).sum() + (y[1:-1] * along_y**2).sum() + (m[:-1, :-1] * mixed**2).sum())
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_regulariser_is_the_gradient_of_the_energy_and_costs_planes_nothing(shape: tuple[int, int]) -> None:
+    weights, field = random_weights(shape, 4), np.random.default_rng(5).normal(0.0, 1.0, shape)
+    matrix = dense_regulariser(weights)
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-5)
+    eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    assert eigenvalues[0] > -1e-5
+    assert (eigenvalues < 1e-4).sum() == 3  # planes, nothing else
+    assert field.ravel() @ matrix @ field.ravel() == pytest.approx(energy(field, weights), rel=1e-5)
+    gradient = np.empty(field.size)
+    for k in range(field.size):
+        step = np.zeros(field.size)
+        step[k] = 1e-3
+        high, low = (energy(field + s * step.reshape(shape), weights) for s in (1.0, -1.0))
+        gradient[k] = (high - low) / 2e-3
+    np.testing.assert_allclose(2.0 * matrix @ field.ravel(), gradient, atol=1e-3)
+    information = np.random.default_rng(3).uniform(0.0, 3.0, shape).astype(F)
+    diagonal = np.diag(matrix).reshape(shape) + information
+    np.testing.assert_allclose(inverse_diagonal(information, weights), 1.0 / diagonal, rtol=1e-5)
+
+
+def test_weights_follow_the_scale_and_fade_at_edges() -> None:
+    field = np.zeros((8, 10), F)
+    field[:, 5:] = 3.0
+    scale_x, scale_y = np.full_like(field, 0.2), np.full_like(field, 0.1)
+    weights = smoothness_weight(field, scale_x, scale_y, F(2.0))
+    np.testing.assert_allclose(weights.along_x[:, 1:4], 1.0 / 0.4**2, rtol=1e-5)
+    np.testing.assert_allclose(weights.along_x[:, 4:6], 1.0 / (0.4**2 + 9.0), rtol=1e-5)
+    np.testing.assert_allclose(weights.along_y[1:-1], 1.0 / 0.2**2, rtol=1e-5)
+    np.testing.assert_allclose(weights.mixed[:-1, :-1], 2.0 / (0.4 * 0.2), rtol=1e-5)
+    for border in (weights.along_x[:, [0, -1]], weights.along_y[[0, -1]], weights.mixed[-1], weights.mixed[:, -1]):
+        np.testing.assert_array_equal(border, 0.0)
+
+
+@pytest.fixture
+def system() -> tuple[Any, ...]:
+    """A field, information, information vector, weights, and the dense matrix and right side of their system."""
+    rng = np.random.default_rng(2)
+    field = rng.normal(10.0, 0.1, SHAPE).astype(F)
+    information = rng.uniform(0.5, 2.0, SHAPE).astype(F)
+    vector = (information * rng.normal(0.0, 0.2, SHAPE)).astype(F)
+    weights = random_weights(SHAPE, 7)
+    smoothness = dense_regulariser(weights)
+    matrix = np.diag(information.ravel().astype(float)) + smoothness
+    return field, information, vector, weights, matrix, vector.ravel() - smoothness @ field.ravel()
+
+
+def test_the_solve_descends_to_the_dense_solution(system: tuple[Any, ...]) -> None:
+    *arguments, matrix, rhs = system
+    expected = np.linalg.solve(matrix, rhs).reshape(SHAPE)
+    assert np.abs(expected).max() < MAX_STEP_PX
+    np.testing.assert_allclose(conjugate_gradient_step(*arguments, 80), expected, atol=2e-4)
+    direction = rhs / np.diag(matrix)
+    first = direction * (rhs @ direction) / (direction @ matrix @ direction)
+    steps = [conjugate_gradient_step(*arguments, n).ravel().astype(float) for n in range(1, 8)]
+    np.testing.assert_allclose(steps[0], first, atol=1e-4)
+    energies = [0.0] + [0.5 * s @ matrix @ s - rhs @ s for s in steps]
+    assert all(later <= earlier + 1e-6 for earlier, later in pairwise(energies))
+
+
+def test_a_plane_without_data_stays() -> None:
+    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    zero = np.zeros(SHAPE, F)
+    field = (8.0 + 0.5 * u + 0.25 * v).astype(F)
+    np.testing.assert_array_equal(conjugate_gradient_step(field, zero, zero, random_weights(SHAPE), 5), zero)
+
+
+def test_steps_are_limited() -> None:
+    one = np.ones(SHAPE, F)
+    step = conjugate_gradient_step(5.0 * one, one, -3.0 * one, random_weights(SHAPE), 30)
+    np.testing.assert_allclose(step, -MAX_STEP_PX)
