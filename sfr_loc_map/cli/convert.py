@@ -169,7 +169,7 @@ def _convert_cloud(source: Path, destination: Path, cell_m: float | None, *, ove
         propose("sfr", "score", destination, "SRC", why="against the truth of the mapping pairs")
         return
     if destination.suffix in geotiff.SUFFIXES:
-        geotiff.check_geotiff()
+        geotiff.load_rasterio()
     terrain = TerrainConfig() if cell_m is None else with_cell(TerrainConfig(), cell_m)
     with naming(source):
         grid = grid_of_file(load_cloud(source), terrain)

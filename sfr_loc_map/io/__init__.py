@@ -1,4 +1,4 @@
-"""Readers and writers of all formats."""
+"""Readers and writers of all formats: they raise `InputError` and `OutputError`, with one line that names the file."""
 
 import lazy_loader
 

@@ -29,11 +29,7 @@ _BROKEN_ARCHIVE = (
 
 
 def parse_npy(data: bytes) -> NDArray[Any]:
-    """Return the array of an NPY file (version 1 or 2): truth values, whole or floating-point numbers, any shape.
-
-    Raises:
-        ValueError: If it is of another kind, or claims more than is there.
-    """
+    """Return the array of an NPY file (version 1 or 2): truth values, whole or floating-point numbers, any shape."""
     stream = io.BytesIO(data)
     try:
         first = np.lib.format.read_magic(stream) == (1, 0)
@@ -52,11 +48,7 @@ def parse_npy(data: bytes) -> NDArray[Any]:
 
 
 def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Return some members of an NPZ archive by name; others are left alone, missing ones are left out.
-
-    Raises:
-        ValueError: If the archive or one of the members is broken, or unpacks to far more than its size.
-    """
+    """Return some members of an NPZ archive by name; others are left alone, missing ones are left out."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}

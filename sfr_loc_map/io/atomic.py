@@ -23,7 +23,6 @@ from sfr_loc_map.inputs import special_kind
 SUFFIX = ".part"
 _RANDOM = "[a-z0-9_]" * 8
 """What `tempfile` puts into names."""
-_ATTEMPTS = 10
 
 
 @contextmanager
@@ -38,10 +37,6 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
     Yields:
         The path to write to; neither a file nor a folder is there yet.
-
-    Raises:
-        OutputError: If the folder of `path` is missing or not writable, `path` is a folder that is not empty, a device,
-            a pipe or a link to nothing, or the file system refuses.
     """
     target = output_target(Path(path))
     try:
@@ -54,11 +49,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def check_output(path: Path) -> None:
-    """Check that an output can be written, before the work for it is done.
-
-    Raises:
-        OutputError: As `atomic_path`.
-    """
+    """Check that an output can be written, before the work for it is done."""
     target = output_target(Path(path))
     try:
         with _scratch(target):
@@ -68,11 +59,7 @@ def check_output(path: Path) -> None:
 
 
 def output_target(path: Path) -> Path:
-    """Return what is written or replaced for an output: the path, or what the link there points to.
-
-    Raises:
-        OutputError: If that cannot be an output.
-    """
+    """Return what is written or replaced for an output: the path, or what the link there points to."""
     if path.is_symlink():
         try:
             path = path.resolve(strict=True)
@@ -87,47 +74,32 @@ def output_target(path: Path) -> Path:
 @contextmanager
 def _scratch(target: Path) -> Iterator[Path]:
     """Yield a new, locked, hidden folder beside an output, after those that nobody holds were removed."""
-    _remove_abandoned(target)
-    folder, lock = _locked_folder(target)
+    for name in glob.glob(f".{glob.escape(target.name)}.{_RANDOM}{SUFFIX}", root_dir=target.parent):
+        with suppress(OSError), _locked(target.parent / name, fcntl.LOCK_EX | fcntl.LOCK_NB):  # else it is at work
+            shutil.rmtree(target.parent / name, ignore_errors=True)
+    folder = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent))
     try:
-        yield folder
+        with _locked(folder, fcntl.LOCK_SH):
+            yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-        os.close(lock)
 
 
-def _locked_folder(target: Path) -> tuple[Path, int]:
-    """Return a new folder and its lock, which ends with the process; until it is locked another may remove it."""
-    for _ in range(_ATTEMPTS):
-        folder = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent))
+@contextmanager
+def _locked(folder: Path, kind: int) -> Iterator[None]:
+    """Hold a lock on a folder, which ends with the process at the latest; it must be of this user."""
+    lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
         try:
-            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        except FileNotFoundError:
-            continue
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(lock, fcntl.LOCK_SH)
-        if folder.exists():
-            return folder, lock
-        os.close(lock)
-    raise OSError(f"its temporary folder was removed {_ATTEMPTS} times")
-
-
-def _remove_abandoned(target: Path) -> None:
-    """Remove the hidden folders of processes that were killed while they wrote to the same name."""
-    for name in glob.glob(f".{glob.escape(target.name)}.{_RANDOM}{SUFFIX}", root_dir=target.parent):
-        folder = target.parent / name
-        try:
-            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            fcntl.flock(lock, kind)
         except OSError:
-            continue
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.fstat(lock).st_uid == os.geteuid():
-                shutil.rmtree(folder, ignore_errors=True)
-        except OSError:
-            pass  # it is at work, or there are no locks here
-        finally:
-            os.close(lock)
+            if kind != fcntl.LOCK_SH:  # a file system without locks
+                raise
+        if os.fstat(lock).st_uid != os.geteuid():
+            raise PermissionError(f"'{folder}' is of another user")
+        yield
+    finally:
+        os.close(lock)
 
 
 def _check_free(path: Path) -> None:

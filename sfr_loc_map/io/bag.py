@@ -91,10 +91,6 @@ class Bag:
         Args:
             path: Folder of the bag, or one file (.mcap, .db3, .bag of ROS 1).
             remap: New names by the names in the bag; leading slashes do not matter.
-
-        Raises:
-            InputError: If the bag is missing, empty or broken, or `remap` names a topic that is not there.
-            ConfigError: If `remap` gives a topic a name that nothing reads.
         """
         self.path = path
         self._files = reader_paths(path)
@@ -121,9 +117,6 @@ class Bag:
         Args:
             name: Relative name of the suite; for images without `/compressed`.
             msgtypes: Types it may have. With `COMPRESSED` among them, `name/compressed` is looked for too.
-
-        Raises:
-            InputError: If several namespaces have it, or its type is another one.
         """
         found = self.matches(name)
         if not found and COMPRESSED in msgtypes:
@@ -150,9 +143,6 @@ class Bag:
 
         Yields:
             Relative name (with `/compressed` where it is), type, stamp as in `stream`, and serialised message (CDR).
-
-        Raises:
-            InputError: If the bag is broken, or a name stands for several topics.
         """
         found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith("image_rect") else ())) for name in names]
         for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
@@ -164,9 +154,6 @@ class Bag:
         Yields:
             The topic, the header's stamp (time of recording where the type has no header) in nanoseconds, and the
             serialised message (CDR).
-
-        Raises:
-            InputError: If the bag is broken, or holds fewer messages than it says.
         """
         by_name = {topic.bag_name: topic for topic in topics}
         with self._reading() as readers:
@@ -188,11 +175,7 @@ class Bag:
             yield topic, stamp_ns, self.deserialise(topic, raw)
 
     def deserialise(self, topic: Topic, raw: bytes) -> Any:  # noqa: ANN401 - the type depends on the topic
-        """Return the message in its bytes.
-
-        Raises:
-            InputError: If they are broken.
-        """
+        """Return the message in its bytes."""
         try:
             return TYPESTORE.deserialize_cdr(raw, topic.msgtype)
         except Exception as error:
@@ -262,22 +245,14 @@ def _line(error: Exception) -> str:
 
 
 def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of a message of any library
-    """Return the rigid motion of a translation (or position) and a quaternion of a message.
-
-    Raises:
-        GeometryError: If it is none.
-    """
+    """Return the rigid motion of a translation (or position) and a quaternion of a message."""
     return Transform.from_quat(
         (position.x, position.y, position.z), (orientation.x, orientation.y, orientation.z, orientation.w)
     )
 
 
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
-    """Read the poses of an odometry topic in the order of recording, and their covariances `(N, 6, 6)` (m^2, rad^2).
-
-    Raises:
-        InputError: If a pose is not finite or its quaternion has no length.
-    """
+    """Read the poses of an odometry topic in the order of recording, and their covariances `(N, 6, 6)` (m^2, rad^2)."""
     stamps, rows, covariances = [], [], []
     for _, stamp_ns, message in bag.messages([topic]):
         position, quat = message.pose.pose.position, message.pose.pose.orientation
@@ -298,9 +273,6 @@ def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
     Args:
         bag: The bag.
         name: `ground_truth/odometry` or `localisation/odometry`, within any one namespace.
-
-    Raises:
-        InputError: If a pose is not finite, its quaternion has no length, or stamps go backwards.
     """
     topic = bag.find(name, ODOMETRY)
     if topic is None:
@@ -314,9 +286,6 @@ def read_extrinsics(bag: Bag) -> Transform | None:
     """Return `T_rb_sb` of `/tf_static`, else of the parameters of the localisation node that was recorded, or None.
 
     A recording of nodes that have it as a parameter may be without `/tf_static`, which needs tf2_msgs.
-
-    Raises:
-        InputError: If it is there but no rigid motion.
     """
     topic = bag.find("tf_static", TF)
     if topic is not None:

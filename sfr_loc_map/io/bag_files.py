@@ -36,11 +36,7 @@ def is_ros1_bag(path: Path) -> bool:
 
 
 def reader_paths(path: Path) -> list[Path]:
-    """Return what readers shall open: the folder, or the storage files where metadata.yaml is missing.
-
-    Raises:
-        InputError: If there is no bag, or one of its files is none or broken beyond reading.
-    """
+    """Return what readers shall open: the folder, or the storage files where metadata.yaml is missing."""
     if not path.exists():
         raise InputError(f"there is no bag '{path}': give its folder or its .mcap, .db3 or .bag file")
     files = _storage_files(path) if path.is_dir() else [path]
@@ -64,9 +60,6 @@ def check_database(path: Path) -> None:
     """Compare the size of an SQLite file with what its header says (SQLite's file format, section 1.3).
 
     Some versions of the library read a file that was cut off without a word. Other files are left to the library.
-
-    Raises:
-        InputError: If the file is shorter.
     """
     with path.open("rb") as stream:
         header = stream.read(SQLITE_HEADER_BYTES)

@@ -23,11 +23,7 @@ _T = TYPESTORE.types
 
 
 def header(stamp_ns: int, frame: str) -> Any:  # noqa: ANN401 - types of the bag's library are made at run time
-    """Return a std_msgs/Header.
-
-    Raises:
-        OutputError: If the stamp does not fit (seconds in 32 bit).
-    """
+    """Return a std_msgs/Header."""
     if not 0 <= stamp_ns < 2**31 * NS_PER_S:
         raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are possible")
     time = _T["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NS_PER_S))
@@ -84,9 +80,6 @@ def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> A
         stamp_ns: The pair's stamp.
         truth: Metres, NaN where none.
         grid_m: Points are rounded to multiples of it, a power of two; None: exact.
-
-    Raises:
-        OutputError: If the grid is no power of two (only then is the rounding exact and the same everywhere).
     """
     if grid_m is not None:
         if not (grid_m > 0 and math.frexp(grid_m)[0] == 0.5):

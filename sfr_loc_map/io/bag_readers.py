@@ -54,9 +54,6 @@ def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> byte
         data: The frames.
         new: Makes a decompressor of one frame (of zstd, lz4, bz2).
         size: How many bytes they are said to hold; None where that is not said.
-
-    Raises:
-        ValueError: If they hold or claim too much, or are cut off; the library's own errors if they are broken.
     """
     if size is not None:
         check_expansion(len(data), size, "compressed data")
@@ -74,11 +71,7 @@ def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> byte
 
 
 def check_zstd_file(path: Path) -> None:
-    """Check how much a zstd file holds, without keeping it.
-
-    Raises:
-        ValueError: If that is too much; OSError or zstd.ZstdError if it cannot be read.
-    """
+    """Check how much a zstd file holds, without keeping it."""
     limit, total = expansion_limit(path.stat().st_size), 0
     with path.open("rb") as raw, zstd.open(raw, "rb") as stream:
         while part := stream.read(READ_BYTES):
@@ -225,11 +218,7 @@ class Ros1Reader(rosbag1.Reader):
     def messages(
         self, connections: Collection[Connection] = (), start: int | None = None, stop: int | None = None
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield connection, time and the message as CDR.
-
-        Raises:
-            rosbags.rosbag1.ReaderError: If the file is broken, or a type has other fields than those of ROS Noetic.
-        """
+        """Yield connection, time and the message as CDR."""
         wanted = {each.id: each for each in connections or self.connections}
         for each in wanted.values():
             known = each.msgtype in _ROS1.fielddefs

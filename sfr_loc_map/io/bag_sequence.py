@@ -47,11 +47,7 @@ class _BagPairs:
     """The pairs of one pair of cameras, and what their topics say of it."""
 
     def __init__(self, bag: Bag, rig: str) -> None:
-        """Find the topics and read the rig.
-
-        Raises:
-            InputError: If a topic is missing, or the rig is not that of a rectified pair.
-        """
+        """Find the topics and read the rig."""
         self._bag, self._rig_name = bag, rig
         kind = _image_name(bag, rig)
         self._sides = [_require(bag, f"{rig}/{side}/{kind}", IMAGE, COMPRESSED) for side in SIDES]
@@ -104,11 +100,7 @@ class _BagPairs:
         return {stamp: 2 + (stamp in truth) for stamp in sorted(left & right)}
 
     def joined(self) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
-        """Yield each whole pair and its raw messages by topic, in the order of stamps.
-
-        Raises:
-            InputError: If the bag or an image is broken or not of the rig's size.
-        """
+        """Yield each whole pair and its raw messages by topic, in the order of stamps."""
         parts = self._parts
         waiting: dict[int, dict[str, bytes]] = {}
         order = iter(parts)
@@ -156,11 +148,7 @@ class BagLocSequence(_BagPairs):
         return read_trajectory(self._bag, GROUND_TRUTH)
 
     def pairs(self) -> Iterator[StereoPair]:
-        """Yield the pairs in the order of stamps.
-
-        Raises:
-            InputError: If the bag or an image is broken or not of the rig's size.
-        """
+        """Yield the pairs in the order of stamps."""
         return (pair for pair, _ in self.joined())
 
 
@@ -168,11 +156,7 @@ class BagNavSequence(_BagPairs):
     """The mapping pairs of a bag."""
 
     def __init__(self, bag: Bag) -> None:
-        """Find the topics and read the rig and the poses.
-
-        Raises:
-            InputError: If a topic is missing, the rig is not rectified or a pose not finite.
-        """
+        """Find the topics and read the rig and the poses."""
         super().__init__(bag, Task.MAPPING.rig)
         self._poses: dict[int, Transform] = {}
         topic = _require(bag, "nav/pose", POSE)
@@ -185,11 +169,7 @@ class BagNavSequence(_BagPairs):
                 ) from error
 
     def pairs(self) -> Iterator[PosedStereoPair]:
-        """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp.
-
-        Raises:
-            InputError: If the bag or an image is broken, or a pair has no pose of its stamp.
-        """
+        """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp."""
         for pair, raw in self.joined():
             if pair.stamp_ns not in self._poses:
                 raise InputError(
@@ -208,9 +188,6 @@ def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:
     Args:
         path: Folder of the bag, or a .mcap, .db3 or .bag file.
         remap: New names of topics by the names in the bag.
-
-    Raises:
-        InputError: If it is broken, or has the images of neither task.
     """
     bag = Bag(path, remap)
     kinds = {task: _image_name(bag, task.rig) for task in Task}

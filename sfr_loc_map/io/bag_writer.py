@@ -98,9 +98,6 @@ class BagWriter:
             zstd: Whether chunks are compressed (mcap only).
             truth_grid_m: True points of mapping pairs are rounded to multiples of this power of two, metres, so that
                 they compress well; None: exact.
-
-        Raises:
-            OutputError: If the options do not fit together.
         """
         if zstd and storage != "mcap":
             raise OutputError("only mcap bags can be compressed by chunks: name the output *.mcap or leave zstd out")
@@ -178,11 +175,7 @@ class BagWriter:
 
 @contextmanager
 def _database_errors() -> Iterator[None]:
-    """Turn what sqlite says of a disk into an error of the system, as mcap files raise.
-
-    Raises:
-        OSError: If the database cannot be written.
-    """
+    """Turn what sqlite says of a disk into an error of the system, as mcap files raise."""
     try:
         yield
     except sqlite3.Error as error:
@@ -278,9 +271,6 @@ class BagRecorder:
         Args:
             path: Folder of the bag; must not exist.
             zstd: Whether chunks are compressed.
-
-        Raises:
-            OutputError: If something is there.
         """
         if path.exists():
             raise OutputError(f"cannot record to '{path}': it exists; choose another name")
@@ -294,11 +284,7 @@ class BagRecorder:
         self._syncing = threading.Thread(target=self._sync, name="sync", daemon=True)
 
     def __enter__(self) -> BagRecorder:
-        """Make the bag.
-
-        Raises:
-            OutputError: If that is not possible.
-        """
+        """Make the bag."""
         try:
             self._writer.open()
         except OSError as error:
@@ -309,21 +295,18 @@ class BagRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the bag; after an error it stays as it is, which any reader can read.
-
-        Raises:
-            OutputError: If the disk is full.
-        """
+        """Close the bag; after an error it stays as it is, which any reader can read."""
         self._stop.set()
         self._syncing.join()
         if kind is not None:
             self._writer.abort()
             return
-        try:
-            self._writer.close()
-        except OSError as failure:
-            self._writer.abort()
-            raise self._broke_off(failure) from failure
+        with self._telling():
+            try:
+                self._writer.close()
+            except OSError:
+                self._writer.abort()
+                raise
 
     def add_topic(self, name: str, msgtype: str, definition: str, type_hash: str, offers: Sequence[Qos]) -> Any:  # noqa: ANN401
         """Add a topic.
@@ -343,28 +326,16 @@ class BagRecorder:
         )
 
     def write(self, topic: Any, received_ns: int, raw: bytes) -> None:  # noqa: ANN401
-        """Add a serialised message.
-
-        Raises:
-            OutputError: If the disk is full; what was flushed before stays.
-        """
+        """Add a serialised message."""
         self._last_ns = max(self._last_ns, received_ns)  # files without an index are read in the order of time
-        try:
+        with self._telling():
             self._writer.write(topic, self._last_ns, raw)
-        except OSError as error:
-            raise self._broke_off(error) from error
         self.count += 1
 
     def flush(self) -> None:
-        """Make what was added readable for others.
-
-        Raises:
-            OutputError: If the disk is full.
-        """
-        try:
+        """Make what was added readable for others."""
+        with self._telling():
             self._storage.flush()
-        except OSError as error:
-            raise self._broke_off(error) from error
 
     @property
     def _storage(self) -> _SafeMcapWriter:
@@ -379,8 +350,13 @@ class BagRecorder:
             except OSError:
                 return  # the next write says it
 
-    def _broke_off(self, error: OSError) -> OutputError:
-        return OutputError(
-            f"recording to '{self.path}' broke off after {self.count} messages: {error.strerror}; all but the last "
-            f"second is there, free some space and record on under another name"
-        )
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        """Say what is there when the disk is full."""
+        try:
+            yield
+        except OSError as error:
+            raise OutputError(
+                f"recording to '{self.path}' broke off after {self.count} messages: {error.strerror}; all but the last "
+                f"second is there, free some space and record on under another name"
+            ) from error

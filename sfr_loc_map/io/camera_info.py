@@ -71,9 +71,6 @@ def rig_from_projections(
         where: What they come from, for messages.
         names: What the two are called there.
         T_rb_sb: Pose of SB in RB, where known.
-
-    Raises:
-        InputError: If they are not those of a rectified pair.
     """
     if not np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE:
         raise InputError(
@@ -100,9 +97,6 @@ def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | 
         right: That of the right camera.
         name: What they belong to, for messages (`loc`, `nav`).
         T_rb_sb: Pose of SB in RB, where known.
-
-    Raises:
-        InputError: If they are not those of a rectified pair with equal cameras, left and right in order.
     """
     for side, info in zip(SIDES, (left, right), strict=True):
         _check_rectified(f"{name}/{side}", info)

@@ -130,21 +130,13 @@ def save_cloud(path: Path, cloud: PointCloud) -> None:
 
 
 def check_cloud_format(path: Path) -> None:
-    """Check that clouds of a name's ending can be written, before the work for one is done.
-
-    Raises:
-        MissingExtraError: If the format needs an extra that is not installed.
-    """
+    """Check that clouds of a name's ending can be written, before the work for one is done."""
     if path.suffix in las.SUFFIXES:
         las.load_laspy()
 
 
 def save_points(path: Path, xyz: FloatArray) -> None:
-    """Write points `(N, 3)` alone, without pixels, as .npz.
-
-    Raises:
-        OutputError: If the file cannot be written.
-    """
+    """Write points `(N, 3)` alone, without pixels, as .npz."""
     buffer = io.BytesIO()
     np.savez(buffer, x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
     with atomic_path(path) as temporary:
@@ -160,11 +152,7 @@ def _comments(cloud: PointCloud) -> list[str]:
 
 
 def _with_comments(columns: dict[str, NDArray[Any]], comments: Iterable[str]) -> CloudRecords:
-    """Return the records of a file with what its comments say of the cloud.
-
-    Raises:
-        ValueError: If a comment says what it cannot, or two differ.
-    """
+    """Return the records of a file with what its comments say of the cloud."""
     said: dict[str, str] = {}
     for text in comments:
         sign, name, value = (*text.split(" ", 2), "", "")[:3]
@@ -184,11 +172,7 @@ def _with_comments(columns: dict[str, NDArray[Any]], comments: Iterable[str]) ->
 
 
 def _columns(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) -> dict[str, NDArray[Any]]:
-    """Return the scalar fields of `count` records, as bytes or as text with one record a line.
-
-    Raises:
-        ValueError: If there are fewer records, or other numbers of values.
-    """
+    """Return the scalar fields of `count` records, as bytes or as text with one record a line."""
     names = dtype.names or ()
     if not is_text:
         if len(body) < count * dtype.itemsize:
@@ -218,11 +202,7 @@ def _ply_bytes(cloud: PointCloud) -> bytes:
 
 
 def _read_ply(data: bytes) -> CloudRecords:
-    """Return the fields of the vertices of a PLY file, which must be its first element.
-
-    Raises:
-        ValueError: If it is broken or of another form.
-    """
+    """Return the fields of the vertices of a PLY file, which must be its first element."""
     end = data.find(b"end_header")
     if not data.startswith(b"ply") or end < 0:
         raise ValueError("it has no PLY header")
@@ -270,10 +250,6 @@ def _read_pcd(data: bytes) -> CloudRecords:
     """Return the fields of a PCD file.
 
     An organised one without u and v gives them by the order of its points: they are one image's, hence not fused.
-
-    Raises:
-        ValueError: If it is broken or of another form.
-        KeyError: If its header misses a line.
     """
     head: dict[str, list[str]] = {}
     comments: list[str] = []

@@ -14,8 +14,9 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import IO, Annotated, Literal
 
+import msgspec
 import numpy as np
 import yaml
 
@@ -30,7 +31,7 @@ from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.image_files import ImageFileSequence, pairs_of, whole_pairs
 from sfr_loc_map.io.rectification import CalibratedCamera, rectified_pair
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import check_order, numbers_of, parse_stamp_ns, read_data, read_lines
+from sfr_loc_map.io.text_table import check_order, parse_stamp_ns, read_data, read_lines
 from sfr_loc_map.io.trajectory_file import EUROC_HEADER, parse_euroc_poses
 
 CAMERAS = ("cam0", "cam1")
@@ -45,45 +46,43 @@ def is_euroc(path: Path) -> bool:
 
 
 def open_euroc(path: Path) -> Source:
-    """Open an EuRoC sequence.
-
-    Raises:
-        InputError: If a file is missing or broken, or the cameras cannot be rectified side by side.
-    """
+    """Open an EuRoC sequence."""
     folder = path / "mav0" if (path / "mav0").is_dir() else path
     rig, rectify = rectified_pair(f"'{folder}'", *(_load_camera(folder / name / "sensor.yaml") for name in CAMERAS))
     left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
     entries, left_out = whole_pairs(pairs_of(left, right, f"'{folder}'"), f"'{folder}'")
-    sequence = ImageFileSequence(rig, load_body_truth(folder / TRUTH / "data.csv"), entries, rectify)
+    sequence = ImageFileSequence(rig, entries, load_body_truth(folder / TRUTH / "data.csv"), rectify)
     return Source(path, "euroc", sequence, None, left_out)
+
+
+class _Pose(msgspec.Struct):
+    data: Annotated[list[float], msgspec.Meta(min_length=16, max_length=16)]
+
+
+class _SensorYaml(msgspec.Struct):
+    T_BS: _Pose
+    resolution: tuple[int, int]
+    camera_model: Literal["pinhole"]
+    intrinsics: tuple[float, float, float, float]
+    distortion_model: Literal["radial-tangential", "radtan"]
+    distortion_coefficients: tuple[float, float, float, float]
 
 
 def _load_camera(path: Path) -> CalibratedCamera:
     try:
-        content: dict[str, Any] = parse_yaml("\n".join(line for line in read_lines(path) if line[:1] != "%"))
-        values = {
-            "resolution": (2, content["resolution"]),
-            "intrinsics": (4, content["intrinsics"]),
-            "distortion_coefficients": (4, content["distortion_coefficients"]),
-            "T_BS": (16, content["T_BS"]["data"]),
-        }
-        models = (content["camera_model"], content["distortion_model"])
-    except (yaml.YAMLError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"'{path}' is not a sensor.yaml of an EuRoC camera: {' '.join(str(error).split())}") from error
-    if models not in (("pinhole", "radial-tangential"), ("pinhole", "radtan")):
-        raise InputError(f"'{path}' has the camera model {models}: pinhole with radial-tangential distortion is read")
-    numbers = {name: numbers_of([str(v) for v in item], n, f"'{path}' {name}") for name, (n, item) in values.items()}
-    fx, fy, cx, cy = numbers["intrinsics"]
-    width, height = numbers["resolution"]
-    try:
-        check_camera((width, height), (fx, fy), (cx, cy))
-        check_distortion(numbers["distortion_coefficients"])
-        pose = Transform.from_matrix(np.array(numbers["T_BS"]).reshape(4, 4))
+        content = parse_yaml("\n".join(line for line in read_lines(path) if line[:1] != "%"))
+        camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML takes 1e-5 for a text
+        fx, fy, cx, cy = camera.intrinsics
+        check_camera(camera.resolution, (fx, fy), (cx, cy))
+        check_distortion(camera.distortion_coefficients)
+        pose = Transform.from_matrix(np.array(camera.T_BS.data).reshape(4, 4))
         check_extrinsics(pose.translation)
     except GeometryError as error:
         raise InputError(f"'{path}': {error}; correct the file") from error
+    except (yaml.YAMLError, ValueError) as error:
+        raise InputError(f"'{path}' is not a sensor.yaml of an EuRoC camera: {' '.join(str(error).split())}") from error
     k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return CalibratedCamera((int(width), int(height)), k, np.array(numbers["distortion_coefficients"]), pose)
+    return CalibratedCamera(camera.resolution, k, np.array(camera.distortion_coefficients), pose)
 
 
 def _load_list(path: Path) -> dict[int, Path]:
@@ -100,11 +99,7 @@ def _load_list(path: Path) -> dict[int, Path]:
 
 
 def load_body_truth(path: Path) -> Trajectory | None:
-    """Read poses `timestamp [ns], p_xyz [m], q_wxyz, ...`, what follows is left out; None without the file or a pose.
-
-    Raises:
-        InputError: If the file is broken, or its stamps go backwards.
-    """
+    """Read poses `timestamp [ns], p_xyz [m], q_wxyz, ...`; None without the file or a pose."""
     if not path.exists():
         return None
     truth = parse_euroc_poses(read_data(path), f"'{path}'")

@@ -12,12 +12,13 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,13 +32,11 @@ from sfr_loc_map.inputs import parse_json, read_bytes, read_text
 from sfr_loc_map.io.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.camera_info import message_baseline
 from sfr_loc_map.io.image_codec import checked_points, encode_png
-from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, read_pair, whole_pairs
+from sfr_loc_map.io.image_files import ImageFiles, ImageFileSequence, ImagePair, read_pair, whole_pairs
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.text_table import check_order, parse_number, parse_stamp_ns, read_data
 from sfr_loc_map.io.trajectory_file import CSV_HEADER, csv_row, load_trajectory
 
-RIG_KEYS = ("width", "height", "k", "baseline_m")
-EXTRINSICS = "T_rb_locsb"
 LOC_COLUMNS = ("stamp_ns", "left", "right")
 NAV_COLUMNS = (
     *LOC_COLUMNS,
@@ -48,27 +47,11 @@ TRUTH_COLUMN = "truth"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FolderNavSequence:
+class FolderNavSequence(ImageFiles):
     """The mapping pairs of a data set folder (`sequence.NavSequence`)."""
 
-    rig: StereoRig
-    entries: Sequence[ImagePair]
-
-    @property
-    def stamps_ns(self) -> tuple[int, ...]:
-        """Stamps of the pairs, in their order."""
-        return tuple(entry.stamp_ns for entry in self.entries)
-
-    def __len__(self) -> int:
-        """Return the number of pairs."""
-        return len(self.entries)
-
     def pairs(self) -> Iterator[PosedStereoPair]:
-        """Yield the pairs, one in memory at a time.
-
-        Raises:
-            InputError: If an image or truth is broken or not of the rig's size.
-        """
+        """Yield the pairs, one in memory at a time."""
         for entry in self.entries:
             if entry.T_lm_navsb is None:
                 raise InputError(f"pair of stamp {entry.stamp_ns} has no pose in LM")
@@ -82,11 +65,7 @@ def is_folder(path: Path) -> bool:
 
 
 def open_folder(path: Path) -> Source:
-    """Open a data set folder: of either task, or of both as `loc/` and `nav/`.
-
-    Raises:
-        InputError: If a file is missing or broken, or stamps go backwards.
-    """
+    """Open a data set folder: of either task, or of both as `loc/` and `nav/`."""
     loc_folder, nav_folder = (path / part if (path / part).is_dir() else None for part in ("loc", "nav"))
     if (path / "pairs.csv").exists() or (path / "rig.json").exists():
         is_nav = NAV_COLUMNS[3] in _read_rows(path / "pairs.csv")[0]
@@ -95,7 +74,7 @@ def open_folder(path: Path) -> Source:
     if loc_folder is not None:
         rig = load_rig(loc_folder / "rig.json")
         entries, left_out = _load_pairs(loc_folder)
-        loc = ImageFileSequence(rig, _load_truth(loc_folder / "groundtruth.csv"), entries)
+        loc = ImageFileSequence(rig, entries, _load_truth(loc_folder / "groundtruth.csv"))
     if nav_folder is not None:
         rig = load_rig(nav_folder / "rig.json")
         entries, missing = _load_pairs(nav_folder)
@@ -173,6 +152,19 @@ def _entry(folder: Path, where: str, row: dict[str, str]) -> ImagePair:
     return ImagePair(stamp, folder / row["left"], folder / row["right"], pose, truth)
 
 
+class _PoseOfRig(msgspec.Struct, forbid_unknown_fields=True):
+    translation_m: tuple[float, float, float]
+    quat_xyzw: tuple[float, float, float, float]
+
+
+class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
+    width: int
+    height: int
+    k: tuple[float, float, float, float, float, float, float, float, float]
+    baseline_m: float
+    T_rb_locsb: _PoseOfRig | None = None
+
+
 def load_rig(path: Path) -> StereoRig:
     """Read a rig.json.
 
@@ -185,42 +177,17 @@ def load_rig(path: Path) -> StereoRig:
         raise InputError(f"cannot read '{path}': {error.strerror}; a data set folder needs its rig.json") from error
     except ValueError as error:
         raise InputError(f"'{path}' is not valid JSON: {error}; correct the file") from error
-    if not isinstance(content, dict):
-        raise InputError(f"'{path}' holds a {type(content).__name__}: an object with {', '.join(RIG_KEYS)} is needed")
-    missing = [key for key in RIG_KEYS if key not in content]
-    unknown = [key for key in content if key not in (*RIG_KEYS, EXTRINSICS)]
-    if missing or unknown:
-        wrong = [f"{word} {', '.join(keys)}" for word, keys in (("misses", missing), ("has unknown", unknown)) if keys]
-        raise InputError(f"'{path}' {' and '.join(wrong)}: it needs {', '.join(RIG_KEYS)} and may have {EXTRINSICS}")
-    for key in ("width", "height"):
-        if not isinstance(content[key], int) or isinstance(content[key], bool):
-            raise InputError(f"'{path}': {key} is {content[key]!r}; a whole number of pixels is needed")
-    fx, skew, cx, low, fy, cy, *last = _numbers(path, "k", content["k"], 9)
-    if (skew, low, *last) != (0, 0, 0, 0, 1):
-        raise InputError(f"'{path}': k is {content['k']}; [fx, 0, cx, 0, fy, cy, 0, 0, 1] is needed")
-    (baseline,) = _numbers(path, "baseline_m", [content["baseline_m"]], 1)
-    extrinsics, pose = content.get(EXTRINSICS, {}), None
-    if EXTRINSICS in content and (
-        not isinstance(extrinsics, dict) or sorted(extrinsics) != ["quat_xyzw", "translation_m"]
-    ):
-        raise InputError(
-            f"'{path}': {EXTRINSICS} is {extrinsics!r}; an object with translation_m and quat_xyzw is needed"
-        )
     try:
-        if extrinsics:
-            translation = _numbers(path, f"{EXTRINSICS}.translation_m", extrinsics["translation_m"], 3)
-            quat = _numbers(path, f"{EXTRINSICS}.quat_xyzw", extrinsics["quat_xyzw"], 4)
-            pose = Transform.from_quat(translation, quat)
-        return message_baseline(StereoRig(content["width"], content["height"], fx, fy, cx, cy, baseline, pose))
-    except GeometryError as error:
+        rig = msgspec.convert(content, _RigFile)
+        fx, skew, cx, low, fy, cy, *last = rig.k
+        if (skew, low, *last) != (0, 0, 0, 0, 1):
+            raise GeometryError(f"k is {list(rig.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is needed")
+        pose = None
+        if rig.T_rb_locsb is not None:
+            pose = Transform.from_quat(rig.T_rb_locsb.translation_m, rig.T_rb_locsb.quat_xyzw)
+        return message_baseline(StereoRig(rig.width, rig.height, fx, fy, cx, cy, rig.baseline_m, pose))
+    except (msgspec.ValidationError, GeometryError) as error:
         raise InputError(f"'{path}': {error}; correct the file") from error
-
-
-def _numbers(path: Path, name: str, value: Any, count: int) -> list[float]:  # noqa: ANN401 - any JSON value
-    good = isinstance(value, list) and len(value) == count
-    if not good or any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in value):
-        raise InputError(f"'{path}': {name} is {value!r}; {count} number{'s' if count > 1 else ''} needed")
-    return [float(v) for v in value]
 
 
 def rig_json(rig: StereoRig) -> str:
@@ -233,7 +200,7 @@ def rig_json(rig: StereoRig) -> str:
     }
     if rig.T_rb_sb is not None:
         pose = rig.T_rb_sb
-        content[EXTRINSICS] = {"translation_m": pose.translation.tolist(), "quat_xyzw": pose.file_quat_xyzw.tolist()}
+        content["T_rb_locsb"] = {"translation_m": pose.translation.tolist(), "quat_xyzw": pose.file_quat_xyzw.tolist()}
     return json.dumps(content, indent=1) + "\n"
 
 

@@ -36,15 +36,6 @@ class Band:
     values: NDArray[np.float32]
 
 
-def check_geotiff() -> None:
-    """Check that GeoTIFF can be written.
-
-    Raises:
-        MissingExtraError: If rasterio is not installed.
-    """
-    _rasterio()
-
-
 def save_geotiff(
     path: Path, bands: Sequence[Band], origin_m: tuple[float, float], cell_m: float, frame: str = "lm"
 ) -> None:
@@ -56,12 +47,8 @@ def save_geotiff(
         origin_m: x and y of the outer corner of cell (0, 0), which has the least x and y.
         cell_m: Side of a cell.
         frame: Name of the local frame whose x and y the grid has.
-
-    Raises:
-        MissingExtraError: If rasterio is not installed.
-        OutputError: If the file cannot be written.
     """
-    rasterio = _rasterio()
+    rasterio = load_rasterio()
     rows, columns = bands[0].values.shape
     profile = {
         "driver": "GTiff",
@@ -86,7 +73,8 @@ def save_geotiff(
         temporary.write_bytes(content)
 
 
-def _rasterio() -> Any:  # noqa: ANN401 - a module without types
+def load_rasterio() -> Any:  # noqa: ANN401 - a module without types
+    """Return the module, or raise a `MissingExtraError`."""
     try:
         import rasterio  # type: ignore[import-untyped]
         import rasterio.crs  # type: ignore[import-untyped]

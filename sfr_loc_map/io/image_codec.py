@@ -66,9 +66,6 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImag
         image: `(H, W)` or `(H, W, 1 | 3 | 4)`, uint8 or uint16 (0 .. 65535 becomes 0 .. 255, rounded; colour becomes
             luma after ITU-R BT.601, alpha is left out).
         order: Order of the colours.
-
-    Raises:
-        InputError: For another shape or type.
     """
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
@@ -83,11 +80,7 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImag
 
 
 def read_grey(path: Path) -> GreyImage:
-    """Read an image file as 8-bit grey `(H, W)`.
-
-    Raises:
-        InputError: If the file is missing or its data is broken.
-    """
+    """Read an image file as 8-bit grey `(H, W)`."""
     try:
         data = read_bytes(path, MAX_IMAGE_BYTES)
     except OSError as error:
@@ -102,9 +95,6 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
     """Decode the bytes of an image file (PNG, JPEG, PGM, PPM, BMP) to 8-bit grey `(H, W)`.
 
     PNG checksums are verified, and a JPEG stream that the decoder could only guess at is refused.
-
-    Raises:
-        InputError: If it is of another format, larger than 8192 x 8192 or broken.
     """
     raw = bytes(data)
     size = claimed_size(raw)
@@ -155,11 +145,7 @@ def _decoded_pixel_bytes(data: bytes) -> int:
 
 
 def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/Image of any library
-    """Return a sensor_msgs/Image as 8-bit grey `(H, W)`.
-
-    Raises:
-        InputError: For an encoding that is not read or data of the wrong length; names the stamp.
-    """
+    """Return a sensor_msgs/Image as 8-bit grey `(H, W)`."""
     stamp = stamp_of(message)
     if message.encoding not in ENCODINGS:
         known = ", ".join(ENCODINGS)
@@ -195,11 +181,7 @@ def _grey_of(image: NDArray[Any], encoding: str) -> GreyImage:
 
 
 def image_from_compressed_message(message: Any) -> GreyImage:  # noqa: ANN401 - a sensor_msgs/CompressedImage
-    """Return a sensor_msgs/CompressedImage (JPEG or PNG) as 8-bit grey `(H, W)`.
-
-    Raises:
-        InputError: If the data is broken; names the stamp.
-    """
+    """Return a sensor_msgs/CompressedImage (JPEG or PNG) as 8-bit grey `(H, W)`."""
     try:
         return decode_grey(bytes(message.data))
     except InputError as error:
@@ -271,9 +253,6 @@ def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  #
     Args:
         message: The message.
         size: Width and height of the images of the pair.
-
-    Raises:
-        InputError: If it is not of that size, has no float32 x, y, z, or a coordinate is absurd.
     """
     offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == 7}
     shape, step, row = (int(message.height), int(message.width)), int(message.point_step), int(message.row_step)
@@ -293,11 +272,7 @@ def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  #
 
 
 def checked_points(points: NDArray[np.floating], name: str) -> NDArray[np.float32]:
-    """Return true points as float32, NaN where a number is not finite.
-
-    Raises:
-        InputError: If a coordinate is absurd; `name` says whose.
-    """
+    """Return true points as float32, NaN where a number is not finite."""
     with np.errstate(invalid="ignore", over="ignore"):  # a NaN that signals; what is too large for float32
         points = np.array(points, np.float32)
     known = np.isfinite(points)

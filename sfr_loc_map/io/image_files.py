@@ -37,9 +37,6 @@ def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair
     Args:
         entries: At least one pair.
         name: What lists them, for messages.
-
-    Raises:
-        InputError: If none is left.
     """
     missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
     if not missing:
@@ -56,11 +53,7 @@ def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair
 
 
 def pairs_of(lefts: Mapping[int, Path], rights: Mapping[int, Path], name: str) -> list[ImagePair]:
-    """Return the pairs of images by stamp.
-
-    Raises:
-        InputError: If no two have one stamp.
-    """
+    """Return the pairs of images by stamp."""
     entries = [ImagePair(stamp, lefts[stamp], rights[stamp]) for stamp in sorted(lefts.keys() & rights.keys())]
     if not entries:
         raise InputError(f"{name}: none of {len(lefts)} left and {len(rights)} right images have equal stamps")
@@ -68,11 +61,7 @@ def pairs_of(lefts: Mapping[int, Path], rights: Mapping[int, Path], name: str) -
 
 
 def stamped_files(folder: Path, prefix: str, suffix: str) -> dict[int, Path]:
-    """Return the files `PREFIXnanosecondsSUFFIX` of a folder by their stamps; others are passed over.
-
-    Raises:
-        InputError: If a name has no whole nanoseconds, two have the same, or there is none.
-    """
+    """Return the files `PREFIXnanosecondsSUFFIX` of a folder by their stamps; others are passed over."""
     files: dict[int, Path] = {}
     for file in folder.iterdir():
         if file.name.startswith(prefix) and file.name.endswith(suffix):
@@ -89,22 +78,14 @@ def stamped_files(folder: Path, prefix: str, suffix: str) -> dict[int, Path]:
 
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
-    """Check that an image has the rig's size.
-
-    Raises:
-        InputError: If not.
-    """
+    """Check that an image has the rig's size."""
     if image.shape != (rig.height, rig.width):
         found = f"{image.shape[1]} x {image.shape[0]}"
         raise InputError(f"{name} is {found}: its rig says {rig.width} x {rig.height}; both images need the rig's size")
 
 
 def read_pair(entry: ImagePair, rig: StereoRig) -> StereoPair:
-    """Read the images of a pair.
-
-    Raises:
-        InputError: If one is missing, broken or not of the rig's size.
-    """
+    """Read the images of a pair."""
     left, right = (read_grey(path) for path in (entry.left, entry.right))
     for path, image in ((entry.left, left), (entry.right, right)):
         check_size(image, rig, f"image '{path}' (stamp {entry.stamp_ns})")
@@ -112,20 +93,16 @@ def read_pair(entry: ImagePair, rig: StereoRig) -> StereoPair:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImageFileSequence:
-    """A drive of image files (`sequence.LocSequence`).
+class ImageFiles:
+    """Pairs of image files.
 
     Attributes:
         rig: Rig of the images once they are rectified.
-        ground_truth: True poses of RB in DS, or None.
         entries: The files, in the order of stamps; all have the rig's size.
-        rectify: Makes the rectified images of those read: left, right; None where they are rectified.
     """
 
     rig: StereoRig
-    ground_truth: Trajectory | None
     entries: Sequence[ImagePair]
-    rectify: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]] | None = None
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
@@ -136,12 +113,21 @@ class ImageFileSequence:
         """Return the number of pairs."""
         return len(self.entries)
 
-    def pairs(self) -> Iterator[StereoPair]:
-        """Yield the pairs, one in memory at a time.
 
-        Raises:
-            InputError: If an image is missing, broken or of another size.
-        """
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFileSequence(ImageFiles):
+    """A drive of image files (`sequence.LocSequence`).
+
+    Attributes:
+        ground_truth: True poses of RB in DS, or None.
+        rectify: Makes the rectified images of those read: left, right; None where they are rectified.
+    """
+
+    ground_truth: Trajectory | None = None
+    rectify: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]] | None = None
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs, one in memory at a time."""
         for entry in self.entries:
             pair = read_pair(entry, self.rig)
             yield pair if self.rectify is None else StereoPair(pair.stamp_ns, *self.rectify(pair.left, pair.right))

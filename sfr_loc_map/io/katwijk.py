@@ -49,11 +49,7 @@ def is_katwijk(path: Path) -> bool:
 
 
 def open_katwijk(path: Path) -> Source:
-    """Open a part of a traverse: the localisation cameras.
-
-    Raises:
-        InputError: If a file is missing or broken, or the cameras cannot be rectified side by side.
-    """
+    """Open a part of a traverse: the localisation cameras."""
     whole, left_out = whole_pairs(_entries(path / FOLDER), f"'{path / FOLDER}'")
     height, width = read_grey(whole[0].left).shape
     folders = (path, *list(path.resolve().parents)[:2])
@@ -65,7 +61,7 @@ def open_katwijk(path: Path) -> Source:
         )
     rig, rectify = rectified_pair(f"'{file}'", *load_cameras(file, (width, height)))
     rig = replace(rig, T_rb_sb=Transform.identity())
-    return Source(path, "katwijk", ImageFileSequence(rig, None, whole, rectify), None, left_out)
+    return Source(path, "katwijk", ImageFileSequence(rig, whole, None, rectify), None, left_out)
 
 
 def _entries(folder: Path) -> list[ImagePair]:
@@ -87,11 +83,7 @@ def _entries(folder: Path) -> list[ImagePair]:
 
 
 def load_cameras(file: Path, size: tuple[int, int]) -> tuple[CalibratedCamera, CalibratedCamera]:
-    """Read the left and the right camera of a calibration, for images of a size (width, height).
-
-    Raises:
-        InputError: If the file is broken, or its numbers are not those of two cameras.
-    """
+    """Read the left and the right camera of a calibration, for images of a size (width, height)."""
     content, where = _load_struct(file), f"'{file}'"
     rotation = _array(content, "RotationOfCamera2", (3, 3), where)
     shift = 1e-3 * _array(content, "TranslationOfCamera2", (3,), where)
@@ -158,9 +150,6 @@ def _unpacked(data: bytes) -> bytes:
     """Return a MATLAB file of the same elements, none of them compressed, so that what they become is bounded.
 
     Form of the file: "MAT-File Format", The MathWorks, chapter 1.
-
-    Raises:
-        ValueError: If it is broken, of another version, or holds too much.
     """
     if len(data) < MAT_HEADER_BYTES or data[126:128] != b"IM" or data[125] != 1:
         raise ValueError("it has no header of a little-endian file of version 5")

@@ -43,11 +43,7 @@ def is_kitti(path: Path) -> bool:
 
 
 def open_kitti(path: Path) -> Source:
-    """Open a KITTI odometry sequence.
-
-    Raises:
-        InputError: If a file is missing or broken.
-    """
+    """Open a KITTI odometry sequence."""
     left, right = next(pair for pair in CAMERAS if (path / f"image_{pair[0]}").is_dir())
     times, calibration = path / "times.txt", path / "calib.txt"
     stamps = read_times(times).tolist()
@@ -72,7 +68,7 @@ def open_kitti(path: Path) -> Source:
     size, where = (width, height), f"'{calibration}'"
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names, Transform.identity())
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
-    return Source(path, "kitti", ImageFileSequence(rig, truth, whole), None, left_out)
+    return Source(path, "kitti", ImageFileSequence(rig, whole, truth), None, left_out)
 
 
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:
@@ -137,11 +133,7 @@ class KittiWriter:
         """Leave out the rig of mapping pairs."""
 
     def write_loc_pair(self, pair: StereoPair) -> None:
-        """Write a pair of the drive.
-
-        Raises:
-            OutputError: If its stamp is negative: times are seconds from 0 on.
-        """
+        """Write a pair of the drive."""
         if pair.stamp_ns < 0:
             raise OutputError(f"stamp {pair.stamp_ns} ns is negative: the times of KITTI begin at 0")
         for name, image in (("image_0", pair.left), ("image_1", pair.right)):

@@ -33,11 +33,7 @@ VLR_BYTES, EVLR_BYTES = 54, 60
 
 
 def las_bytes(cloud: PointCloud, comments: Sequence[str], *, compressed: bool) -> bytes:
-    """Return a cloud as a LAS or a LAZ file with all its fields; `comments` are what it says of itself.
-
-    Raises:
-        MissingExtraError: If laspy is not installed.
-    """
+    """Return a cloud as a LAS or a LAZ file with all its fields; `comments` are what it says of itself."""
     laspy = load_laspy()
     xyz = cloud.xyz.astype(np.float64)
     low, high = (xyz.min(axis=0), xyz.max(axis=0)) if len(xyz) else (np.zeros(3), np.zeros(3))
@@ -60,12 +56,7 @@ def las_bytes(cloud: PointCloud, comments: Sequence[str], *, compressed: bool) -
 
 
 def read_las(data: bytes) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """Return x, y, z, the intensity and dimensions of this package of a LAS or LAZ file, and its comments.
-
-    Raises:
-        MissingExtraError: If laspy is not installed.
-        ValueError: If it is broken, or claims more points than it can hold.
-    """
+    """Return x, y, z, the intensity and dimensions of this package of a LAS or LAZ file, and its comments."""
     laspy = load_laspy()
     _check_header(data)
     content = _points(laspy, data)
@@ -126,11 +117,7 @@ def _check_chunks(data: bytes, begin: int, points: int) -> None:
 
 
 def load_laspy() -> Any:  # noqa: ANN401 - only the parts used here have types
-    """Return the module.
-
-    Raises:
-        MissingExtraError: If it or its compressor is not installed.
-    """
+    """Return the module."""
     try:
         import laspy  # type: ignore[import-untyped]
         import lazrs  # type: ignore[import-untyped]  # noqa: F401 - what laspy compresses with

@@ -43,11 +43,7 @@ def is_lusnar(path: Path) -> bool:
 
 
 def open_lusnar(path: Path) -> Source:
-    """Open a LuSNAR scene.
-
-    Raises:
-        InputError: If a file is missing or broken, or the images are of another size than published.
-    """
+    """Open a LuSNAR scene."""
     folders = _folders(path)
     if folders is None:
         names = " or ".join(f"{left}/ and {right}/" for left, right in LAYOUTS)
@@ -61,7 +57,7 @@ def open_lusnar(path: Path) -> Source:
         raise InputError(
             f"image '{whole[0].left}' is {width} x {height}: the published cameras of LuSNAR have {SIDE_PX} x {SIDE_PX}"
         )
-    return Source(path, "lusnar", ImageFileSequence(_rig(), _truth(path), whole), None, left_out)
+    return Source(path, "lusnar", ImageFileSequence(_rig(), whole, _truth(path)), None, left_out)
 
 
 def _folders(path: Path) -> tuple[Path, Path] | None:

@@ -15,8 +15,9 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
+import msgspec
 import numpy as np
 import yaml
 
@@ -49,11 +50,7 @@ def is_madmax(path: Path) -> bool:
 
 
 def open_madmax(path: Path) -> Source:
-    """Open a MADMAX run.
-
-    Raises:
-        InputError: If a file is missing or broken.
-    """
+    """Open a MADMAX run."""
     left, right = (_require(_folder(path, name), path, f"*{name}/") for name in (LEFT, RIGHT))
     lefts, rights = stamped_files(left, "img_rect_left_", ".png"), stamped_files(right, "img_rect_right_", ".png")
     whole, _ = whole_pairs(pairs_of(lefts, rights, f"'{path}'"), f"'{path}'")
@@ -67,7 +64,7 @@ def open_madmax(path: Path) -> Source:
     (p_left, turn), (p_right, _) = (_projection(folder / CAMERA.format(side=side)) for side in ("left", "right"))
     rig = rig_from_projections(p_left, p_right, (width, height), f"'{folder}'")
     rig = replace(rig, T_rb_sb=_extrinsics(folder, rig, turn))
-    return Source(path, "madmax", ImageFileSequence(rig, _truth(path), whole), None, single)
+    return Source(path, "madmax", ImageFileSequence(rig, whole, _truth(path)), None, single)
 
 
 def _folder(path: Path, ending: str) -> Path | None:
@@ -80,18 +77,19 @@ def _require(place: Path | None, path: Path, name: str) -> Path:
     return place
 
 
+class _CameraYaml(msgspec.Struct):
+    P: Annotated[list[float], msgspec.Meta(min_length=12, max_length=12)]
+    R: Annotated[list[float], msgspec.Meta(min_length=9, max_length=9)] | None = None
+
+
 def _projection(file: Path) -> tuple[FloatArray, FloatArray]:
     """Return P `(12,)` and R `(3, 3)` of a camera_info; without R the identity."""
     try:
-        content: dict[str, Any] = parse_yaml("\n".join(line for line in read_lines(file) if line.strip() != "---"))
-        projection, rotation = content["P"], content.get("R") or np.eye(3).reshape(-1).tolist()
-    except (yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError) as error:
+        content = parse_yaml("\n".join(line for line in read_lines(file) if line.strip() != "---"))
+        camera = msgspec.convert(content, _CameraYaml, strict=False)  # YAML takes 1e-5 for a text
+    except (yaml.YAMLError, ValueError) as error:
         raise InputError(f"'{file}' is no camera_info with P: {' '.join(str(error).split())}") from error
-    if not isinstance(projection, list) or not isinstance(rotation, list):
-        raise InputError(f"'{file}' is no camera_info: P and R must be lists of numbers")
-    numbers = numbers_of([str(value) for value in projection], 12, f"'{file}' P")
-    turn = np.array(numbers_of([str(value) for value in rotation], 9, f"'{file}' R")).reshape(3, 3)
-    return np.array(numbers), turn
+    return np.array(camera.P), np.reshape(camera.R or np.eye(3), (3, 3))
 
 
 def _extrinsics(folder: Path, rig: StereoRig, turn: FloatArray) -> Transform | None:

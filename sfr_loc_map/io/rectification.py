@@ -56,11 +56,7 @@ class RawCamera:
 
     @classmethod
     def of(cls, name: str, info: Any) -> RawCamera:  # noqa: ANN401 - a CameraInfo of any library
-        """Return the calibration that a sensor_msgs/CameraInfo gives; `name` says whose (`loc/left`).
-
-        Raises:
-            InputError: If a model is not known, numbers are missing or not finite, or only a part of the image is sent.
-        """
+        """Return the calibration that a sensor_msgs/CameraInfo gives; `name` says whose (`loc/left`)."""
         lists = (np.asarray(values, np.float64).reshape(-1).tolist() for values in (info.d, info.k, info.r, info.p))
         d, k, r, p = (tuple(values) for values in lists)
         model = str(info.distortion_model)
@@ -131,9 +127,6 @@ def rectified_rig(
         name: What they belong to, for messages (`loc`, `nav`).
         before: A rectifier, which is returned if it is of these cameras: maps are made once.
         T_rb_sb: Pose of SB in RB, where known.
-
-    Raises:
-        InputError: If a camera cannot be rectified, or the projections are not those of a rectified pair.
     """
     left, right = (RawCamera.of(f"{name}/{side}", info) for side, info in zip(SIDES, infos, strict=True))
     rig = rig_from_camera_info(left.rectified_info, right.rectified_info, name, T_rb_sb)
@@ -164,9 +157,6 @@ def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -
 
     Cameras that are a rectified pair already need nothing (None). Others are rectified by Bouguet's method, without a
     black rim.
-
-    Raises:
-        InputError: If the cameras differ in size, or cannot be rectified side by side.
     """
     if left.size != right.size:
         raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both need one size")

@@ -32,23 +32,14 @@ _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 
 
 def parse_stamp_ns(text: str) -> int:
-    """Return whole nanoseconds; spaces around them are allowed.
-
-    Raises:
-        ValueError: If it is not a whole number of 64 bits.
-    """
+    """Return whole nanoseconds; spaces around them are allowed."""
     if not _WHOLE.fullmatch(text.strip(" \t")):
         raise ValueError("it is not a whole number of 64 bits")
     return _fitting(int(text))
 
 
 def parse_seconds(text: str) -> int:
-    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even).
-
-    Raises:
-        ValueError: If it is not a finite decimal number, or does not fit 64 bit.
-        decimal.InvalidOperation: The same.
-    """
+    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even)."""
     text = text.strip(" \t")
     if not _is_decimal(text):
         raise ValueError("it is not a decimal number")
@@ -65,22 +56,14 @@ def seconds_text(stamp_ns: int) -> str:
 
 
 def parse_count(text: str) -> int:
-    """Return a number of things, as a header gives it.
-
-    Raises:
-        ValueError: If it is not a whole number from 0 of at most 12 digits.
-    """
+    """Return a number of things, as a header gives it."""
     if not _COUNT.fullmatch(text):
         raise ValueError(f"'{text[:40]}' is not a number of points, bytes or values")
     return int(text)
 
 
 def parse_number(text: str) -> float:
-    """Return a finite decimal number; spaces around it are allowed.
-
-    Raises:
-        ValueError: If it is none, or too large.
-    """
+    """Return a finite decimal number; spaces around it are allowed."""
     word = text.strip(" \t")
     value = float(word) if _is_decimal(word) else math.nan
     if not math.isfinite(value):
@@ -89,11 +72,7 @@ def parse_number(text: str) -> float:
 
 
 def numbers_of(words: Sequence[str], count: int, where: str) -> list[float]:
-    """Return `count` finite numbers.
-
-    Raises:
-        InputError: If there are more or fewer, or one is no finite number.
-    """
+    """Return `count` finite numbers."""
     try:
         values = [parse_number(word) for word in words]
     except ValueError as error:
@@ -104,11 +83,7 @@ def numbers_of(words: Sequence[str], count: int, where: str) -> list[float]:
 
 
 def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
-    """Check that stamps do not go backwards (strict: that they grow).
-
-    Raises:
-        InputError: At the first that does; names it.
-    """
+    """Check that stamps do not go backwards (strict: that they grow)."""
     stamps = np.asarray(stamps_ns, dtype=np.int64)
     wrong = np.diff(stamps) < (1 if strict else 0)
     if wrong.any():
@@ -120,11 +95,7 @@ def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file that are not empty and no comment (`#`).
-
-    Raises:
-        InputError: If it is missing or no text.
-    """
+    """Return the lines of a text file that are not empty and no comment (`#`)."""
     try:
         lines = read_data(path).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
@@ -133,11 +104,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 def read_data(path: Path, needed: str = "the data set needs it") -> bytes:
-    """Return the content of a text file.
-
-    Raises:
-        InputError: If it is missing or too large; says in `needed` what to do.
-    """
+    """Return the content of a text file."""
     try:
         return read_table(path)
     except OSError as error:
@@ -160,12 +127,13 @@ class Table:
     stamps_ns: IntArray
     values: FloatArray
 
-    def trajectory(self, positions: FloatArray, quats_xyzw: FloatArray) -> Trajectory:
-        """Return the poses that stand in the rows.
+    def require_pose(self) -> None:
+        """Raise an `InputError` if there is no row."""
+        if not self.lines:
+            raise InputError(f"{self.name} has no pose: at least one line with one is needed")
 
-        Raises:
-            InputError: If one is no pose; names the line.
-        """
+    def trajectory(self, positions: FloatArray, quats_xyzw: FloatArray) -> Trajectory:
+        """Return the poses that stand in the rows."""
         near, unit = plausible_positions(positions), plausible_quats(quats_xyzw)
         if not (near & unit).all():
             row = int(np.argmin(near & unit))
@@ -203,9 +171,6 @@ def parse_table(
         more: Whether lines may have more columns than the last that is read.
         skip: Lines of a header.
         comment: What begins a comment.
-
-    Raises:
-        InputError: If a line has too few columns, or a stamp or number is none; names the line.
     """
     numbered = [
         (number, line)
@@ -231,40 +196,27 @@ def parse_table(
     except (ValueError, ArithmeticError, IndexError):
         pass
     for number, row in numbered:
-        words_of_row = row.decode("utf-8", "replace").split(separator)
-        problem = _problem(words_of_row, form, width, stamp_at, columns, stamp, more)
-        if problem:
-            raise InputError(f"{name} line {number}: {problem}; correct or leave out the line")
+        cells = row.decode("utf-8", "replace").split(separator)
+        try:
+            if len(cells) < width or (len(cells) > width and not more):
+                raise ValueError(f"{len(cells)} columns found where {width} ({form}) are needed")
+            if stamp is not None and stamp_at is not None:
+                _check_stamp(cells[stamp_at], stamp)
+            for column in columns:
+                parse_number(cells[column])
+        except ValueError as error:
+            raise InputError(f"{name} line {number}: {error}; correct or leave out the line") from error
     raise InputError(f"{name} cannot be read as a table of {form}")
 
 
-def _problem(
-    words: list[str],
-    form: str,
-    width: int,
-    stamp_at: int | None,
-    columns: list[int],
-    stamp: Callable[[str], int] | None,
-    more: bool,
-) -> str:
-    """Return what is wrong in a line, empty if nothing."""
-    if len(words) < width or (len(words) > width and not more):
-        return f"{len(words)} columns found where {width} ({form}) are needed"
-    if stamp is not None and stamp_at is not None:
-        word = words[stamp_at]
-        try:
-            stamp(word)
-        except (ValueError, ArithmeticError):
-            kind = "whole nanoseconds"
-            if stamp is parse_seconds:
-                kind = f"a number of seconds{' (are these nanoseconds?)' if word.isdigit() else ''}"
-            return f"stamp '{word[:40]}' is not {kind}"
+def _check_stamp(text: str, stamp: Callable[[str], int]) -> None:
     try:
-        for column in columns:
-            parse_number(words[column])
-    except ValueError as error:
-        return str(error)
-    return ""
+        stamp(text)
+    except (ValueError, ArithmeticError) as error:
+        kind = "whole nanoseconds"
+        if stamp is parse_seconds:
+            kind = f"a number of seconds{' (are these nanoseconds?)' if text.isdigit() else ''}"
+        raise ValueError(f"stamp '{text[:40]}' is not {kind}") from error
 
 
 def _is_decimal(text: str) -> bool:

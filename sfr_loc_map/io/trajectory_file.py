@@ -103,11 +103,7 @@ class LoadedTrajectory:
         return f"{self.path}: {WORDS[self.format]}, {len(self.trajectory)} poses{stamps}"
 
     def with_stamps_of(self, other: LoadedTrajectory) -> LoadedTrajectory:
-        """Return poses that have no stamps of their own with those of another trajectory, one by one.
-
-        Raises:
-            InputError: If the numbers of poses differ.
-        """
+        """Return poses that have no stamps of their own with those of another trajectory, one by one."""
         if not self.by_index or other.by_index:
             return self
         count, others = len(self.trajectory), len(other.trajectory)
@@ -183,18 +179,13 @@ def _parse_suite(path: Path, data: bytes) -> Trajectory:
         table = parse_table(data, f"'{path}'", CSV_HEADER, range(8), stamp=parse_stamp_ns, separator=",", skip=1)
     else:
         table = parse_table(data, f"'{path}'", TUM_HEADER[2:], range(8), stamp=parse_seconds)
-    if not table.lines:
-        raise InputError(f"trajectory '{path}' has no pose: at least one line of eight numbers is needed")
+    table.require_pose()
     quats = table.values[:, 3:]
     return table.trajectory(table.values[:, :3], quat_conjugate(quats) if is_csv else quats)
 
 
 def parse_euroc_poses(data: bytes, name: str) -> Trajectory:
-    """Return the poses of a text of EuRoC, which may have none; the body S is RB, the world R is DS.
-
-    Raises:
-        InputError: If a line is no pose; names the line.
-    """
+    """Return the poses of a text of EuRoC, which may have none; the body S is RB, the world R is DS."""
     form = "timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z"
     table = parse_table(data, name, form, range(8), stamp=parse_stamp_ns, separator=",", more=True)
     return table.trajectory(table.values[:, :3], table.values[:, [4, 5, 6, 3]])
@@ -203,8 +194,7 @@ def parse_euroc_poses(data: bytes, name: str) -> Trajectory:
 def _parse_kitti(path: Path, data: bytes, name: str) -> LoadedTrajectory:
     """Return KITTI poses with stamps from a file of seconds; without one the numbers of the lines, 1 s apart."""
     table = parse_table(data, name, "the first three rows of a pose matrix (KITTI)", range(KITTI_COLUMNS))
-    if not table.lines:
-        raise InputError(f"{name} has no pose: at least one line of {KITTI_COLUMNS} numbers is needed")
+    table.require_pose()
     matrices = table.values.reshape(-1, 3, 4)
     good = plausible_rotations(matrices[:, :, :3]) & plausible_positions(matrices[:, :, 3])
     if not good.all():
@@ -229,11 +219,7 @@ def times_beside(path: Path) -> Path:
 
 
 def read_times(path: Path, count: int | None = None) -> IntArray:
-    """Return the stamps of a file of seconds `(N,)`, ns.
-
-    Raises:
-        InputError: If it cannot be read, or does not hold `count` of them.
-    """
+    """Return the stamps of a file of seconds `(N,)`, ns."""
     table = parse_table(
         read_data(path, "give the seconds of each pose"), f"'{path}'", "seconds", (0,), stamp=parse_seconds
     )

@@ -167,7 +167,7 @@ def dem_outputs(words: Sequence[str], cloud: Path, terrain: TerrainConfig) -> tu
     if len(sides) > 1:
         raise ConfigError(f"'--dem' has {len(sides)} sides of a cell: give one, and the names of files")
     if any(file.suffix in geotiff.SUFFIXES for file in files):
-        geotiff.check_geotiff()
+        geotiff.load_rasterio()
     return tuple(files), with_cell(terrain, sides[0]) if sides else terrain
 
 
