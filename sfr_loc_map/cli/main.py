@@ -54,7 +54,6 @@ MODULES = (
     "pages",
     "convert",
     "simulate",
-    "history",
 )
 GROUPS = ("bench", "suite", "campaign")
 

@@ -1,23 +1,29 @@
-"""`sfr suite`: many sources, configurations and faults in one go, and what follows from them all."""
+"""`sfr suite` and `sfr history`: many sources, configurations and faults in one go, and what follows from them all."""
 
 from __future__ import annotations
 
 import json
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sfr_loc_map.cli.app import App, examples, help_without_command, propose
+from sfr_loc_map.cli.app import app as root
 from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption
-from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, write_text
-from sfr_loc_map.cli.suite_progress import progress
+from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, progress_bar, say, show, write_text
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
-    from sfr_loc_map.suite.runner import Executor
+    from sfr_loc_map.suite.cluster import JobOutcome
+    from sfr_loc_map.suite.job import Job
+    from sfr_loc_map.suite.specification import SuiteSettings
     from sfr_loc_map.suite.store import Store
     from sfr_loc_map.suite.summary import Summary
 
@@ -25,6 +31,7 @@ app = App(help="Suites of runs: many sources, configurations and faults, resumed
 app.callback(invoke_without_command=True)(help_without_command)
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
+LINE_EVERY_S = 20.0
 
 
 @app.command(
@@ -39,8 +46,7 @@ def run(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder of the results; continued if it is there.")],
     workers: Annotated[int | None, typer.Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
     scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786 (extra [suite])."),
+        str | None, typer.Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done and what it would cost.")] = False,
     only: Annotated[str, typer.Option(metavar="KEY", help="Run this one task again, done or not.")] = "",
@@ -49,29 +55,35 @@ def run(
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Run what is not done yet. Interrupted, it goes on where it was; done work is never done twice."""
-    from sfr_loc_map.suite.runner import Selection, plan_suite, run_tasks
+    """Run what is not done yet, on Dask (extra [suite]). Interrupted, it goes on where it was."""
+    from sfr_loc_map.suite.plan import make_plan
     from sfr_loc_map.suite.specification import load_specification
     from sfr_loc_map.suite.store import Store
 
     check_outputs(json_path, overwrite=overwrite)
+    if scheduler is not None and workers is not None:
+        raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
     specification = load_specification(suite)
-    store = Store(out)
+    settings, store = specification.settings, Store(out)
     with store.locked():
-        plan = plan_suite(specification, store)
+        plan = make_plan(specification, store.facts_of)
+        store.plan(plan.jobs, suite)
         for refusal in plan.refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
-        tasks = Selection(only, retry_failed).of(plan, store)
-        if only and not tasks:
+        jobs = [job for job in plan.jobs if job.key.startswith(only)]
+        if only and not jobs:
             raise ConfigError(f"'--only {only}': no task has this key; see the index of '{out}'")
-        executor, places = _executor(workers, scheduler, specification.settings.threads)
+        if not only:
+            jobs = [job for job in jobs if not store.is_done(job.key) and (retry_failed or not store.has_failed(job.key))]
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        places = 1 if settings.timing else min(workers or max(1, cores // settings.threads), max(1, len(jobs)))
         if dry_run:
-            _say_plan(store, [task.key for task in tasks], len(plan.tasks), places)
+            _say_plan(store, jobs, len(plan.jobs), places)
             return propose("sfr", "suite", "run", suite, "--out", out, why="run them")
         interrupted = False
         try:
-            with progress(len(tasks)) as advance:
-                run_tasks(tasks, specification.settings, store, executor, advance, again=bool(only))
+            if jobs:
+                _run_jobs(jobs, store, specification.settings, places, scheduler)
         except KeyboardInterrupt:
             interrupted = True
         finally:  # whatever ended it, the suite reports what it has
@@ -81,9 +93,66 @@ def run(
             summary = summarise(store, plan.refusals)
             write_summary(summary, store.folder)
     if interrupted:
-        done = f"{summary.done} of {summary.tasks} tasks are done and reported"
+        done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
         raise InterruptedRunError(f"interrupted: {done}; the same command goes on")
     _present(summary, store, json_path, lenient=lenient)
+
+
+def _run_jobs(
+    jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None
+) -> None:
+    """Run jobs and keep what comes of each."""
+    from sfr_loc_map.suite.cluster import connected, run_jobs
+    from sfr_loc_map.suite.sources import trim_copies
+
+    trim_copies(store.cache, settings.cache_mb * 10**6)
+    with (
+        _progress(len(jobs)) as advance,
+        connected(settings, workers=places, scheduler=scheduler) as client,
+        closing(run_jobs(client, jobs, settings.timeout_s, store.cache)) as outcomes,
+    ):
+        for job, outcome in outcomes:
+            store.save(job, outcome)
+            advance(job, outcome)
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[Job, JobOutcome], None]]:
+    """Yield what is called with each job that is done: a bar on a terminal, a line now and then elsewhere."""
+    begin = last = time.monotonic()
+    done = failed = 0
+    with progress_bar("tasks") as bar:
+        shown = bar.add_task("running", total=total)
+
+        def advance(job: Job, outcome: JobOutcome) -> None:
+            nonlocal last, done, failed
+            done += 1
+            bar.advance(shown)
+            if outcome.cause is not None:
+                failed += 1
+                say(f"failed: {job.label}: {outcome.cause}", err=True)
+            now = time.monotonic()
+            if bar.disable and (now - last > LINE_EVERY_S or done == total):
+                last = now
+                left = (now - begin) / done * (total - done)
+                say(f"{done} of {total} tasks, {failed} failed, about {left:.0f} s left", err=True)
+
+        yield advance
+
+
+def _say_plan(store: Store, jobs: Sequence[Job], total: int, places: int) -> None:
+    """Say what would be done, and what it would cost by what like jobs have cost."""
+    known: dict[str, list[float]] = {}
+    for entry in store.entries():
+        if entry.seconds is not None:
+            known.setdefault(entry.job.kind, []).append(entry.seconds)
+    for job in jobs:
+        say(f"{job.key}  {job.label}")
+    like = [known.get(job.kind, []) for job in jobs]
+    cost = "cost not known before a like task has run"
+    if all(like):
+        cost = f"about {sum(sum(times) / len(times) for times in like) / places:.0f} s, {places} at a time"
+    say(f"{len(jobs)} of {total} tasks to run, {cost}")
 
 
 @app.command(epilog=examples("sfr suite report runs/today --json summary.json"))
@@ -98,7 +167,7 @@ def report(
     from sfr_loc_map.suite.summary import summarise
 
     check_outputs(json_path, overwrite=overwrite)
-    store = open_store(folder)
+    store = _open_store(folder)
     summary = summarise(store)
     write_summary(summary, store.folder)
     _present(summary, store, json_path, lenient=lenient)
@@ -115,12 +184,12 @@ def compare(
     """Compare two suites over the drives that both have: better, worse, or no difference shown."""
     from sfr_loc_map.report.page import render_tables
     from sfr_loc_map.suite.comparison import compare_suites
-    from sfr_loc_map.suite.comparison_tables import comparison_tables
     from sfr_loc_map.suite.summary import summarise
+    from sfr_loc_map.suite.tables import comparison_tables
 
     check_suffix(html, HTML_SUFFIXES)
     check_outputs(json_path, html, overwrite=overwrite)
-    reference, compared = (summarise(open_store(folder)) for folder in (first, other))
+    reference, compared = (summarise(_open_store(folder)) for folder in (first, other))
     result = compare_suites(reference, compared, (str(first), str(other)))
     tables = comparison_tables(result)
     if html is not None:
@@ -128,7 +197,31 @@ def compare(
     show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, tables)
 
 
-def open_store(folder: Path) -> Store:
+@root.command(epilog=examples("sfr history runs/2026-01 runs/2026-02 runs/2026-03 --html history.html"))
+def history(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
+    json_path: JsonOption = None,
+    html: HtmlOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Find the first suite that is certainly worse than what was before; exit code 1 if there is one."""
+    from sfr_loc_map.suite.comparison import HistoryRun, find_changes
+    from sfr_loc_map.suite.page import render_history
+    from sfr_loc_map.suite.summary import summarise
+    from sfr_loc_map.suite.tables import history_tables
+
+    check_suffix(html, HTML_SUFFIXES)
+    check_outputs(json_path, html, overwrite=overwrite)
+    result = find_changes([HistoryRun.of(str(folder), summarise(_open_store(folder))) for folder in folders])
+    if html is not None:
+        write_text(render_history(result), html)
+    show(json.dumps(result.to_dict(), allow_nan=False) + "\n", json_path, history_tables(result))
+    if result.first_worse:
+        found = "; ".join(f"{kind}: {run}" for kind, run in result.first_worse.items())
+        raise FailedVerdictError(f"certainly worse than before: {found}")
+
+
+def _open_store(folder: Path) -> Store:
     """Return the folder of a suite that has run.
 
     Raises:
@@ -141,44 +234,12 @@ def open_store(folder: Path) -> Store:
     return Store(folder)
 
 
-def _executor(workers: int | None, scheduler: str | None, threads: int) -> tuple[Executor, int]:
-    """Return what runs the tasks, and how many at a time."""
-    from sfr_loc_map.suite.runner import LocalExecutor
-    from sfr_loc_map.suite.store import available_cores
-
-    if scheduler is not None and workers is not None:
-        raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
-    if scheduler is not None:
-        from sfr_loc_map.suite.dask_runner import DaskExecutor
-
-        dask = DaskExecutor(scheduler)
-        return dask, dask.places
-    count = workers or max(1, available_cores() // threads)
-    return LocalExecutor(count), count
-
-
-def _say_plan(store: Store, keys: list[str], total: int, places: int) -> None:
-    """Say what would be done, and what it would cost by what like tasks have cost."""
-    entries = {entry.task.key: entry for entry in store.entries()}
-    known: dict[str, list[float]] = {}
-    for entry in entries.values():
-        if entry.seconds is not None:
-            known.setdefault(entry.task.kind, []).append(entry.seconds)
-    for key in keys:
-        say(f"{key}  {entries[key].task.label}")
-    like = [known.get(entries[key].task.kind, []) for key in keys]
-    cost = "cost not known before a like task has run"
-    if all(like):
-        cost = f"about {sum(sum(times) / len(times) for times in like) / places:.0f} s, {places} at a time"
-    say(f"{len(keys)} of {total} tasks to run, {cost}")
-
-
 def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: bool) -> None:
     """Print the tables and say how it ended.
 
     Raises:
         FailedVerdictError: If a limit was missed.
-        InputError: If a task failed or a source could not be read.
+        InputError: If a job failed or a source could not be read.
         NotJudgedError: If a limit could not be judged, and `lenient` is not given.
     """
     from sfr_loc_map.metrics.config import VerdictState
@@ -187,16 +248,14 @@ def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: 
     show(json.dumps(summary.to_dict(), allow_nan=False) + "\n", json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
     for failure, again in zip(summary.failures, summary.again, strict=True):
-        last = failure.attempts[-1]
-        say(one_line(f"failed: {failure.label}: {last.cause}: {last.message}"), err=True)
+        say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
         if again:
             say(f"  again: {again}", err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
     missed = sum(item.state is VerdictState.FAIL for _, item in verdicts)
     if missed:
         raise FailedVerdictError(f"{missed} of {len(verdicts)} limits over all drives missed")
-    if summary.failed or summary.refusals:
-        count = summary.failed + len(summary.refusals)
+    if count := len(summary.failures) + len(summary.refusals):
         raise InputError(f"{count} tasks or sources failed: each is named above")
     undecided = [(group, item) for group, item in verdicts if item.state is VerdictState.NOT_ENOUGH_DATA]
     reasons = [f"{item.metric} of {group.task}, {group.configuration}: not enough data" for group, item in undecided]

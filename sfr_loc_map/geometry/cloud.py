@@ -51,11 +51,7 @@ class PointCloud:
     pair_stamps_ns: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and types.
-
-        Raises:
-            GeometryError: If they are not as documented.
-        """
+        """Check shapes and types; GeometryError if they are not as documented."""
         count = len(self.xyz)
         if self.xyz.shape != (count, 3) or self.xyz.dtype != np.float32:
             raise GeometryError(f"cloud points are {self.xyz.dtype} {self.xyz.shape}: float32 (N, 3) is needed")

@@ -8,7 +8,6 @@ messages, not unusual rigs. Comparisons are written so that NaN fails them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import mul
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -77,22 +76,14 @@ def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: 
 
 
 def check_baseline(baseline_m: float) -> None:
-    """Check the distance of the cameras.
-
-    Raises:
-        GeometryError: If it cannot be that of a stereo rig.
-    """
+    """Check the distance of the cameras; GeometryError if it cannot be that of a stereo rig."""
     low, high = BASELINE_M
     if not low <= baseline_m <= high:
         raise GeometryError(f"baseline is {baseline_m:g} m: {low:g} to {high:g} m are possible")
 
 
 def check_extrinsics(position_m: FloatArray) -> None:
-    """Check the position `(3,)` of a stereo rig on its rover, metres.
-
-    Raises:
-        GeometryError: If it is not on the rover.
-    """
+    """Check the position `(3,)` of a stereo rig on its rover, metres; GeometryError if it is not on the rover."""
     if not (np.abs(position_m) <= MAX_EXTRINSICS_M).all():
         raise GeometryError(
             f"the stereo rig is at {position_m.tolist()} m in RB: up to {MAX_EXTRINSICS_M:g} m are possible"
@@ -100,11 +91,7 @@ def check_extrinsics(position_m: FloatArray) -> None:
 
 
 def check_distortion(coefficients: ArrayLike) -> None:
-    """Check the coefficients of lens distortion.
-
-    Raises:
-        GeometryError: If one is absurd or not finite.
-    """
+    """Check the coefficients of lens distortion; GeometryError if one is absurd or not finite."""
     values = np.asarray(coefficients, dtype=np.float64)
     if not (np.abs(values) <= MAX_DISTORTION).all():
         raise GeometryError(f"distortion is {values.tolist()}: finite numbers up to {MAX_DISTORTION:g} are possible")
@@ -116,11 +103,7 @@ def check_rotation(rotation: FloatArray) -> None:
     Raises:
         GeometryError: If it is not orthonormal with determinant +1, within the rounding of files.
     """
-    rows: list[list[float]] = rotation.tolist()  # loops over a few numbers are faster than arrays of them
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    products = ((j == k, sum(map(mul, rows[j], rows[k]))) for j in range(3) for k in range(j, 3))
-    orthonormal = all(abs(product - same) <= QUATERNION_TOLERANCE for same, product in products)
-    if not (orthonormal and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0):
+    if not plausible_rotations(rotation):
         raise GeometryError("a rotation matrix is not orthonormal with determinant +1")
 
 

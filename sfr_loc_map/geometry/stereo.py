@@ -43,11 +43,7 @@ class StereoRig:
     T_rb_sb: Transform | None = None
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            GeometryError: If one cannot be that of a camera or a rover.
-        """
+        """Check the values; GeometryError if one cannot be that of a camera or a rover."""
         check_camera((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy))
         check_baseline(self.baseline_m)
         if self.T_rb_sb is not None:
@@ -71,11 +67,7 @@ class StereoRig:
 
     @property
     def T_rb_left(self) -> Transform:
-        """Takes points in the left optical frame to RB.
-
-        Raises:
-            GeometryError: If the extrinsics of the rig on the rover are not known.
-        """
+        """Takes points in the left optical frame to RB; GeometryError if the pose of the rig in RB is not known."""
         if self.T_rb_sb is None:
             raise GeometryError(
                 "the rig has no T_rb_locsb (pose of the stereo rig in RB): add it to rig.json or /tf_static of a bag"
@@ -98,13 +90,7 @@ class StereoRig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoPair:
-    """Two rectified images taken at the same time.
-
-    Attributes:
-        stamp_ns: Time of both, nanoseconds.
-        left: `(H, W)` uint8 grey.
-        right: `(H, W)` uint8 grey.
-    """
+    """Two rectified grey images `(H, W)`, taken at the same time."""
 
     stamp_ns: int
     left: GreyImage
@@ -116,11 +102,7 @@ class StereoPair:
         return are_equal(self.left, self.right)
 
     def __post_init__(self) -> None:
-        """Check type and size.
-
-        Raises:
-            GeometryError: If an image is not 2D uint8 or the sizes differ.
-        """
+        """Check type and size; GeometryError if an image is not 2D uint8 or the sizes differ."""
         for name, image in (("left", self.left), ("right", self.right)):
             if image.ndim != 2 or image.dtype != np.uint8:
                 raise GeometryError(

@@ -31,12 +31,7 @@ class Trajectory:
     quats_xyzw: FloatArray
 
     def __post_init__(self) -> None:
-        """Check shapes and values.
-
-        Raises:
-            GeometryError: If stamps are no whole numbers, the shapes do not agree, a number is not finite, a position
-                is absurd or a quaternion is not of unit length.
-        """
+        """Check shapes and values; GeometryError if stamps are no whole numbers or a pose is none."""
         count = len(self.stamps_ns)
         if (
             self.stamps_ns.shape != (count,)

@@ -1,4 +1,4 @@
-"""Rigid motions."""
+"""Rigid motions, and trees of them."""
 
 from __future__ import annotations
 
@@ -37,11 +37,7 @@ class Transform:
     given_quat_xyzw: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and values.
-
-        Raises:
-            GeometryError: If a shape is wrong, a number is not finite or the translation is absurdly long.
-        """
+        """Check shapes and values; GeometryError if a number is not finite or the translation absurdly long."""
         if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
             raise GeometryError(
                 f"a transform needs (3, 3) and (3,): got {self.rotation.shape}, {self.translation.shape}"
@@ -62,14 +58,13 @@ class Transform:
 
     @classmethod
     def from_quat(cls, translation: ArrayLike, quat_xyzw: ArrayLike) -> Transform:
-        """Return `T_a_b` from the origin of b in a and the orientation of b in a, as in ROS messages.
+        """Return `T_a_b` from the origin of b in a, metres, and the orientation of b in a, as in ROS messages.
 
-        Args:
-            translation: `(3,)`, metres.
-            quat_xyzw: `(4,)`, takes components in b to a; of unit length within 1e-2, normalised here.
+        The quaternion takes components in b to a; it is normalised here.
 
         Raises:
-            GeometryError: If a number is not finite, the quaternion is not of unit length or the position is absurd.
+            GeometryError: If a number is not finite, the quaternion not of unit length within 1e-2, or the position
+                absurd.
         """
         quat = np.array(quat_xyzw, dtype=np.float64)
         if quat.shape != (4,) or not plausible_quats(quat):
@@ -128,11 +123,8 @@ class Transform:
 def propagated_covariance(covariance: FloatArray, displacement: FloatArray) -> FloatArray:
     """Return what the covariance `(6, 6)` of a pose makes of that of a pose fixed to it, `(6, 6)`: `F P F^T`.
 
-    A rotation error `w` about fixed axes moves what lies `d` beyond the pose by `w x d`.
-
-    Args:
-        covariance: Position and rotation about the fixed axes of a frame, ROS order.
-        displacement: `(3,)` from the pose to the other one, metres, same frame.
+    A rotation error `w` about the fixed axes of a frame moves what lies `d`, the displacement, beyond the pose by
+    `w x d`. Covariances are in ROS order.
     """
     carried = propagation(displacement)
     return np.asarray(carried @ covariance @ carried.T)
@@ -150,3 +142,27 @@ def interpolated(before: Transform, after: Transform, share: float) -> Transform
     turn = rotvec_from_matrix(before.rotation.T @ after.rotation)
     rotation = before.rotation @ matrix_from_rotvec(share * turn)
     return Transform(rotation, before.translation + share * (after.translation - before.translation))
+
+
+class FrameTree:
+    """Static transforms by child frame, each of which has one parent, as `/tf_static` gives them."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._parents: dict[str, tuple[str, Transform]] = {}
+
+    def add(self, parent: str, child: str, T_parent_child: Transform) -> None:
+        """Set the parent of a frame; a later transform replaces an earlier one."""
+        self._parents[child] = (parent, T_parent_child)
+
+    def find(self, ancestor: str, frame: str) -> Transform | None:
+        """Return `T_ancestor_frame`; None where `ancestor` is not above `frame`."""
+        result: Transform | None = None
+        for _ in range(len(self._parents)):  # a loop of frames ends, too
+            if frame not in self._parents:
+                return None
+            frame, step = self._parents[frame]
+            result = step if result is None else step @ result
+            if frame == ancestor:
+                return result
+        return None

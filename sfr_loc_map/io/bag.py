@@ -20,10 +20,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from sfr_loc_map.errors import ConfigError, GeometryError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json
 from sfr_loc_map.io.bag_files import is_unfinished, reader_paths
 from sfr_loc_map.io.bag_readers import BagReader, reader_of

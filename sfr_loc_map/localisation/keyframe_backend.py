@@ -8,9 +8,8 @@ from concurrent.futures import Future
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.median import median
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration

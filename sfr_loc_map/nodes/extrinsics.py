@@ -13,8 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, GeometryError
-from sfr_loc_map.geometry.frame_tree import FrameTree
-from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.io.bag import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.messages.fields import header_msg

@@ -22,7 +22,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.utilities import try_shutdown
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.geometry.frame_tree import FrameTree
+from sfr_loc_map.geometry.transform import FrameTree
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.bag import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED

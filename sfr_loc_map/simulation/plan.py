@@ -9,7 +9,6 @@ import numpy as np
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.frames import mast_head_in_rb
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -17,6 +16,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.simulation.config import CamerasConfig, SimulationConfig
 from sfr_loc_map.simulation.drive import STEP_S, Drive, make_drive
+from sfr_loc_map.simulation.rover import mast_head_in_rb
 from sfr_loc_map.simulation.terrain import Terrain
 
 PATH_STEP_M = 0.3

@@ -1,4 +1,4 @@
-"""Suites: many sources, configurations and faults, each run in a process of its own, and what follows from them all."""
+"""Suites: many sources, configurations and faults, run on Dask, and what follows from them all."""
 
 import lazy_loader
 

@@ -1,7 +1,6 @@
+from .cluster import connected as connected
+from .cluster import run_jobs as run_jobs
 from .plan import make_plan as make_plan
-from .runner import LocalExecutor as LocalExecutor
-from .runner import plan_suite as plan_suite
-from .runner import run_tasks as run_tasks
 from .specification import SuiteSpecification as SuiteSpecification
 from .specification import load_specification as load_specification
 from .store import Store as Store

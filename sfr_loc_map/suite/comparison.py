@@ -1,37 +1,63 @@
-"""Two suites: which is better over the drives that both have, with a correction for the number of comparisons."""
+"""Suites compared with each other, figure by figure, over the drives that both have.
+
+A figure is compared by the mean of its log ratios over the drives, with a sign-flip test: where two runs are equally
+good, each log ratio is as likely positive as negative, so the mean is compared with its distribution over all choices
+of signs (Fisher 1935; exact for few drives, drawn for many). No distribution of the errors is assumed, and one bad
+drive decides nothing.
+
+In a history each run is compared with a baseline: the first run, later the last run that was certainly better. So a
+slow decline adds up instead of hiding in small steps.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.metrics.score import Interval
+from sfr_loc_map.metrics.score import Interval, Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import holm
-from sfr_loc_map.suite.figure_table import FigureKind, FigureName, by_pairing, figures_of
-from sfr_loc_map.suite.groups import Drive
-from sfr_loc_map.suite.pooling import drawn_weights
-from sfr_loc_map.suite.sign_flip import sign_flip_p
-from sfr_loc_map.suite.summary import Summary
+from sfr_loc_map.suite.job import REFERENCE
+from sfr_loc_map.suite.summary import ScoredJob, Summary, drawn_weights
 
-SCHEMA = "sfr-suite-comparison/1"
 SIGNIFICANCE = 0.05
+HISTORY_LEVEL = 0.01
+"""Largest probability of a false alarm in a whole history; shared by all runs and figures (Bonferroni)."""
+MIN_RATIO = 1.01
+"""In a history less than one per cent is no finding, however certain."""
+EXACT_DRIVES = 14
+DRAWS, MAX_DRAWS = 20000, 200000
+ENOUGH_EXCEEDED = 10
+SEED = 20260202
+MIN_TESTED = 6
+"""With fewer drives no choice of signs has a probability under 0.03."""
+
+
+class FigureKind(StrEnum):
+    """What a figure is about."""
+
+    ACCURACY = "accuracy"
+    TIME = "time"
+    MEMORY = "memory"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class FigureName:
+    """A figure, smaller is better: what it is about, and its name with unit, such as `position over 5 m, m`."""
+
+    kind: FigureKind
+    name: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveRatio:
-    """One figure of one drive in both suites.
-
-    Attributes:
-        label: Name of the task.
-        first: Value in the first suite.
-        other: Value in the other.
-    """
+    """One figure of one drive in both suites."""
 
     label: str
     first: float
@@ -69,14 +95,7 @@ class FigureComparison:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SuiteComparison:
-    """Two suites.
-
-    Attributes:
-        names: Their names.
-        common: Drives in both.
-        left_out: Drives of the first and of the other that are not in both.
-        figures: By runs and figure.
-    """
+    """Two suites: their names, the drives in both, those of either that are not in both, and all figures."""
 
     names: tuple[str, str]
     common: int
@@ -85,40 +104,234 @@ class SuiteComparison:
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values."""
-        return {"schema": SCHEMA, **to_plain(self)}
+        return {"schema": "sfr-suite-comparison/1", **to_plain(self)}
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryRun:
+    """One suite of a history: its name, and the figures of its drives by what they have in common with others."""
+
+    name: str
+    figures: Mapping[str, Mapping[FigureName, float]]
+
+    @classmethod
+    def of(cls, name: str, summary: Summary) -> HistoryRun:
+        """Return the run that a suite is."""
+        drives = _by_pairing(summary, one_configuration=_one_configuration(summary))
+        return cls(name, {key: figures_of(drive.score) for key, drive in drives.items()})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HistoryPoint:
+    """One figure of one run, compared with its baseline.
+
+    Attributes:
+        run: Name of the run.
+        kind: Accuracy, time or memory.
+        figure: Name with unit.
+        drives: Drives in both.
+        median: Median of the figure over the drives.
+        baseline: Name of the run that it is compared with.
+        ratio: Geometric mean over the drives of this run over the baseline.
+        ci95: Its 95 % interval.
+        p: Probability of such a ratio by chance, uncorrected.
+        outcome: Worse or better where this is certain.
+    """
+
+    run: str
+    kind: FigureKind
+    figure: str
+    drives: int
+    median: float
+    baseline: str
+    ratio: float
+    ci95: Interval | None
+    p: float | None
+    outcome: Outcome
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class History:
+    """Runs in their order.
+
+    Attributes:
+        runs: Names of the runs.
+        level: Level of one comparison.
+        points: By figure and run, from the second run on.
+        first_worse: The first run of each kind of figure that is certainly worse, by kind.
+    """
+
+    runs: tuple[str, ...]
+    level: float
+    points: tuple[HistoryPoint, ...]
+    first_worse: Mapping[str, str]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as JSON values."""
+        return {"schema": "sfr-history/1", **to_plain(self)}
 
 
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
-    """Return the comparison of two suites.
-
-    Args:
-        first: The reference.
-        other: What is compared with it.
-        names: Their names.
+    """Return the comparison of two suites, of which the first is the reference.
 
     Raises:
         MetricsError: If no drive is in both.
     """
-    one = all(len({drive.configuration for drive in item.drives}) == 1 for item in (first, other))
-    mine, theirs = (by_pairing(item.drives, one_configuration=one) for item in (first, other))
+    one = all(_one_configuration(item) for item in (first, other))
+    mine, theirs = (_by_pairing(item, one_configuration=one) for item in (first, other))
     common = [(drive, theirs[key]) for key, drive in mine.items() if key in theirs]
     if not common:
         raise MetricsError(
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
-    figures = list(_figures(common))
-    corrected = holm([item.p for item in figures])
-    decided = [_decided(item, p) for item, p in zip(figures, corrected, strict=True)]
+    figures = list(_compared(common))
+    decided = []
+    for item, p in zip(figures, holm([item.p for item in figures]), strict=True):
+        outcome = item.outcome
+        if outcome is not Outcome.EQUAL and p is not None:
+            better = Outcome.BETTER if item.ratio < 1.0 else Outcome.WORSE
+            outcome = better if p < SIGNIFICANCE else Outcome.NO_DIFFERENCE
+        decided.append(replace(item, p_corrected=p, outcome=outcome))
     left_out = (len(mine) - len(common), len(theirs) - len(common))
     return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=tuple(decided))
 
 
-def log_ratios(pairs: Sequence[DriveRatio]) -> FloatArray:
-    """Return the logarithm of other over first `(D,)`."""
+def _one_configuration(summary: Summary) -> bool:
+    return len({drive.job.configuration for drive in summary.drives}) == 1
+
+
+def _by_pairing(summary: Summary, *, one_configuration: bool) -> dict[str, ScoredJob]:
+    """Return drives by what they have in common with those of another suite.
+
+    Args:
+        summary: A suite.
+        one_configuration: Whether there is one in each suite, so that its name does not matter.
+    """
+    return {
+        drive.job.pairing + ("" if one_configuration else f" {drive.job.configuration}"): drive
+        for drive in summary.drives
+    }
+
+
+def _compared(common: Sequence[tuple[ScoredJob, ScoredJob]]) -> Iterator[FigureComparison]:
+    pairs: dict[tuple[str, FigureName], list[DriveRatio]] = {}
+    for mine, theirs in common:
+        others = figures_of(theirs.score)
+        for name, value in figures_of(mine.score).items():
+            if name in others:
+                ratio = DriveRatio(label=mine.job.label, first=value, other=others[name])
+                pairs.setdefault((", ".join(part for part in mine.runs if part), name), []).append(ratio)
+    for (runs, name), items in pairs.items():
+        logs = _log_ratios(items)
+        yield FigureComparison(
+            runs=runs,
+            kind=name.kind,
+            figure=name.name,
+            drives=len(items),
+            ratio=float(np.exp(logs.mean())),
+            ci95=_ratio_interval(logs),
+            p=sign_flip_p(logs),
+            p_corrected=None,
+            outcome=Outcome.EQUAL if not logs.any() else Outcome.NOT_ENOUGH_DATA,
+            worst=items[int(logs.argmax())],
+        )
+
+
+def find_changes(runs: Sequence[HistoryRun]) -> History:
+    """Return how the figures changed over runs.
+
+    Args:
+        runs: In the order of time, at least two.
+
+    Raises:
+        MetricsError: If there are fewer than two runs.
+    """
+    if len(runs) < 2:
+        raise MetricsError(f"a history needs two suites or more, found {len(runs)}: give several folders")
+    names = sorted({name for run in runs for figures in run.figures.values() for name in figures})
+    level = HISTORY_LEVEL / max(1, len(names) * (len(runs) - 1))
+    points = [point for name in names for point in _points(name, runs, level)]
+    order = {run.name: number for number, run in enumerate(runs)}
+    worse: dict[str, str] = {}
+    for point in sorted(points, key=lambda item: order[item.run]):
+        if point.outcome is Outcome.WORSE:
+            worse.setdefault(point.kind.value, point.run)
+    return History(runs=tuple(run.name for run in runs), level=level, points=tuple(points), first_worse=worse)
+
+
+def _points(name: FigureName, runs: Sequence[HistoryRun], level: float) -> Iterator[HistoryPoint]:
+    """Yield one figure of each run after the first beside its baseline."""
+    baseline = runs[0]
+    for run in runs[1:]:
+        pairs = [
+            DriveRatio(label=key, first=baseline.figures[key][name], other=figures[name])
+            for key, figures in run.figures.items()
+            if name in figures and name in baseline.figures.get(key, {})
+        ]
+        if not pairs:
+            continue
+        logs = _log_ratios(pairs)
+        p, ratio = sign_flip_p(logs), float(np.exp(logs.mean()))
+        if not logs.any():
+            outcome = Outcome.EQUAL
+        elif p is None or _smallest_p(len(logs)) > level:  # even if all drives agreed, nothing could be found
+            outcome = Outcome.NOT_ENOUGH_DATA
+        elif p > level or 1.0 / MIN_RATIO < ratio < MIN_RATIO:
+            outcome = Outcome.NO_DIFFERENCE
+        else:
+            outcome = Outcome.WORSE if ratio > 1.0 else Outcome.BETTER
+        yield HistoryPoint(
+            run=run.name,
+            kind=name.kind,
+            figure=name.name,
+            drives=len(pairs),
+            median=float(np.median([item.other for item in pairs])),
+            baseline=baseline.name,
+            ratio=ratio,
+            ci95=_ratio_interval(logs),
+            p=p,
+            outcome=outcome,
+        )
+        if outcome is Outcome.BETTER:
+            baseline = run
+
+
+def figures_of(score: Score) -> dict[FigureName, float]:
+    """Return the figures of a score that are defined and positive.
+
+    Times count only where no other job ran beside; they are multiples of a fixed work measured in the same run.
+    """
+    return {name: value for name, value in _figures(score) if value is not None and value > 0.0}
+
+
+def _figures(score: Score) -> Iterator[tuple[FigureName, float | None]]:
+    accuracy = FigureKind.ACCURACY
+    for part in () if score.trajectory is None else score.trajectory.conditions:
+        over = f"over {part.condition.label}"
+        yield FigureName(accuracy, f"position {over}, m"), part.position_m.mean_plus_3sigma
+        yield FigureName(accuracy, f"attitude {over}, deg"), part.attitude_deg.mean_plus_3sigma
+        yield FigureName(accuracy, f"heading {over}, deg"), part.heading_deg.mean_plus_3sigma
+    if score.map is not None:
+        errors, coverage = score.map.errors, score.map.coverage
+        figure = None if errors is None else errors.point_error_m.mean_plus_3sigma
+        yield FigureName(accuracy, "map point error, m"), figure
+        yield FigureName(accuracy, "map not covered, share"), None if coverage is None else 1.0 - coverage
+    host: Mapping[str, str] = {} if score.provenance is None else score.provenance.host
+    reference_s = float(host[REFERENCE]) if REFERENCE in host else None
+    for kind in ("localisation", "mapping"):
+        peaks = None if score.memory is None else getattr(score.memory, kind)
+        yield FigureName(FigureKind.MEMORY, f"{kind} peak, bytes"), None if peaks is None else peaks.peak_bytes
+        calls = None if score.timing is None else getattr(score.timing, kind)
+        median_s = None if calls is None else calls.p50
+        share = None if median_s is None or reference_s is None else median_s / reference_s
+        yield FigureName(FigureKind.TIME, f"{kind} p50, of the reference"), share
+
+
+def _log_ratios(pairs: Sequence[DriveRatio]) -> FloatArray:
     return np.array([np.log(item.other / item.first) for item in pairs])
 
 
-def ratio_interval(logs: FloatArray) -> Interval | None:
+def _ratio_interval(logs: FloatArray) -> Interval | None:
     """Return the 95 % interval of the geometric mean ratio by resampling drives; None with too few."""
     if len(logs) < 5:
         return None
@@ -127,33 +340,31 @@ def ratio_interval(logs: FloatArray) -> Interval | None:
     return float(np.exp(low)), float(np.exp(high))
 
 
-def _figures(common: Sequence[tuple[Drive, Drive]]) -> Iterator[FigureComparison]:
-    pairs: dict[tuple[str, FigureName], list[DriveRatio]] = {}
-    for mine, theirs in common:
-        ours, others = figures_of(mine.score), figures_of(theirs.score)
-        runs = ", ".join(part for part in (mine.task, mine.configuration, mine.faults) if part)
-        for name in ours:
-            if name in others:
-                ratio = DriveRatio(label=mine.label, first=ours[name], other=others[name])
-                pairs.setdefault((runs, name), []).append(ratio)
-    for (runs, name), items in pairs.items():
-        logs = log_ratios(items)
-        yield FigureComparison(
-            runs=runs,
-            kind=name.kind,
-            figure=name.name,
-            drives=len(items),
-            ratio=float(np.exp(logs.mean())),
-            ci95=ratio_interval(logs),
-            p=sign_flip_p(logs),
-            p_corrected=None,
-            outcome=Outcome.EQUAL if not logs.any() else Outcome.NOT_ENOUGH_DATA,
-            worst=items[int(logs.argmax())],
-        )
+def sign_flip_p(log_ratios: FloatArray) -> float | None:
+    """Return the two-sided probability of a mean log ratio as large by chance; None with too few drives.
+
+    Args:
+        log_ratios: `(D,)` one for each drive; 0 where both are equal.
+    """
+    count = len(log_ratios)
+    if count < MIN_TESTED:
+        return None
+    if not log_ratios.any():
+        return 1.0
+    observed = abs(log_ratios.sum()) * (1.0 - 1e-12)
+    if count <= EXACT_DRIVES:
+        bits = (np.arange(2**count)[:, None] >> np.arange(count)) & 1
+        sums = np.abs((2.0 * bits - 1.0) @ log_ratios)
+        return float(np.mean(sums >= observed))
+    rng = np.random.default_rng([SEED, count])
+    exceeded = drawn = 0
+    while exceeded < ENOUGH_EXCEEDED and drawn < MAX_DRAWS:  # few decide a large probability (Besag, Clifford 1991)
+        signs = rng.integers(0, 2, (DRAWS, count), dtype=np.int8) * 2.0 - 1.0
+        exceeded += int(np.count_nonzero(np.abs(signs @ log_ratios) >= observed))
+        drawn += DRAWS
+    return (1 + exceeded) / (1 + drawn)
 
 
-def _decided(item: FigureComparison, p: float | None) -> FigureComparison:
-    if item.outcome is Outcome.EQUAL or p is None:
-        return replace(item, p_corrected=p)
-    better = Outcome.BETTER if item.ratio < 1.0 else Outcome.WORSE
-    return replace(item, p_corrected=p, outcome=better if p < SIGNIFICANCE else Outcome.NO_DIFFERENCE)
+def _smallest_p(count: int) -> float:
+    """Return the smallest probability that so many drives can show."""
+    return 2.0 ** (1 - count) if count <= EXACT_DRIVES else 1.0 / (1 + MAX_DRAWS)

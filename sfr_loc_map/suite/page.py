@@ -1,20 +1,26 @@
-"""What a suite writes beside its results: `suite.json`, `report.html`, and a table for pandas where it can."""
+"""What a suite writes beside its results (`suite.json`, `report.html`, a table for pandas), and the page of a history."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.report.page import render_overview, render_page
-from sfr_loc_map.suite.figures import suite_figures
-from sfr_loc_map.suite.parquet import write_parquet
-from sfr_loc_map.suite.summary import Summary
-from sfr_loc_map.suite.tables import PAGES, linked, suite_tables
+from sfr_loc_map.report.plots import Plot, axis, error_scale, largest, marks, scaled
+from sfr_loc_map.suite.comparison import History
+from sfr_loc_map.suite.summary import ScoredJob, Summary
+from sfr_loc_map.suite.tables import PAGES, history_tables, linked, suite_tables
+
+COLORS = ("@one", "@two", "@three", "@four", "@five")
 
 
 def write_summary(summary: Summary, folder: Path) -> None:
-    """Write `suite.json`, `report.html` and, where pyarrow is installed, `results.parquet`.
+    """Write `suite.json`, `report.html`, the pages of drives and, where pyarrow is installed, `results.parquet`.
 
     Raises:
         OutputError: If a file cannot be written.
@@ -22,17 +28,147 @@ def write_summary(summary: Summary, folder: Path) -> None:
     with atomic_path(folder / "suite.json") as temporary:
         temporary.write_text(json.dumps(summary.to_dict(), allow_nan=False) + "\n", encoding="utf-8")
     with atomic_path(folder / "report.html") as temporary:
-        temporary.write_text(render(summary), encoding="utf-8")
-    write_parquet(summary, folder / "results.parquet")
+        temporary.write_text(render_summary(summary), encoding="utf-8")
+    _write_parquet(summary, folder / "results.parquet")
     pages = folder / PAGES
     pages.mkdir(exist_ok=True)
     for drive in linked(summary):
-        with atomic_path(pages / f"{drive.key}.html") as temporary:
+        with atomic_path(pages / f"{drive.job.key}.html") as temporary:
             temporary.write_text(render_page(drive.score, figures=False), encoding="utf-8")
 
 
-def render(summary: Summary) -> str:
-    """Return the page as HTML."""
-    state = summary.verdict
-    counts = f"{summary.done} of {summary.tasks} tasks done, {summary.failed} failed, {summary.waiting} waiting."
-    return render_overview("Suite of runs", state, counts, suite_tables(summary, commands=True), suite_figures(summary))
+def _write_parquet(summary: Summary, path: Path) -> None:
+    """Write one row a result, one column a figure."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        return
+    rows = []
+    for drive in summary.drives:
+        plain, row = to_plain(drive.score), drive.names()
+        for part in ("trajectory", "map", "timing", "memory"):
+            row |= dict(_numbers(plain.get(part) or {}, part))
+        rows.append(row)
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    columns = {name: [row.get(name) for row in rows] for name in names}
+    with atomic_path(path) as temporary:
+        pyarrow.parquet.write_table(pyarrow.table(columns), temporary)
+
+
+def _numbers(value: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, float | None]]:
+    """Yield the numbers of nested objects by their place; lists are of single drives and stay in their file."""
+    for key, item in value.items():
+        place = f"{prefix}.{key}"
+        if isinstance(item, Mapping):
+            yield from _numbers(item, place)
+        elif item is None or (isinstance(item, (int, float)) and not isinstance(item, bool)):
+            yield place, None if item is None else float(item)
+
+
+def render_summary(summary: Summary) -> str:
+    """Return the page of a suite as HTML."""
+    counts = summary.counts
+    text = f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting."
+    # no text of a user is in the figures: runs stand as their number in the table `groups`
+    numbers = {(group.task, group.configuration, group.faults): n for n, group in enumerate(summary.groups, 1)}
+    driven = [(numbers[drive.runs], drive) for drive in summary.drives]
+    sections = [("Errors", [*_error_plots(summary, driven), *_fault_plots(driven)]), ("Cost", _cost_plots(summary))]
+    shown = [(title, plots) for title, plots in sections if plots]
+    return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary, commands=True), shown)
+
+
+def _error_plots(summary: Summary, driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
+    points = [(number, drive.figure) for number, drive in driven if drive.figure]
+    points.sort(key=lambda point: point[0])
+    if not points:
+        return []
+    pooled = [
+        (number, group.conditions[0].position_m.mean_plus_3sigma)
+        for number, group in enumerate(summary.groups, 1)
+        if group.conditions
+    ]
+    factor, unit = error_scale(largest([value for _, value in points]))
+    traces = [
+        marks("one drive", ([n for n, _ in points], scaled([v for _, v in points], factor)), "@one", size=6),
+        marks(
+            "all drives pooled",
+            ([n for n, _ in pooled], scaled([v for _, v in pooled], factor)),
+            "@two",
+            symbol="line-ew-open",
+            size=22,
+        ),
+    ]
+    layout = {
+        "xaxis": axis("runs, by their number in the table", dtick=1),
+        "yaxis": axis(f"position, mean + 3 sigma, {unit}", type="log"),
+    }
+    caption = "Each drive, and the sub-trajectories of all drives pooled; first condition."
+    return [Plot("suite-errors", "Position error by runs", caption, traces, layout, width="full")]
+
+
+def _fault_plots(driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
+    """Return how each fault changes the error of the same drives, run without faults."""
+
+    def identity(drive: ScoredJob) -> tuple[str, str, int]:
+        return drive.job.configuration, drive.job.source.name, drive.job.repeat
+
+    clean = {identity(drive): drive.figure for _, drive in driven if not drive.job.faults}
+    points = [
+        (number, drive.figure / reference)
+        for number, drive in sorted(driven, key=lambda item: item[0])
+        if drive.job.faults and drive.figure and (reference := clean.get(identity(drive)))
+    ]
+    if not points:
+        return []
+    trace = marks("one drive", ([n for n, _ in points], [_short(v) for _, v in points]), "@three", size=6)
+    layout = {
+        "xaxis": axis("runs, by their number in the table", dtick=1),
+        "yaxis": axis("error over that without faults", type="log"),
+    }
+    caption = "Mean + 3 sigma of the position with the fault, over that of the same drive without it."
+    return [Plot("suite-faults", "Faults against error", caption, [trace], layout, width="full")]
+
+
+def _cost_plots(summary: Summary) -> list[Plot]:
+    by_kind: dict[str, list[tuple[float, float]]] = {}
+    for drive in summary.drives:
+        trajectory, score = drive.score.trajectory, drive.score.map
+        pairs = trajectory.estimate_poses if trajectory else score.pairs if score else 0
+        if drive.seconds is not None:
+            by_kind.setdefault(drive.job.kind.value, []).append((float(pairs), float(f"{drive.seconds:.4g}")))
+    traces = [
+        marks(kind, ([n for n, _ in points], [s for _, s in points]), color, size=6)
+        for (kind, points), color in zip(by_kind.items(), COLORS, strict=False)
+    ]
+    layout = {"xaxis": axis("pairs"), "yaxis": axis("seconds", rangemode="tozero")}
+    caption = "Time of a whole task: reading, work, score."
+    return [Plot("suite-cost", "Time of tasks", caption, traces, layout, width="full")] if traces else []
+
+
+def render_history(history: History) -> str:
+    """Return the page of a history as HTML."""
+    worse = "; ".join(f"{kind}: {run}" for kind, run in history.first_worse.items())
+    state = VerdictState.FAIL if worse else VerdictState.PASS
+    text = f"First that is certainly worse: {worse}." if worse else "No run is certainly worse than its baseline."
+    figures = list(dict.fromkeys(point.figure for point in history.points))
+    plots = [_history_plot(number, name, history) for number, name in enumerate(figures)]
+    return render_overview("History of suites", state, text, history_tables(history), [("Figures", plots)])
+
+
+def _history_plot(number: int, figure: str, history: History) -> Plot:
+    points = [point for point in history.points if point.figure == figure]
+    order = {name: float(position) for position, name in enumerate(history.runs)}
+    rows = ([order[point.run] for point in points], [_short(point.ratio) for point in points])
+    trace = marks("over baseline", rows, "@one")
+    low, high = (
+        [_short(abs((point.ratio if point.ci95 is None else point.ci95[side]) - point.ratio)) for point in points]
+        for side in (0, 1)
+    )
+    trace["error_y"] = {"type": "data", "symmetric": False, "array": high, "arrayminus": low}
+    layout = {"xaxis": axis("run, in the order of the table", dtick=1), "yaxis": axis("over baseline")}
+    return Plot(f"history-{number}", figure, "Geometric mean over the drives, 95 % interval.", [trace], layout)
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")

@@ -15,11 +15,11 @@ rebase: pose
 start: truth
 limits: limits.yaml                       # a file, or the limits themselves
 repeats: 1
-timing: false                             # true: each run alone on its host
+timing: false                             # true: one job at a time
 threads: 1
 memory_mb: 4000
 timeout_s: 3600
-cache_mb: 20000                           # of copies of remote sources
+cache_mb: 20000                           # of copies of remote sources, at the start of a run
 """
 
 from __future__ import annotations
@@ -33,17 +33,20 @@ from typing import Any
 
 from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.inputs import read_text
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.method import MethodTask
+from sfr_loc_map.methods.method import OURS, Method, MethodTask
+from sfr_loc_map.methods.registry import LIBRARY_PREFIX, find_method
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.suite.method import METHOD_KEYS, suite_method
-from sfr_loc_map.suite.remote import is_remote
-from sfr_loc_map.suite.task import Scoring, TaskKind
+from sfr_loc_map.suite.job import JobKind, Scoring
+from sfr_loc_map.suite.sources import is_remote
 
 SECTIONS = {"localisation": LocalisationConfig, "mapping": MappingConfig}
+METHOD_KEYS = ("method", "method_config", "method_sha256")
+"""Keys beside the parameters of a part: the method, the file with its configuration; the last is added here."""
 METHOD_TASKS = {"localisation": MethodTask.LOCALISE, "mapping": MethodTask.MAP}
 LISTS = ("sources", "perturb", "tasks", "conditions")
 
@@ -59,11 +62,11 @@ class SuiteSettings:
     start: str = param("truth", doc="First pose of a drive.", choices=("identity", "truth"))
     repeats: int = param(1, doc="Runs of each task.", low=1, high=1000)
     seed: int = param(0, doc="Seed of which pairs a fault affects.", low=0, high=2**31 - 1)
-    timing: bool = param(False, doc="Run each task alone on its host, so that its times count.")
-    threads: int = param(1, doc="Threads and processor cores of a task.", low=1, high=256)
-    memory_mb: int = param(4000, unit="MB", doc="Resident memory at which a task is ended.", low=100, high=10**6)
+    timing: bool = param(False, doc="Run one task at a time, so that its times count.")
+    threads: int = param(1, doc="Threads of a task.", low=1, high=256)
+    memory_mb: int = param(4000, unit="MB", doc="Resident memory at which the process of a task is ended.", low=500, high=10**6)
     timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is ended.", low=0.1, high=1e7)
-    cache_mb: int = param(20000, unit="MB", doc="Size of all copies of remote sources on a host.", low=1, high=10**9)
+    cache_mb: int = param(20000, unit="MB", doc="Size of all copies of remote sources at the start of a run.", low=1, high=10**9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +107,7 @@ class SuiteSpecification:
     sources: tuple[SourceEntry, ...]
     perturb: tuple[str, ...]
     configurations: Mapping[str, Mapping[str, object]]
-    tasks: tuple[TaskKind, ...] | None
+    tasks: tuple[JobKind, ...] | None
     conditions: tuple[str, ...]
     limits: Mapping[str, Any]
     settings: SuiteSettings
@@ -227,16 +230,46 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
         given = flatten(build(SECTIONS[section], own, origin=origin))
         changed |= {f"{section}.{name}": value for name, value in given.items() if value != default[name]}
         if METHOD_KEYS[0] in values:
-            chosen = suite_method(values, METHOD_TASKS[section], folder)
+            chosen = _method(values, METHOD_TASKS[section], folder)
             changed |= {f"{section}.{name}": value for name, value in chosen.items()}
     return changed
 
 
-def _tasks(names: Sequence[object], origin: str) -> tuple[TaskKind, ...] | None:
+def _method(values: Mapping[str, object], task: MethodTask, folder: Path) -> dict[str, object]:
+    """Return what a job keeps of a method: whole paths, the text of its configuration, the hash of its file."""
+    spec, text = str(values["method"]), ""
+    place, _, name = spec.rpartition(":")
+    if spec.startswith(LIBRARY_PREFIX):
+        spec = f"{LIBRARY_PREFIX}{(folder / spec.removeprefix(LIBRARY_PREFIX)).resolve()}"
+    elif place.endswith(".py"):
+        spec = f"{(folder / place).resolve()}:{name}"
+    if "method_config" in values:
+        path = folder / str(values["method_config"])
+        try:
+            text = read_text(path)
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"'method_config: {path}' cannot be read ({error}): give a text file") from error
+    if spec == OURS:
+        return {}
+    return dict(zip(METHOD_KEYS, (spec, text, find_method(spec, task, text).sha256 or ""), strict=True))
+
+
+def chosen_method(section: Mapping[str, object], task: MethodTask) -> Method | None:
+    """Return the method of a part of a configuration, None where it is ours.
+
+    Raises:
+        MethodError: If there is no such method any more.
+    """
+    if METHOD_KEYS[0] not in section:
+        return None
+    return find_method(str(section["method"]), task, str(section.get("method_config", "")))
+
+
+def _tasks(names: Sequence[object], origin: str) -> tuple[JobKind, ...] | None:
     try:
-        return tuple(TaskKind(str(name)) for name in names) or None
+        return tuple(JobKind(str(name)) for name in names) or None
     except ValueError as error:
-        raise ConfigError(f"{origin}: 'tasks' may hold {', '.join(TaskKind)}: {error}") from error
+        raise ConfigError(f"{origin}: 'tasks' may hold {', '.join(JobKind)}: {error}") from error
 
 
 def _limits(value: object, path: Path) -> Mapping[str, Any]:

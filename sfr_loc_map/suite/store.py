@@ -1,10 +1,9 @@
 """The folder of a suite: results, failures, and an index of both.
 
-DIR/results/KEY.json        score of a task (sfr-score/1)
-DIR/failures/KEY.json       why a task failed, each try
-DIR/index.sqlite            tasks, their state and cost; made again from the files if it is gone
-DIR/cache/                  simulated sources, may be deleted
-DIR/running/                locks of the tasks that run
+DIR/results/KEY.json        score of a job (sfr-score/1)
+DIR/failures/KEY.json       why a job failed
+DIR/index.sqlite            jobs with their state and time; made again from the files if it is gone
+DIR/cache/                  simulated and fetched sources, may be deleted
 DIR/.suite                  the file that was run last
 """
 
@@ -12,10 +11,8 @@ from __future__ import annotations
 
 import fcntl
 import json
-import os
 import shlex
 import sqlite3
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -24,57 +21,45 @@ from pathlib import Path
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.score_json import RecordError, from_plain, json_line, to_plain
-from sfr_loc_map.suite.claim import RESULTS, RUNNING, write_result
-from sfr_loc_map.suite.execution import Attempt, Outcome
-from sfr_loc_map.suite.fingerprint import FileStamp, SourceFacts, inspect_source
-from sfr_loc_map.suite.task import Task
+from sfr_loc_map.suite.cluster import Cause, JobOutcome
+from sfr_loc_map.suite.job import SHORT_KEY, Job
+from sfr_loc_map.suite.plan import SourceFacts, inspect_source
 
-CACHE = "cache"
 SUITE_FILE = ".suite"
-SHORT_KEY = 12
-"""Digits of a key that name a task to people."""
-SAVE_EVERY_S = 1.0
 _TABLES = """
 CREATE TABLE IF NOT EXISTS tasks (
     key TEXT PRIMARY KEY, position INTEGER, label TEXT, kind TEXT, source TEXT, path TEXT, source_sha256 TEXT,
-    faults TEXT, configuration TEXT, repeat INTEGER, pairing TEXT, task TEXT, state TEXT, seconds REAL,
-    peak_bytes INTEGER, tries INTEGER, cause TEXT, message TEXT);
+    faults TEXT, configuration TEXT, repeat INTEGER, pairing TEXT, task TEXT, state TEXT, seconds REAL, tries INTEGER,
+    cause TEXT, message TEXT);
 CREATE TABLE IF NOT EXISTS sources (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, facts TEXT);
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Failure:
-    """A task that failed.
-
-    Attributes:
-        key: Key of the task.
-        label: Its name.
-        source: Place of its source.
-        attempts: Each try.
-    """
+class JobFailure:
+    """A job that failed: its key, its name, the place of its source, and why, after how many tries."""
 
     key: str
     label: str
     source: str
-    attempts: tuple[Attempt, ...]
+    cause: Cause
+    message: str
+    tries: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Entry:
-    """A task in the index.
+    """A job in the index.
 
     Attributes:
-        task: The task.
+        job: The job.
         state: `done`, `failed` or `waiting`.
-        seconds: How long the last try took, None if it never ran here.
-        peak_bytes: Largest resident memory of it.
+        seconds: How long the last try took, None if this is not known.
     """
 
-    task: Task
+    job: Job
     state: str
     seconds: float | None
-    peak_bytes: int | None
 
 
 class Store:
@@ -87,14 +72,12 @@ class Store:
             OutputError: If it cannot be made, or holds something else.
         """
         self.folder = Path(folder)
-        self.results, self.failures, self.cache = (self.folder / name for name in (RESULTS, "failures", CACHE))
-        self._unsaved: list[tuple[object, ...]] = []
-        self._saved_s = time.monotonic()
+        self.results, self.failures, self.cache = (self.folder / name for name in ("results", "failures", "cache"))
         others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
         if others and not (self.folder / "index.sqlite").exists() and not self.results.is_dir():
             raise OutputError(f"'{folder}' holds {others[0]} and is not a folder of a suite: choose another name")
         try:
-            for path in (self.results, self.failures, self.cache, self.folder / RUNNING):
+            for path in (self.results, self.failures, self.cache):
                 path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
@@ -116,31 +99,36 @@ class Store:
             yield
 
     def facts_of(self, path: Path) -> SourceFacts:
-        """Return what a source holds; it is read once as long as its size and time of change stay."""
-        stamp = FileStamp.of(path)
-        name = str(path.absolute())
+        """Return what a source holds; it is read once as long as its size and time of change stay.
+
+        Raises:
+            InputError: If it cannot be read.
+        """
+        try:
+            files = [path] if path.is_file() else [item for item in path.rglob("*") if item.is_file()]
+            stats = [item.stat() for item in files]
+        except OSError as error:
+            raise InputError(f"cannot read '{error.filename}': {error.strerror}; check the rights") from error
+        newest = max((item.st_mtime_ns for item in stats), default=0)
+        stamp = (str(path.absolute()), sum(item.st_size for item in stats), newest)
         with self._index() as index:
             query = "SELECT facts FROM sources WHERE path = ? AND size = ? AND mtime_ns = ?"
-            row = index.execute(query, (name, stamp.size, stamp.mtime_ns)).fetchone()
+            row = index.execute(query, stamp).fetchone()
         if row is not None:
             return from_plain(SourceFacts, json.loads(row[0]))
         facts = inspect_source(path)
-        values = (name, stamp.size, stamp.mtime_ns, json.dumps(to_plain(facts)))
         with self._index() as index:
-            index.execute("INSERT OR REPLACE INTO sources VALUES (?, ?, ?, ?)", values)
+            index.execute("INSERT OR REPLACE INTO sources VALUES (?, ?, ?, ?)", (*stamp, json.dumps(to_plain(facts))))
         return facts
 
-    @property
-    def suite_file(self) -> str:
-        """The file that was run last, empty where this is not known."""
-        path = self.folder / SUITE_FILE
-        return path.read_text(encoding="utf-8").strip() if path.is_file() else ""
-
     def command(self, key: str) -> str:
-        """Return the command that runs one task again, empty where the suite's file is not known."""
-        suite = self.suite_file
+        """Return the command that runs one job again, empty where the suite's file is not known."""
+        path = self.folder / SUITE_FILE
+        if not path.is_file():
+            return ""
+        suite = path.read_text(encoding="utf-8").strip()
         words = ("sfr", "suite", "run", suite, "--out", str(self.folder.absolute()), "--only", key[:SHORT_KEY])
-        return shlex.join(words) if suite else ""
+        return shlex.join(words)
 
     def is_done(self, key: str) -> bool:
         """Tell whether there is a result."""
@@ -151,7 +139,7 @@ class Store:
         return (self.failures / f"{key}.json").is_file()
 
     def result_text(self, key: str) -> str:
-        """Return the score of a task as JSON.
+        """Return the score of a job as JSON.
 
         Raises:
             InputError: If it cannot be read.
@@ -162,81 +150,88 @@ class Store:
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"cannot read the result '{path}': {error}; delete it and run the suite again") from error
 
-    def failure(self, key: str) -> Failure | None:
-        """Return why a task failed, None if it did not."""
+    def failure(self, key: str) -> JobFailure | None:
+        """Return why a job failed, None if it did not.
+
+        Raises:
+            InputError: If its file cannot be read.
+        """
         path = self.failures / f"{key}.json"
         if not path.is_file():
             return None
         try:
-            return from_plain(Failure, json.loads(path.read_text(encoding="utf-8")))
+            return from_plain(JobFailure, json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, RecordError) as error:
             raise InputError(f"cannot read '{path}': {error}; delete it and run the suite again") from error
 
-    def plan(self, tasks: Sequence[Task], suite: Path) -> None:
-        """Take the tasks of a suite's file as it is now; the state of each follows from the files."""
+    def plan(self, jobs: Sequence[Job], suite: Path) -> None:
+        """Take the jobs of a suite's file as it is now; the state of each follows from the files."""
         (self.folder / SUITE_FILE).write_text(f"{suite.absolute()}\n", encoding="utf-8")
         with self._index() as index:
-            costs = {row[0]: row[1:] for row in index.execute("SELECT key, seconds, peak_bytes, tries FROM tasks")}
+            costs = {row[0]: row[1:] for row in index.execute("SELECT key, seconds, tries FROM tasks")}
             index.execute("DELETE FROM tasks")
-            for position, task in enumerate(tasks):
-                failure = self.failure(task.key)
-                last = failure.attempts[-1] if failure is not None else None
-                source = task.source
-                seconds, peak, tries = costs.get(task.key, (None, None, None))
-                index.execute(
-                    f"INSERT INTO tasks VALUES ({', '.join('?' * 18)})",
-                    (task.key, position, task.label, task.kind.value, source.name, source.path, source.sha256)
-                    + (task.faults, task.configuration, task.repeat, task.pairing, json.dumps(to_plain(task)))
-                    + (self._state(task.key), seconds, peak, tries)
-                    + ((last.cause.value, last.message) if last is not None else (None, None)),
-                )
+            for position, job in enumerate(jobs):
+                source, failure = job.source, self.failure(job.key)
+                seconds, tries = costs.get(job.key, (None, None))
+                row = {
+                    "key": job.key,
+                    "position": position,
+                    "label": job.label,
+                    "kind": job.kind.value,
+                    "source": source.name,
+                    "path": source.path,
+                    "source_sha256": source.sha256,
+                    "faults": job.faults,
+                    "configuration": job.configuration,
+                    "repeat": job.repeat,
+                    "pairing": job.pairing,
+                    "task": json.dumps(to_plain(job)),
+                    "state": "done" if self.is_done(job.key) else "waiting" if failure is None else "failed",
+                    "seconds": seconds,
+                    "tries": tries,
+                    "cause": None if failure is None else failure.cause.value,
+                    "message": None if failure is None else failure.message,
+                }
+                places = ", ".join(f":{name}" for name in row)
+                index.execute(f"INSERT INTO tasks ({', '.join(row)}) VALUES ({places})", row)
 
-    def save(self, task: Task, outcome: Outcome) -> None:
-        """Keep what came of a task; the index takes several at a time."""
+    def save(self, job: Job, outcome: JobOutcome) -> None:
+        """Keep what came of a job, whole or not at all.
+
+        Raises:
+            OutputError: If it cannot be written.
+        """
+        key, failed = job.key, self.failures / f"{job.key}.json"
         if outcome.result is not None:
-            write_result(self.folder, task.key, outcome.result)
-        path = self.failures / f"{task.key}.json"
-        if outcome.done:
-            path.unlink(missing_ok=True)
+            with atomic_path(self.results / f"{key}.json") as temporary:
+                temporary.write_text(outcome.result, encoding="utf-8")
+            failed.unlink(missing_ok=True)
         else:
-            failure = Failure(key=task.key, label=task.label, source=task.source.path, attempts=outcome.failures)
-            with atomic_path(path) as temporary:
-                temporary.write_text(json_line(failure), encoding="utf-8")
-        last = outcome.failures[-1] if not outcome.done else None
-        values = (
-            "done" if outcome.done else "failed",
-            outcome.seconds,
-            outcome.peak_bytes,
-            len(outcome.failures) + outcome.done,
-            None if last is None else last.cause.value,
-            None if last is None else last.message,
-            task.key,
-        )
-        self._unsaved.append(values)
-        if time.monotonic() - self._saved_s > SAVE_EVERY_S:
-            self.flush()
-
-    def flush(self) -> None:
-        """Write what the index has not got yet; states are never lost, they follow from the files."""
-        with self._index() as index:
-            index.executemany(
-                "UPDATE tasks SET state = ?, seconds = COALESCE(?, seconds), peak_bytes = COALESCE(?, peak_bytes), "
-                "tries = ?, cause = ?, message = ? WHERE key = ?",
-                self._unsaved,
+            assert outcome.cause is not None
+            failure = JobFailure(
+                key=key,
+                label=job.label,
+                source=job.source.path,
+                cause=outcome.cause,
+                message=outcome.message,
+                tries=outcome.tries,
             )
-        self._unsaved, self._saved_s = [], time.monotonic()
+            with atomic_path(failed) as temporary:
+                temporary.write_text(json_line(failure), encoding="utf-8")
+        cause = None if outcome.cause is None else outcome.cause.value
+        with self._index() as index:
+            index.execute("PRAGMA synchronous = OFF")  # a lost row is made again from the files
+            index.execute(
+                "UPDATE tasks SET state = ?, seconds = COALESCE(?, seconds), tries = ?, cause = ?, message = ? "
+                "WHERE key = ?",
+                ("failed" if cause else "done", outcome.seconds, outcome.tries, cause, outcome.message or None, key),
+            )
 
     def entries(self) -> list[Entry]:
-        """Return the tasks of the suite, in its order."""
+        """Return the jobs of the suite, in its order."""
         with self._index() as index:
-            rows = index.execute("SELECT task, state, seconds, peak_bytes FROM tasks ORDER BY position").fetchall()
-        return [
-            Entry(task=from_plain(Task, json.loads(row[0])), state=row[1], seconds=row[2], peak_bytes=row[3])
-            for row in rows
-        ]
-
-    def _state(self, key: str) -> str:
-        return "done" if self.is_done(key) else "failed" if self.has_failed(key) else "waiting"
+            rows = index.execute("SELECT task, state, seconds FROM tasks ORDER BY position").fetchall()
+        return [Entry(from_plain(Job, json.loads(row[0])), row[1], row[2]) for row in rows]
 
     @contextmanager
     def _index(self) -> Iterator[sqlite3.Connection]:
@@ -246,8 +241,3 @@ class Store:
                 yield connection
         except sqlite3.DatabaseError as error:
             raise InputError(f"cannot use '{path}': {error}; delete it, it is made again from the results") from error
-
-
-def available_cores() -> int:
-    """Return the processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,20 +1,139 @@
-"""What follows from all results of a suite: counts, pooled errors, verdicts over all and for each drive, failures."""
+"""What follows from all results of a suite: counts, errors pooled over drives, verdicts, failures.
+
+The sub-trajectories of all drives run alike are one sample, as the specification's statistics ask [4.1.3]: counts,
+means and sigmas of the drives give count, mean and sigma of all their values exactly (Chan, Golub, LeVeque 1983). The
+95 % interval resamples whole drives: errors within one drive are not independent.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
-from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.limits import COVERAGE_MIN, Limits, parse_limits, verdicts
-from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.config import Condition, VerdictState
+from sfr_loc_map.metrics.limits import COVERAGE_MIN, Limit, LimitPart, Limits, figure_of, parse_limits, verdicts
+from sfr_loc_map.metrics.score import ConditionScore, Interval, IntervalStatistic, Score, Statistic, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
-from sfr_loc_map.suite.groups import Drive, Group, groups_of
+from sfr_loc_map.metrics.statistics import student_quantile
+from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.plan import Refusal
-from sfr_loc_map.suite.store import Entry, Failure, Store
+from sfr_loc_map.suite.store import JobFailure, Store
 
 SCHEMA = "sfr-suite/1"
+MIN_DRIVES = 5
+"""With fewer drives there is no interval."""
+RESAMPLES = 2000
+SEED = 20260101
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredJob:
+    """A job with its score, and how long it took; None where this is not known."""
+
+    job: Job
+    seconds: float | None
+    score: Score
+
+    @property
+    def runs(self) -> tuple[str, str, str]:
+        """What it has in common with those that were run alike: task, configuration, faults."""
+        return self.job.kind.value, self.job.configuration, self.job.faults
+
+    @property
+    def figure(self) -> float | None:
+        """Mean + 3 sigma of the position over the first condition, None without a trajectory."""
+        trajectory = self.score.trajectory
+        return None if trajectory is None else trajectory.first.position_m.mean_plus_3sigma
+
+    def names(self) -> dict[str, object]:
+        """Return what it is called, as JSON values."""
+        job = self.job
+        return {
+            "key": job.key,
+            "label": job.label,
+            "task": job.kind.value,
+            "source": job.source.name,
+            "configuration": job.configuration,
+            "faults": job.faults,
+            "repeat": job.repeat,
+            "seconds": self.seconds,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PooledCondition:
+    """Errors over the sub-trajectories of one condition of all drives.
+
+    Attributes:
+        condition: What ends a sub-trajectory.
+        drives: Drives with at least two of them.
+        count: Sub-trajectories.
+        position_m: Position error.
+        attitude_deg: Attitude error.
+        heading_deg: Heading error; the mean is taken without its sign.
+    """
+
+    condition: Condition
+    drives: int
+    count: int
+    position_m: IntervalStatistic
+    attitude_deg: IntervalStatistic
+    heading_deg: IntervalStatistic
+
+
+class Over(StrEnum):
+    """What a verdict over a group is about."""
+
+    POOLED = "pooled"
+    WORST = "worst drive"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroupVerdict:
+    """The verdict on one limit over all drives of a group.
+
+    Attributes:
+        metric: Name of the figure as in the limits file.
+        condition: Condition of the sub-trajectories, None outside the trajectory.
+        limit: Bound, in the unit of the name.
+        value: The figure, None where it is undefined.
+        ci95: Its 95 % interval over drives, None where it has none.
+        count: Sub-trajectories, or drives that have the figure.
+        over: Whether the values of all drives are pooled, or the worst drive decides (figures that cannot be pooled).
+        state: The verdict.
+        missed_by: Drives that miss the limit on their own.
+    """
+
+    metric: str
+    condition: Condition | None
+    limit: float
+    value: float | None
+    ci95: Interval | None
+    count: int
+    over: Over
+    state: VerdictState
+    missed_by: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """Drives that were run alike: number of drives, of frames and of lost frames, pooled errors, verdicts."""
+
+    task: str
+    configuration: str
+    faults: str
+    drives: int
+    lost: int
+    matched: int
+    conditions: tuple[PooledCondition, ...]
+    verdicts: tuple[GroupVerdict, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,43 +141,41 @@ class Summary:
     """What follows from all results of a suite.
 
     Attributes:
-        tasks: Tasks of the suite.
-        done: Tasks with a result.
-        failed: Tasks that failed.
-        waiting: Tasks that were not run yet.
+        tasks: Jobs of the suite.
+        waiting: Jobs that were not run yet.
         groups: Drives that were run alike.
         drives: Every result.
-        failures: Why tasks failed.
+        failures: Why jobs failed.
         again: Commands that run each of them again, alone.
         refusals: Sources that cannot be read.
         code: Fingerprint of the code.
     """
 
     tasks: int
-    done: int
-    failed: int
     waiting: int
     groups: tuple[Group, ...]
-    drives: tuple[Drive, ...]
-    failures: tuple[Failure, ...]
+    drives: tuple[ScoredJob, ...]
+    failures: tuple[JobFailure, ...]
     again: tuple[str, ...]
     refusals: tuple[Refusal, ...]
     code: str
 
     @property
-    def states(self) -> list[VerdictState]:
-        """The verdicts over all groups."""
-        return [item.state for group in self.groups for item in group.verdicts]
+    def counts(self) -> dict[str, int]:
+        """Number of jobs, of those done, failed and waiting."""
+        done, failed = len(self.drives), len(self.failures)
+        return {"tasks": self.tasks, "done": done, "failed": failed, "waiting": self.waiting}
 
     @property
     def verdict(self) -> VerdictState | None:
-        """The verdict over all, None without limits; a task without result leaves it open."""
-        if not self.states:
+        """The verdict over all, None without limits; a job without result leaves it open."""
+        states = [item.state for group in self.groups for item in group.verdicts]
+        if not states:
             return None
-        if VerdictState.FAIL in self.states:
+        if VerdictState.FAIL in states:
             return VerdictState.FAIL
-        complete = self.done == self.tasks and not self.refusals
-        passed = complete and all(state is VerdictState.PASS for state in self.states)
+        complete = len(self.drives) == self.tasks and not self.refusals
+        passed = complete and all(state is VerdictState.PASS for state in states)
         return VerdictState.PASS if passed else VerdictState.NOT_ENOUGH_DATA
 
     def to_dict(self) -> dict[str, object]:
@@ -67,21 +184,19 @@ class Summary:
             "schema": SCHEMA,
             "version": __version__,
             "code": self.code,
-            "counts": {name: getattr(self, name) for name in ("tasks", "done", "failed", "waiting")},
+            "counts": self.counts,
             "verdict": to_plain(self.verdict),
             "groups": to_plain(self.groups),
-            "drives": [_drive_plain(drive) for drive in self.drives],
+            "drives": [
+                drive.names()
+                | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
+                for drive in self.drives
+            ],
             "failures": [
                 {**to_plain(failure), "again": again} for failure, again in zip(self.failures, self.again, strict=True)
             ],
             "refusals": to_plain(self.refusals),
         }
-
-
-def _drive_plain(drive: Drive) -> dict[str, object]:
-    names = ("key", "label", "task", "source", "configuration", "faults", "repeat", "seconds")
-    figures = {name: getattr(drive, name) for name in names}
-    return figures | {"file": f"results/{drive.key}.json", "verdicts": to_plain(drive.score.verdicts)}
 
 
 def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
@@ -95,46 +210,169 @@ def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
         InputError: If a result cannot be read.
     """
     entries = store.entries()
-    limits = next((parse_limits(entry.task.limits, "limits") for entry in entries if entry.task.limits), None)
-    drives = [_drive(entry, store, limits) for entry in entries if entry.state == "done"]
-    found = [store.failure(entry.task.key) for entry in entries if entry.state == "failed"]
+    limits = next((parse_limits(entry.job.limits, "limits") for entry in entries if entry.job.limits), None)
+    drives = []
+    for entry in entries:
+        if entry.state == "done":
+            key = entry.job.key
+            score = from_json(store.result_text(key), f"'{store.results / key}.json'")
+            judged = () if limits is None else tuple(item for item in verdicts(limits, score) if _applies(item, score))
+            drives.append(ScoredJob(entry.job, entry.seconds, replace(score, verdicts=judged)))
+    found = [store.failure(entry.job.key) for entry in entries if entry.state == "failed"]
     failures = tuple(item for item in found if item is not None)
     return Summary(
         tasks=len(entries),
-        done=len(drives),
-        failed=len(failures),
         waiting=sum(entry.state == "waiting" for entry in entries),
         groups=tuple(groups_of(drives, limits)),
         drives=tuple(drives),
         failures=failures,
         again=tuple(store.command(item.key) for item in failures),
         refusals=tuple(refusals),
-        code=entries[0].task.code if entries else "",
-    )
-
-
-def _drive(entry: Entry, store: Store, limits: Limits | None) -> Drive:
-    task = entry.task
-    score = from_json(store.result_text(task.key), f"'{store.results / task.key}.json'")
-    judged = () if limits is None else tuple(item for item in verdicts(limits, score) if _applies(item, score))
-    return Drive(
-        key=task.key,
-        label=task.label,
-        task=task.kind.value,
-        source=task.source.name,
-        configuration=task.configuration,
-        faults=task.faults,
-        repeat=task.repeat,
-        pairing=task.pairing,
-        seconds=entry.seconds,
-        score=replace(score, verdicts=judged),
+        code=entries[0].job.code if entries else "",
     )
 
 
 def _applies(verdict: Verdict, score: Score) -> bool:
-    """Tell whether a limit is on what the task made: a map is not judged by the limits of a drive."""
+    """Tell whether a limit is on what the job made: a map is not judged by the limits of a drive."""
     if verdict.condition is not None:
         return score.trajectory is not None
     if verdict.metric == COVERAGE_MIN or verdict.metric.startswith("point_error"):
         return score.map is not None
     return verdict.value is not None
+
+
+def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Group]:
+    """Yield the groups of results, in the order in which they first occur."""
+    members: dict[tuple[str, str, str], list[Score]] = {}
+    for drive in drives:
+        members.setdefault(drive.runs, []).append(drive.score)
+    for (task, configuration, faults), scores in members.items():
+        trajectories = [score.trajectory for score in scores if score.trajectory is not None]
+        parts: dict[Condition, list[ConditionScore]] = {}
+        for part in (part for item in trajectories for part in item.conditions):
+            parts.setdefault(part.condition, []).append(part)
+        pooled = {condition: pool(items) for condition, items in parts.items()}
+        yield Group(
+            task=task,
+            configuration=configuration,
+            faults=faults,
+            drives=len(scores),
+            lost=sum(item.lost for item in trajectories),
+            matched=sum(item.matched for item in trajectories),
+            conditions=tuple(pooled.values()),
+            verdicts=() if limits is None else tuple(_verdicts(limits, scores, pooled)),
+        )
+
+
+def _verdicts(
+    limits: Limits, scores: Sequence[Score], pooled: Mapping[Condition, PooledCondition]
+) -> Iterator[GroupVerdict]:
+    for limit in limits.limits:
+        values = [value for score in scores if (value := figure_of(limit, score).value) is not None]
+        judged = {
+            LimitPart.TRAJECTORY: any(score.trajectory is not None for score in scores),
+            LimitPart.MAP: any(score.map is not None for score in scores),
+        }
+        if not judged.get(limit.part, bool(values)):
+            continue  # maps are not judged by the limits of drives
+        over, interval, count = Over.WORST, None, len(values)
+        lower = limit.key == COVERAGE_MIN
+        value = None if not values else min(values) if lower else max(values, key=abs)
+        if limit.condition is not None:
+            over, value, interval, count = Over.POOLED, *_of_pooled(limit, pooled.get(limit.condition))
+        if value is None or (over is Over.POOLED and count < limits.minimum_count):
+            state = VerdictState.NOT_ENOUGH_DATA
+        else:
+            state = VerdictState.PASS if _meets(value, limit) else VerdictState.FAIL
+        yield GroupVerdict(
+            metric=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
+            condition=limit.condition,
+            limit=limit.limit,
+            value=value,
+            ci95=interval,
+            count=count,
+            over=over,
+            state=state,
+            missed_by=sum(not _meets(value, limit) for value in values),
+        )
+
+
+def _meets(value: float, limit: Limit) -> bool:
+    return value >= limit.limit if limit.key == COVERAGE_MIN else abs(value) <= limit.limit
+
+
+def _of_pooled(limit: Limit, part: PooledCondition | None) -> tuple[float | None, Interval | None, int]:
+    """Return a figure of the pooled errors, by its key such as `position_mean_plus_3sigma_m`, its interval, its count."""
+    if part is None:
+        return None, None, 0
+    error, _, rest = limit.key.partition("_")
+    statistic = {"position": part.position_m, "attitude": part.attitude_deg, "heading": part.heading_deg}[error]
+    name = rest.rpartition("_")[0]
+    interval = statistic.mean_plus_3sigma_ci95 if name == "mean_plus_3sigma" else None
+    return getattr(statistic, name), interval, part.count
+
+
+def pool(scores: Sequence[ConditionScore]) -> PooledCondition:
+    """Return the pooled errors of the scores of one condition, one score a drive."""
+    used = [item for item in scores if item.count > 1]
+    parts = [item.components for item in used]
+    return PooledCondition(
+        condition=scores[0].condition,
+        drives=len(used),
+        count=sum(item.count for item in used),
+        position_m=pooled_statistic([(n.count, (c.x_m, c.y_m, c.z_m)) for n, c in zip(used, parts, strict=True)]),
+        attitude_deg=pooled_statistic([(item.count, (item.attitude_deg,)) for item in used]),
+        heading_deg=pooled_statistic([(item.count, (item.heading_deg,)) for item in used]),
+    )
+
+
+def pooled_statistic(drives: Sequence[tuple[int, Sequence[Statistic]]]) -> IntervalStatistic:
+    """Return mean, sigma and mean + 3 sigma of all values, with the interval of the last.
+
+    Args:
+        drives: Count and statistics of the components of each; one with fewer than two values is left out.
+    """
+    used = [(n, parts) for n, parts in drives if n > 1]
+    if not used:
+        return IntervalStatistic(mean=None, sigma=None, mean_plus_3sigma=None, mean_plus_3sigma_ci95=None)
+    count = np.array([float(n) for n, _ in used])
+    means = np.array([[part.mean for part in parts] for _, parts in used], np.float64)
+    sigmas = np.array([[part.sigma for part in parts] for _, parts in used], np.float64)
+    squares = np.square(sigmas) * (count[:, None] - 1.0)
+    mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
+    figure, interval = mean + 3.0 * sigma, None
+    if len(used) >= MIN_DRIVES and figure > 0.0:
+        drawn_means, drawn_sigmas = _pooled(count, means, squares, drawn_weights(len(used)))
+        spread = float(np.std(np.log(np.maximum(drawn_means + 3.0 * drawn_sigmas, 1e-300))))
+        spread *= np.sqrt(len(used) / (len(used) - 1.0))
+        factor = float(np.exp(student_quantile(0.975, len(used) - 1.0) * spread))
+        interval = (figure / factor, figure * factor)
+    return IntervalStatistic(mean=mean, sigma=sigma, mean_plus_3sigma=figure, mean_plus_3sigma_ci95=interval)
+
+
+def _pooled(
+    count: FloatArray, means: FloatArray, squares: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return norm of the mean and norm of the sigma `(R,)` of all values, each drive counted as often as its weight.
+
+    Args:
+        count: `(D,)`.
+        means: `(D, d)`.
+        squares: `(D, d)` sum of squared deviations from the drive's mean.
+        weights: `(R, D)`.
+    """
+    total = weights @ count
+    mean = (weights @ (count[:, None] * means)) / total[:, None]
+    # about the common mean of the drives as they are, so that nothing cancels
+    centre = (count[:, None] * means).sum(axis=0) / count.sum()
+    second = weights @ (squares + count[:, None] * np.square(means - centre))
+    deviations = second - total[:, None] * np.square(mean - centre)
+    sigma = np.sqrt(np.maximum(deviations, 0.0) / (total[:, None] - 1.0))
+    return np.sqrt(np.square(mean).sum(axis=1)), np.sqrt(np.square(sigma).sum(axis=1))
+
+
+@lru_cache(maxsize=8)
+def drawn_weights(drives: int) -> NDArray[np.float64]:
+    """Return how often each drive is drawn `(RESAMPLES, D)`, the same for the same number."""
+    rng = np.random.default_rng([SEED, drives])
+    return rng.multinomial(drives, np.full(drives, 1.0 / drives), RESAMPLES).astype(np.float64)

@@ -1,11 +1,10 @@
-"""The tables of a suite."""
+"""The tables of a suite, of a comparison of suites, and of a history."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 
-from sfr_loc_map.metrics.score import IntervalStatistic
 from sfr_loc_map.report.tables import (
     ABSENT,
     DEGREE,
@@ -20,18 +19,12 @@ from sfr_loc_map.report.tables import (
     Row,
     Table,
 )
-from sfr_loc_map.suite.failure_table import failure_table
-from sfr_loc_map.suite.groups import Drive, Group
-from sfr_loc_map.suite.pooling import PooledCondition
-from sfr_loc_map.suite.store import SHORT_KEY
-from sfr_loc_map.suite.summary import Summary
-from sfr_loc_map.suite.task import NO_CONFIGURATION
+from sfr_loc_map.suite.comparison import History, SuiteComparison
+from sfr_loc_map.suite.job import NO_CONFIGURATION, SHORT_KEY
+from sfr_loc_map.suite.summary import PooledCondition, ScoredJob, Summary
 
 ERRORS = (("position", "position_m", METRE), ("attitude", "attitude_deg", DEGREE), ("heading", "heading_deg", DEGREE))
 """Name, key and unit of the errors of a trajectory."""
-
-
-SUMMARY = "suite.json"
 PAGES = "pages"
 """Folder of the pages of single results, beside the page of the suite."""
 MAX_PAGES = 200
@@ -45,28 +38,33 @@ def suite_tables(summary: Summary, *, commands: bool = False) -> list[Table]:
         summary: What is shown.
         commands: Whether each failure has the command that repeats it, which is too long for a terminal's table.
     """
-    found = [
+    names = [_joined(group.task, group.configuration, group.faults) for group in summary.groups]
+    tables = (
         _counts(summary),
-        _verdicts(summary),
+        _verdicts(summary, names),
         _runs(summary),
-        _pooled(summary),
+        _pooled(summary, names),
         _maps(summary),
         _drives(summary),
-        failure_table(summary, commands=commands),
-    ]
-    return [table for table in found if table is not None and table.rows]
+        _failures(summary, commands=commands),
+    )
+    return [table for table in tables if table.rows]
 
 
-def _counts(summary: Summary) -> Table:
-    columns = tuple(Column(name) for name in ("tasks", "done", "failed", "waiting", "sources refused"))
-    values = (summary.tasks, summary.done, summary.failed, summary.waiting)
-    names = ("tasks", "done", "failed", "waiting")
-    cells = tuple(Cell.number(value, f"counts.{name}") for name, value in zip(names, values, strict=True))
-    return Table("counts", "Tasks", columns, ((*cells, Cell.number(len(summary.refusals), "refusals")),))
+def worst_first(summary: Summary) -> list[ScoredJob]:
+    """Return the drives with a trajectory, those with the largest mean + 3 sigma of position first."""
+    drives = [drive for drive in summary.drives if drive.score.trajectory is not None]
+    return sorted(drives, key=lambda drive: -1.0 if drive.figure is None else drive.figure, reverse=True)
 
 
-def _name(group: Group) -> str:
-    return _joined(group.task, group.configuration, group.faults)
+def linked(summary: Summary) -> list[ScoredJob]:
+    """Return the results that have a page of their own: the worst drives, and the maps."""
+    maps = [drive for drive in summary.drives if drive.score.trajectory is None]
+    return (worst_first(summary) + maps)[:MAX_PAGES]
+
+
+def _words(*titles: str) -> list[Column]:
+    return [Column(title, words=True) for title in titles]
 
 
 def _joined(*parts: str) -> str:
@@ -76,52 +74,32 @@ def _joined(*parts: str) -> str:
 
 def _in_summary(text: str) -> Cell:
     """Return the name of a row whose figures stand in the summary's file."""
-    return replace(Cell.head(text), link=SUMMARY)
+    return replace(Cell.head(text), link="suite.json")
+
+
+def _counts(summary: Summary) -> Table:
+    columns = tuple(Column(name) for name in (*summary.counts, "sources refused"))
+    cells = [Cell.number(value, f"counts.{name}") for name, value in summary.counts.items()]
+    return Table("counts", "Tasks", columns, ((*cells, Cell.number(len(summary.refusals), "refusals")),))
 
 
 def _runs(summary: Summary) -> Table:
-    columns = (
-        Column("number"),
-        Column("task", words=True),
-        Column("configuration", words=True),
-        Column("faults", words=True),
-        Column("drives"),
-        Column("frames"),
-        Column("lost"),
-    )
-    rows = tuple(
-        (
-            Cell.number(number),
-            _in_summary(group.task),
-            Cell(group.configuration),
-            Cell(group.faults or "none"),
-            Cell.number(group.drives, f"groups.{number - 1}.drives"),
-            *_frames(group, f"groups.{number - 1}"),
-        )
-        for number, group in enumerate(summary.groups, 1)
-    )
-    return Table("groups", "Runs", columns, rows, "Drives of one number were run alike.")
+    words = _words("task", "configuration", "faults")
+    columns = (Column("number"), *words, Column("drives"), Column("frames"), Column("lost"))
+    rows: list[Row] = []
+    for index, group in enumerate(summary.groups):
+        place = f"groups.{index}"
+        frames = (Cell(ABSENT), Cell(ABSENT))  # of maps
+        if group.conditions:
+            frames = (Cell.number(group.matched, f"{place}.matched"), Cell.number(group.lost, f"{place}.lost"))
+        named = (_in_summary(group.task), Cell(group.configuration), Cell(group.faults or "none"))
+        rows.append((Cell.number(index + 1), *named, Cell.number(group.drives, f"{place}.drives"), *frames))
+    return Table("groups", "Runs", columns, tuple(rows), "Drives of one number were run alike.")
 
 
-def _frames(group: Group, place: str) -> tuple[Cell, Cell]:
-    """Return frames and lost frames; maps have none."""
-    if not group.conditions:
-        return Cell(ABSENT), Cell(ABSENT)
-    return Cell.number(group.matched, f"{place}.matched"), Cell.number(group.lost, f"{place}.lost")
-
-
-def _verdicts(summary: Summary) -> Table:
-    columns = (
-        Column("runs", words=True),
-        Column("figure", words=True),
-        Column("limit"),
-        Column("value"),
-        Column("95 % interval"),
-        Column("of", words=True),
-        Column("n"),
-        Column("drives that miss it"),
-        Column("verdict", words=True),
-    )
+def _verdicts(summary: Summary, names: list[str]) -> Table:
+    figures = (Column("limit"), Column("value"), Column("95 % interval"))
+    counts = (*_words("of"), Column("n"), Column("drives that miss it"), *_words("verdict"))
     rows: list[Row] = []
     for number, group in enumerate(summary.groups):
         for index, item in enumerate(group.verdicts):
@@ -129,7 +107,7 @@ def _verdicts(summary: Summary) -> Table:
             over = f" over {item.condition.label}" if item.condition is not None else ""
             rows.append(
                 (
-                    _in_summary(_name(group)),
+                    _in_summary(names[number]),
                     Cell(f"{item.metric}{over}"),
                     Cell.number(item.limit, f"{place}.limit"),
                     Cell.number(item.value, f"{place}.value", undefined=ABSENT),
@@ -141,38 +119,30 @@ def _verdicts(summary: Summary) -> Table:
                 )
             )
     note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
+    columns = (*_words("runs", "figure"), *figures, *counts)
     return Table("verdicts", "Verdicts over all drives", columns, tuple(rows), note)
 
 
-def _pooled(summary: Summary) -> Table:
-    columns = (
-        Column("runs", words=True),
-        Column("over", words=True),
-        Column("error", words=True),
-        Column("mean"),
-        Column("sigma"),
-        Column("mean + 3 sigma"),
-        Column("95 % interval"),
-        Column("unit", words=True),
-        Column("sub-trajectories"),
-        Column("drives"),
-    )
+def _pooled(summary: Summary, names: list[str]) -> Table:
+    figures = (Column("mean"), Column("sigma"), Column("mean + 3 sigma"), Column("95 % interval"))
+    counts = (Column("sub-trajectories"), Column("drives"))
+    columns = (*_words("runs", "over", "error"), *figures, *_words("unit"), *counts)
     rows = [
         row
         for number, group in enumerate(summary.groups)
         for index, part in enumerate(group.conditions)
-        for row in _pooled_rows(group, part, f"groups.{number}.conditions.{index}")
+        for row in _pooled_rows(names[number], part, f"groups.{number}.conditions.{index}")
     ]
     note = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
     return Table("pooled", "Errors over the sub-trajectories of all drives", columns, tuple(rows), note)
 
 
-def _pooled_rows(group: Group, part: PooledCondition, place: str) -> Iterator[Row]:
+def _pooled_rows(runs: str, part: PooledCondition, place: str) -> Iterator[Row]:
     for name, key, unit in ERRORS:
-        statistic: IntervalStatistic = getattr(part, key)
+        statistic = getattr(part, key)
         shown = MILLIMETRE if unit is METRE and (statistic.mean_plus_3sigma or 0.0) < 1.0 else unit
         yield (
-            _in_summary(_name(group)),
+            _in_summary(runs),
             Cell(part.condition.label),
             Cell(name),
             *(
@@ -186,111 +156,136 @@ def _pooled_rows(group: Group, part: PooledCondition, place: str) -> Iterator[Ro
         )
 
 
-def _maps(summary: Summary) -> Table:
-    columns = (
-        Column("drive", words=True),
-        Column("runs", words=True),
-        Column("coverage", PERCENT),
-        Column("point error mean", MILLIMETRE),
-        Column("mean + 3 sigma", MILLIMETRE),
-        Column("result", words=True),
-    )
-    found = [(drive, drive.score.map) for drive in summary.drives if drive.score.map is not None]
-    rows, pages = [], {drive.key for drive in linked(summary)}
-    for drive, score in found:
-        error = None if score.errors is None else score.errors.point_error_m
-        rows.append(
-            (
-                _page(drive, pages),
-                Cell(_of(drive)),
-                Cell.number(score.coverage, "map.coverage", PERCENT, ABSENT),
-                Cell.number(None if error is None else error.mean, "map.point_error_m.mean", MILLIMETRE, ABSENT),
-                Cell.number(
-                    None if error is None else error.mean_plus_3sigma,
-                    "map.point_error_m.mean_plus_3sigma",
-                    MILLIMETRE,
-                    ABSENT,
-                ),
-                _file(drive),
-            )
-        )
-    rows.sort(key=lambda row: -float(row[4].value or 0.0))  # type: ignore[arg-type]
-    return Table("maps", "Maps, the worst first", columns, tuple(rows))
+def _named(drive: ScoredJob, pages: set[str]) -> tuple[Cell, Cell]:
+    """Return the name of a drive, with a link to its page, and how it was run."""
+    job = drive.job
+    link = f"{PAGES}/{job.key}.html" if job.key in pages else ""
+    repeat = f"repeat {job.repeat}" if job.repeat else ""
+    return replace(Cell.head(job.source.name), link=link), Cell(_joined(*drive.runs, repeat))
 
 
-def _of(drive: Drive) -> str:
-    return _joined(drive.task, drive.configuration, drive.faults, f"repeat {drive.repeat}" if drive.repeat else "")
-
-
-def worst_first(summary: Summary) -> list[Drive]:
-    """Return the drives with a trajectory, those with the largest mean + 3 sigma of position first, then the others."""
-
-    def figure(drive: Drive) -> float:
-        trajectory = drive.score.trajectory
-        value = None if trajectory is None else trajectory.first.position_m.mean_plus_3sigma
-        return -1.0 if value is None else value
-
-    return sorted((drive for drive in summary.drives if drive.score.trajectory is not None), key=figure, reverse=True)
-
-
-def linked(summary: Summary) -> list[Drive]:
-    """Return the results that have a page of their own: the worst drives, and the maps."""
-    maps = [drive for drive in summary.drives if drive.score.trajectory is None]
-    return (worst_first(summary) + maps)[:MAX_PAGES]
-
-
-def _page(drive: Drive, pages: set[str]) -> Cell:
-    """Return the name of a drive, with a link to its page."""
-    return replace(Cell.head(drive.source), link=f"{PAGES}/{drive.key}.html" if drive.key in pages else "")
-
-
-def _file(drive: Drive) -> Cell:
+def _file(drive: ScoredJob) -> Cell:
     """Return the key of a result, with a link to the whole score."""
-    return Cell(drive.key[:SHORT_KEY], link=f"results/{drive.key}.json")
+    return Cell(drive.job.key[:SHORT_KEY], link=f"results/{drive.job.key}.json")
+
+
+def _maps(summary: Summary) -> Table:
+    errors = (Column("point error mean", MILLIMETRE), Column("mean + 3 sigma", MILLIMETRE))
+    columns = (*_words("drive", "runs"), Column("coverage", PERCENT), *errors, *_words("result"))
+    found = []
+    pages = {drive.job.key for drive in linked(summary)}
+    for drive in summary.drives:
+        score = drive.score.map
+        if score is None:
+            continue
+        error = None if score.errors is None else score.errors.point_error_m
+        mean, figure = (None, None) if error is None else (error.mean, error.mean_plus_3sigma)
+        row = (
+            *_named(drive, pages),
+            Cell.number(score.coverage, "map.coverage", PERCENT, ABSENT),
+            Cell.number(mean, "map.point_error_m.mean", MILLIMETRE, ABSENT),
+            Cell.number(figure, "map.point_error_m.mean_plus_3sigma", MILLIMETRE, ABSENT),
+            _file(drive),
+        )
+        found.append((figure or 0.0, row))
+    found.sort(key=lambda item: -item[0])
+    return Table("maps", "Maps, the worst first", columns, tuple(row for _, row in found))
 
 
 def _drives(summary: Summary) -> Table:
-    columns = (
-        Column("drive", words=True),
-        Column("runs", words=True),
-        Column("position, mean + 3 sigma", MILLIMETRE),
-        Column("attitude", DEGREE),
-        Column("heading", DEGREE),
-        Column("n"),
-        Column("lost"),
-        Column("pairs"),
-        Column("call p95", MILLISECOND),
-        Column("peak", MIB),
-        Column("task", SECOND),
-        Column("limits missed"),
-        Column("result", words=True),
-    )
-    pages = {drive.key for drive in linked(summary)}
-    rows = tuple(_drive_row(drive, pages) for drive in worst_first(summary))
+    errors = (Column("position, mean + 3 sigma", MILLIMETRE), Column("attitude", DEGREE), Column("heading", DEGREE))
+    costs = (Column("call p95", MILLISECOND), Column("peak", MIB), Column("task", SECOND), Column("limits missed"))
+    columns = (*_words("drive", "runs"), *errors, Column("n"), Column("lost"), Column("pairs"), *costs)
+    pages = {drive.job.key for drive in linked(summary)}
+    rows: list[Row] = []
+    for drive in worst_first(summary):
+        score, trajectory = drive.score, drive.score.trajectory
+        assert trajectory is not None
+        first, place = trajectory.first, "trajectory."
+        calls = None if score.timing is None else score.timing.localisation
+        peaks = None if score.memory is None else score.memory.localisation
+        peak = None if peaks is None else peaks.peak_bytes
+        position, attitude, heading = first.position_m, first.attitude_deg, first.heading_deg
+        rows.append(
+            (
+                *_named(drive, pages),
+                Cell.number(position.mean_plus_3sigma, f"{place}position_m.mean_plus_3sigma", MILLIMETRE, ABSENT),
+                Cell.number(attitude.mean_plus_3sigma, f"{place}attitude_deg.mean_plus_3sigma", DEGREE, ABSENT),
+                Cell.number(heading.mean_plus_3sigma, f"{place}heading_deg.mean_plus_3sigma", DEGREE, ABSENT),
+                Cell.number(first.count, f"{place}count"),
+                Cell.number(trajectory.lost, f"{place}lost"),
+                Cell.number(trajectory.matched, f"{place}matched"),
+                Cell.number(None if calls is None else calls.p95, "timing.localisation_s.p95", MILLISECOND, ABSENT),
+                Cell.number(peak, "memory.localisation_peak_bytes", MIB, ABSENT),
+                Cell.number(drive.seconds, "", SECOND, ABSENT),
+                Cell.number(len(score.failed), "verdicts"),
+                _file(drive),
+            )
+        )
     note = "Errors over the sub-trajectories of the first condition. A drive links to its page, a result to the file."
-    return Table("drives", "Drives, the worst first", columns, rows, note)
+    return Table("drives", "Drives, the worst first", (*columns, *_words("result")), tuple(rows), note)
 
 
-def _drive_row(drive: Drive, pages: set[str]) -> Row:
-    score, trajectory = drive.score, drive.score.trajectory
-    assert trajectory is not None
-    first = trajectory.first
-    calls = None if score.timing is None else score.timing.localisation
-    peaks = None if score.memory is None else score.memory.localisation
-    place = "trajectory."
-    missed = [item.metric for item in score.failed]
-    return (
-        _page(drive, pages),
-        Cell(_of(drive)),
-        Cell.number(first.position_m.mean_plus_3sigma, f"{place}position_m.mean_plus_3sigma", MILLIMETRE, ABSENT),
-        Cell.number(first.attitude_deg.mean_plus_3sigma, f"{place}attitude_deg.mean_plus_3sigma", DEGREE, ABSENT),
-        Cell.number(first.heading_deg.mean_plus_3sigma, f"{place}heading_deg.mean_plus_3sigma", DEGREE, ABSENT),
-        Cell.number(first.count, f"{place}count"),
-        Cell.number(trajectory.lost, f"{place}lost"),
-        Cell.number(trajectory.matched, f"{place}matched"),
-        Cell.number(None if calls is None else calls.p95, "timing.localisation_s.p95", MILLISECOND, ABSENT),
-        Cell.number(None if peaks is None else peaks.peak_bytes, "memory.localisation_peak_bytes", MIB, ABSENT),
-        Cell.number(drive.seconds, "", SECOND, ABSENT),
-        Cell.number(len(missed), "verdicts"),
-        _file(drive),
+def _failures(summary: Summary, *, commands: bool) -> Table:
+    """Return jobs that failed and sources that were refused, each with its cause."""
+    columns = (*_words("task", "cause"), Column("tries"), *_words("message", *(("again",) if commands else ()), "result"))
+    rows: list[Row] = []
+    for item, again in zip(summary.failures, summary.again, strict=True):
+        told = (Cell.head(item.label), Cell(item.cause.value), Cell.number(item.tries, "tries"), Cell(item.message))
+        link = Cell(item.key[:SHORT_KEY], link=f"failures/{item.key}.json")
+        rows.append((*told, *((Cell(again or ABSENT),) if commands else ()), link))
+    for refusal in summary.refusals:
+        told = (Cell.head(refusal.path), Cell("source refused"), Cell.number(0, "refusals"), Cell(refusal.reason))
+        rows.append((*told, *((Cell(ABSENT),) if commands else ()), Cell(ABSENT)))
+    return Table("failures", "Failures", columns, tuple(rows))
+
+
+def comparison_tables(result: SuiteComparison) -> list[Table]:
+    """Return the table of a comparison of suites."""
+    figures = (Column("drives"), Column("ratio"), Column("95 % interval"), Column("p"), Column("p, corrected"))
+    columns = (*_words("runs", "figure"), *figures, *_words("the other is"), Column("largest ratio"), *_words("at"))
+    rows = tuple(
+        (
+            Cell.head(item.runs),
+            Cell(item.figure),
+            Cell.number(item.drives),
+            Cell.number(item.ratio),
+            Cell.interval(item.ci95),
+            Cell.number(item.p, undefined=ABSENT),
+            Cell.number(item.p_corrected, undefined=ABSENT),
+            Cell(item.outcome.value),
+            Cell.number(item.worst.other / item.worst.first),
+            Cell(item.worst.label),
+        )
+        for item in result.figures
     )
+    note = (
+        "Ratio: geometric mean over the drives of mean + 3 sigma, or of the cost; below 1 the other is better. "
+        f"Corrected for {len(result.figures)} comparisons (Holm). Not in both: {result.left_out[0]} and "
+        f"{result.left_out[1]}."
+    )
+    title = f"{result.names[1]} over {result.names[0]}, {result.common} drives in both"
+    return [Table("comparison", title, columns, rows, note)]
+
+
+def history_tables(history: History) -> list[Table]:
+    """Return the table of a history: every figure of every run beside its baseline."""
+    counts = (Column("drives"), Column("median"))
+    ratios = (Column("ratio"), Column("95 % interval"), Column("p"))
+    rows = tuple(
+        (
+            Cell.head(item.figure),
+            Cell(item.run),
+            Cell.number(item.drives),
+            Cell.number(item.median),
+            Cell(item.baseline),
+            Cell.number(item.ratio),
+            Cell.interval(item.ci95),
+            Cell.number(item.p, undefined=ABSENT),
+            Cell(item.outcome.value),
+        )
+        for item in history.points
+    )
+    note = f"Certain: p below {history.level:.2g}, so that a history without a change gives an alarm once in 100 times."
+    columns = (*_words("figure", "run"), *counts, *_words("baseline"), *ratios, *_words("is"))
+    return [Table("history", "Runs beside their baseline", columns, rows, note)]

@@ -41,12 +41,6 @@ def test_left_camera_in_the_rover(T_rb_sb: Transform, baseline_m: float) -> None
     np.testing.assert_allclose(rig.T_rb_left.rotation @ [0, 0, 1], T_rb_sb.rotation @ [1, 0, 0], atol=1e-14)
 
 
-def test_pixels_by_the_camera_matrix() -> None:
-    # A point 2 m ahead, 0.2 m right and 0.1 m down: u = 500 * 0.1 + 319.5, v = 510 * 0.05 + 239.5.
-    u, v, w = RIG.camera_matrix @ [0.2, 0.1, 2.0] / 2.0
-    assert (u, v, w) == pytest.approx((369.5, 265.0, 1.0))
-
-
 @pytest.mark.clause("3.2.4")
 def test_place_on_the_rover_must_be_known() -> None:
     with pytest.raises(GeometryError, match="T_rb_locsb"):
@@ -57,18 +51,12 @@ def test_place_on_the_rover_must_be_known() -> None:
     ("changes", "words"),
     [
         ({"width": 0}, "image is 0 x 480"),
-        ({"height": -1}, "image is 640 x -1"),
         ({"width": 640.5}, "whole numbers of pixels"),
-        ({"width": float("nan")}, "image is nan"),
         ({"width": 20_000, "height": 20_000}, "up to 67108864 in all"),
-        ({"fx": 0.0}, "focal lengths"),
         ({"fx": 1e9}, "6.4 to 64000 px are possible"),
-        ({"fy": float("nan")}, "focal lengths"),
         ({"cx": float("inf")}, "principal point"),
         ({"cy": 1e300}, "far outside"),
         ({"baseline_m": 0.0}, "baseline is 0 m"),
-        ({"baseline_m": -0.1}, "baseline is -0.1 m"),
-        ({"baseline_m": 1e9}, "baseline is 1e\\+09 m"),
         ({"baseline_m": float("nan")}, "baseline is nan m"),
         ({"T_rb_sb": Transform(np.eye(3), np.array([0, 2e3, 0]))}, "in RB: up to 100 m"),
     ],
@@ -87,11 +75,7 @@ def test_same_cameras_whatever_the_place() -> None:
 @pytest.mark.parametrize(
     ("left", "right", "words"),
     [
-        (
-            np.zeros((4, 5), np.uint8),
-            np.zeros((4, 6), np.uint8),
-            r"stamp 7 differ in size: left \(5, 4\), right \(6, 4\)",
-        ),
+        (np.zeros((4, 5), np.uint8), np.zeros((4, 6), np.uint8), r"7 differ in size: left \(5, 4\), right \(6, 4\)"),
         (np.zeros((4, 5), np.uint16), np.zeros((4, 5), np.uint8), "left image of stamp 7 is uint16"),
         (np.zeros((4, 5), np.uint8), np.zeros((4, 5, 3), np.uint8), "right image of stamp 7"),
     ],

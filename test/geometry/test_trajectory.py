@@ -78,7 +78,3 @@ def test_first_bad_pose_is_named(part: int, index: tuple[int, int] | int, value:
 def test_shapes_that_do_not_agree(change: object) -> None:
     with pytest.raises(GeometryError, match="shapes"):
         Trajectory(*change(*made()))  # type: ignore[operator]
-
-
-def test_no_pose_at_all() -> None:
-    assert len(Trajectory.empty()) == len(Trajectory.from_poses([])) == 0

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import sfr_loc_map
-from sfr_loc_map.suite.fingerprint import code_fingerprint
+from sfr_loc_map.suite.plan import code_fingerprint
 
 
 def localisation() -> str:

@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask, median
 from sfr_loc_map.geometry.camera import Poses
-from sfr_loc_map.geometry.median import median
 from sfr_loc_map.localisation.frontend.homography import LocalPlanes
 from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
 from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, Templates, cut_patches, templates_of, together

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask, finite_median, median
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.median import finite_median, median
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig

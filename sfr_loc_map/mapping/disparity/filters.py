@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
-from sfr_loc_map.geometry.median import median
+from sfr_loc_map.geometry.arrays import FloatImage, Mask, median
 
 F = np.float32
 

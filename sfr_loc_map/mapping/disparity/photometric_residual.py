@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatImage, IntArray
-from sfr_loc_map.geometry.median import median
+from sfr_loc_map.geometry.arrays import FloatImage, IntArray, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.filters import MAD_TO_SIGMA, mad_sigma
 

@@ -12,9 +12,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask, median
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.median import median
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity

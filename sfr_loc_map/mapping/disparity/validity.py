@@ -14,8 +14,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask
-from sfr_loc_map.geometry.median import finite_median
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask, finite_median
 from sfr_loc_map.jit import jit, jit_inline, jit_rows
 from sfr_loc_map.mapping.disparity.edge_evidence import NEIGHBOURHOOD, EdgeScene, wrong_surface_log_odds
 from sfr_loc_map.mapping.disparity.filters import MAD_TO_SIGMA, box_mean, depth_ratio, within

@@ -19,8 +19,7 @@ import cv2
 import numpy as np
 from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatImage, IntArray
-from sfr_loc_map.geometry.median import median
+from sfr_loc_map.geometry.arrays import FloatImage, IntArray, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.filters import box_mean, downsample_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.photometric_residual import (

@@ -17,9 +17,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.arrays import FloatImage, Mask, median
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.median import median
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.filters import mad_sigma
 from sfr_loc_map.mapping.multiview.pair_view import SHIFT_PX, PairView, ReprojectedPoints, reproject_into_view

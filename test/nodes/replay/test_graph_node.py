@@ -15,7 +15,7 @@ from made_scene import T_RB_LOCSB
 from std_msgs.msg import String
 
 from sfr_loc_map.errors import InputError, NodeError
-from sfr_loc_map.geometry.frame_tree import FrameTree
+from sfr_loc_map.geometry.transform import FrameTree
 from sfr_loc_map.nodes import extrinsics
 from sfr_loc_map.nodes.replay import graph_node
 from sfr_loc_map.nodes.replay.graph_node import PAGE_TOPICS, ReplayNode

@@ -7,7 +7,7 @@ from math import cos, pi, radians, sin
 import numpy as np
 import pytest
 
-from sfr_loc_map.geometry.frames import GROUND_HEIGHT_RB_M, mast_head_in_rb
+from sfr_loc_map.simulation.rover import GROUND_HEIGHT_RB_M, mast_head_in_rb
 
 AXIS = np.array([0.451, 0.317, 0.594])
 """Where the tilt axis meets the x-z plane of the mast [3.2.6]: on the pan axis, so it stays there."""

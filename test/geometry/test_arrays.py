@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.geometry.median import finite_median, median
+from sfr_loc_map.geometry.arrays import finite_median, median
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 10, 101])

@@ -12,12 +12,16 @@ from sfr_loc_map.metrics.score_json import to_plain
 
 KEY_LENGTH = 32
 """Hexadecimal digits of a key: two of 10^9 results agree by chance with a probability of 10^-21."""
+SHORT_KEY = 12
+"""Digits of a key that name a job to people."""
+REFERENCE = "reference_s"
+"""Name of the time of a fixed work among the facts of the host in a score."""
 NO_CONFIGURATION = "-"
-"""Of tasks that take no parameters."""
+"""Of jobs that take no parameters."""
 
 
-class TaskKind(StrEnum):
-    """What is done with a source."""
+class JobKind(StrEnum):
+    """What is done with a source: an entry of `tasks`, or `score` for estimates."""
 
     LOCALISE = "localise"
     MAP = "map"
@@ -35,8 +39,8 @@ class SourceKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TaskSource:
-    """The data that a task reads.
+class JobSource:
+    """The data that a job reads.
 
     Attributes:
         name: Short name, unique in the suite.
@@ -70,13 +74,7 @@ class TaskSource:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scoring:
-    """How a task is scored.
-
-    Attributes:
-        conditions: Ends of sub-trajectories, as `distance=5`.
-        spacing: Frames from one start to the next.
-        rebase: What is taken from the estimate at a start.
-    """
+    """How a job is scored: ends of sub-trajectories, frames from one start to the next, what a start is rebased by."""
 
     conditions: tuple[str, ...]
     spacing: int
@@ -84,7 +82,7 @@ class Scoring:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class Job:
     """One run: a pure function of its fields.
 
     Attributes:
@@ -97,15 +95,14 @@ class Task:
         start: First pose: `identity` or `truth`.
         scoring: How it is scored.
         repeat: Number of the repetition, from 0.
-        alone: Whether nothing else runs on its host, so that its times count.
+        alone: Whether no other job of the suite runs beside it, so that its times count.
         threads: Threads that it may use.
         code: Fingerprint of the code.
         limits: Limits of the verdicts, as in a limits file; they do not change the run.
-        cache_mb: Size of all copies of remote sources on its host, MB; it does not change the run either.
     """
 
-    kind: TaskKind
-    source: TaskSource
+    kind: JobKind
+    source: JobSource
     faults: str = ""
     fault_seed: int
     configuration: str
@@ -117,7 +114,6 @@ class Task:
     threads: int
     code: str
     limits: Mapping[str, object] = field(default_factory=dict)
-    cache_mb: int = 20000
 
     @property
     def key(self) -> str:
@@ -145,7 +141,7 @@ class Task:
 
     @property
     def pairing(self) -> str:
-        """What tasks of two suites have in common that are compared: the same work on the same data."""
+        """What jobs of two suites have in common that are compared: the same work on the same data."""
         data = [self.kind.value, *self.source.identity, self.faults, self.fault_seed, self.repeat]
         return digest([*data, self.start, to_plain(self.scoring)])
 

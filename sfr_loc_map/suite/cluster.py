@@ -1,0 +1,235 @@
+"""Runs jobs on Dask: on worker processes of this machine, or on a cluster that is running.
+
+Dask starts the processes, ends one that needs too much memory, starts another in its place, and runs again what was
+lost with it. Here is only what Dask does not know: the time limit of a job, and why a job failed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
+from sfr_loc_map.suite.job import Job
+from sfr_loc_map.suite.specification import SuiteSettings
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+TRIES = 3
+MESSAGE_LENGTH = 500
+OVER_TIME, OVER_MEMORY = "sfr-over-time", "worker-restart-memory"
+"""Topics of events: the first is ours, the other is that of Dask's nanny."""
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class Cause(StrEnum):
+    """Why a job failed."""
+
+    BAD_INPUT = "bad input"
+    FAULT = "fault of the program"
+    DIED = "its process ended"
+    MEMORY = "over the memory limit"
+    TIME = "over the time limit"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobOutcome:
+    """What came of a job.
+
+    Attributes:
+        result: The score as JSON; None if it failed.
+        seconds: How long it took, None where this is not known.
+        cause: Why it failed.
+        message: The error, or the limit.
+        tries: How often it was tried.
+    """
+
+    result: str | None
+    seconds: float | None = None
+    cause: Cause | None = None
+    message: str = ""
+    tries: int = 1
+
+
+@contextlib.contextmanager
+def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -> Iterator[Client]:
+    """Yield a client of a cluster.
+
+    Args:
+        settings: Limits and threads of the workers that are started here.
+        workers: Number of these.
+        scheduler: Address of a running scheduler, whose workers are used in place of them.
+
+    Raises:
+        MissingExtraError: If Dask is not installed.
+        InputError: If nobody answers at the address.
+    """
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise MissingExtraError(f"suites run on Dask ({error}): pip install 'sfr_loc_map[suite]'") from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is told in one line, by the caller
+    options: dict[str, Any] = {
+        "distributed.scheduler.allowed-failures": TRIES - 1,
+        "distributed.worker.memory": {"target": False, "spill": False, "pause": False, "terminate": 1.0},
+        "distributed.worker.profile.enabled": False,
+        "distributed.worker.preload": ["sfr_loc_map.suite.worker_start"],
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, settings.threads),
+    }
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set(options))
+        if scheduler is not None:
+            try:
+                client = Client(scheduler, timeout="10s", set_as_default=False)
+            except (OSError, ValueError) as error:
+                raise InputError(f"no Dask scheduler answers at '{scheduler}' ({error}): start one") from error
+            stack.callback(client.close, timeout=2)
+        else:
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                memory_limit=settings.memory_mb * 10**6,
+                host="127.0.0.1",
+                dashboard_address=None,
+                local_directory=stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-suite-")),
+                silence_logs=logging.CRITICAL,
+            )
+            stack.callback(_end, cluster)
+            client = stack.enter_context(Client(cluster, set_as_default=False))
+        yield client
+
+
+def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
+    """End the workers at once: what they still run is not wanted, and a polite close waits for it."""
+    for nanny in cluster.workers.values():
+        with contextlib.suppress(Exception):
+            nanny.auto_restart = False
+            os.kill(nanny.process.pid, signal.SIGKILL)
+    with contextlib.suppress(Exception):
+        cluster.close(timeout=5)
+
+
+def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path) -> Iterator[tuple[Job, JobOutcome]]:
+    """Yield each job with what came of it, as it is done.
+
+    As many are handed out as run at a time, so that one whose process ends takes no other with it; on a running
+    cluster twice as many, which may grow with them.
+
+    Args:
+        client: Of a cluster.
+        jobs: The jobs.
+        timeout_s: Time after which a try is ended.
+        cache: Folder of simulated and fetched sources; workers that do not see it use one of their own.
+
+    Raises:
+        InputError: If the scheduler is lost; what is done is done.
+    """
+    from distributed import as_completed
+
+    waiting, running = iter(jobs), as_completed(loop=client.loop, raise_errors=False)
+    handed_out: dict[Future, Job] = {}
+    local = client.cluster is not None
+    alone = any(job.alone for job in jobs)
+    try:
+        while True:
+            for job in islice(waiting, max(0, _places(client, local=local, alone=alone) - len(handed_out))):
+                key = (f"sfr-{job.kind}", job.key, time.time_ns())
+                arguments = (job, timeout_s, str(cache.absolute()))
+                future = client.submit(run_on_worker, *arguments, key=key, pure=False, retries=TRIES - 1)
+                handed_out[future] = job
+                running.add(future)
+            if not handed_out:
+                return
+            future = next(running)
+            yield handed_out.pop(future), _outcome(client, future)
+            future.release()
+    except (OSError, StopIteration, _LostError) as error:
+        raise InputError(
+            f"the Dask scheduler is gone ({type(error).__name__}): what was done is kept; start it and give the same "
+            "command again"
+        ) from error
+    finally:
+        with contextlib.suppress(Exception):
+            client.cancel(list(handed_out), force=True)
+
+
+class _LostError(Exception):
+    """The scheduler has forgotten a job."""
+
+
+def _places(client: Client, *, local: bool, alone: bool) -> int:
+    """Return how many jobs are handed out at a time; the workers of a running cluster come and go."""
+    if alone:
+        return 1
+    threads = sum(int(worker["nthreads"]) for worker in client.scheduler_info(n_workers=-1)["workers"].values())
+    return max(1, threads) if local else 2 * max(1, threads)
+
+
+def _outcome(client: Client, future: Future) -> JobOutcome:
+    from distributed.scheduler import KilledWorker
+
+    if future.status == "finished":
+        outcome: JobOutcome = future.result()
+        return outcome
+    if future.status != "error":
+        raise _LostError(future.status)
+    error = future.exception()
+    if not isinstance(error, KilledWorker):
+        message = " ".join(f"{type(error).__name__}: {error}".split())[:MESSAGE_LENGTH]
+        return JobOutcome(result=None, cause=Cause.FAULT, message=message, tries=TRIES)
+    tries, address = error.allowed_failures + 1, error.last_worker.address
+    for _, event in client.get_events(OVER_TIME):
+        if event["worker"] == address:
+            message = f"not done after {event['seconds']:g} s"
+            return JobOutcome(result=None, cause=Cause.TIME, message=message, tries=tries)
+    for _, event in client.get_events(OVER_MEMORY):
+        if event["worker"] == address:
+            message = f"{event['rss'] / 1e6:.0f} MB, more than the worker may use"
+            return JobOutcome(result=None, cause=Cause.MEMORY, message=message, tries=tries)
+    message = "its worker process ended, killed or crashed, each time"
+    return JobOutcome(result=None, cause=Cause.DIED, message=message, tries=tries)
+
+
+def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
+    """Run a job in a worker process, in an empty current directory; bad input is an outcome, any other error is one.
+
+    A thread cannot be ended from outside, so beyond the time limit the process ends itself.
+    """
+    from distributed import get_worker
+
+    from sfr_loc_map.metrics.score_json import to_json
+    from sfr_loc_map.suite.job_run import run_job
+
+    worker, begin = get_worker(), time.monotonic()
+    place = Path(cache) if Path(cache).is_dir() else Path(worker.local_directory) / "sfr-cache"
+
+    def end() -> None:
+        worker.log_event(OVER_TIME, {"worker": worker.address, "seconds": timeout_s})
+        time.sleep(0.5)  # until the event is sent
+        os._exit(1)
+
+    timer = threading.Timer(timeout_s, end)
+    timer.daemon = True
+    timer.start()
+    try:
+        with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch, contextlib.chdir(scratch):
+            text = to_json(run_job(job, Path(scratch), place))
+    except SfrError as error:
+        message = " ".join(str(error).split())[:MESSAGE_LENGTH]
+        return JobOutcome(result=None, seconds=time.monotonic() - begin, cause=Cause.BAD_INPUT, message=message)
+    finally:
+        timer.cancel()
+    return JobOutcome(result=text, seconds=time.monotonic() - begin)

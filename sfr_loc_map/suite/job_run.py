@@ -1,0 +1,188 @@
+"""The work of one job."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numba
+import numpy as np
+import yaml
+
+from sfr_loc_map.child_process import child_environment
+from sfr_loc_map.config import build
+from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.methods.method import MethodLimits, MethodTask
+from sfr_loc_map.methods.registry import record_of_ours
+from sfr_loc_map.metrics.cloud_error import truths_of
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.limits import parse_limits, verdicts
+from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.score_json import from_json, to_plain
+from sfr_loc_map.pipeline.call_stats import load_call_stats, save_stats
+from sfr_loc_map.pipeline.convert import faulty, perturb
+from sfr_loc_map.pipeline.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
+from sfr_loc_map.pipeline.score_inputs import ScoreInputs
+from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, score_files, score_run
+from sfr_loc_map.simulation.faults import Fault, parse_fault
+from sfr_loc_map.suite.job import REFERENCE, Job, JobKind
+from sfr_loc_map.suite.sources import local_path
+from sfr_loc_map.suite.specification import METHOD_KEYS, chosen_method
+
+
+REPLAY = (
+    "from sfr_loc_map.child_process import end_with_parent; from sfr_loc_map.cli.main import main; "
+    f"end_with_parent({int(signal.SIGTERM)}); raise SystemExit(main())"
+)
+"""The command line is above this layer: it is run as the command that it is."""
+
+
+def run_job(job: Job, scratch: Path, cache: Path) -> Score:
+    """Return the score of a job.
+
+    Args:
+        job: The job.
+        scratch: An empty folder, the current directory: paths in the score are relative to it.
+        cache: Folder in which simulated and fetched sources are kept.
+
+    Raises:
+        SfrError: If the source cannot be read, or nothing can be scored.
+    """
+    cv2.setNumThreads(job.threads)
+    if numba.config.NUMBA_NUM_THREADS > job.threads:  # on workers that were not started here
+        numba.set_num_threads(job.threads)
+    path = local_path(job.source, cache)
+    if job.kind is JobKind.SCORE:
+        score = score_files(ScoreInputs.of(path, Path(job.source.truth)), _score_config(job))
+    elif job.kind is JobKind.REPLAY:
+        score = _replay(job, path, scratch)
+    else:
+        score = (_localise if job.kind is JobKind.LOCALISE else _map)(job, path, scratch)
+    judged = verdicts(parse_limits(job.limits, "limits"), score) if job.limits else ()
+    return replace(score, verdicts=judged, provenance=_provenance(job, score.provenance))
+
+
+def _localise(job: Job, path: Path, scratch: Path) -> Score:
+    source = faulty(open_source(path), _faults(job), job.fault_seed)
+    if source.loc is None:
+        raise InputError(f"no drive in '{job.source.path}': give a source that has one")
+    section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
+    method = chosen_method(section, MethodTask.LOCALISE)
+    if method is None:
+        results = list(localise(source.loc, build(LocalisationConfig, section), start))
+        about = record_of_ours(MethodTask.LOCALISE)
+    else:
+        done = list(localise_with(method, source.loc, start.T_ds_rb, MethodLimits()))
+        results, about = [(result, record) for result, record, _ in done], done[-1][2]
+    estimate, stats = Path("estimate.csv"), Path("stats.csv")
+    save_trajectory(scratch / estimate, trajectory_of([result for result, _ in results]))
+    save_stats(scratch / stats, [record for _, record in results], about)
+    return score_files(ScoreInputs(estimate=estimate, truth=path, stats=(stats,)), _score_config(job))
+
+
+def _map(job: Job, path: Path, scratch: Path) -> Score:
+    source = faulty(open_source(path), _faults(job), job.fault_seed)
+    if source.nav is None:
+        raise InputError(f"no mapping pairs in '{job.source.path}': give a source that has them")
+    section = _section(job, "mapping")
+    method, about = chosen_method(section, MethodTask.MAP), record_of_ours(MethodTask.MAP)
+    if method is None:
+        run = map_pairs(source.nav, build(MappingConfig, section))
+    else:
+        run, about = map_pairs_with(method, source.nav, MethodLimits())
+    cloud, stats = Path("cloud.npz"), Path("stats.csv")
+    save_cloud(scratch / cloud, run.fused.cloud)
+    save_stats(scratch / stats, run.records, about)
+    inputs = ScoreInputs(cloud=cloud, map_truth=path, stats=(stats,))
+    scored = ScoredCloud(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
+    return score_run(Run(inputs, [load_call_stats(stats)], cloud=scored), _score_config(job))
+
+
+def _replay(job: Job, path: Path, scratch: Path) -> Score:
+    if job.faults:
+        perturb(open_source(path), scratch / "faulty", _faults(job), job.fault_seed)
+        path = scratch / "faulty"
+    if any(name.rpartition(".")[2] in METHOD_KEYS for name in job.parameters):
+        raise ConfigError("'method' of a configuration is for the tasks localise and map: a replay runs our nodes")
+    out = scratch / "replay"
+    command = [sys.executable, "-P", "-c", REPLAY, "replay", str(path), "--out", str(out), "--start", job.start]
+    if job.parameters:
+        nested = {part: to_plain(values) for part in ("localisation", "mapping") if (values := _section(job, part))}
+        (scratch / "config.yaml").write_text(yaml.safe_dump(nested), encoding="utf-8")
+        command += ["--config", str(scratch / "config.yaml")]
+    for condition in job.scoring.conditions:
+        command += ["--condition", condition]
+    done = subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, env=child_environment()
+    )
+    report = out / "report.json"
+    if not report.exists():
+        raise InputError(f"replay of '{job.source.path}' gave no report: {done.stderr.strip()[-300:]}")
+    return from_json(report.read_text(encoding="utf-8"), str(report))
+
+
+def _faults(job: Job) -> list[Fault]:
+    return [parse_fault(text) for text in job.faults.split("+") if text]
+
+
+def _section(job: Job, section: str) -> dict[str, object]:
+    prefix = f"{section}."
+    return {name.removeprefix(prefix): value for name, value in job.parameters.items() if name.startswith(prefix)}
+
+
+def _score_config(job: Job) -> ScoreConfig:
+    scoring = job.scoring
+    values = {"conditions": scoring.conditions, "spacing": scoring.spacing, "rebase": scoring.rebase}
+    return build(ScoreConfig, {f"trajectory.{name}": value for name, value in values.items()})
+
+
+def _provenance(job: Job, provenance: Provenance | None) -> Provenance:
+    """Add what the job was; names and places of its files come from the suite, not from the scratch folder."""
+    known = provenance or Provenance(version="")
+    about = {
+        "suite.key": job.key,
+        "suite.task": job.kind.value,
+        "suite.source": job.source.name,
+        "suite.source_sha256": job.source.sha256,
+        "suite.faults": job.faults,
+        "suite.fault_seed": job.fault_seed,
+        "suite.configuration": job.configuration,
+        "suite.repeat": job.repeat,
+        "suite.start": job.start,
+        "suite.code": job.code,
+    }
+    host = {
+        **known.host,
+        "timing": "alone on its host" if job.alone else "beside other tasks",
+        "threads": str(job.threads),
+    }
+    if job.alone:
+        host[REFERENCE] = repr(reference_seconds())
+    return replace(known, configuration={**known.configuration, **job.parameters, **about}, host=host)
+
+
+def reference_seconds() -> float:
+    """Return the median time of a fixed work, seconds; times of other days are compared as multiples of it."""
+    rng = np.random.default_rng(1)
+    image = rng.integers(0, 255, (480, 640), np.uint8)
+    matrix, vector = rng.normal(size=(160, 160)) + 160.0 * np.eye(160), rng.normal(size=160)
+    columns, rows = np.meshgrid(np.arange(640.0, dtype=np.float32), np.arange(480.0, dtype=np.float32))
+    times = []
+    for _ in range(9):
+        begin = time.perf_counter()
+        blurred = cv2.GaussianBlur(image, (9, 9), 2.0)
+        cv2.remap(blurred, columns, rows, cv2.INTER_LINEAR)
+        for _ in range(20):
+            np.linalg.solve(matrix, vector)
+        times.append(time.perf_counter() - begin)
+    return float(np.median(times))
