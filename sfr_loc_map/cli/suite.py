@@ -74,7 +74,9 @@ def run(
         if only and not jobs:
             raise ConfigError(f"'--only {only}': no task has this key; see the index of '{out}'")
         if not only:
-            jobs = [job for job in jobs if not store.is_done(job.key) and (retry_failed or not store.has_failed(job.key))]
+            jobs = [
+                job for job in jobs if not store.is_done(job.key) and (retry_failed or not store.has_failed(job.key))
+            ]
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         places = 1 if settings.timing else min(workers or max(1, cores // settings.threads), max(1, len(jobs)))
         if dry_run:
@@ -98,9 +100,7 @@ def run(
     _present(summary, store, json_path, lenient=lenient)
 
 
-def _run_jobs(
-    jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None
-) -> None:
+def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
     """Run jobs and keep what comes of each."""
     from sfr_loc_map.suite.cluster import connected, run_jobs
     from sfr_loc_map.suite.sources import trim_copies

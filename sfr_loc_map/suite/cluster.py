@@ -13,10 +13,10 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections import Counter, deque
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 TRIES = 3
 MESSAGE_LENGTH = 500
-OVER_TIME, OVER_MEMORY = "sfr-over-time", "worker-restart-memory"
-"""Topics of events: the first is ours, the other is that of Dask's nanny."""
+STARTED, OVER_TIME, OVER_MEMORY = "sfr-started", "sfr-over-time", "worker-restart-memory"
+"""Topics of events: the first two are ours, the last is that of Dask's nanny."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -81,10 +81,15 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise MissingExtraError(f"suites run on Dask ({error}): pip install 'sfr_loc_map[suite]'") from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what is lost is told in one line, by the caller
+    for name in ("distributed", "distributed.client"):  # what is lost is told in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     options: dict[str, Any] = {
-        "distributed.scheduler.allowed-failures": TRIES - 1,
-        "distributed.worker.memory": {"target": False, "spill": False, "pause": False, "terminate": 1.0},
+        "distributed.scheduler.allowed-failures": 0,  # a job that only waited on a worker would be blamed as well
+        **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},
+        "distributed.worker.memory.terminate": 1.0,
+        # a worker may just be restarting when Dask looks for it; without any for long, jobs fail
+        "distributed.deploy.lost-worker-timeout": "1000 days",
+        "distributed.scheduler.no-workers-timeout": "5 minutes",
         "distributed.worker.profile.enabled": False,
         "distributed.worker.preload": ["sfr_loc_map.suite.worker_start"],
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, settings.threads),
@@ -122,11 +127,10 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
         cluster.close(timeout=5)
 
 
-def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path) -> Iterator[tuple[Job, JobOutcome]]:
+def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path) -> Generator[tuple[Job, JobOutcome]]:
     """Yield each job with what came of it, as it is done.
 
-    As many are handed out as run at a time, so that one whose process ends takes no other with it; on a running
-    cluster twice as many, which may grow with them.
+    As many are handed out as run at a time; on a running cluster, which may grow with them, twice as many.
 
     Args:
         client: Of a cluster.
@@ -138,23 +142,39 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
         InputError: If the scheduler is lost; what is done is done.
     """
     from distributed import as_completed
+    from distributed.scheduler import KilledWorker
 
-    waiting, running = iter(jobs), as_completed(loop=client.loop, raise_errors=False)
-    handed_out: dict[Future, Job] = {}
-    local = client.cluster is not None
+    waiting, running = deque(jobs), as_completed(loop=client.loop, raise_errors=False)
+    handed_out: dict[Future[JobOutcome], Job] = {}
+    tries: Counter[str] = Counter()
     alone = any(job.alone for job in jobs)
     try:
-        while True:
-            for job in islice(waiting, max(0, _places(client, local=local, alone=alone) - len(handed_out))):
+        while waiting or handed_out:
+            while waiting and len(handed_out) < (1 if alone else _places(client)):
+                job = waiting.popleft()
                 key = (f"sfr-{job.kind}", job.key, time.time_ns())
                 arguments = (job, timeout_s, str(cache.absolute()))
                 future = client.submit(run_on_worker, *arguments, key=key, pure=False, retries=TRIES - 1)
                 handed_out[future] = job
                 running.add(future)
-            if not handed_out:
-                return
             future = next(running)
-            yield handed_out.pop(future), _outcome(client, future)
+            job = handed_out.pop(future)
+            error = future.exception() if future.status == "error" else None
+            if isinstance(error, KilledWorker):
+                if not _ran_beside(client, error.last_worker.address, {other.key for other in handed_out.values()}):
+                    tries[job.key] += error.allowed_failures + 1
+                if tries[job.key] < TRIES:
+                    waiting.appendleft(job)
+                    continue
+                yield job, _cause_of_death(client, error.last_worker.address, tries[job.key])
+            elif error is not None:
+                message = " ".join(f"{type(error).__name__}: {error}".split())[:MESSAGE_LENGTH]
+                yield job, JobOutcome(result=None, cause=Cause.FAULT, message=message, tries=TRIES)
+            elif future.status == "finished":
+                outcome: JobOutcome = future.result()
+                yield job, replace(outcome, tries=tries[job.key] + outcome.tries)
+            else:
+                raise _LostError(future.status)
             future.release()
     except (OSError, StopIteration, _LostError) as error:
         raise InputError(
@@ -170,41 +190,32 @@ class _LostError(Exception):
     """The scheduler has forgotten a job."""
 
 
-def _places(client: Client, *, local: bool, alone: bool) -> int:
+def _places(client: Client) -> int:
     """Return how many jobs are handed out at a time; the workers of a running cluster come and go."""
-    if alone:
-        return 1
-    threads = sum(int(worker["nthreads"]) for worker in client.scheduler_info(n_workers=-1)["workers"].values())
-    return max(1, threads) if local else 2 * max(1, threads)
+    workers = client.scheduler_info(n_workers=-1)["workers"].values()
+    threads = max(1, sum(int(worker["nthreads"]) for worker in workers))
+    return threads if client.cluster is not None else 2 * threads
 
 
-def _outcome(client: Client, future: Future) -> JobOutcome:
-    from distributed.scheduler import KilledWorker
+def _ran_beside(client: Client, address: str, others: set[str]) -> bool:
+    """Tell whether one of the others ran on a worker when it ended: a job that waited there is not to blame."""
+    started = [event["key"] for _, event in client.get_events(STARTED) if event["worker"] == address]
+    return bool(started) and started[-1] in others
 
-    if future.status == "finished":
-        outcome: JobOutcome = future.result()
-        return outcome
-    if future.status != "error":
-        raise _LostError(future.status)
-    error = future.exception()
-    if not isinstance(error, KilledWorker):
-        message = " ".join(f"{type(error).__name__}: {error}".split())[:MESSAGE_LENGTH]
-        return JobOutcome(result=None, cause=Cause.FAULT, message=message, tries=TRIES)
-    tries, address = error.allowed_failures + 1, error.last_worker.address
-    for _, event in client.get_events(OVER_TIME):
-        if event["worker"] == address:
-            message = f"not done after {event['seconds']:g} s"
-            return JobOutcome(result=None, cause=Cause.TIME, message=message, tries=tries)
-    for _, event in client.get_events(OVER_MEMORY):
-        if event["worker"] == address:
-            message = f"{event['rss'] / 1e6:.0f} MB, more than the worker may use"
-            return JobOutcome(result=None, cause=Cause.MEMORY, message=message, tries=tries)
-    message = "its worker process ended, killed or crashed, each time"
-    return JobOutcome(result=None, cause=Cause.DIED, message=message, tries=tries)
+
+def _cause_of_death(client: Client, address: str, tries: int) -> JobOutcome:
+    cause, message = Cause.DIED, "its worker process was killed or crashed"
+    for topic in (OVER_MEMORY, OVER_TIME):
+        for _, event in client.get_events(topic):
+            if event["worker"] == address and topic == OVER_TIME:
+                cause, message = Cause.TIME, f"not done after {event['seconds']:g} s"
+            elif event["worker"] == address:
+                cause, message = Cause.MEMORY, f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
+    return JobOutcome(result=None, cause=cause, message=message, tries=tries)
 
 
 def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
-    """Run a job in a worker process, in an empty current directory; bad input is an outcome, any other error is one.
+    """Run a job in a worker process; bad input is an outcome, any other error is raised.
 
     A thread cannot be ended from outside, so beyond the time limit the process ends itself.
     """
@@ -214,6 +225,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
     from sfr_loc_map.suite.job_run import run_job
 
     worker, begin = get_worker(), time.monotonic()
+    worker.log_event(STARTED, {"worker": worker.address, "key": job.key})
     place = Path(cache) if Path(cache).is_dir() else Path(worker.local_directory) / "sfr-cache"
 
     def end() -> None:
@@ -225,7 +237,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
     timer.daemon = True
     timer.start()
     try:
-        with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch, contextlib.chdir(scratch):
+        with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
             text = to_json(run_job(job, Path(scratch), place))
     except SfrError as error:
         message = " ".join(str(error).split())[:MESSAGE_LENGTH]

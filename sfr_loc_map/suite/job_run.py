@@ -39,7 +39,6 @@ from sfr_loc_map.suite.job import REFERENCE, Job, JobKind
 from sfr_loc_map.suite.sources import local_path
 from sfr_loc_map.suite.specification import METHOD_KEYS, chosen_method
 
-
 REPLAY = (
     "from sfr_loc_map.child_process import end_with_parent; from sfr_loc_map.cli.main import main; "
     f"end_with_parent({int(signal.SIGTERM)}); raise SystemExit(main())"
@@ -52,15 +51,14 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
 
     Args:
         job: The job.
-        scratch: An empty folder, the current directory: paths in the score are relative to it.
+        scratch: An empty folder; paths in the score are relative to it.
         cache: Folder in which simulated and fetched sources are kept.
 
     Raises:
         SfrError: If the source cannot be read, or nothing can be scored.
     """
     cv2.setNumThreads(job.threads)
-    if numba.config.NUMBA_NUM_THREADS > job.threads:  # on workers that were not started here
-        numba.set_num_threads(job.threads)
+    numba.set_num_threads(min(job.threads, numba.get_num_threads()))
     path = local_path(job.source, cache)
     if job.kind is JobKind.SCORE:
         score = score_files(ScoreInputs.of(path, Path(job.source.truth)), _score_config(job))
@@ -69,7 +67,7 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
     else:
         score = (_localise if job.kind is JobKind.LOCALISE else _map)(job, path, scratch)
     judged = verdicts(parse_limits(job.limits, "limits"), score) if job.limits else ()
-    return replace(score, verdicts=judged, provenance=_provenance(job, score.provenance))
+    return replace(score, verdicts=judged, provenance=_provenance(job, score.provenance, scratch))
 
 
 def _localise(job: Job, path: Path, scratch: Path) -> Score:
@@ -84,9 +82,9 @@ def _localise(job: Job, path: Path, scratch: Path) -> Score:
     else:
         done = list(localise_with(method, source.loc, start.T_ds_rb, MethodLimits()))
         results, about = [(result, record) for result, record, _ in done], done[-1][2]
-    estimate, stats = Path("estimate.csv"), Path("stats.csv")
-    save_trajectory(scratch / estimate, trajectory_of([result for result, _ in results]))
-    save_stats(scratch / stats, [record for _, record in results], about)
+    estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
+    save_trajectory(estimate, trajectory_of([result for result, _ in results]))
+    save_stats(stats, [record for _, record in results], about)
     return score_files(ScoreInputs(estimate=estimate, truth=path, stats=(stats,)), _score_config(job))
 
 
@@ -100,9 +98,9 @@ def _map(job: Job, path: Path, scratch: Path) -> Score:
         run = map_pairs(source.nav, build(MappingConfig, section))
     else:
         run, about = map_pairs_with(method, source.nav, MethodLimits())
-    cloud, stats = Path("cloud.npz"), Path("stats.csv")
-    save_cloud(scratch / cloud, run.fused.cloud)
-    save_stats(scratch / stats, run.records, about)
+    cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
+    save_cloud(cloud, run.fused.cloud)
+    save_stats(stats, run.records, about)
     inputs = ScoreInputs(cloud=cloud, map_truth=path, stats=(stats,))
     scored = ScoredCloud(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
     return score_run(Run(inputs, [load_call_stats(stats)], cloud=scored), _score_config(job))
@@ -146,7 +144,7 @@ def _score_config(job: Job) -> ScoreConfig:
     return build(ScoreConfig, {f"trajectory.{name}": value for name, value in values.items()})
 
 
-def _provenance(job: Job, provenance: Provenance | None) -> Provenance:
+def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:
     """Add what the job was; names and places of its files come from the suite, not from the scratch folder."""
     known = provenance or Provenance(version="")
     about = {
@@ -168,7 +166,8 @@ def _provenance(job: Job, provenance: Provenance | None) -> Provenance:
     }
     if job.alone:
         host[REFERENCE] = repr(reference_seconds())
-    return replace(known, configuration={**known.configuration, **job.parameters, **about}, host=host)
+    inputs = {role: replace(item, path=item.path.removeprefix(f"{scratch}/")) for role, item in known.inputs.items()}
+    return replace(known, inputs=inputs, configuration={**known.configuration, **job.parameters, **about}, host=host)
 
 
 def reference_seconds() -> float:

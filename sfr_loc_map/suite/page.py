@@ -1,4 +1,4 @@
-"""What a suite writes beside its results (`suite.json`, `report.html`, a table for pandas), and the page of a history."""
+"""What a suite writes beside its results, and the page of a history."""
 
 from __future__ import annotations
 

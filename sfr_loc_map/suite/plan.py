@@ -125,9 +125,7 @@ def _sources(entry: SourceEntry, folder: Path) -> Iterator[JobSource]:
             yield JobSource(name=Path(path).name, kind=SourceKind.FILE, path=path, sha256="")
 
 
-def _known(
-    source: JobSource, facts_of: Callable[[Path], SourceFacts]
-) -> tuple[JobSource, tuple[JobKind, ...]]:
+def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts]) -> tuple[JobSource, tuple[JobKind, ...]]:
     """Return a source with its hash, and the kinds of jobs that it has the data for."""
     drive = panorama = True
     if source.kind is SourceKind.ESTIMATE:

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 FETCHED = "fetched"
 """Folder of the copies of remote sources in the cache, a folder each."""
-VERSION_FACTS = "ETag etag Content-MD5 Digest LastModified Last-Modified last_modified mtime created".split()
+VERSION_FACTS = (
+    *("ETag", "etag", "Content-MD5", "Digest", "LastModified", "Last-Modified", "last_modified", "mtime", "created"),
+)
 """What file systems name the version of a file by."""
 
 

@@ -64,9 +64,13 @@ class SuiteSettings:
     seed: int = param(0, doc="Seed of which pairs a fault affects.", low=0, high=2**31 - 1)
     timing: bool = param(False, doc="Run one task at a time, so that its times count.")
     threads: int = param(1, doc="Threads of a task.", low=1, high=256)
-    memory_mb: int = param(4000, unit="MB", doc="Resident memory at which the process of a task is ended.", low=500, high=10**6)
+    memory_mb: int = param(
+        4000, unit="MB", doc="Resident memory at which the process of a task is ended.", low=500, high=10**6
+    )
     timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is ended.", low=0.1, high=1e7)
-    cache_mb: int = param(20000, unit="MB", doc="Size of all copies of remote sources at the start of a run.", low=1, high=10**9)
+    cache_mb: int = param(
+        20000, unit="MB", doc="Size of all copies of remote sources at the start of a run.", low=1, high=10**9
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -188,8 +188,7 @@ class Summary:
             "verdict": to_plain(self.verdict),
             "groups": to_plain(self.groups),
             "drives": [
-                drive.names()
-                | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
+                drive.names() | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
                 for drive in self.drives
             ],
             "failures": [
@@ -302,7 +301,7 @@ def _meets(value: float, limit: Limit) -> bool:
 
 
 def _of_pooled(limit: Limit, part: PooledCondition | None) -> tuple[float | None, Interval | None, int]:
-    """Return a figure of the pooled errors, by its key such as `position_mean_plus_3sigma_m`, its interval, its count."""
+    """Return a pooled figure by its key, such as `position_mean_plus_3sigma_m`, its interval and its count."""
     if part is None:
         return None, None, 0
     error, _, rest = limit.key.partition("_")

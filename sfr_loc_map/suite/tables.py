@@ -228,7 +228,11 @@ def _drives(summary: Summary) -> Table:
 
 def _failures(summary: Summary, *, commands: bool) -> Table:
     """Return jobs that failed and sources that were refused, each with its cause."""
-    columns = (*_words("task", "cause"), Column("tries"), *_words("message", *(("again",) if commands else ()), "result"))
+    columns = (
+        *_words("task", "cause"),
+        Column("tries"),
+        *_words("message", *(("again",) if commands else ()), "result"),
+    )
     rows: list[Row] = []
     for item, again in zip(summary.failures, summary.again, strict=True):
         told = (Cell.head(item.label), Cell(item.cause.value), Cell.number(item.tries, "tries"), Cell(item.message))

@@ -117,7 +117,8 @@ def test_what_fails_is_named_with_the_command_that_repeats_it(sfr: Sfr, tmp_path
     (tmp_path / "made of it" / "drive0.csv").write_text("stamp_ns\nnonsense\n")
     out = tmp_path / "out"
     done = sfr("suite", "run", suite, "--out", out)
-    assert done.code == 2
+    assert done.code == 2, done.err
+    assert "of 1 tasks" in done.err, done.err
     (key,) = [path.stem for path in (out / "failures").iterdir()]
     assert f"--only {key[:12]}" in done.err
     assert "bad input" in done.err

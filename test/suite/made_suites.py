@@ -12,9 +12,22 @@ import yaml
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.suite.job import Job, JobKind, JobSource, Scoring, SourceKind
 
 SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 MEASURED = ("timing", "memory")
+JOB = Job(
+    kind=JobKind.LOCALISE,
+    source=JobSource(name="a", kind=SourceKind.FILE, path="a.mcap", sha256="0"),
+    fault_seed=0,
+    configuration="default",
+    start="truth",
+    scoring=Scoring(conditions=("distance=5",), spacing=10, rebase="pose"),
+    repeat=0,
+    alone=False,
+    threads=1,
+    code="c",
+)
 
 
 def results(folder: Path) -> dict[str, object]:

@@ -1,21 +1,32 @@
-"""Two suites compared: paired by drive, decided over all of them, corrected for the number of comparisons."""
+"""Suites compared: paired by drive, decided over all of them. Drives of histories are drawn from simulated errors."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from made_suites import JOB
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.suite.comparison import compare_suites
-from sfr_loc_map.suite.groups import Drive
-from sfr_loc_map.suite.summary import Summary
+from sfr_loc_map.metrics.statistics import holm
+from sfr_loc_map.suite.comparison import (
+    EXACT_DRIVES,
+    FigureKind,
+    FigureName,
+    HistoryRun,
+    compare_suites,
+    find_changes,
+    sign_flip_p,
+)
+from sfr_loc_map.suite.summary import ScoredJob, Summary
 
 POSITION = "position over 1 m, m"
+FIGURE = FigureName(FigureKind.ACCURACY, "position over 5 m, m")
+DRIVES, ROWS = 20, 30
 
 
 def scaled(score: Score, factor: float) -> Score:
@@ -27,24 +38,12 @@ def scaled(score: Score, factor: float) -> Score:
     return replace(score, trajectory=replace(trajectory, first=replace(trajectory.first, position_m=larger)))
 
 
-def summary(score: Score, factors: dict[str, float], configuration: str = "default") -> Summary:
+def summary(score: Score, factors: dict[str, float]) -> Summary:
     drives = tuple(
-        Drive(
-            key=name,
-            label=name,
-            task="localise",
-            source=name,
-            configuration=configuration,
-            faults="",
-            repeat=0,
-            pairing=name,
-            seconds=None,
-            score=scaled(score, factor),
-        )
+        ScoredJob(replace(JOB, source=replace(JOB.source, name=name, sha256=name)), None, scaled(score, factor))
         for name, factor in factors.items()
     )
-    counts = {"tasks": len(drives), "done": len(drives), "failed": 0, "waiting": 0}
-    return Summary(**counts, groups=(), drives=drives, failures=(), again=(), refusals=(), code="")
+    return Summary(tasks=len(drives), waiting=0, groups=(), drives=drives, failures=(), again=(), refusals=(), code="")
 
 
 def names(count: int) -> list[str]:
@@ -55,7 +54,7 @@ def test_errors_larger_on_every_drive_are_worse(score: Score) -> None:
     rng = np.random.default_rng(0)
     factors = {name: float(rng.uniform(1.02, 1.3)) for name in names(10)}
     before = summary(score, dict.fromkeys(names(10), 1.0))
-    result = compare_suites(before, summary(score, factors, "new"), ("a", "b"))
+    result = compare_suites(before, summary(score, factors), ("a", "b"))
     by_name = {item.figure: item for item in result.figures}
     found = by_name[POSITION]
     assert found.outcome is Outcome.WORSE
@@ -63,7 +62,7 @@ def test_errors_larger_on_every_drive_are_worse(score: Score) -> None:
     assert found.ci95 is not None
     assert found.ci95[0] < found.ratio < found.ci95[1]
     assert (found.p, found.p_corrected) == (2 / 2**10, pytest.approx(2 / 2**10 * len(by_name)))
-    assert found.worst.label == max(factors, key=lambda name: factors[name])
+    assert found.worst.label == f"localise {max(factors, key=lambda name: factors[name])}, default"
     assert by_name["heading over 1 m, deg"].outcome is Outcome.EQUAL
 
 
@@ -72,7 +71,10 @@ def test_one_bad_drive_decides_nothing(score: Score) -> None:
     result = compare_suites(summary(score, dict.fromkeys(names(10), 1.0)), summary(score, factors), ("a", "b"))
     found = next(item for item in result.figures if item.figure == POSITION)
     assert found.outcome is Outcome.NO_DIFFERENCE
-    assert (found.worst.label, found.worst.other / found.worst.first) == ("drive 3", pytest.approx(30.0))
+    assert (found.worst.label, found.worst.other / found.worst.first) == (
+        "localise drive 3, default",
+        pytest.approx(30.0),
+    )
 
 
 def test_drives_of_one_suite_only_are_counted(score: Score) -> None:
@@ -85,8 +87,97 @@ def test_drives_of_one_suite_only_are_counted(score: Score) -> None:
         compare_suites(summary(score, {"x": 1.0}), summary(score, {"y": 1.0}), ("a", "b"))
 
 
-def test_the_file_of_a_comparison_is_plain(score: Score, tmp_path: Path) -> None:
-    one = summary(score, dict.fromkeys(names(7), 1.0))
-    plain = compare_suites(one, one, ("a", "b")).to_dict()
-    assert plain["schema"] == "sfr-suite-comparison/1"
-    assert plain["common"] == 7
+def errors(rng: np.random.Generator) -> np.ndarray:
+    """Return errors `(drive, sub-trajectory, axis)`: drives differ, neighbours share most of their error."""
+    size = np.exp(rng.normal(np.log(0.003), 0.4, (DRIVES, 1, 1)))
+    steps = rng.normal(size=(DRIVES, ROWS + 4, 3))
+    return size * np.stack([steps[:, k : k + ROWS] for k in range(5)]).sum(axis=0) / np.sqrt(5.0)
+
+
+def run_of(name: str, rows: np.ndarray) -> HistoryRun:
+    figure = np.linalg.norm(rows.mean(axis=1), axis=1) + 3.0 * np.linalg.norm(rows.std(axis=1, ddof=1), axis=1)
+    return HistoryRun(name, {str(n): {FIGURE: float(value)} for n, value in enumerate(figure)})
+
+
+def changed(rng: np.random.Generator, rows: np.ndarray, factor: float) -> np.ndarray:
+    """Return the errors of other code: each differs by a tenth of the typical error of its drive, by chance."""
+    scatter = 0.1 * rows.std(axis=(1, 2), keepdims=True)
+    return factor * (rows + rng.normal(size=rows.shape) * scatter)
+
+
+def alarms(factor: float, seed: int) -> int:
+    found = 0
+    for trial in range(100):
+        rng = np.random.default_rng([seed, trial])
+        rows = errors(rng)
+        runs = [run_of("before", rows), run_of("after", changed(rng, rows, factor))]
+        found += find_changes(runs).first_worse == {"accuracy": "after"}
+    return found
+
+
+def test_at_most_one_false_alarm_in_a_hundred_pairs_of_equal_commits() -> None:
+    assert alarms(1.0, 1) <= 1
+
+
+def test_ten_per_cent_more_error_is_found_in_95_of_100() -> None:
+    assert alarms(1.1, 2) >= 95
+
+
+def test_the_first_worse_run_is_named_and_a_better_one_is_the_new_baseline() -> None:
+    rng = np.random.default_rng(3)
+    rows = errors(rng)
+    factors = {"a": 1.0, "b": 1.0, "c": 0.8, "d": 0.92, "e": 1.3}
+    history = find_changes([run_of(name, factor * rows) for name, factor in factors.items()])
+    by_run = {point.run: point for point in history.points}
+    assert [by_run[name].outcome for name in "bcde"] == [*(Outcome.EQUAL, Outcome.BETTER, Outcome.WORSE, Outcome.WORSE)]
+    assert (by_run["c"].baseline, by_run["d"].baseline) == ("a", "c")
+    assert by_run["d"].ratio == pytest.approx(0.92 / 0.8)
+    assert history.first_worse == {"accuracy": "d"}
+
+
+def test_a_slow_decline_adds_up() -> None:
+    rows = errors(np.random.default_rng(4))
+    names = [f"{number}" for number in range(8)]
+    history = find_changes([run_of(name, 1.004**number * rows) for number, name in enumerate(names)])
+    assert history.first_worse == {"accuracy": "3"}
+
+
+def test_one_run_is_no_history() -> None:
+    with pytest.raises(MetricsError, match="two suites"):
+        find_changes([run_of("a", errors(np.random.default_rng(0)))])
+
+
+@pytest.mark.parametrize(("drives", "runs", "found"), [(7, 2, False), (8, 2, True), (20, 201, True)])
+def test_what_so_few_drives_cannot_show_is_not_called_no_difference(drives: int, runs: int, found: bool) -> None:
+    rows = errors(np.random.default_rng(5))[:drives]
+    names = [str(number) for number in range(runs)]
+    factors = dict.fromkeys(names, 1.0) | {names[-1]: 1.3}
+    history = find_changes([run_of(name, factor * rows) for name, factor in factors.items()])
+    assert history.points[-1].outcome is (Outcome.WORSE if found else Outcome.NOT_ENOUGH_DATA)
+
+
+def test_exact_probability_is_that_of_all_signs() -> None:
+    logs = np.array([0.3, -0.1, 0.2, 0.5, 0.05, 0.4, -0.02])
+    sums = [abs(sum(s * v for s, v in zip(signs, logs, strict=True))) for signs in itertools.product((1, -1), repeat=7)]
+    expected = np.mean([value >= abs(logs.sum()) - 1e-12 for value in sums])
+    assert sign_flip_p(logs) == pytest.approx(expected)
+
+
+def test_all_drives_alike_give_the_smallest_probability() -> None:
+    assert sign_flip_p(np.full(8, 0.1)) == 2 / 2**8
+    assert sign_flip_p(np.full(5, 0.1)) is None
+    assert sign_flip_p(np.zeros(9)) == 1.0
+
+
+@pytest.mark.parametrize("drives", [EXACT_DRIVES - 4, EXACT_DRIVES + 6])
+def test_without_a_difference_it_is_below_a_level_as_often_as_the_level(drives: int) -> None:
+    rng = np.random.default_rng(drives)
+    found = np.array([sign_flip_p(rng.normal(0.0, 0.2, drives)) for _ in range(150)])
+    assert 0.01 <= np.mean(found < 0.1) <= 0.19
+    assert np.mean(found < 0.002) <= 0.02
+
+
+def test_holm_is_as_in_the_text() -> None:
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.5, None, 0.9]) == pytest.approx([1.0, None, 1.0])
+    assert holm([]) == []

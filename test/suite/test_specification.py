@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import SfrError
+from sfr_loc_map.suite.job import JobKind
 from sfr_loc_map.suite.specification import load_specification
-from sfr_loc_map.suite.task import TaskKind
 
 GOOD = {
     "sources": ["a.mcap", {"simulate": "s.yaml", "seeds": [1, 2]}, {"estimate": "e.csv", "truth": "t.csv"}],
@@ -36,7 +36,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     assert made.sources[1].seeds == (1, 2)
     assert made.perturb == ("", "black:share=0.1", "blurred+noisy")
     assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}}
-    assert made.tasks == (TaskKind.LOCALISE,)
+    assert made.tasks == (JobKind.LOCALISE,)
     assert made.scoring.conditions == ("distance=5.0", "time=60.0", "frames=10.0")
     assert (made.settings.timing, made.settings.memory_mb, made.settings.repeats) == (True, 500, 1)
 

@@ -12,8 +12,8 @@ import pytest
 from test_comparison import summary
 
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.suite.groups import groups_of
-from sfr_loc_map.suite.page import render
+from sfr_loc_map.suite.page import render_summary
+from sfr_loc_map.suite.summary import groups_of
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
@@ -27,13 +27,13 @@ def test_fifty_drives_in_a_browser(score: Score, tmp_path: Path) -> None:
     made = summary(score, {f"drive{number}": 1.0 + 0.01 * number for number in range(DRIVES)})
     timed = tuple(replace(drive, seconds=2.0) for drive in made.drives)
     page = tmp_path / "report.html"
-    page.write_text(render(replace(made, drives=timed, groups=tuple(groups_of(timed, None)))))
+    page.write_text(render_summary(replace(made, drives=timed, groups=tuple(groups_of(timed, None)))))
     command = [str(CHROMIUM), *FLAGS, "--virtual-time-budget=30000", f"--user-data-dir={tmp_path / 'profile'}"]
     run = subprocess.run([*command, "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=100)
     shutil.rmtree(tmp_path / "profile", ignore_errors=True)
     assert 'data-figures="2/2"' in run.stdout, run.stderr
     rows = re.findall(r"<tr>.*?</tr>", run.stdout[run.stdout.index("Drives, the worst first") :], re.DOTALL)
     links = [re.findall(r'href="([^"]+)"', row) for row in rows if "<td" in row]
-    expected = [f"drive{number}" for number in reversed(range(DRIVES))]
-    assert links == [[f"pages/{name}.html", f"results/{name}.json"] for name in expected]
+    expected = [drive.job.key for drive in reversed(made.drives)]
+    assert links == [[f"pages/{key}.html", f"results/{key}.json"] for key in expected]
     assert run.stdout.count('href="suite.json"') == 1 + 3, "the runs, and three pooled errors"

@@ -1,0 +1,52 @@
+"""A job that eats memory, hangs, crashes or has bad input fails alone, in its limit, with its cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("distributed", reason="needs the extra [suite]")
+from made_suites import JOB
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.suite.cluster import Cause, connected, run_jobs
+from sfr_loc_map.suite.specification import SuiteSettings
+
+EXPECTED = {
+    "memory": (Cause.MEMORY, 3, "MB, more than its worker may use"),
+    "hang": (Cause.TIME, 3, "not done after 2 s"),
+    "crash": (Cause.DIED, 3, "killed or crashed"),
+    "input": (Cause.BAD_INPUT, 1, "no such data set"),
+    "fault": (Cause.FAULT, 3, "ValueError: odd"),
+    "flaky": (None, 3, ""),
+    "good": (None, 1, ""),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_each_fails_for_its_cause_and_no_other_with_it(tmp_path: Path) -> None:
+    from misbehaving import Misbehaving
+
+    jobs = [replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in EXPECTED]
+    with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:
+        client.register_plugin(Misbehaving())
+        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 2.0, tmp_path)}
+    assert {name: (outcome.cause, outcome.tries) for name, outcome in found.items()} == {
+        name: expected[:2] for name, expected in EXPECTED.items()
+    }
+    for name, (cause, _, words) in EXPECTED.items():
+        assert (found[name].result is None) == (cause is not None)
+        assert words in found[name].message
+    tries = {name: (tmp_path / name).stat().st_size for name in EXPECTED}
+    assert tries == {"memory": 3, "hang": 3, "crash": 3, "input": 1, "fault": 3, "flaky": 3, "good": 1}
+
+
+def test_no_scheduler_is_told() -> None:
+    with (
+        pytest.raises(InputError, match="no Dask scheduler answers at 'odd://host:1'"),
+        connected(SuiteSettings(), workers=1, scheduler="odd://host:1"),
+    ):
+        pass
