@@ -32,8 +32,7 @@ from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.pipeline.call_stats import load_call_stats, save_stats
 from sfr_loc_map.pipeline.convert import faulty, perturb
 from sfr_loc_map.pipeline.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
-from sfr_loc_map.pipeline.score_inputs import ScoreInputs
-from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, score_files, score_run
+from sfr_loc_map.pipeline.scoring import Run, ScoredCloud, ScoreInputs, score_files, score_run
 from sfr_loc_map.simulation.faults import Fault, parse_fault
 from sfr_loc_map.suite.job import REFERENCE, Job, JobKind
 from sfr_loc_map.suite.sources import local_path

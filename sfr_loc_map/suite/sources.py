@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import InputError, MissingExtraError
-from sfr_loc_map.io.hashing import hash_path
+from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.job import JobSource, SourceKind, digest
 
