@@ -15,12 +15,25 @@ from pathlib import Path
 os.environ["OPENCV_LOG_LEVEL"] = "SILENT"  # of what writes the valid files; the workers hear everything
 
 from campaign import MAX_CPU_S, MAX_GROWTH, Campaign, Summary, again
-from made_score import make_made_files
 from targets import all_targets
 from world import make_world
 
 
-def _arguments() -> argparse.Namespace:
+def report(summary: Summary, seconds: float) -> None:
+    width = max(map(len, summary.by_target), default=0)
+    for name, counts in sorted(summary.by_target.items()):
+        print(f"{name:{width}}  {'  '.join(f'{kind} {count}' for kind, count in sorted(counts.items()))}")
+    print(f"{sum(counts.total() for counts in summary.by_target.values())} inputs in {seconds:.0f} s")
+    print(
+        f"largest growth {summary.growth_bytes / 1e6:.0f} MB (limit {MAX_GROWTH / 1e6:.0f}), "
+        f"longest {summary.seconds:.1f} s of the processor (limit {MAX_CPU_S:.0f})"
+    )
+    for failure in summary.failures:
+        print(f"FAILED {failure.outcome.kind}: {failure.command}")
+
+
+def main() -> int:
+    """Run the campaign, or one input; return the exit code."""
     parser = argparse.ArgumentParser("fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--inputs", type=int, default=2000, help="inputs in all, of all formats in turn (2000)")
     parser.add_argument("--seconds", type=float, default=600.0, help="no input begins after this time (600)")
@@ -30,28 +43,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="folder of what failed (out/fuzz)")
     parser.add_argument("--again", nargs=2, metavar=("FORMAT", "FILE"), help="run one kept input alone")
     parser.add_argument("--list", action="store_true", help="list the formats")
-    return parser.parse_args()
-
-
-def report(summary: Summary, seconds: float) -> None:
-    width = max(map(len, summary.by_target), default=0)
-    for name, counts in sorted(summary.by_target.items()):
-        print(f"{name:{width}}  {'  '.join(f'{kind} {count}' for kind, count in sorted(counts.items()))}")
-    total = sum(summary.outcomes.values())
-    print(
-        f"{total} inputs in {seconds:.0f} s: {', '.join(f'{n} {kind}' for kind, n in summary.outcomes.most_common())}"
-    )
-    print(
-        f"largest growth {summary.largest.growth_bytes / 1e6:.0f} MB (limit {MAX_GROWTH / 1e6:.0f}), "
-        f"longest {summary.slowest.seconds:.1f} s of the processor (limit {MAX_CPU_S:.0f})"
-    )
-    for failure in summary.failures:
-        print(f"FAILED {failure.outcome.kind}: {failure.command}")
-
-
-def main() -> int:
-    """Run the campaign, or one input; return the exit code."""
-    options = _arguments()
+    options = parser.parse_args()
     targets = all_targets()
     if options.list:
         print("\n".join(targets))
@@ -60,10 +52,8 @@ def main() -> int:
     if unknown:
         raise SystemExit(f"there is no format '{unknown[0]}': see --list")
     out = options.out.resolve()
-    world = out / "world"
     out.mkdir(parents=True, exist_ok=True)
-    make_world(world)
-    make_made_files(world)
+    world = make_world(out / "world")
     if options.again:
         outcome = again(world, options.again[0], Path(options.again[1]), out)
         print(f"{outcome.kind}, {outcome.seconds:.1f} s, {outcome.growth_bytes / 1e6:.0f} MB\n{outcome.text}")

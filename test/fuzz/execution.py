@@ -7,17 +7,23 @@ import io
 import os
 import re
 import shutil
+import sys
 import time
 import traceback
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from mutations import mutated
-from target import Target, expected_error, run_command
+from mutations import Mutation, mutated
 
+from sfr_loc_map.errors import SfrError
+
+sys.path += [str(Path(__file__).resolve().parents[1] / name) for name in ("scenes", "io")]  # the made worlds
+Command = tuple[str, ...]
+Reader = Callable[[Path], None]
+"""Takes the mutated file; may raise an `SfrError`."""
 EXIT_CODES = (0, 1, 2, 3)
 MAX_NOISE = 200
 """Bytes that compiled code may write beside the error: libpng names the fault of an image in a line of its own."""
@@ -25,6 +31,25 @@ MAX_LINE = 1000
 """Characters of an error."""
 CONTROL = re.compile(r"[^\n\t\x20-\x7e\u00a0-\ud7ff\ue000-\U0010ffff]|[\u202a-\u202e\u2066-\u2069]")
 """What must not reach a terminal: controls, lone surrogates, and what turns the direction of writing."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """One format.
+
+    Attributes:
+        name: How it is called.
+        place: The valid file within the world; the mutated one takes its place.
+        mutations: What is done to it.
+        uses: Commands (`{w}` is the world, `{o}` a folder for outputs) and readers; one is taken, by the content.
+        readable: Whether the valid file is accepted; formats that are refused by name are fuzzed too.
+    """
+
+    name: str
+    place: str
+    mutations: tuple[Mutation, ...]
+    uses: tuple[Command | Reader, ...]
+    readable: bool = True
 
 
 @dataclass(frozen=True)
@@ -46,6 +71,14 @@ class Outcome:
     @property
     def good(self) -> bool:
         return self.kind in ("accepted", "refused")
+
+
+def run_command(command: Command, world: Path, out: Path) -> int:
+    """Run a command of `sfr` in this process; return its exit code."""
+    from sfr_loc_map.cli.main import main  # not needed by readers
+
+    sys.argv = ["sfr", *(word.replace("{w}", str(world)).replace("{o}", str(out)) for word in command)]
+    return main()
 
 
 def make_input(target: Target, world: Path, seed: int, index: int) -> bytes:
@@ -70,87 +103,48 @@ def run_input(target: Target, content: bytes, world: Path, out: Path, number: in
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     place.write_bytes(content)
-    before, noise = memory(), _written_to_stderr()
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # the peak of memory begins here
+    before, noise = _status("VmRSS"), os.fstat(2).st_size  # standard error of a worker is a file
     begin = time.process_time()
+    shown, errors = io.StringIO(), io.StringIO()
     try:
-        kind, text = _judged_command(use, world, out) if isinstance(use, tuple) else _judged_reader(use, place)
+        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(errors):
+            code = run_command(use, world, out) if isinstance(use, tuple) else (use(place) or 0)
+        kind, text = _judged(code, shown.getvalue(), errors.getvalue())
+    except SfrError as error:
+        kind, text = "refused", str(error)[:MAX_LINE]
+        if isinstance(use, tuple):
+            kind, text = "exception", traceback.format_exc()[-1500:]
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
+        kind, text = "exception", traceback.format_exc()[-1500:]
     finally:
         place.write_bytes(valid)
-    noise = _written_to_stderr() - noise
+    noise = os.fstat(2).st_size - noise
     if noise > MAX_NOISE and isinstance(use, tuple) and kind in ("accepted", "refused"):
         kind, text = "noise of a library", f"{noise} bytes on standard error"
-    return Outcome(kind, text, time.process_time() - begin, max(peak_memory() - before, 0))
+    return Outcome(kind, text, time.process_time() - begin, max(_status("VmHWM") - before, 0))
 
 
-def _judged_reader(use: object, place: Path) -> tuple[str, str]:
-    shown, errors = io.StringIO(), io.StringIO()
-    try:
-        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(errors):
-            use(place)  # type: ignore[operator]
-    except Exception as error:
-        if not expected_error(error):
-            return "exception", _end(traceback.format_exc())
-        return "refused", str(error)[:MAX_LINE]
-    return _judged_text(0, shown.getvalue(), errors.getvalue(), "accepted")
-
-
-def _judged_command(use: tuple[str, ...], world: Path, out: Path) -> tuple[str, str]:
-    shown, errors = io.StringIO(), io.StringIO()
-    try:
-        with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(errors):
-            code = run_command(use, world, out)
-    except BaseException as error:
-        if isinstance(error, KeyboardInterrupt):
-            raise
-        return "exception", _end(traceback.format_exc())
-    return _judged_text(code, shown.getvalue(), errors.getvalue(), "accepted" if code != 2 else "refused")
-
-
-def _judged_text(code: int, shown: str, errors: str, kind: str) -> tuple[str, str]:
-    """Return what is wrong with what a command wrote, or else the kind given."""
-    for sought in ("fault of the program", "Traceback"):
-        if sought in errors:
-            return "fault of the program", _end(errors)
-    if code not in EXIT_CODES:
-        return f"exit code {code}", _end(errors)
-    if CONTROL.search(shown + errors):
-        return "control characters", ascii(_end(shown + errors))
-    said = [line for line in errors.split("\n") if line.startswith("sfr: ")]
-    if code == 2 and len([line for line in said if not line.startswith("sfr: warning: ")]) != 1:
-        return "not one line", _end(errors)
-    if any(len(line) > MAX_LINE for line in errors.split("\n")):
-        return "long line", errors[:200]
-    if "Warning: " in errors and ".py:" in errors:
-        return "warning of Python", _end(errors)
-    return kind, _end(errors)
-
-
-def _end(text: str) -> str:
-    return text[-1500:]
-
-
-def memory() -> int:
-    """Return the memory of this process, bytes, and let the peak begin there."""
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-    return _status("VmRSS")
-
-
-def peak_memory() -> int:
-    return _status("VmHWM")
+def _judged(code: int, shown: str, errors: str) -> tuple[str, str]:
+    """Return what is wrong with what a command wrote, or whether the input was accepted."""
+    lines = errors.split("\n")
+    said = [line for line in lines if line.startswith("sfr: ") and not line.startswith("sfr: warning: ")]
+    wrong = {
+        "fault of the program": "fault of the program" in errors or "Traceback" in errors,
+        f"exit code {code}": code not in EXIT_CODES,
+        "control characters": CONTROL.search(shown + errors) is not None,
+        "not one line": code == 2 and len(said) != 1,
+        "long line": any(len(line) > MAX_LINE for line in lines),
+        "warning of Python": "Warning: " in errors and ".py:" in errors,
+    }
+    kind = next((kind for kind, found in wrong.items() if found), "refused" if code == 2 else "accepted")
+    return kind, ascii((shown + errors)[-1500:]) if kind == "control characters" else errors[-1500:]
 
 
 def _status(name: str) -> int:
-    for line in _status_lines():
-        if line.startswith(name):
-            return int(line.split()[1]) * 1024
-    return 0
-
-
-def _status_lines() -> Iterator[str]:
-    yield from Path("/proc/self/status").read_text().splitlines()
-
-
-def _written_to_stderr() -> int:
-    """Return the size of what compiled code has written to standard error, where that is a file (as of a worker)."""
-    return os.fstat(2).st_size
+    """Return an entry of this process's status, bytes."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(name)), 0)

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from execution import Reader, Target
 from geometry_msgs.msg import PoseStamped
 from message_mutations import message_fields
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
-from target import Reader, Target
 from targets import check_estimate
 
 from sfr_loc_map.errors import SfrError

@@ -19,48 +19,14 @@ from sfr_loc_map.inputs import parse_yaml
 
 Mutation = Callable[[Random, bytes], bytes]
 
-NUMBERS = (
-    *("nan", "inf", "-inf", "-1", "0", "-0.0", "1e308", "-1e308", "1e300", "1e-320", "1e9", "1e5", "1e400", "0.5"),
-    *("9" * 400, "-" + "9" * 400, "9" * 5000, "0." + "0" * 400 + "1", "2147483648", "4294967295", "65536", "70000"),
-    *("9223372036854775807", "9223372036854775808", "18446744073709551616", "-9223372036854775809", "1000000000000"),
-    *(
-        "1_000",
-        "0x10",
-        "1,5",
-        "\u0663",
-        "\u00bd",
-        "",
-        "1e",
-        "+",
-        "--1",
-        "00012",
-        "True",
-        "1:30:00",
-        "1e+",
-        "0o17",
-        "1j",
-    ),
-)
+_NUMBERS = """nan inf -inf -1 0 -0.0 1e308 -1e308 1e300 1e-320 1e9 1e5 1e400 0.5 2147483648 4294967295 65536 70000
+9223372036854775807 9223372036854775808 18446744073709551616 -9223372036854775809 1000000000000
+1_000 0x10 1,5 \u0663 \u00bd 1e + --1 00012 True 1:30:00 1e+ 0o17 1j"""
+_STRINGS = "../../../../etc/passwd /dev/zero /dev/null . .. / %s%n {} ${HOME} ' , ; \\ null ~ \U0001f600 [red] [/]"
+NUMBERS = (*_NUMBERS.split(), "", "9" * 400, "-" + "9" * 400, "9" * 5000, "0." + "0" * 400 + "1")
 STRINGS = (
     *("", "\0", "a\0b", "\x1b[31mred\x1b[0m", "\x1b]0;title\x07", "\x9b31m", "\udc80", "\ud800", "\u202e", "\ufeff"),
-    *("x" * 100_000, "../../../../etc/passwd", "/dev/zero", "/dev/null", ".", "..", "/", "\r", "\n", "a\r\nb", "\x7f"),
-    *(
-        "%s%n",
-        "{}",
-        "${HOME}",
-        "'",
-        '"',
-        ",",
-        ";",
-        "\\",
-        "null",
-        "~",
-        "\u2028",
-        "\U0001f600",
-        "a" * 300,
-        "[red]",
-        "[/]",
-    ),
+    *("\r", "\n", "a\r\nb", "\x7f", '"', "\u2028", "a" * 300, "x" * 100_000, *_STRINGS.split()),
 )
 HUGE_INTS = (0, 1, 2, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x10000, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**62, 2**63, 2**64 - 1)
 NUMBER = re.compile(rb"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
@@ -268,20 +234,9 @@ def yaml_trick(rng: Random, data: bytes) -> bytes:
 
 def json_trick(rng: Random, data: bytes) -> bytes:
     depth = rng.choice(DEPTHS)
-    return rng.choice(
-        (
-            b"[" * depth,
-            b'{"a":' * depth,
-            b"[" * depth + b"]" * depth,
-            b"9" * 5000,
-            b"-",
-            b'"\\ud800"',
-            b"NaN",
-            data[:-2] + b',"width":1' + data[-2:],
-            b"[1" + b",1" * 100_000 + b"]",
-            data.replace(b"1", b"1" * 400, 1),
-        )
-    )
+    deep = (b"[" * depth, b'{"a":' * depth, b"[" * depth + b"]" * depth, b"[1" + b",1" * 100_000 + b"]")
+    twice = data[:-2] + b',"width":1' + data[-2:]
+    return rng.choice((*deep, b"9" * 5000, b"-", b'"\\ud800"', b"NaN", twice, data.replace(b"1", b"1" * 400, 1)))
 
 
 JSON: tuple[Mutation, ...] = (json_tree, json_tree, json_tree, json_trick, *TEXT, *BYTES)
@@ -298,21 +253,16 @@ def png_chunk(rng: Random, data: bytes) -> bytes:
         (length,), kind = struct.unpack(">I", data[offset : offset + 4]), data[offset + 4 : offset + 8]
         chunks.append((kind, data[offset + 8 : offset + 8 + length]))
         offset += 12 + length
-    if not chunks:
-        return data
     chosen = rng.randrange(len(chunks)) if rng.random() < 0.6 else 0
     kind, body = chunks[chosen]
-    extra = rng.choice((b"zTXt", b"iCCP", b"PLTE", b"tRNS", b"eXIf", b"acTL"))
-    if kind == b"IHDR" and len(body) == 13 and rng.random() < 0.7:
+    if kind == b"IHDR" and rng.random() < 0.7:
         width, height, *rest = struct.unpack(">IIBBBBB", body)
         size = rng.choice(((20_000, 20_000), (2**31 - 1, 1), (1, 2**31 - 1), (0, 0), (65_535, 65_535), (width, 2**20)))
         if rng.random() < 0.4:
-            size, rest = (
-                (width, height),
-                [rng.choice((1, 2, 4, 8, 16, 7)), rng.randrange(8), 0, 0, rng.choice((0, 1, 9))],
-            )
+            size, rest = (width, height), [rng.choice((1, 2, 4, 8, 16, 7)), rng.randrange(8), 0, 0, rng.randrange(3)]
         chunks[chosen] = (kind, struct.pack(">IIBBBBB", *size, *rest))
     elif rng.random() < 0.4:
+        extra = rng.choice((b"zTXt", b"iCCP", b"PLTE", b"tRNS", b"eXIf", b"acTL"))
         chunks.insert(1, (extra, b"name\0\0" + zlib.compress(b"\0" * rng.choice((10, 30_000_000)))))
     elif rng.random() < 0.5:
         chunks.insert(chosen, chunks[chosen])
@@ -335,12 +285,8 @@ def jpeg_segment(rng: Random, data: bytes) -> bytes:
 
 def npy_header(rng: Random, data: bytes) -> bytes:
     """Write an NPY header with another shape or type."""
-    shape = rng.choice(
-        ("(120, 160, 3)", "(10000000000, 3)", "()", "(-1, 3)", "(120, 160, 3.0)", "(2**40,)", "(1,)*1000")
-    )
-    kind = rng.choice(
-        ("<f4", "<f8", "|O", "<c16", "<U4", "<M8[ns]", "<f4,<f4", "|V1000000000", "|b1", ">f2", "<U99999999")
-    )
+    shape = rng.choice(("(120,160,3)", "(10000000000,3)", "()", "(-1,3)", "(120,160,3.0)", "(2**40,)", "(1,)*1000"))
+    kind = rng.choice(("<f4", "<f8", "|O", "<c16", "<U4", "<M8[ns]", "<f4,<f4", "|V1000000000", "|b1", "<U99999999"))
     head = f"{{'descr': '{kind}', 'fortran_order': {rng.choice(('False', 'True', '7'))}, 'shape': {shape}, }}"
     if rng.random() < 0.15:
         head = rng.choice(("(" * 3000, "[" * 100_000, "{'a': " * 200, "1" * 9000, "\0"))
@@ -353,19 +299,15 @@ def zip_member(rng: Random, data: bytes) -> bytes:
         members = [(name, archive.read(name)) for name in archive.namelist()]
     chosen = rng.randrange(len(members))
     name, body = members[chosen]
-    edit = rng.randrange(6)
-    if edit == 0:
-        del members[chosen]
-    elif edit == 1:
-        members[chosen] = (name, npy_header(rng, body))
-    elif edit == 2:
-        members[chosen] = (rng.choice(("x", "\x1b[31m.npy", "../x.npy", "a" * 1000, "u.npy")), body)
-    elif edit == 3:
-        members.append((rng.choice(("unused.npy", "x.npy")), b"\0" * 40_000_000))
-    elif edit == 4:
-        members[chosen] = (name, body[: len(body) // 2])
-    else:
-        members[chosen] = (name, rng.choice(BYTES)(rng, body))
+    edits = (
+        [],
+        [(name, npy_header(rng, body))],
+        [(rng.choice(("x", "\x1b[31m.npy", "../x.npy", "a" * 1000, "u.npy")), body)],
+        [members[chosen], (rng.choice(("unused.npy", "x.npy")), b"\0" * 40_000_000)],
+        [(name, body[: len(body) // 2])],
+        [(name, rng.choice(BYTES)(rng, body))],
+    )
+    members[chosen : chosen + 1] = rng.choice(edits)
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
         for name, body in members:

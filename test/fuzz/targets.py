@@ -8,14 +8,16 @@ from pathlib import Path
 
 import mutations as m
 import numpy as np
+from execution import Command, Target, run_command
 from message_mutations import MCAP, SQLITE
-from target import Command, Target, run_command
-from world import KINDS, LOC_RIG, T_RB_LOCSB, loc_pair
+from world import KINDS, SCORE
 
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
+
+from made_scene import LOC_RIG, T_RB_LOCSB, loc_pair  # isort: skip
 
 
 def _localise(source: str) -> Command:
@@ -39,27 +41,18 @@ def _bag_uses(name: str) -> tuple[Command, ...]:
     )
 
 
-SCORE = ("score", "{w}/estimate.csv", "{w}/truth.csv", "--condition", "frames=5", "--spacing", "5")
-SCORE_CLOUDS = {kind: ("score", f"{{w}}/cloud.{kind}", "{w}/panorama") for kind in ("ply", "pcd", "npz", "las", "laz")}
+def _cloud(name: str) -> Command:
+    return ("score", f"{{w}}/{name}", "{w}/panorama")
 
 
 def _trajectory_uses(name: str) -> tuple[Command, ...]:
     place = f"{{w}}/{name}"
-    return (
-        ("score", place, "{w}/truth.csv", *SCORE[3:]),
-        ("score", "{w}/truth.csv", place, *SCORE[3:]),
-        ("doctor", place, "{w}/truth.csv"),
-        ("convert", place, "{o}/t.tum"),
-        ("convert", place, "{o}/t.mcap"),
-    )
+    scores = (("score", place, "{w}/truth.csv", *SCORE[3:]), ("score", "{w}/truth.csv", place, *SCORE[3:]))
+    return (*scores, ("doctor", place, "{w}/truth.csv"), _convert(name, "t.tum"), _convert(name, "t.mcap"))
 
 
 def check_estimate(estimate: PoseEstimate, farthest_m: float) -> None:
-    """Check that an estimate can be published.
-
-    Raises:
-        ArithmeticError: If its pose or covariance is absurd.
-    """
+    """Raise an `ArithmeticError` if the pose or covariance of an estimate is absurd."""
     position, covariance = estimate.T_ds_rb.translation, estimate.covariance
     if not (np.isfinite(position).all() and np.abs(position).max() < farthest_m and np.isfinite(covariance).all()):
         raise ArithmeticError(f"{estimate.state} at {position} with variances {np.diag(covariance)}")
@@ -119,54 +112,46 @@ def run_arguments(path: Path) -> None:
             raise RuntimeError(f"exit code {code} of {command[0]}")
 
 
-def _rover_targets() -> tuple[Target, ...]:
-    """Return the files of the layouts of rover data sets."""
-    run = (_localise("A-0"), _convert("A-0", "t.tum"), _convert("A-0", "f"))
-    truth, between = "A-0/ground_truth/gt_6DoF_gnss_and_imu.csv", "tf__camera_left_to_camera_right.csv"
-    return (
-        Target("MADMAX truth", truth, m.TEXT + m.BYTES, run),
-        Target("MADMAX camera", "calibration/camera_rect_left_info.txt", m.YAML[4:] + m.TEXT, run),
-        Target("MADMAX transform", f"calibration/{between}", m.TEXT + m.BYTES, run),
-        Target("Katwijk calibration", "LocCam_calibstruct.mat", m.BYTES, (_convert("Part1", "f"),)),
-        Target("LuSNAR truth", "Moon_1/gt.txt", m.TEXT + m.BYTES, (_convert("Moon_1", "t.tum"),)),
-    )
-
-
-TARGETS: tuple[Target, ...] = (
-    Target(
-        "rig.json", "drive/rig.json", m.JSON, (_localise("drive"), _convert("drive", "f"), _convert("drive", "b.mcap"))
-    ),
+T = m.TEXT + m.BYTES
+_RUN = (_localise("A-0"), _convert("A-0", "t.tum"), _convert("A-0", "f"))
+_REPORTS = tuple(("report", "{w}/score.json", "-o", f"{{o}}/x.{kind}") for kind in ("html", "md", "csv"))
+_COMPARISONS = (
+    ("compare", "{w}/score.json", "{w}/score2.json", "--html", "{o}/x.html"),
+    ("compare", "{w}/score2.json", "{w}/score.json"),
+)
+_ROS1 = (_localise("ros1.bag"), _convert("ros1.bag", "f"), ("doctor", "{w}/ros1.bag"), _map("ros1.bag"))
+_TRUTH = (_localise("drive"), ("score", "{w}/estimate.csv", "{w}/drive"), _convert("drive", "t.csv"))
+_RIG = (_localise("drive"), _convert("drive", "f"), _convert("drive", "b.mcap"))
+_TIMED = (*SCORE, "--target", "LEON", "--target-timing", "{w}/stats.csv")
+_EUROC = "euroc/mav0"
+TARGETS = (
+    Target("rig.json", "drive/rig.json", m.JSON, _RIG),
     Target("rig.json of mapping", "panorama/rig.json", m.JSON, (_map("panorama"), _convert("panorama", "b.mcap"))),
-    Target("pairs.csv", "drive/pairs.csv", m.TEXT + m.BYTES, (_localise("drive"), _convert("drive", "b.mcap"))),
-    Target(
-        "pairs.csv of mapping", "panorama/pairs.csv", m.TEXT + m.BYTES, (_map("panorama"), _convert("panorama", "f"))
-    ),
-    Target(
-        "groundtruth.csv",
-        "drive/groundtruth.csv",
-        m.TEXT + m.BYTES,
-        (_localise("drive"), ("score", "{w}/estimate.csv", "{w}/drive"), _convert("drive", "t.csv")),
-    ),
-    Target("trajectory csv", "estimate.csv", m.TEXT + m.BYTES, _trajectory_uses("estimate.csv")),
-    Target("TUM", "estimate.tum", m.TEXT + m.BYTES, _trajectory_uses("estimate.tum")),
-    Target("KITTI poses", "estimate.kitti", m.TEXT + m.BYTES, _trajectory_uses("estimate.kitti")),
-    Target("KITTI stamps", "estimate.times.txt", m.TEXT + m.BYTES, _trajectory_uses("estimate.kitti")),
-    Target("EuRoC poses", "estimate.euroc.csv", m.TEXT + m.BYTES, _trajectory_uses("estimate.euroc.csv")),
+    Target("pairs.csv", "drive/pairs.csv", T, (_localise("drive"), _convert("drive", "b.mcap"))),
+    Target("pairs.csv of mapping", "panorama/pairs.csv", T, (_map("panorama"), _convert("panorama", "f"))),
+    Target("groundtruth.csv", "drive/groundtruth.csv", T, _TRUTH),
+    Target("trajectory csv", "estimate.csv", T, _trajectory_uses("estimate.csv")),
+    Target("TUM", "estimate.tum", T, _trajectory_uses("estimate.tum")),
+    Target("KITTI poses", "estimate.kitti", T, _trajectory_uses("estimate.kitti")),
+    Target("KITTI stamps", "estimate.times.txt", T, _trajectory_uses("estimate.kitti")),
+    Target("EuRoC poses", "estimate.euroc.csv", T, _trajectory_uses("estimate.euroc.csv")),
     Target("evo result", "evo.zip", m.BYTES, _trajectory_uses("evo.zip")),
-    Target("KITTI calib.txt", "kitti/calib.txt", m.TEXT + m.BYTES, (_localise("kitti"), _convert("kitti", "b.mcap"))),
-    Target("KITTI times.txt", "kitti/times.txt", m.TEXT + m.BYTES, (_localise("kitti"), _convert("kitti", "f"))),
-    Target("KITTI poses.txt", "kitti/poses.txt", m.TEXT + m.BYTES, (_localise("kitti"), _convert("kitti", "t.csv"))),
-    Target("EuRoC sensor.yaml", "euroc/mav0/cam0/sensor.yaml", m.YAML[4:] + m.TEXT, (_localise("euroc"),)),
-    Target(
-        "EuRoC data.csv", "euroc/mav0/cam1/data.csv", m.TEXT + m.BYTES, (_localise("euroc"), _convert("euroc", "f"))
-    ),
+    Target("KITTI calib.txt", "kitti/calib.txt", T, (_localise("kitti"), _convert("kitti", "b.mcap"))),
+    Target("KITTI times.txt", "kitti/times.txt", T, (_localise("kitti"), _convert("kitti", "f"))),
+    Target("KITTI poses.txt", "kitti/poses.txt", T, (_localise("kitti"), _convert("kitti", "t.csv"))),
+    Target("EuRoC sensor.yaml", f"{_EUROC}/cam0/sensor.yaml", m.YAML[4:] + m.TEXT, (_localise("euroc"),)),
+    Target("EuRoC data.csv", f"{_EUROC}/cam1/data.csv", T, (_localise("euroc"), _convert("euroc", "f"))),
     Target(
         "EuRoC truth",
-        "euroc/mav0/state_groundtruth_estimate0/data.csv",
-        m.TEXT + m.BYTES,
+        f"{_EUROC}/state_groundtruth_estimate0/data.csv",
+        T,
         (_localise("euroc"), _convert("euroc", "t.tum")),
     ),
-    *_rover_targets(),
+    Target("MADMAX truth", "A-0/ground_truth/gt_6DoF_gnss_and_imu.csv", T, _RUN),
+    Target("MADMAX camera", "calibration/camera_rect_left_info.txt", m.YAML[4:] + m.TEXT, _RUN),
+    Target("MADMAX transform", "calibration/tf__camera_left_to_camera_right.csv", T, _RUN),
+    Target("Katwijk calibration", "LocCam_calibstruct.mat", m.BYTES, (_convert("Part1", "f"),)),
+    Target("LuSNAR truth", "Moon_1/gt.txt", T, (_convert("Moon_1", "t.tum"),)),
     Target("PNG", "drive/left/000000.png", m.PNG, (_localise("drive"), _convert("drive", "b.mcap"))),
     *(
         Target(
@@ -182,22 +167,17 @@ TARGETS: tuple[Target, ...] = (
         "truth .npy",
         "panorama/truth/000000.npy",
         m.NPY,
-        (_map("panorama"), SCORE_CLOUDS["ply"], _convert("panorama", "f")),
+        (_map("panorama"), _cloud("cloud.ply"), _convert("panorama", "f")),
     ),
-    Target("NPZ", "cloud.npz", m.NPZ, (SCORE_CLOUDS["npz"],)),
-    Target("PLY", "cloud.ply", m.CLOUD, (SCORE_CLOUDS["ply"],)),
-    Target("PCD", "cloud.pcd", m.CLOUD, (SCORE_CLOUDS["pcd"],)),
-    Target("LAS", "cloud.las", m.BYTES, (SCORE_CLOUDS["las"], _convert("cloud.las", "x.dem.npz"))),
-    Target("LAZ", "cloud.laz", m.BYTES, (SCORE_CLOUDS["laz"], _convert("cloud.laz", "x.tif"))),
-    Target("PCD of text", "text.pcd", m.CLOUD + m.TEXT, (("score", "{w}/text.pcd", "{w}/panorama"),)),
+    Target("NPZ", "cloud.npz", m.NPZ, (_cloud("cloud.npz"),)),
+    Target("PLY", "cloud.ply", m.CLOUD, (_cloud("cloud.ply"),)),
+    Target("PCD", "cloud.pcd", m.CLOUD, (_cloud("cloud.pcd"),)),
+    Target("LAS", "cloud.las", m.BYTES, (_cloud("cloud.las"), _convert("cloud.las", "x.dem.npz"))),
+    Target("LAZ", "cloud.laz", m.BYTES, (_cloud("cloud.laz"), _convert("cloud.laz", "x.tif"))),
+    Target("PCD of text", "text.pcd", m.CLOUD + m.TEXT, (_cloud("text.pcd"),)),
     Target("mcap", "bag.mcap/bag.mcap", MCAP, _bag_uses("bag.mcap")),
     Target("mcap of JPEG", "jpeg.mcap/bag.mcap", MCAP, (_localise("jpeg.mcap"), _convert("jpeg.mcap/bag.mcap", "f"))),
-    Target(
-        "ROS 1 bag",
-        "ros1.bag",
-        m.BYTES,
-        (_localise("ros1.bag"), _convert("ros1.bag", "f"), ("doctor", "{w}/ros1.bag"), _map("ros1.bag")),
-    ),
+    Target("ROS 1 bag", "ros1.bag", m.BYTES, _ROS1),
     Target("sqlite3", "bag.db3/bag.db3", SQLITE, _bag_uses("bag.db3")),
     Target("metadata.yaml", "bag.mcap/metadata.yaml", m.YAML, _bag_uses("bag.mcap")),
     Target(
@@ -208,24 +188,9 @@ TARGETS: tuple[Target, ...] = (
     ),
     Target("mapping config", "mapping.yaml", m.YAML, ((*_map("panorama"), "--config", "{w}/mapping.yaml"),)),
     Target("limits", "limits_example.yaml", m.YAML, ((*SCORE, "--limits", "{w}/limits_example.yaml"),)),
-    Target("stats csv", "stats.csv", m.TEXT + m.BYTES, ((*SCORE, "--stats", "{w}/stats.csv"),)),
-    Target(
-        "target timing",
-        "stats.csv",
-        m.TEXT + m.BYTES,
-        ((*SCORE, "--target", "LEON", "--target-timing", "{w}/stats.csv"),),
-    ),
-    Target(
-        "score JSON",
-        "score.json",
-        m.JSON,
-        (
-            *(("report", "{w}/score.json", "-o", f"{{o}}/x.{kind}") for kind in ("html", "md", "csv")),
-            ("report", "{w}/score.json", "--format", "md"),
-            ("compare", "{w}/score.json", "{w}/score2.json", "--html", "{o}/x.html"),
-            ("compare", "{w}/score2.json", "{w}/score.json"),
-        ),
-    ),
+    Target("stats csv", "stats.csv", T, ((*SCORE, "--stats", "{w}/stats.csv"),)),
+    Target("target timing", "stats.csv", T, (_TIMED,)),
+    Target("score JSON", "score.json", m.JSON, (*_REPORTS, *_COMPARISONS)),
     Target("resume file", "resume.json", m.JSON, (resume,)),
     Target("scenario", "scenario.yaml", m.YAML, (plan_simulation,)),
     Target("arguments", "arguments.json", (m.json_tree,), (run_arguments,)),
@@ -236,11 +201,9 @@ def all_targets() -> dict[str, Target]:
     """Return all targets by name; those of ROS messages where ROS can be imported."""
     targets = list(TARGETS)
     try:
-        import rclpy.serialization  # noqa: F401 - is it there?
+        from message_targets import MESSAGE_TARGETS
     except ImportError as error:
         print(f"ROS messages are left out: {error}", file=sys.stderr)
     else:
-        from message_targets import MESSAGE_TARGETS
-
         targets += MESSAGE_TARGETS
     return {target.name: target for target in targets}
