@@ -55,7 +55,11 @@ class _KernelCache(FunctionCache):
         """Return the kernel for a signature, None where it is not in the cache."""
         _name_runtime()
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            try:
+                return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            except (ImportError, AttributeError):  # written before a struct moved: numba reads all, then looks how old
+                self._cache_file.flush()  # type: ignore[no-untyped-call]
+                return None
 
 
 def _cached(function: F, **options: Any) -> F:  # noqa: ANN401 - numba's

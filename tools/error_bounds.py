@@ -92,7 +92,7 @@ def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
         before = localiser._backend.keyframe_count
         estimate = localiser.process(pair)
         localiser._finish_keyframe()  # poses do not depend on when a keyframe is finished
-        result, backend = localiser._last_result, localiser._backend
+        result, backend = localiser.last_result, localiser._backend
         if backend.keyframe_count > before:
             landmarks, observed = backend.landmarks, backend.landmarks.last_seen
         elif result is not None:

@@ -19,8 +19,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text
 from sfr_loc_map.io.sequence import Source, drive_of, panorama_of
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate
-from sfr_loc_map.localisation.start_pose import StartPose
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.method import OURS, MethodLimits, MethodTask
 from sfr_loc_map.methods.registry import find_method, record_of_ours

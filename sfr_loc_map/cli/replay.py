@@ -33,7 +33,7 @@ from sfr_loc_map.inputs import Task, printable
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.localisation.start_pose import StartPose
+    from sfr_loc_map.localisation.estimate import StartPose
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
     from sfr_loc_map.nodes.replay.results import ReplayResults
     from sfr_loc_map.pipeline.external_run import ExternalRun

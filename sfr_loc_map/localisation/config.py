@@ -36,47 +36,10 @@ class LocalisationConfig:
         high=20_000,
     )
     window_keyframes: int = param(7, doc="Keyframes adjusted together.", low=2, high=20)
-    adjustment_rounds: int = param(2, doc="Gauss-Newton iterations of each window adjustment.", low=1, high=20)
-    keyframe_flow: float = param(
-        0.05,
-        doc="Median optical flow since the last keyframe, as a share of the image width, that triggers a new one.",
-        low=0.01,
-        high=1.0,
-    )
-    keyframe_share: float = param(
-        0.65,
-        doc="Share of the last keyframe's landmarks below which a new keyframe is made.",
-        low=0.1,
-        high=1.0,
-    )
-    min_depth_m: float = param(0.5, unit="m", doc="Nearest depth of stereo matching.", low=0.01, high=100.0)
     min_tracked: int = param(25, doc="Minimum number of inliers of a trusted pose.", low=8, high=1000)
-    common_px: float = param(
-        0.03,
-        unit="px",
-        doc="Standard deviation of the error of a whole image, in the stated covariance.",
-        low=0.0,
-        high=10.0,
-    )
-    common_disparity_px: float = param(
-        0.01,
-        unit="px",
-        doc="Standard deviation of the error that all disparities share, in the stated covariance: it scales the path.",
-        low=0.0,
-        high=10.0,
-    )
-    inflation: float = param(
-        2.0,
-        doc="Factor on the stated covariance: errors of neighbouring landmarks are correlated.",
-        low=1.0,
-        high=100.0,
-    )
     motion: MotionBounds = field(default_factory=MotionBounds)
     left_mask: str = param(
         "",
         doc="PNG file, 0 where the left camera sees the rover itself: no feature is detected there. Empty: none.",
     )
     right_mask: str = param("", doc="The same for the right camera.")
-    pixel_floor: float = param(
-        0.05, unit="px", doc="Smallest standard deviation of a tracked position.", low=0.001, high=10.0
-    )

@@ -1,18 +1,36 @@
-"""Result of the localiser for each pair."""
+"""What a localiser is given to start from, and its result for each pair."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StartPose:
+    """A pose from outside: where a run starts, or what an operator says.
+
+    Attributes:
+        T_ds_rb: Pose of RB in DS.
+        covariance: `(6, 6)` of it, ROS order; zeros for an exact pose.
+        stamp_ns: Stamp at which it holds; None: at the next pair, whether that shows anything or not.
+    """
+
+    T_ds_rb: Transform
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
+    stamp_ns: int | None = None
+
+    @classmethod
+    def of(cls, pose: StartPose | Transform) -> StartPose:
+        """Return a start pose; one without covariance and stamp is exact and holds at the next pair."""
+        return pose if isinstance(pose, StartPose) else cls(pose)
 
 
 class TrackingState(StrEnum):
@@ -46,18 +64,6 @@ class StateReason(StrEnum):
     """The right camera moves against the left one."""
     IMPLAUSIBLE_MOTION = "implausible_motion"
     """The pose that was found is not finite, or no rover moves like that."""
-
-
-class Status(NamedTuple):
-    """State after a call, and the reason for a doubtful one."""
-
-    state: TrackingState
-    reason: StateReason | None = None
-
-    @classmethod
-    def of_tracked(cls, doubt: StateReason | None) -> Status:
-        """Return the status of a pose that was found, with the reason to doubt it or without one."""
-        return cls(TrackingState.TRACKING) if doubt is None else cls(TrackingState.DEGRADED, doubt)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +133,8 @@ class PoseEstimate:
             9999 on the diagonal when lost.
         state: State after this call.
         statistics: Figures of this call.
-        stage_s: Seconds of each stage by name, read-only: `wait` for the keyframe of the call before, which took
-            `keyframe` in the background; `pyramid`, `align`, `refine`, and `relocate` where tracking failed.
+        stage_s: Seconds of each stage by name: `wait` for the keyframe of the call before, which took `keyframe` in the
+            background; `pyramid`, `align`, `refine`, and `relocate` where tracking failed.
         reason: Why the state is degraded or lost, None otherwise.
         step: The motion since the pose before; None when lost.
     """
@@ -141,10 +147,6 @@ class PoseEstimate:
     stage_s: Mapping[str, float] = field(default_factory=dict)
     reason: StateReason | None = None
     step: StepEstimate | None = None
-
-    def __post_init__(self) -> None:
-        """Keep the stage times as they are now, whatever the timer adds later."""
-        object.__setattr__(self, "stage_s", MappingProxyType(dict(self.stage_s)))
 
     @property
     def reason_text(self) -> str:

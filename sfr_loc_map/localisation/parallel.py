@@ -18,44 +18,33 @@ from sfr_loc_map.geometry.arrays import FloatArray
 
 FEWEST = 64
 """Points from which on a second thread is worth its start."""
+_core = getattr(ctypes.CDLL(None), "sched_getcpu", None)
 R = TypeVar("R")
 Rows = TypeVar("Rows", bound=FloatArray | tuple[FloatArray, ...])
 """An array with a row for each point, or a `NamedTuple` of such arrays."""
-
-
-class _SecondThread:
-    """A thread that works beside its caller, on another core.
-
-    A scheduler may leave a thread that it wakes on the core of the one that woke it, and behind it, for milliseconds:
-    longer than the work takes.
-    """
-
-    def __init__(self) -> None:
-        # a pool with its futures takes five times as long to hand work over and back
-        self._tasks: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        thread = threading.Thread(target=self._work, name="right", daemon=True)
-        thread.start()
-        self._id = thread.native_id or 0
-        self._core = getattr(ctypes.CDLL(None), "sched_getcpu", None)
-        self._cores: set[int] = set()
-
-    def submit(self, task: Callable[[], None]) -> None:
-        """Start work that raises nothing."""
-        others = os.sched_getaffinity(0) - {self._core()} if self._core else set()
-        if others not in (set(), self._cores):
-            self._cores = others
-            with suppress(OSError):  # a container may forbid it
-                os.sched_setaffinity(self._id, others)
-        self._tasks.put(task)
-
-    def _work(self) -> None:
-        while True:
-            self._tasks.get()()
+_Task = tuple[Callable[..., Any], tuple[Any, ...], SimpleQueue[Any]]
 
 
 @cache
-def _second_thread() -> _SecondThread:
-    return _SecondThread()
+def _second_thread() -> tuple[SimpleQueue[_Task], int]:
+    """Return the tasks of a thread that works beside its caller, and its number.
+
+    A pool with its futures takes five times as long to hand work over and back.
+    """
+    tasks: SimpleQueue[_Task] = SimpleQueue()
+
+    def work() -> None:
+        while True:
+            function, arguments, done = tasks.get()
+            try:
+                done.put(function(*arguments))
+            except BaseException as error:
+                done.put(error)
+            del function, arguments, done  # images are not kept until the next task
+
+    thread = threading.Thread(target=work, name="right", daemon=True)
+    thread.start()
+    return tasks, thread.native_id or 0
 
 
 @cache
@@ -69,16 +58,18 @@ def in_background(function: Callable[..., R], *arguments: Any) -> Future[R]:  # 
 
 
 def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ...]) -> tuple[R, R]:
-    """Return the results of a function that lets go of the interpreter's lock, for left and right arguments."""
+    """Return the results of a function that lets go of the interpreter's lock, for left and right arguments.
+
+    A scheduler may leave a thread that it wakes on the core of the one that woke it, and behind it, for milliseconds:
+    longer than the work takes. So the second thread is kept off this one's core.
+    """
+    tasks, thread = _second_thread()
+    others = os.sched_getaffinity(0) - {_core()} if _core else set()
+    if others and os.sched_getaffinity(thread) != others:
+        with suppress(OSError):  # a container may forbid it
+            os.sched_setaffinity(thread, others)
     done: SimpleQueue[R | BaseException] = SimpleQueue()
-
-    def work_right() -> None:
-        try:
-            done.put(function(*right))
-        except BaseException as error:
-            done.put(error)
-
-    _second_thread().submit(work_right)
+    tasks.put((function, right, done))
     result, other = function(*left), done.get()
     if isinstance(other, BaseException):
         raise other

@@ -28,9 +28,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import parse_json, read_bytes, read_text
 from sfr_loc_map.io.atomic import check_output
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.start_pose import StartPose
 
 SCHEMA = "sfr-resume/1"
 MAX_BYTES = 100_000

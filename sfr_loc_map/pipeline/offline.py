@@ -25,9 +25,8 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate, StateReason, TrackingState
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.start_pose import StartPose
 from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range

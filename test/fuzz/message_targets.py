@@ -24,7 +24,7 @@ from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.image_codec import points_image
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.start_pose import StartPose
+from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.nodes.diagnostics import task_record

@@ -13,8 +13,7 @@ from sfr_loc_map.errors import InputError, LocalisationError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.localisation.start_pose import StartPose
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.pipeline.localisation_session import KnownPose, LocalisationSession, Phase, PoseFile
 
 RIG = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12)

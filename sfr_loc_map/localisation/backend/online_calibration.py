@@ -2,22 +2,31 @@
 
 A rotation of some hundredths of a degree is the commonest error of a rig after a shock or a change of temperature.
 Pitch and roll show in every stereo match as vertical disparity. Yaw changes all depths, hence the length of the path;
-it is observable only where depths from stereo disagree with depths from motion, in the bundle adjustment. A yaw that
-changes while landmarks are tracked shows in each pair.
+it is observable only where depths from stereo disagree with depths from motion, in the bundle adjustment, which takes
+it to be constant over a whole window. A camera that turns while the window lasts shifts the right images against
+landmarks that were made before; each pair shows that to a hundredth of a pixel, and it is followed from pair to pair.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Final
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import StereoCamera
-from sfr_loc_map.localisation.backend.right_drift import RightDrift
-from sfr_loc_map.localisation.frontend.right_offset import RightOffset
-from sfr_loc_map.localisation.frontend.right_shift import RightShift
+from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 
+MIN_PAIRS: Final = 8
+MAX_PAIRS: Final = 16
+"""Fewest and most consecutive pairs that a drift is judged by."""
+SIGMAS: Final = 5.0
+"""Standard errors beyond which the shift is a drift."""
+FLOOR_PX: Final = 0.015
+"""Shift that is no drift, whatever its standard error."""
+AFTERMATH_PAIRS: Final = 20
+"""Pairs after the last correction in which the camera still counts as drifting."""
 FIRST_SIGMA_PX: Final = 0.3
 """Standard deviation of the offset along the rows before any observation."""
 DRIFT_PX: Final = 0.002
@@ -44,56 +53,62 @@ class OnlineCalibration:
     Attributes:
         offset: Current correction; its `u` is 0 while it is not significant.
         target_u: Value that `constant_u` approaches in small steps, pixels.
+        sigma_u: Its standard deviation, pixels.
+        constant_u: Offset along the rows without the drift that was followed, pixels.
         drift_u: Drift that was followed, pixels: a part of `offset.u` beside the constant one.
         followed_px: Length of all its corrections, pixels.
+        drifts: Whether the right camera turns, or has just done so.
     """
 
     def __init__(self, camera: StereoCamera, window_keyframes: int) -> None:
-        """Start without an error.
-
-        Args:
-            camera: Camera of the rig.
-            window_keyframes: Keyframes of a window: that many consecutive windows share their observations and count
-                as one.
-        """
-        self.offset, self.target_u, self.drift_u = RightOffset(), 0.0, 0.0
-        self.followed_px, self._drift = 0.0, RightDrift()
+        """Start without an error; as many consecutive windows as one has keyframes share observations, count as one."""
+        self.offset, self.target_u, self.constant_u, self.drift_u = RightOffset(), 0.0, 0.0, 0.0
+        self.sigma_u = float(np.sqrt(FIRST_SIGMA_PX**2))
+        self.followed_px, self.drifts = 0.0, False
+        self._shifts: deque[float] = deque(maxlen=MAX_PAIRS)
+        self._still_pairs = AFTERMATH_PAIRS
         self._camera, self._shared = camera, float(window_keyframes)
         self._mean_u, self._variance_u = 0.0, FIRST_SIGMA_PX**2
         self._information, self._information_vector = np.diag(VERTICAL_PRIOR), np.zeros(2)
 
-    @property
-    def sigma_u(self) -> float:
-        """Standard deviation of `target_u`, pixels."""
-        return float(np.sqrt(self._variance_u))
-
-    @property
-    def constant_u(self) -> float:
-        """Offset along the rows without the drift that was followed, pixels."""
-        return self.offset.u - self.drift_u
-
-    @property
-    def drifts(self) -> bool:
-        """Whether the right camera turns, or has just done so."""
-        return self._drift.active
-
     def interrupt(self) -> None:
         """Note that the next pair has new landmarks: the shifts of pairs before do not belong to them."""
-        self._drift.interrupt()
+        self._shifts.clear()
 
-    def learn_shift(self, shift: RightShift) -> float:
-        """Take the shift of the right image of a pair against the landmarks.
+    def learn_shift(self, px: float, variance: float) -> float:
+        """Take the shift of the right image of a pair against the landmarks, as of `right_shift`.
+
+        A line through the shifts of the last pairs gives the present one and its standard error: a steady drift is no
+        noise, and a shift of one pair alone (vibration, cameras out of step) is no drift.
 
         Returns:
             Drift by which `offset.u` was corrected at once, pixels; 0 where there is none.
         """
-        px = self._drift.learn(shift)
-        if px != 0.0:
-            self.drift_u += px
-            self.followed_px += abs(px)
-            self.offset = self.offset._replace(u=self.offset.u + px)
-            self._variance_u += (DRIFT_UNCERTAINTY * px) ** 2
-        return px
+        if not np.isfinite(variance):
+            return 0.0
+        self._shifts.append(px)
+        self._still_pairs += 1
+        self.drifts = self._still_pairs < AFTERMATH_PAIRS
+        count = len(self._shifts)
+        if count < MIN_PAIRS:
+            return 0.0
+        shifts, pairs = np.array(self._shifts), np.arange(count) - 0.5 * (count - 1)
+        slope = float(pairs @ shifts) / float(pairs @ pairs)
+        mean = shifts.mean()
+        now = float(mean) + slope * float(pairs[-1])
+        noise2 = float(np.square(shifts - mean - slope * pairs).sum()) / (count - 2)
+        sigma = np.sqrt(noise2 * (1.0 / count + pairs[-1] ** 2 / float(pairs @ pairs)))
+        if abs(now) < FLOOR_PX + SIGMAS * sigma:
+            return 0.0
+        self._shifts = deque((shifts - now).tolist(), maxlen=MAX_PAIRS)
+        self._still_pairs, self.drifts = 0, True
+        self.drift_u += now
+        self.followed_px += abs(now)
+        self.offset = self.offset._replace(u=self.offset.u + now)
+        self.constant_u = self.offset.u - self.drift_u
+        self._variance_u += (DRIFT_UNCERTAINTY * now) ** 2
+        self.sigma_u = float(np.sqrt(self._variance_u))
+        return now
 
     def learn_vertical(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> None:
         """Update pitch and roll from the stereo matches of a keyframe.
@@ -135,8 +150,10 @@ class OnlineCalibration:
         before = self.constant_u
         self._mean_u += gain * (before + remaining_u - self._mean_u)
         self._variance_u *= 1.0 - gain
+        self.sigma_u = float(np.sqrt(self._variance_u))
         self.target_u = self._mean_u if abs(self._mean_u) > DETECTION_SIGMAS * self.sigma_u else 0.0
         # small steps: the pose moves a little with each
         u = before + float(np.clip(self.target_u - before, -MAX_STEP_PX, MAX_STEP_PX))
         self.offset = self.offset._replace(u=u + self.drift_u)
+        self.constant_u = self.offset.u - self.drift_u
         return u - before

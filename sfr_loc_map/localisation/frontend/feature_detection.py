@@ -48,13 +48,16 @@ def find_corners(
     Returns:
         `(N, 2)` float64, whole pixels, the strongest first.
     """
-    strength = _strength(image)
+    strength, middle = np.zeros_like(image), len(image) // 2
+    both(_fill_strength, (image, strength, 0, middle), (image, strength, middle, len(image)))
     if mask is not None:
         strength[mask == 0] = 0.0
     height, width = image.shape
     side = max(8, int(np.sqrt(height * width / wanted)))
     best = _strongest(strength, side, border)
-    best = best[_free(best, occupied, 0.6 * side)]
+    distance = 0.6 * side
+    by_row = np.ascontiguousarray(occupied[np.argsort(occupied[:, 1])])
+    best = best[_far(best, by_row, np.searchsorted(by_row[:, 1], best[:, 1] - distance), distance)]
     if not len(best):
         return np.zeros((0, 2))
     # the strongest corner of a cell without texture is noise: a small share of the median strength is required
@@ -107,14 +110,6 @@ def read_mask(path: str) -> NDArray[np.uint8]:
     return np.asarray(mask, dtype=np.uint8)
 
 
-def _strength(image: FloatImage) -> FloatImage:
-    """Return the smaller eigenvalue at each pixel, upper and lower half at the same time; 0 along the edges."""
-    strength = np.zeros_like(image)
-    middle = len(image) // 2
-    both(_fill_strength, (image, strength, 0, middle), (image, strength, middle, len(image)))
-    return strength
-
-
 @jit_fast
 def _fill_strength(image: FloatImage, strength: FloatImage, first: int, end: int) -> None:
     """Fill rows of the strength: gradients by Sobel's filter, their products summed over the block."""
@@ -164,15 +159,12 @@ def _strongest(strength: FloatImage, side: int, border: int) -> FloatArray:
     return best[best[:, 2] > 0.0]
 
 
-def _free(found: FloatArray, occupied: FloatArray, distance: float) -> NDArray[np.bool_]:
-    """Tell which of found points `(N, 3)` are at least so far from all occupied ones `(M, 2)`, pixels."""
-    by_row = np.ascontiguousarray(occupied[np.argsort(occupied[:, 1])])
-    return _far(found, by_row, np.searchsorted(by_row[:, 1], found[:, 1] - distance), distance)
-
-
 @jit
 def _far(found: FloatArray, by_row: FloatArray, first: NDArray[np.intp], distance: float) -> NDArray[np.bool_]:
-    """Tell the same of points in the order of their rows; those before `first` `(N,)` are too far above."""
+    """Tell which of found points `(N, 3)` are at least so far from occupied ones `(M, 2)`, in the order of their rows.
+
+    Those before `first` `(N,)` are too far above.
+    """
     far = np.ones(len(found), np.bool_)
     for n in range(len(found)):
         for m in range(first[n], len(by_row)):

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask, median
+from sfr_loc_map.geometry.arrays import FloatArray, Mask, median
 from sfr_loc_map.geometry.camera import Poses
-from sfr_loc_map.localisation.frontend.homography import LocalPlanes
-from sfr_loc_map.localisation.frontend.image_pyramid import LEVELS
-from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, Templates, cut_patches, templates_of, together
+from sfr_loc_map.localisation.frontend.patch import (
+    HALF,
+    LEVELS,
+    SIDE,
+    ImageLevel,
+    LocalPlanes,
+    Templates,
+    cut_patches,
+    templates_of,
+)
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
 BORDER = HALF + 4
@@ -28,8 +37,7 @@ ENOUGH_TO_FOLLOW = 800
 """As many landmarks give the pose of a pair that is no keyframe: its errors do not add up."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HostPatches:
+class HostPatches(NamedTuple):
     """Patches of the n landmarks that a keyframe hosts.
 
     Attributes:
@@ -40,47 +48,57 @@ class HostPatches:
 
     uv: FloatArray
     fine: Templates
-    coarse: tuple[FloatImage, ...]
+    coarse: tuple[ImageLevel, ...]
 
     @classmethod
     def none(cls) -> HostPatches:
         """Return those of a keyframe that hosts no landmark."""
         fine = Templates(np.zeros((0, 3, SIDE * SIDE), np.float32), np.zeros((0, 6)))
-        return cls(np.zeros((0, 2)), fine, (np.zeros((1, 1), np.float32),) * (LEVELS - 1))
+        return cls(np.zeros((0, 2)), fine, (ImageLevel(np.zeros((1, 1), np.float32), 1.0),) * (LEVELS - 1))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Patches:
-    """Patches of M landmarks, copied from those of their hosts where a level is first asked for.
+class Patches(dict[int, Templates]):
+    """Templates of M landmarks by pyramid level, copied from those of their hosts where a level is first asked for.
 
     Attributes:
-        hosted: Those of each keyframe.
-        rows: `(M,)` rows in these, increasing, counted through all keyframes.
+        rows: `(M,)` rows in those of all hosts together, increasing.
     """
 
-    hosted: tuple[HostPatches, ...]
-    rows: NDArray[np.intp]
-    _copies: dict[int, Templates] = field(default_factory=dict)
+    def __init__(self, hosted: tuple[HostPatches, ...], rows: NDArray[np.intp]) -> None:
+        """Start without a copy."""
+        super().__init__()
+        self._hosted, self.rows = hosted, rows
 
     def subset(self, kept: Mask) -> Patches:
         """Return some of them, a mask `(M,)`."""
-        return Patches(self.hosted, self.rows[kept])
+        return Patches(self._hosted, self.rows[kept])
 
-    def level(self, number: int) -> Templates:
-        """Return the templates of the patches of a pyramid level."""
-        if number not in self._copies:
-            ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
-            split = np.split(self.rows, np.searchsorted(self.rows, ends[1:-1]))
-            parts = [(host, rows - end) for host, end, rows in zip(self.hosted, ends, split, strict=False)]
-            copied = together([(host.fine, rows) for host, rows in parts]) if number == 0 else _cut(number, parts)
-            self._copies[number] = copied
-        return self._copies[number]
+    def __missing__(self, level: int) -> Templates:
+        """Copy the templates of a level."""
+        ends = np.cumsum([0, *(len(host.uv) for host in self._hosted)])
+        split = np.split(self.rows, np.searchsorted(self.rows, ends[1:-1]))
+        parts = [(host, rows - end) for host, end, rows in zip(self._hosted, ends, split, strict=False)]
+        self[level] = copied = _together(parts) if level == 0 else _cut(level, parts)
+        return copied
 
 
-def _cut(number: int, parts: Sequence[tuple[HostPatches, NDArray[np.intp]]]) -> Templates:
+def _together(parts: Sequence[tuple[HostPatches, NDArray[np.intp]]]) -> Templates:
+    """Return some templates of several hosts one after the other, copied once."""
+    count, size = sum(len(rows) for _, rows in parts), parts[-1][0].fine.values.shape[2]
+    values, moments = np.empty((count, 3, size), np.float32), np.empty((count, 6))
+    first = 0
+    for host, rows in parts:
+        place = slice(first, first + len(rows))
+        np.take(host.fine.values, rows, axis=0, out=values[place], mode="clip")  # by "raise" it would copy twice
+        moments[place] = host.fine.moments[rows]
+        first += len(rows)
+    return Templates(values, moments)
+
+
+def _cut(level: int, parts: Sequence[tuple[HostPatches, NDArray[np.intp]]]) -> Templates:
     """Return the templates of some landmarks of each host at a pyramid level from 1 on."""
-    images, margin = [host.coarse[number - 1] for host, _ in parts], COARSE_HALF + 2
-    small = (np.concatenate([host.uv[rows] for host, rows in parts]) + 0.5) / 2.0**number - 0.5
+    images, margin = [host.coarse[level - 1].image for host, _ in parts], COARSE_HALF + 2
+    small = (np.concatenate([host.uv[rows] for host, rows in parts]) + 0.5) / 2.0**level - 0.5
     last = np.max([image.shape[::-1] for image in images], axis=0) - 1 - margin  # a host of none has a small image
     inside = np.all((small >= margin) & (small <= last), axis=1)
     places = np.split(np.clip(small, margin, last), np.cumsum([len(rows) for _, rows in parts])[:-1])
@@ -95,119 +113,99 @@ class Landmarks:
     """Active landmarks as arrays, each a host pixel with an inverse depth in its host keyframe.
 
     Attributes:
-        index: `(M,)` rows in the sliding window.
-        hosts: `(M,)` host cameras.
-        uv: `(M, 2)` host pixels of the patch centres.
-        rays: `(M, 3)` host rays `K^-1 (u, v, 1)` of the estimated host pixels.
-        inverse_depth: `(M,)` 1/m.
-        slopes: `(M, 2)` change of the inverse depth per pixel, 1/m.
-        covariance: `(M, 3, 3)` of host pixel and inverse depth given the poses, px and 1/m.
+        index: `(M,)` rows in the sliding window, increasing.
+        planes: The planes around their patches: host cameras, host pixels, inverse depths and slopes.
+        estimates: Host rays of the estimated host pixels, and what is known of the landmarks given the poses.
         patches: Their patches.
         last_seen: `(M, 4)` u, v left, u, v right in the newest keyframe; NaN where not observed.
     """
 
     index: NDArray[np.intp]
-    hosts: Poses
-    uv: FloatArray
-    rays: FloatArray
-    inverse_depth: FloatArray
-    slopes: FloatArray
-    covariance: FloatArray
+    planes: LocalPlanes
+    estimates: LandmarkEstimates
     patches: Patches
     last_seen: FloatArray
 
     @classmethod
     def none(cls) -> Landmarks:
         """Return no landmarks, as before the first pair."""
-        vectors, matrices = np.zeros((0, 3)), np.zeros((0, 3, 3))
-        index, depth, no_uv = np.zeros(0, np.intp), np.zeros(0), np.zeros((0, 2))
-        patches = Patches((HostPatches.none(),), index)
-        return cls(index, Poses(matrices, vectors), no_uv, vectors, depth, no_uv, matrices, patches, np.zeros((0, 4)))
-
-    def __len__(self) -> int:
-        """Return their number."""
-        return len(self.index)
+        index, depth, uv, vectors, matrices = (
+            np.zeros(0, np.intp),
+            np.zeros(0),
+            np.zeros((0, 2)),
+            np.zeros((0, 3)),
+            np.zeros((0, 3, 3)),
+        )
+        hosts = Poses(matrices, vectors)
+        planes, estimates = LocalPlanes(hosts, uv, depth, uv), LandmarkEstimates(hosts, vectors, depth, matrices)
+        return cls(index, planes, estimates, Patches((HostPatches.none(),), index), np.zeros((0, 4)))
 
     def subset(self, kept: Mask) -> Landmarks:
         """Return some of them, a mask `(M,)`."""
+        _, uv, inverse_depth, slopes = self.planes
+        hosts, rays, _, covariance = self.estimates
+        hosts, inverse_depth = Poses(*(array[kept] for array in hosts)), inverse_depth[kept]
         return Landmarks(
             self.index[kept],
-            Poses(*(array[kept] for array in self.hosts)),
-            self.uv[kept],
-            self.rays[kept],
-            self.inverse_depth[kept],
-            self.slopes[kept],
-            self.covariance[kept],
+            LocalPlanes(hosts, uv[kept], inverse_depth, slopes[kept]),
+            LandmarkEstimates(hosts, rays[kept], inverse_depth, covariance[kept]),
             self.patches.subset(kept),
             self.last_seen[kept],
         )
 
     def among(self, others: Landmarks) -> Mask:
-        """Tell which of them `(M,)` are among others; the rows of both increase."""
+        """Tell which of them `(M,)` are among others."""
         if self is others.followed:
-            return np.ones(len(self), np.bool_)
+            return np.ones(len(self.index), np.bool_)
         places = np.searchsorted(others.index, self.index)
         return np.asarray(np.append(others.index, -1)[places] == self.index)
 
-    @property
+    @cached_property
     def few(self) -> Landmarks:
         """Some of them, `ENOUGH_TO_ALIGN` where there are as many, from all hosts and parts of the image."""
-        return self._few if len(self) > ENOUGH_TO_ALIGN else self
+        return self._some(ENOUGH_TO_ALIGN)
 
-    @property
+    @cached_property
     def followed(self) -> Landmarks:
         """Likewise `ENOUGH_TO_FOLLOW`."""
-        return self._followed if len(self) > ENOUGH_TO_FOLLOW else self
+        return self._some(ENOUGH_TO_FOLLOW)
 
     @cached_property
     def rest(self) -> Landmarks:
         """Those that are not followed."""
         return self.subset(~self.among(self.followed))
 
+    @cached_property
+    def median_depth(self) -> float:
+        """Median depth in the host cameras, metres, at most 1 km; 0 without landmarks."""
+        inverse_depth = self.planes.inverse_depth
+        return 1.0 / max(median(inverse_depth), 1e-3) if len(inverse_depth) else 0.0
+
     def prepare(self) -> None:
-        """Copy the patches that each of the next pairs is compared with."""
-        self.followed.patches.level(0)
-        self.rest.patches.level(0)
+        """Find and copy all that the next pairs are compared with."""
+        for marks in (self, self.followed):
+            _ = marks.median_depth
+        _ = self.followed.patches[0], self.rest.patches[0]
         for level in range(1, LEVELS):
-            self.followed.few.patches.level(level)
-
-    @cached_property
-    def _few(self) -> Landmarks:
-        return self._some(ENOUGH_TO_ALIGN)
-
-    @cached_property
-    def _followed(self) -> Landmarks:
-        return self._some(ENOUGH_TO_FOLLOW)
+            _ = self.followed.few.patches[level]
 
     def _some(self, enough: int) -> Landmarks:
-        kept = np.zeros(len(self), np.bool_)
-        kept[np.arange(enough) * len(self) // enough] = True
+        if len(self.index) <= enough:
+            return copy(self)  # itself would be a cycle, which keeps its patches, megabytes
+        kept = np.zeros(len(self.index), np.bool_)
+        kept[np.arange(enough) * len(self.index) // enough] = True
         return self.subset(kept)
 
     @property
     def are_old(self) -> Mask:
         """Tell which landmarks `(M,)` other keyframes host than that of the last one."""
-        positions = self.hosts.positions
+        positions = self.planes.hosts.positions
         return np.asarray((positions != positions[-1:]).any(axis=1))
-
-    @property
-    def planes(self) -> LocalPlanes:
-        """The planes around the landmarks' patches."""
-        return LocalPlanes(self.hosts, self.uv, self.inverse_depth, self.slopes)
-
-    @property
-    def estimates(self) -> LandmarkEstimates:
-        """The landmarks with their uncertainty."""
-        return LandmarkEstimates(self.hosts, self.rays, self.inverse_depth, self.covariance)
 
     @property
     def points(self) -> FloatArray:
         """Points `(M, 3)` in the world, metres; NaN at infinity."""
-        inverse_depth = np.where(self.inverse_depth > MIN_INVERSE_DEPTH, self.inverse_depth, np.nan)
-        directions = np.einsum("nij,nj->ni", self.hosts.rotations, self.rays)
-        return np.asarray(directions / inverse_depth[:, None] + self.hosts.positions)
-
-    @cached_property
-    def median_depth(self) -> float:
-        """Median depth in the host cameras, metres, at most 1 km; 0 without landmarks."""
-        return 1.0 / max(median(self.inverse_depth), 1e-3) if len(self) else 0.0
+        hosts, rays, inverse_depth, _ = self.estimates
+        inverse_depth = np.where(inverse_depth > MIN_INVERSE_DEPTH, inverse_depth, np.nan)
+        directions = np.einsum("nij,nj->ni", hosts.rotations, rays)
+        return np.asarray(directions / inverse_depth[:, None] + hosts.positions)

@@ -13,16 +13,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
-from sfr_loc_map.geometry.small_linalg import reorder_to_median
-from sfr_loc_map.jit import jit, jit_fast, jit_fast_inline
-from sfr_loc_map.localisation.frontend.homography import LocalWarp, local_warp
+from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.patch import (
     MIN_POWER,
+    LocalWarp,
     Patch,
     PatchPixels,
     Templates,
     WarpedNormal,
     half_width,
+    local_warp,
     patch_pixels,
     products_with_samples,
     warp_pixels,
@@ -201,23 +201,3 @@ def track_patches(
         cov[0], cov[1], cov[2] = normal.yy / det, -normal.xy / det, normal.xx / det
         tracks.residual[n], tracks.correlation[n] = shift.residual, shift.correlation
     return tracks
-
-
-@jit
-def noise_variance(covariance: FloatArray, residual: FloatArray) -> tuple[FloatArray, float]:
-    """Return the variances `(N, 3)` of tracked positions by their noise, and the median residual.
-
-    A residual below the median may be so by chance and counts as the median. Half of the noise is the patch's.
-
-    Args:
-        covariance: `(N, 3)` for a noise of one grey level, px^2.
-        residual: `(N,)` RMS, grey levels; NaN where not found.
-    """
-    found = residual[~np.isnan(residual)]
-    typical = reorder_to_median(found) if len(found) else 1.0
-    variance = np.empty((len(residual), 3))
-    for n in range(len(residual)):
-        level = residual[n] if residual[n] > typical or np.isnan(residual[n]) else typical
-        for i in range(3):
-            variance[n, i] = covariance[n, i] * (1.2 * (level * level))
-    return variance, typical

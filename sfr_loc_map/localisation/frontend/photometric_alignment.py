@@ -15,13 +15,15 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.small_linalg import retract, solve
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
-from sfr_loc_map.localisation.frontend.homography import LocalPlanes, LocalWarp, local_warp, plane_homographies
-from sfr_loc_map.localisation.frontend.image_pyramid import ImageLevel
 from sfr_loc_map.localisation.frontend.patch import (
     MIN_POWER,
+    ImageLevel,
+    LocalPlanes,
+    LocalWarp,
     PatchPixels,
     Templates,
     half_width,
+    local_warp,
     patch_pixels,
     products_with_samples,
     warp_pixels,
@@ -216,7 +218,7 @@ def _linearise(
 
 
 @jit_fast
-def _align(
+def align_patches(
     level: ImageLevel,
     templates: Templates,
     homographies: FloatArray,
@@ -225,7 +227,17 @@ def _align(
     camera: StereoCamera,
     iterations: int,
 ) -> Alignment:
-    """Align patches whose shapes are those of homographies `(N, 3, 3)`; arguments as `align_pose`."""
+    """Align all patches with one level of the left image.
+
+    Args:
+        level: Level of the pyramid.
+        templates: N patches of the hosts at this level.
+        homographies: `(N, 3, 3)` from host pixels to those that the start gives: the shapes of the patches.
+        planes: Their planes, in pixels of full size.
+        start: Left camera.
+        camera: Camera at full size.
+        iterations: Most Gauss-Newton iterations.
+    """
     rho = planes.inverse_depth
     depth = 0.0
     for n in range(len(rho)):
@@ -259,20 +271,3 @@ def _align(
         if largest * camera.fx < 0.02 * level.scale:
             break
     return Alignment(Pose(best_rotation, best_position), best)
-
-
-def align_pose(
-    level: ImageLevel, templates: Templates, planes: LocalPlanes, start: Pose, camera: StereoCamera, iterations: int
-) -> Alignment:
-    """Align all patches with one level of the left image.
-
-    Args:
-        level: Level of the pyramid.
-        templates: N patches of the hosts at this level.
-        planes: Their planes, in pixels of full size.
-        start: Left camera.
-        camera: Camera at full size.
-        iterations: Most Gauss-Newton iterations.
-    """
-    homographies = plane_homographies(start, planes, camera, 0.0)
-    return _align(level, templates, homographies, planes, start, camera, iterations)

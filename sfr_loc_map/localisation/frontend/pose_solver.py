@@ -1,4 +1,7 @@
-"""Pose of one stereo pair from landmarks whose uncertainty is known."""
+"""Pose of one stereo pair from landmarks whose uncertainty is known; a rotation of its right camera.
+
+A landmark is a host pixel with an inverse depth.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,132 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
+from sfr_loc_map.geometry.small_linalg import fill_inverse_4, inverse, reorder_to_median, retract, solve
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
-from sfr_loc_map.localisation.projection import Intrinsics, Projection, intrinsics, linearise_landmark
+
+
+class Projection(NamedTuple):
+    """A projected landmark with its Jacobians; rows are u, v in the left image, u, v in the right image.
+
+    A rotation is about the fixed axes of the world: `R <- exp([w]x) R`.
+
+    Attributes:
+        uv: `(4,)` pixels.
+        by_target: `(4, 6)` derivative by position and rotation of the target camera.
+        by_landmark: `(4, 3)` by host pixel u, v and inverse depth.
+    """
+
+    uv: FloatArray
+    by_target: FloatArray
+    by_landmark: FloatArray
+
+
+class Intrinsics(NamedTuple):
+    """Camera of both images, in arrays by axis (u, v).
+
+    What is read from an array is a value of its own for the compiler, which sums in any order: with the scalars of
+    `StereoCamera` in their place the results would differ by rounding.
+
+    Attributes:
+        focal: `(2,)` focal lengths, pixels.
+        centre: `(2,)` principal point, pixels.
+        baseline_m: Distance between the optical centres, metres.
+    """
+
+    focal: FloatArray
+    centre: FloatArray
+    baseline_m: float
+
+
+@jit_fast_ir_inline
+def intrinsics(camera: StereoCamera) -> Intrinsics:
+    """Return the intrinsics of a camera."""
+    return Intrinsics(np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy]), camera.baseline_m)
+
+
+@jit_fast_ir_inline
+def new_projection() -> Projection:
+    """Return a projection to be filled."""
+    return Projection(np.zeros(4), np.zeros((4, 6)), np.zeros((4, 3)))
+
+
+@jit_fast_ir_inline
+def linearise_in_host(landmark: FloatArray, camera: Intrinsics, out: Projection) -> None:
+    """Project a landmark, `(3,)` u, v, px, and inverse depth, 1/m, into its own pair; `by_target` stays as it is."""
+    uv, j_mark, per_depth = out.uv, out.by_landmark, camera.focal[0] * camera.baseline_m
+    for i in range(4):
+        uv[i] = landmark[i % 2]
+        for b in range(3):
+            j_mark[i, b] = 1.0 if b == i % 2 else 0.0
+    uv[2] -= per_depth * landmark[2]
+    j_mark[2, 2] = -per_depth
+
+
+@jit_fast_ir_inline
+def linearise_landmark(
+    target: Pose, hosts: Poses, k: int, ray: FloatArray, inverse_depth: float, camera: Intrinsics, out: Projection
+) -> float:
+    """Project a landmark into both images, with Jacobians.
+
+    The target is the left camera of the pair, `hosts[k]` that of the keyframe with the landmark, whose host ray
+    `K^-1 (u, v, 1)` is `(3,)` and whose inverse depth is in 1/m. The projection is filled.
+
+    Returns:
+        Depth in the target camera times the inverse depth; 0, with `out` untouched, behind the camera.
+    """
+    r_cw, r_wh, p_h = target.rotation, hosts.rotations[k], hosts.positions[k]
+    tx = r_wh[0, 0] * ray[0] + r_wh[0, 1] * ray[1] + r_wh[0, 2]
+    ty = r_wh[1, 0] * ray[0] + r_wh[1, 1] * ray[1] + r_wh[1, 2]
+    tz = r_wh[2, 0] * ray[0] + r_wh[2, 1] * ray[1] + r_wh[2, 2]
+    p_c = target.position
+    bx, by, bz = p_h[0] - p_c[0], p_h[1] - p_c[1], p_h[2] - p_c[2]
+    wx, wy, wz = tx + inverse_depth * bx, ty + inverse_depth * by, tz + inverse_depth * bz
+    z: float = r_cw[0, 2] * wx + r_cw[1, 2] * wy + r_cw[2, 2] * wz
+    if z < 1e-6:
+        return 0.0
+    x = (r_cw[0, 0] * wx + r_cw[1, 0] * wy + r_cw[2, 0] * wz) / z
+    y = (r_cw[0, 1] * wx + r_cw[1, 1] * wy + r_cw[2, 1] * wz) / z
+    focal, centre, baseline = camera.focal, camera.centre, camera.baseline_m
+    uv, j_pose, j_mark = out.uv, out.by_target, out.by_landmark
+    for i in range(4):
+        axis = i % 2
+        f = focal[axis] / z
+        s = (x if i == 0 else x - baseline * inverse_depth / z) if axis == 0 else y
+        uv[i] = focal[axis] * s + centre[axis]
+        # derivative by the point in world axes
+        a = f * (r_cw[0, axis] - s * r_cw[0, 2])
+        b = f * (r_cw[1, axis] - s * r_cw[1, 2])
+        c = f * (r_cw[2, axis] - s * r_cw[2, 2])
+        j_pose[i, 0], j_pose[i, 1], j_pose[i, 2] = -inverse_depth * a, -inverse_depth * b, -inverse_depth * c
+        # rotating the camera by theta rotates the point by -theta: d y = R_wc [w]x theta
+        j_pose[i, 3], j_pose[i, 4], j_pose[i, 5] = b * wz - c * wy, c * wx - a * wz, a * wy - b * wx
+        j_mark[i, 0] = (a * r_wh[0, 0] + b * r_wh[1, 0] + c * r_wh[2, 0]) / focal[0]
+        j_mark[i, 1] = (a * r_wh[0, 1] + b * r_wh[1, 1] + c * r_wh[2, 1]) / focal[1]
+        j_mark[i, 2] = a * bx + b * by + c * bz
+        if i == 2:
+            j_mark[i, 2] -= f * baseline
+    return z
+
+
+class RightOffset(NamedTuple):
+    """Extrinsic rotation error of the right camera, as the pixels by which it moves right image positions.
+
+    Attributes:
+        u: Offset along the row at the image centre (yaw), pixels, positive to the right.
+        v: Offset along the column at the image centre (pitch), pixels, positive downwards.
+        roll: Rotation about the optical axis, pixels at a distance of the focal length.
+    """
+
+    u: float = 0.0
+    v: float = 0.0
+    roll: float = 0.0
+
+    def at(self, uv: FloatArray, camera: StereoCamera) -> FloatArray:
+        """Return the offsets `(N, 2)` at pixels `(N, 2)` of the right image: the flow field of a small rotation."""
+        x, y = (uv[:, 0] - camera.cx) / camera.fx, (uv[:, 1] - camera.cy) / camera.fy
+        along_u = self.u * (1.0 + x * x) + self.v * x * y - self.roll * y
+        return np.column_stack((along_u, self.v * (1.0 + y * y) + self.u * x * y + self.roll * x))
+
 
 MIN_LANDMARKS = 6
 """Minimum number of observed landmarks."""
@@ -216,3 +342,124 @@ def solve_pose(
         if largest < 1e-5:
             break
     return PoseSolution(Pose(rotation, position), h, linearised.chi2_per_dof)
+
+
+UNKNOWNS = 7
+"""Position and rotation of the left camera, shift of the right image."""
+ROBUST_CHI2 = 4.0
+"""Squared residual per degree of freedom at which the weight of a landmark has fallen to a quarter (Geman-McClure)."""
+
+
+ENOUGH = 300
+"""About as many landmarks are used: the error that a whole image has is larger than that of their mean."""
+
+
+class RightShift(NamedTuple):
+    """Shift of right positions along the rows at the image centre, as by a yaw of the right camera.
+
+    Attributes:
+        px: Pixels to the right, beyond the corrections that the landmarks were made with.
+        variance: Of it, px^2, by the landmarks alone; infinite without enough of them.
+    """
+
+    px: float
+    variance: float
+
+
+class _Equations(NamedTuple):
+    """Normal equations of pose and shift: information `(7, 7)`, right-hand side `(7,)`."""
+
+    information: FloatArray
+    rhs: FloatArray
+
+
+class _ShiftWork(NamedTuple):
+    """Workspaces of a landmark: covariance `(4, 4)` of its residual, inverse, residual `(4,)`, Jacobian `(4, 7)`."""
+
+    covariance: FloatArray
+    whitening: FloatArray
+    residual: FloatArray
+    jacobian: FloatArray
+    weighted: FloatArray
+
+
+@jit_fast_ir_inline
+def _fill_shift(observed: FloatArray, projection: Projection, camera: StereoCamera, work: _ShiftWork) -> None:
+    """Fill residual and Jacobian of a landmark that both images show."""
+    x, y = (observed[2] - camera.cx) / camera.fx, (observed[3] - camera.cy) / camera.fy
+    residual, jacobian = work.residual, work.jacobian
+    for i in range(4):
+        residual[i] = observed[i] - projection.uv[i]
+        for a in range(6):
+            jacobian[i, a] = projection.by_target[i, a]
+        jacobian[i, 6] = 0.0
+    jacobian[2, 6], jacobian[3, 6] = 1.0 + x * x, x * y
+
+
+@jit_fast_ir_inline
+def _add_to_shift(work: _ShiftWork, equations: _Equations) -> None:
+    """Add a landmark to the normal equations, with a robust weight."""
+    residual, jacobian, weighted, h, g = (
+        work.residual,
+        work.jacobian,
+        work.weighted,
+        equations.information,
+        equations.rhs,
+    )
+    whitening = work.whitening
+    fill_inverse_4(work.covariance, whitening)
+    chi2 = 0.0
+    for i in range(4):
+        for j in range(4):
+            chi2 += 0.25 * residual[i] * whitening[i, j] * residual[j]
+    weight = 1.0 / (1.0 + chi2 / ROBUST_CHI2) ** 2
+    for j in range(4):
+        for a in range(UNKNOWNS):
+            weighted[j, a] = 0.0
+        for i in range(4):
+            for a in range(UNKNOWNS):
+                weighted[j, a] += weight * whitening[i, j] * jacobian[i, a]
+        for a in range(UNKNOWNS):
+            g[a] += weighted[j, a] * residual[j]
+            for b in range(UNKNOWNS):
+                h[a, b] += weighted[j, a] * jacobian[j, b]
+
+
+@jit_fast
+def right_shift(
+    pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera
+) -> RightShift:
+    """Estimate the shift from a solved pair: one Gauss-Newton step of pose and shift together.
+
+    The landmarks' depths come from pairs before. If the right camera has turned since, all right positions are shifted
+    alike and the left ones are not: no motion explains that.
+
+    Args:
+        pose: Left camera as solved for without a shift.
+        landmarks: N landmarks.
+        observations: Of the same landmarks; those observed in both images count.
+        camera: Camera of all pairs.
+    """
+    arrays, projection = intrinsics(camera), new_projection()
+    equations = _Equations(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS))
+    work = _ShiftWork(np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4), np.zeros((4, UNKNOWNS)), np.zeros((4, UNKNOWNS)))
+    count = 0
+    every = max(1, len(landmarks.inverse_depth) // ENOUGH)
+    for n in range(0, len(landmarks.inverse_depth), every):
+        observed, variance = observations.uv[n], observations.variance[n]
+        if np.isnan(observed[0]) or np.isnan(observed[2]):
+            continue
+        rho = landmarks.inverse_depth[n]
+        if linearise_landmark(pose, landmarks.hosts, n, landmarks.rays[n], rho, arrays, projection) <= 0.0:
+            continue
+        fill_covariance(landmarks.covariance[n], projection.by_landmark, variance, True, True, work.covariance)
+        _fill_shift(observed, projection, camera, work)
+        _add_to_shift(work, equations)
+        count += 1
+    if count < UNKNOWNS:
+        return RightShift(0.0, np.inf)
+    covariance = inverse(equations.information)
+    px = 0.0
+    for a in range(UNKNOWNS):
+        px += covariance[6, a] * equations.rhs[a]
+    return RightShift(px, covariance[6, 6])

@@ -4,20 +4,358 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
-from sfr_loc_map.geometry.small_linalg import solve
-from sfr_loc_map.jit import jit_fast
-from sfr_loc_map.localisation.frontend.image_pyramid import Pyramid
-from sfr_loc_map.localisation.frontend.nearest_neighbours import nearest
-from sfr_loc_map.localisation.frontend.patch import HALF, Patch, Templates, cut_patches, templates_of
-from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
+from sfr_loc_map.geometry.small_linalg import fill_inverse_4, solve
+from sfr_loc_map.jit import jit, jit_fast, jit_fast_inline
+from sfr_loc_map.localisation.frontend.patch import (
+    HALF,
+    MIN_POWER,
+    Patch,
+    PatchPixels,
+    Pyramid,
+    Templates,
+    cut_patches,
+    half_width,
+    normalise,
+    patch_pixels,
+    sample,
+    templates_of,
+)
 from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, TrackingLimits, track_patches
-from sfr_loc_map.localisation.frontend.row_search import RowSearch, search_row
 from sfr_loc_map.localisation.parallel import in_halves
+
+
+def nearest(points: FloatArray, support: FloatArray, count: int) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return the distances and the numbers, `(N, count)` each, of the nearest of some points, nearest first.
+
+    Args:
+        points: `(N, 2)`.
+        support: `(M, 2)`, M at least `count`; among these is searched.
+        count: How many.
+    """
+    order = np.argsort(support[:, 0], kind="stable")
+    ordered = np.ascontiguousarray(support[order])
+    begin = np.searchsorted(ordered[:, 0], points[:, 0])
+    distance, index = _nearest(np.ascontiguousarray(points), ordered, begin, count)
+    return distance, order[index]
+
+
+@jit
+def _nearest(
+    points: FloatArray, support: FloatArray, begin: NDArray[np.intp], count: int
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Walk from each point's place to both sides, until what lies there is too far along u alone."""
+    index, distance = np.empty((len(points), count), np.intp), np.empty((len(points), count))
+    for n in range(len(points)):
+        u, v = points[n]
+        best, who = np.full(count, np.inf), np.zeros(count, np.intp)
+        low, high = begin[n] - 1, begin[n]
+        while True:
+            near_low = (u - support[low, 0]) ** 2 if low >= 0 else np.inf
+            near_high = (support[high, 0] - u) ** 2 if high < len(support) else np.inf
+            if not min(near_low, near_high) <= best[count - 1]:
+                break
+            if near_low < near_high:
+                at, along = low, near_low
+                low -= 1
+            else:
+                at, along = high, near_high
+                high += 1
+            if along == np.inf:
+                break
+            square = along + (support[at, 1] - v) ** 2
+            if square < best[count - 1]:
+                place = count - 1
+                while place > 0 and best[place - 1] > square:
+                    best[place], who[place] = best[place - 1], who[place - 1]
+                    place -= 1
+                best[place], who[place] = square, at
+        for place in range(count):
+            index[n, place], distance[n, place] = who[place], np.sqrt(best[place])
+    return distance, index
+
+
+class RowSearch(NamedTuple):
+    """Disparity of the best correlation, that correlation, and the best one more than two pixels away; `(N,)` each."""
+
+    disparity: FloatArray
+    correlation: FloatArray
+    second: FloatArray
+
+
+class _RowSums(NamedTuple):
+    """Sums over a patch at many positions of a row: values, their squares, their products with the template."""
+
+    total: Patch
+    square: Patch
+    dot: Patch
+
+
+@jit_fast_inline
+def _sum_along_row(image: FloatImage, template: Patch, u: int, v: int, sums: _RowSums) -> int:
+    """Fill the sums for patches around the pixels from (u, v) on along the row; return for how many there was room."""
+    half = half_width(template.size)
+    total, square, dot = sums.total, sums.square, sums.dot
+    places = len(total)
+    total[:], square[:], dot[:] = 0.0, 0.0, 0.0
+    usable = places if u + places - 1 + half < image.shape[1] else places - 1
+    k = 0
+    for j in range(v - half, v + half + 1):
+        for i in range(-half, half + 1):
+            row = image[j, u + i :]
+            weight = template[k]
+            k += 1
+            for p in range(usable):
+                value = row[p]
+                total[p] += value
+                square[p] += value * value
+                dot[p] += value * weight
+    return usable
+
+
+@jit_fast_inline
+def _fill_scores(sums: _RowSums, usable: int, power: np.float32, size: int, scores: FloatArray) -> None:
+    """Fill the correlations of disparities from -1 on, the last position of the row first; -1 without texture."""
+    total, square, dot = sums.total, sums.square, sums.dot
+    places = len(total)
+    scores[:places] = -1.0
+    for p in range(usable):
+        variance = square[p] - total[p] * total[p] / size
+        if variance > MIN_POWER:
+            scores[places - 1 - p] = dot[p] / np.sqrt(variance * power)
+
+
+@jit_fast_inline
+def _peak(scores: FloatArray, count: int) -> tuple[float, float, float]:
+    """Return the position of the highest score by a parabola, that score, and the highest more than two away."""
+    best, second = 0, -1.0
+    for d in range(1, count):
+        if scores[d] > scores[best]:
+            best = d
+    for d in range(count):
+        if abs(d - best) > 2:
+            second = max(second, scores[d])
+    refined = float(best)
+    if 0 < best < count - 1:
+        curvature = scores[best - 1] - 2.0 * scores[best] + scores[best + 1]
+        if curvature < 0.0:
+            refined += 0.5 * (scores[best - 1] - scores[best + 1]) / curvature
+    return refined, scores[best], second
+
+
+@jit_fast
+def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity: int, offset_v: int) -> RowSearch:
+    """Search patches `(N, S * S)` around left pixels along the rows of the right image; 0 where there is no texture."""
+    count, size = patches.shape
+    height, width = image.shape
+    half = half_width(size)
+    found = RowSearch(np.zeros(count), np.zeros(count), np.zeros(count))
+    sums, scores = np.empty((3, max_disparity + 2), np.float32), np.empty(max_disparity + 2)
+    for n in range(count):
+        template = patches[n].copy()
+        power = normalise(template)
+        u, v = int(uv[n, 0]), int(uv[n, 1]) + offset_v
+        last = min(max_disparity, u - half)
+        if power < MIN_POWER or v < half or v >= height - half or u >= width - half or last < 2:
+            continue
+        # position p is the disparity last - p, from last down to -1: all of them at once, along the row
+        places = last + 2
+        along = _RowSums(sums[0, :places], sums[1, :places], sums[2, :places])
+        usable = _sum_along_row(image, template, u - last, v, along)
+        _fill_scores(along, usable, power, size, scores)
+        position, correlation, second = _peak(scores, places)
+        found.disparity[n], found.correlation[n], found.second[n] = position - 1.0, correlation, second
+    return found
+
+
+PRIOR_SIGMA = 0.05
+"""Standard deviation of a slope as the neighbours give it, pixels of disparity per pixel."""
+MIN_SQUARE = 1.0
+"""Smallest mean squared residual that counts, grey levels squared: pixels are whole grey levels."""
+SLOPE_ITERATIONS = 5
+MAX_SLOPE_SHIFT_PX, MAX_SLOPE = 1.0, 0.7
+"""A patch that moves farther, or becomes steeper, keeps its slopes."""
+FINISHED_PX = 0.01
+"""Largest movement of a pixel of the patch below which no further iteration follows."""
+
+
+class _Plane(NamedTuple):
+    """Centre of a patch in the right image, pixels, and its slopes."""
+
+    x: float
+    y: float
+    along_u: float
+    along_v: float
+
+
+class _Workspace(NamedTuple):
+    """Arrays that all patches share.
+
+    Attributes:
+        pixels: Pixels of the left patch.
+        columns: `(5, S * S)` grey levels and derivatives by the four unknowns.
+        normal: `(4, 4)` normal matrix of the derivatives.
+        damped: `(4, 4)` the same with the prior.
+        inverse: `(4, 4)` its inverse.
+        products: `(4,)` products of the derivatives with the right image.
+    """
+
+    pixels: PatchPixels
+    columns: Patch
+    normal: FloatArray
+    damped: FloatArray
+    inverse: FloatArray
+    products: FloatArray
+
+
+@jit_fast_inline
+def _fill_columns(patch: Patch, start: _Plane, work: _Workspace) -> float:
+    """Fill grey levels and derivatives; return the power of the grey levels.
+
+    Derivatives are left without their mean and without what a change of contrast explains.
+    """
+    columns, pixels, size = work.columns, work.pixels, work.pixels.columns.size
+    for k in range(size):
+        by_x = patch[1, k] / np.float32(1.0 - start.along_u)
+        columns[0, k], columns[1, k], columns[2, k] = patch[0, k], by_x, patch[2, k] + np.float32(start.along_v) * by_x
+        columns[3, k], columns[4, k] = -pixels.columns[k] * by_x, -pixels.rows[k] * by_x
+    power = normalise(columns[0])
+    if power < MIN_POWER:
+        return float(power)
+    for c in range(1, 5):
+        normalise(columns[c])
+        share = np.float32(0.0)
+        for k in range(size):
+            share += columns[0, k] * columns[c, k]
+        share /= power
+        for k in range(size):
+            columns[c, k] -= share * columns[0, k]
+    return float(power)
+
+
+@jit_fast_inline
+def _fill_normal(work: _Workspace) -> bool:
+    """Fill the normal matrix; tell whether it gives a position."""
+    columns, normal = work.columns, work.normal
+    for a in range(4):
+        for b in range(a, 4):
+            total = np.float32(0.0)
+            for k in range(columns.shape[1]):
+                total += columns[1 + a, k] * columns[1 + b, k]
+            normal[a, b] = normal[b, a] = total
+    det = normal[0, 0] * normal[1, 1] - normal[0, 1] * normal[0, 1]
+    return bool(det > 1e-6 * (normal[0, 0] + normal[1, 1]) ** 2)
+
+
+@jit_fast_inline
+def _compare(image: FloatImage, at: _Plane, power: float, work: _Workspace) -> float:
+    """Fill the products; return the mean squared residual, grey levels squared, NaN where there is nothing."""
+    columns, pixels, products = work.columns, work.pixels, work.products
+    size, half = pixels.columns.size, half_width(pixels.columns.size)
+    reach, (height, width) = half * (abs(1.0 - at.along_u) + abs(at.along_v)), image.shape
+    if at.x < reach or at.x + reach >= width - 1.001 or at.y < half or at.y + half >= height - 1.001:
+        return np.nan
+    x, y, along_u, along_v = np.float32(at.x), np.float32(at.y), np.float32(1.0 - at.along_u), np.float32(at.along_v)
+    level = sample(image, x, y)
+    total, squares, grey = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    p0, p1, p2, p3 = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for k in range(size):
+        i, j = pixels.columns[k], pixels.rows[k]
+        value = sample(image, x + along_u * i - along_v * j, y + j) - level
+        total += value
+        squares += value * value
+        grey += columns[0, k] * value
+        p0 += columns[1, k] * value
+        p1 += columns[2, k] * value
+        p2 += columns[3, k] * value
+        p3 += columns[4, k] * value
+    own = squares - total * total / np.float32(size)
+    if own < MIN_POWER:
+        return np.nan
+    gain = np.sqrt(power / own)
+    products[0], products[1], products[2], products[3] = gain * p0, gain * p1, gain * p2, gain * p3
+    return float(max(2.0 * (power - gain * grey), 0.0) / size)
+
+
+@jit_fast_inline
+def _improved(at: _Plane, start: _Plane, square: float, work: _Workspace) -> _Plane:
+    """Return the plane after one step, from the products at it."""
+    damped, p, inverse, weight = work.damped, work.products, work.inverse, max(square, MIN_SQUARE) / PRIOR_SIGMA**2
+    for a in range(4):
+        for b in range(4):
+            damped[a, b] = work.normal[a, b]
+    damped[2, 2] += weight
+    damped[3, 3] += weight
+    p[2] += weight * (at.along_u - start.along_u)
+    p[3] += weight * (at.along_v - start.along_v)
+    fill_inverse_4(damped, inverse)
+    dx = inverse[0, 0] * p[0] + inverse[0, 1] * p[1] + inverse[0, 2] * p[2] + inverse[0, 3] * p[3]
+    dy = inverse[1, 0] * p[0] + inverse[1, 1] * p[1] + inverse[1, 2] * p[2] + inverse[1, 3] * p[3]
+    du = inverse[2, 0] * p[0] + inverse[2, 1] * p[1] + inverse[2, 2] * p[2] + inverse[2, 3] * p[3]
+    dv = inverse[3, 0] * p[0] + inverse[3, 1] * p[1] + inverse[3, 2] * p[2] + inverse[3, 3] * p[3]
+    return _Plane(at.x - dx, at.y - dy, at.along_u - du, at.along_v - dv)
+
+
+@jit_fast_inline
+def _is_near(at: _Plane, start: _Plane) -> bool:
+    """Tell whether a plane is plausible after another one; NaN is not."""
+    moved = max(abs(at.x - start.x), abs(at.y - start.y))
+    return bool(moved <= MAX_SLOPE_SHIFT_PX and max(abs(at.along_u), abs(at.along_v)) <= MAX_SLOPE)
+
+
+@jit_fast_inline
+def _fit(image: FloatImage, start: _Plane, power: float, work: _Workspace) -> _Plane:
+    """Return the plane of a patch, that of its neighbours if it gives none."""
+    half = half_width(work.pixels.columns.size)
+    at = start
+    for _ in range(SLOPE_ITERATIONS):
+        square = _compare(image, at, power, work)
+        if np.isnan(square):
+            return start
+        before, at = at, _improved(at, start, square, work)
+        if not _is_near(at, start):
+            return start
+        turned = half * max(abs(at.along_u - before.along_u), abs(at.along_v - before.along_v))
+        if max(abs(at.x - before.x), abs(at.y - before.y), turned) < FINISHED_PX:
+            break
+    return at
+
+
+@jit_fast
+def refine_slopes(image: FloatImage, patches: Patch, right: FloatArray, slope: FloatArray) -> FloatArray:
+    """Return the slopes `(N, 2)` of the planes of single patches; those of their neighbours where a patch gives none.
+
+    Args:
+        image: `(H, W)` float32, right.
+        patches: `(N, 3, S * S)` left patches of `cut_patches`.
+        right: `(N, 2)` their centres in the right image, pixels; NaN where not known.
+        slope: `(N, 2)` change of the disparity per pixel along u and v, by the neighbours.
+    """
+    refined, size = slope.copy(), patches.shape[2]
+    work = _Workspace(
+        patch_pixels(size),
+        np.empty((5, size), np.float32),
+        np.zeros((4, 4)),
+        np.zeros((4, 4)),
+        np.zeros((4, 4)),
+        np.zeros(4),
+    )
+    for n in range(len(patches)):
+        start = _Plane(right[n, 0], right[n, 1], slope[n, 0], slope[n, 1])
+        if np.isnan(start.x):
+            continue
+        power = _fill_columns(patches[n], start, work)
+        if power < MIN_POWER or not _fill_normal(work):
+            continue
+        found = _fit(image, start, power, work)
+        refined[n, 0], refined[n, 1] = found.along_u, found.along_v
+    return refined
+
 
 SEARCH_LEVEL = 1
 SEARCH_HALF = 4
@@ -25,8 +363,6 @@ NEIGHBOURS = 9
 """Maximum number of points that a local plane is fitted to."""
 MIN_NEIGHBOURS = 4
 """Minimum number of points that a local plane is fitted to."""
-MAX_SLOPE = 0.7
-"""Steepest plane, pixels of disparity per pixel: beyond, the right camera hardly sees it."""
 MIN_SEARCH_NCC, MIN_NCC = 0.75, 0.7
 """Minimum normalised cross-correlation of the search and of the refined match."""
 MAX_AMBIGUITY = 0.85
@@ -97,19 +433,19 @@ def match_corners(
     """
     disparity, found = _search(left, right, uv, max_disparity, offset_v)
     uv, disparity = uv[found], disparity[found]
-    templates, planes = templates_of(cut_patches(left.levels[0], uv, HALF)), _LocalPlanes(uv, known)
+    templates, planes = templates_of(cut_patches(left[0].image, uv, HALF)), _LocalPlanes(uv, known)
     good = np.ones(len(uv), np.bool_)
     for _ in range(2):
         slope = planes.slopes(disparity, good)
-        tracks = _refine(right.levels[0], templates, uv, _homographies(uv, disparity, slope, offset_v))
+        tracks = _refine(right[0].image, templates, uv, _homographies(uv, disparity, slope, offset_v))
         good = np.isfinite(tracks.uv[:, 0])
         disparity = np.where(good, uv[:, 0] - tracks.uv[:, 0], disparity)
     slope = planes.slopes(disparity, good)
     if own_slopes:
-        patches = cut_patches(left.levels[0], uv, HALF)
-        slope = in_halves(partial(refine_slopes, right.levels[0]), patches, tracks.uv, slope)
+        patches = cut_patches(left[0].image, uv, HALF)
+        slope = in_halves(partial(refine_slopes, right[0].image), patches, tracks.uv, slope)
         del patches
-        tracks = _refine(right.levels[0], templates, uv, _homographies(uv, disparity, slope, offset_v))
+        tracks = _refine(right[0].image, templates, uv, _homographies(uv, disparity, slope, offset_v))
         disparity = uv[:, 0] - tracks.uv[:, 0]
     good &= (tracks.correlation > MIN_NCC) & (disparity > MIN_DISPARITY_PX)
     good &= np.abs(tracks.uv[:, 1] - uv[:, 1] - offset_v) < MAX_VERTICAL_PX
@@ -141,7 +477,7 @@ def _search(
     left: Pyramid, right: Pyramid, uv: FloatArray, max_disparity: float, offset_v: float
 ) -> tuple[FloatArray, Mask]:
     """Return disparities `(N,)` found on a small level, pixels of full size, and which are unambiguous."""
-    (image, scale), target = left.level(SEARCH_LEVEL), right.levels[SEARCH_LEVEL]
+    (image, scale), target = left[SEARCH_LEVEL], right[SEARCH_LEVEL].image
     small = np.round((uv + 0.5) / scale - 0.5)
     patches = cut_patches(image, _inside(small, image, SEARCH_HALF + 2), SEARCH_HALF)
     last, down = int(np.ceil(max_disparity / scale)), int(np.round(offset_v / scale))

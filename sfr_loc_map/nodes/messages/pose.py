@@ -28,8 +28,7 @@ from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, is_plausible_covaria
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.io.image_codec import stamp_of
-from sfr_loc_map.localisation.estimate import PoseEstimate, StepEstimate
-from sfr_loc_map.localisation.start_pose import StartPose
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
 from sfr_loc_map.nodes.messages.fields import header_msg
 
 FIRST_VELOCITY_VARIANCE = 1.0

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.start_pose import StartPose
+from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.nodes.processes import LivePage

@@ -2,17 +2,23 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.camera import Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.backend.bundle_adjustment import (
+    KERNEL_CHI2,
+    BundleProblem,
     Prior,
     adjust,
+    linearise,
     marginalise_oldest,
+    motions_by_poses,
     pose_difference,
     right_image_offset,
+    system_of_poses,
 )
-from sfr_loc_map.localisation.backend.linearisation import KERNEL_CHI2, BundleProblem, linearise
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
 KEYFRAMES, LANDMARKS = 3, 40
@@ -138,17 +144,6 @@ def test_marginalisation_is_the_joint_system_without_the_oldest_keyframe_and_its
     np.testing.assert_array_equal(found.keyframes.positions, base.keyframes.positions[1:])
 
 
-def test_exact_observations_are_a_fixed_point_that_is_found_again() -> None:
-    base = problem(4)
-    exact = project(base.keyframes, base.host, base.uv_inverse_depth)
-    base = base._replace(observations=np.where(np.isnan(base.observations), np.nan, exact))
-    prior = Prior(known_first_pose().information, np.zeros(6 * KEYFRAMES), base.keyframes)
-    off = Poses(base.keyframes.rotations, base.keyframes.positions + np.array([[0.0], [0.002], [-0.002]]))
-    result = adjust(base._replace(keyframes=off), prior, 8)
-    np.testing.assert_allclose(result.keyframes.positions, base.keyframes.positions, atol=1e-6)
-    np.testing.assert_allclose(result.right_offset.px, 0.0, atol=1e-6)
-
-
 def test_prior_pulls_back_to_where_it_was_linearised() -> None:
     prior = Prior(np.eye(6), np.zeros(6), Poses(np.eye(3)[None], np.zeros((1, 3))))
     turned = Poses(matrix_from_rotvec([0.0, 0.0, 1e-3])[None], np.array([[0.1, 0.0, 0.0]]))
@@ -185,11 +180,43 @@ def test_a_landmark_that_is_not_observed_stays_where_it_is() -> None:
     np.testing.assert_allclose(result.keyframes.positions, rest.keyframes.positions, atol=1e-12)
 
 
-def test_without_landmarks_the_prior_decides() -> None:
-    base, prior = problem(8), known_first_pose()
-    none = base.landmarks(slice(0, 0))
-    found_h, found_g, _ = linearise(none)
-    assert not found_h.any()
-    assert not found_g.any()
-    kept = Prior(prior.information + np.eye(6 * KEYFRAMES), prior.information_vector, base.keyframes)
-    np.testing.assert_allclose(adjust(none, kept, 1).keyframes.positions, base.keyframes.positions, atol=1e-12)
+def some_keyframes(random: np.random.Generator) -> Poses:
+    rotations = np.stack([matrix_from_rotvec(random.normal(0, 0.3, 3)) for _ in range(KEYFRAMES)])
+    return Poses(rotations, random.normal(0, 1.0, (KEYFRAMES, 3)))
+
+
+def seen(poses: Poses, host: int, point: np.ndarray) -> np.ndarray:
+    """Return a point fixed to the host in all keyframes, `(K, 3)`."""
+    world = poses.rotations[host] @ point + poses.positions[host]
+    return np.einsum("kji,kj->ki", poses.rotations, world - poses.positions)
+
+
+def turned(poses: Poses, change: np.ndarray) -> Poses:
+    step = change[:-1].reshape(-1, 6)
+    rotations = np.stack([matrix_from_rotvec(w) @ r for w, r in zip(step[:, 3:], poses.rotations, strict=True)])
+    return Poses(rotations, poses.positions + step[:, :3])
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.integers(0, KEYFRAMES - 1))
+def test_motions_of_the_keyframes_alone_show_what_a_change_of_all_poses_shows(seed: int, host: int) -> None:
+    random = np.random.default_rng(seed)
+    poses, point, step = some_keyframes(random), random.normal(0, 3.0, 3), 1e-6 * random.normal(size=UNKNOWNS)
+    motions = motions_by_poses(poses)[host] @ step
+    np.testing.assert_array_equal(motions[6 * host : 6 * host + 6], 0.0)
+    assert motions[-1] == step[-1]
+    change = seen(turned(poses, step), host, point) - seen(poses, host, point)
+    by_motions = seen(turned(poses, motions), host, point) - seen(poses, host, point)
+    np.testing.assert_allclose(by_motions, change, atol=1e-10)
+
+
+def test_normal_equations_of_poses_are_those_of_the_stacked_jacobians() -> None:
+    random = np.random.default_rng(0)
+    poses, jacobians = some_keyframes(random), random.normal(size=(KEYFRAMES, 50, UNKNOWNS))
+    residuals = random.normal(size=(KEYFRAMES, 50))
+    by_poses = np.concatenate(list(jacobians @ motions_by_poses(poses)))
+    normal, rhs = jacobians.swapaxes(1, 2) @ jacobians, np.einsum("kna,kn->ka", jacobians, residuals)
+    garbage = np.tril(np.full((UNKNOWNS, UNKNOWNS), 7.0), -1)
+    found, found_rhs = system_of_poses(np.triu(normal) + garbage, rhs, poses)
+    np.testing.assert_allclose(found, by_poses.T @ by_poses, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found_rhs, by_poses.T @ residuals.ravel(), rtol=1e-9, atol=1e-9)

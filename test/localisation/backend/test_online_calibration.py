@@ -3,12 +3,18 @@
 import cv2
 import numpy as np
 import pytest
+from loc_drive import drive, run
+from made_scene import LOC_RIG, PERIOD_NS, START_NS, true_pose
 
+from sfr_loc_map.bench.honesty import error_and_sigma
 from sfr_loc_map.geometry.camera import Poses, StereoCamera
-from sfr_loc_map.localisation.backend.bundle_adjustment import BundleAdjustmentResult, Prior, adjust
-from sfr_loc_map.localisation.backend.linearisation import BundleProblem
-from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
-from sfr_loc_map.localisation.frontend.right_offset import RightOffset
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.localisation.backend.bundle_adjustment import BundleAdjustmentResult, BundleProblem, Prior, adjust
+from sfr_loc_map.localisation.backend.online_calibration import AFTERMATH_PAIRS, OnlineCalibration
+from sfr_loc_map.localisation.estimate import StateReason, TrackingState
+from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
+from sfr_loc_map.simulation.faults import parse_fault
+from sfr_loc_map.simulation.perturber import Perturber
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 WINDOW = 5
@@ -56,16 +62,6 @@ def test_the_window_shows_an_offset_along_the_columns_with_its_variance(offset_p
     assert 0.4 < np.sqrt(np.mean(normalised**2)) < 2.0
 
 
-def test_one_step_goes_most_of_the_way() -> None:
-    for offset_px in (0.05, -0.3):
-        assert 0.6 < adjusted(offset_px, 0, 0.05).right_offset[0] / offset_px < 1.2
-
-
-def test_points_at_one_distance_say_little_of_it() -> None:
-    flat, deep = adjusted(0.1, 0, depths=(3.0, 3.01)), adjusted(0.1, 0)
-    assert flat.right_offset[1] > 4 * deep.right_offset[1]
-
-
 def test_an_offset_is_corrected_once_it_is_beyond_doubt_and_no_other() -> None:
     random = np.random.default_rng(3)
     true, knocked, straight = 0.12, OnlineCalibration(CAMERA, 7), OnlineCalibration(CAMERA, 7)
@@ -101,18 +97,6 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
     np.testing.assert_allclose(calibration.offset.at(moved, CAMERA), moved - places, atol=0.06)
 
 
-def test_rows_are_followed_ever_more_slowly() -> None:
-    calibration, places = OnlineCalibration(CAMERA, 7), np.random.default_rng(1).uniform(20, 490, (50, 2))
-    shapes = 1.0 + ((places[:, 1] - CAMERA.cy) / CAMERA.fy) ** 2
-    calibration.learn_vertical(places, 0.5 * shapes)
-    assert calibration.offset.v == pytest.approx(0.5, abs=3e-3)
-    calibration.learn_vertical(places, 0.0 * shapes)
-    assert calibration.offset.v == pytest.approx(0.25, abs=0.01)
-    for _ in range(400):
-        calibration.learn_vertical(places, 0.0 * shapes)
-    assert abs(calibration.offset.v) < 1e-3
-
-
 def test_matches_in_a_corner_do_not_say_much_of_the_rest() -> None:
     """As in an image with glare over all but a strip, where the edge of the glare is matched with itself."""
     calibration, random = OnlineCalibration(CAMERA, 7), np.random.default_rng(2)
@@ -132,3 +116,53 @@ def test_vertical_disparity_of_a_known_yaw_is_no_pitch_and_no_roll() -> None:
     calibration.learn_vertical(uv, calibration.offset.at(uv, CAMERA)[:, 1])
     assert calibration.offset.v == pytest.approx(0.0, abs=1e-9)
     assert calibration.offset.roll == pytest.approx(0.0, abs=1e-9)
+
+
+def follow(true_px: np.ndarray, noise_px: float, seed: int = 0) -> tuple[np.ndarray, OnlineCalibration]:
+    """Return the corrections so far after each pair, of landmarks that are never replaced."""
+    drift, random = OnlineCalibration(CAMERA, 7), np.random.default_rng(seed)
+    corrected = [0.0]
+    for px in true_px:
+        corrected.append(corrected[-1] + drift.learn_shift(px - corrected[-1] + random.normal(0, noise_px), 1e-4))
+    return np.array(corrected[1:]), drift
+
+
+@pytest.mark.parametrize(("rate", "noise"), [(-0.02, 0.004), (0.005, 0.004), (0.02, 0.02)])
+def test_steady_drift_is_followed_to_some_hundredths_of_a_pixel(rate: float, noise: float) -> None:
+    true = rate * np.arange(120)
+    corrected, drift = follow(true, noise)
+    assert drift.drifts
+    assert np.abs(corrected - true)[20:].max() < 0.03 + 5 * noise
+    assert abs((corrected - true)[20:].mean()) < 0.02 + noise
+
+
+@pytest.mark.parametrize("noise", [0.004, 0.1])
+def test_noise_of_any_size_is_no_drift(noise: float) -> None:
+    drifts = [follow(np.zeros(60), noise, seed) for seed in range(10)]
+    assert sum(drift.drifts for _, drift in drifts) <= 1
+    assert max(np.abs(corrected).max() for corrected, _ in drifts) < 2.5 * noise
+
+
+def test_what_is_over_ends_and_what_belongs_to_other_landmarks_is_forgotten() -> None:
+    drift = OnlineCalibration(CAMERA, 7)
+    for k in range(20):
+        drift.learn_shift(0.02 * k, 1e-4)
+    assert drift.drifts
+    drift.interrupt()
+    assert all(drift.learn_shift(0.0, 1e-4) == 0.0 for _ in range(AFTERMATH_PAIRS))
+    assert not drift.drifts
+    assert OnlineCalibration(CAMERA, 7).learn_shift(5.0, np.inf) == 0.0
+
+
+def test_right_camera_that_turns_is_followed_and_reported() -> None:
+    """Its yaw changes by a degree: without following it the attitude is off by more than ten times its 3 sigma."""
+    fault = parse_fault("drift:amount=2.5")
+    pairs = [pair for _, pair in Perturber([fault], 0, 40, LOC_RIG).pairs(drive(40))]
+    estimates = run(pairs)
+    truth = Trajectory.from_poses((START_NS + k * PERIOD_NS, true_pose(k)) for k in range(40))
+    error, sigma = error_and_sigma(estimates, truth)
+    assert (error / (3 * sigma)).max() < 2.0
+    assert estimates[-1].state is TrackingState.DEGRADED
+    assert estimates[-1].reason is StateReason.CALIBRATION_DRIFT
+    turned_px = LOC_RIG.fx * np.tan(np.radians(2.5 * 39 / 100))
+    assert estimates[-1].statistics.disparity_offset_px == pytest.approx(-turned_px, abs=0.35)

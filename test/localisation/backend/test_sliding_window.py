@@ -9,9 +9,8 @@ import pytest
 
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.backend.sliding_window import HostedLandmarks, Observations, SlidingWindow
-from sfr_loc_map.localisation.frontend.image_pyramid import build_pyramid
-from sfr_loc_map.localisation.frontend.patch import SIDE, templates_of
+from sfr_loc_map.localisation.backend.sliding_window import SlidingWindow
+from sfr_loc_map.localisation.frontend.patch import SIDE, build_pyramid, templates_of
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 PYRAMID = build_pyramid(np.zeros((512, 512), np.uint8))
@@ -53,11 +52,11 @@ def filled(size: int, seed: int = 0, keyframes: int = KEYFRAMES) -> SlidingWindo
         new = (rays * depth[:, None]) @ rotation(index).T + index * SIGHT
         observed = project(new, index) + random.normal(0.0, NOISE_PX, (PER_KEYFRAME, 4)) * [0.0, 0.0, 1.0, 1.0]
         inverse_depth = (observed[:, 0] - observed[:, 2]) / (CAMERA.fx * CAMERA.baseline_m)
-        hosted = HostedLandmarks.new(len(window) - 1, uv, inverse_depth, np.zeros((PER_KEYFRAME, 2)))
         patches = np.zeros((PER_KEYFRAME, 3, SIDE**2), np.float32)
         patches[:, 0, :2] = -index, index
         variances = np.broadcast_to(variance, (PER_KEYFRAME, 2, 3))
-        window.add_landmarks(PYRAMID, hosted, templates_of(patches), observed, variances)
+        slopes, templates = np.zeros((PER_KEYFRAME, 2)), templates_of(patches)
+        window.add_landmarks(PYRAMID, uv, inverse_depth, slopes, templates, observed, variances)
         points = np.concatenate((points, new))
     return window
 
@@ -69,128 +68,82 @@ def test_marginalise_then_solve_is_the_joint_solve() -> None:
     """
     joint, short = filled(3, keyframes=3), filled(2, keyframes=2)
     # the third keyframe of the joint window enters the short one, whose oldest leaves with what the third saw of it
-    third = joint.observations
-    seen = np.arange(2 * PER_KEYFRAME)
-    short.add_keyframe(
-        Pose(joint.keyframes.rotations[2], joint.keyframes.positions[2]),
-        seen,
-        third.uv[seen, 2],
-        third.variance[seen, 2],
-    )
-    own = np.flatnonzero(joint.hosted.host == 2)
-    hosted = HostedLandmarks.new(1, joint.hosted.uv[own], joint.hosted.uv_inverse_depth[own, 2], np.zeros((40, 2)))
-    patches = np.zeros((40, 3, SIDE**2), np.float32)
-    short.add_landmarks(PYRAMID, hosted, templates_of(patches), third.uv[own, 2], third.variance[own, 2])
-    assert len(short) == 2
-    assert len(joint) == 3
+    _, host, marks, observed, variance, _ = joint.problem
+    seen, own = np.arange(2 * PER_KEYFRAME), np.flatnonzero(host == 2)
+    short.add_keyframe(joint.pose, seen, observed[seen, 2], variance[seen, 2])
+    patches, slopes = np.zeros((PER_KEYFRAME, 3, SIDE**2), np.float32), np.zeros((PER_KEYFRAME, 2))
+    uv, rho = np.rint(marks[own, :2]), marks[own, 2]
+    short.add_landmarks(PYRAMID, uv, rho, slopes, templates_of(patches), observed[own, 2], variance[own, 2])
+    assert (short.count, joint.count) == (2, 3)
     for window in (joint, short):
         window.adjust(1)
-    assert np.abs(joint.keyframes.positions[1:] - [SIGHT, 2 * SIGHT]).max() > 1e-4  # something was adjusted at all
-    np.testing.assert_allclose(short.keyframes.positions, joint.keyframes.positions[1:], atol=1e-9)
-    np.testing.assert_allclose(short.keyframes.rotations, joint.keyframes.rotations[1:], atol=1e-9)
-    np.testing.assert_allclose(short.pose_covariance, joint.pose_covariance[6:, 6:], rtol=1e-5, atol=1e-13)
-    kept = joint.hosted.host > 0
-    np.testing.assert_allclose(short.hosted.uv_inverse_depth, joint.hosted.uv_inverse_depth[kept], atol=1e-8)
+    (short_r, short_p), (joint_r, joint_p) = short.problem.keyframes, joint.problem.keyframes
+    assert np.abs(joint_p[1:] - [SIGHT, 2 * SIGHT]).max() > 1e-4  # something was adjusted at all
+    np.testing.assert_allclose(short_p, joint_p[1:], atol=1e-9)
+    np.testing.assert_allclose(short_r, joint_r[1:], atol=1e-9)
+    np.testing.assert_allclose(short.covariance, joint.covariance, rtol=1e-5, atol=1e-13)
+    np.testing.assert_allclose(short.problem.uv_inverse_depth, joint.problem.uv_inverse_depth[host > 0], atol=1e-8)
 
 
-def test_an_adjusted_window_is_near_the_truth_within_its_covariance() -> None:
-    window = filled(KEYFRAMES)
-    window.adjust(5)
-    truth = np.arange(KEYFRAMES)[:, None] * SIGHT
-    sigma = np.sqrt(np.diag(window.pose_covariance).reshape(-1, 6))
-    assert (np.abs(window.keyframes.positions - truth) < 4.0 * sigma[:, :3] + 1e-9).all()
-    assert (np.diff(sigma[:, :3].max(axis=1)) > 0.0).all()  # drift: later poses are known less well
-    assert sigma[-1, :3].max() < 0.01
-    np.testing.assert_allclose(window.pose_covariance, window.pose_covariance.T, atol=1e-15)
-    assert np.linalg.eigvalsh(window.pose_covariance).min() > 0.0
-    np.testing.assert_array_equal(window.last_covariance, window.pose_covariance[-6:, -6:])
+def test_an_adjusted_window_is_near_the_truth_within_its_covariance_and_its_first_pose_is_given() -> None:
+    sigmas = []
+    for keyframes in range(1, KEYFRAMES + 1):
+        window = filled(KEYFRAMES, keyframes=keyframes)
+        window.adjust(5)
+        sigmas.append(np.sqrt(np.diag(window.covariance)))
+        error = window.pose.position - (keyframes - 1) * SIGHT
+        assert (np.abs(error) < 4.0 * sigmas[-1][:3] + 1e-9).all()
+        assert np.linalg.eigvalsh(window.covariance).min() > 0.0
+    np.testing.assert_allclose(window.problem.keyframes.positions[0], 0.0, atol=1e-6)
+    np.testing.assert_allclose(sigmas[0], 1e-5, rtol=0.01)
+    assert (np.diff([sigma[:3].max() for sigma in sigmas]) > 0.0).all()  # drift: later poses are known less well
+    assert sigmas[-1][:3].max() < 0.01
+    drift = window.drift
+    assert drift is not None
+    assert drift.metres == pytest.approx(float(np.linalg.norm(SIGHT)), abs=0.01)
+    assert np.sqrt(np.trace(drift.covariance[:3, :3])) < np.sqrt(np.trace(window.covariance[:3, :3]))
 
 
-def test_the_first_pose_is_given() -> None:
-    window = filled(KEYFRAMES)
-    window.adjust(3)
-    np.testing.assert_allclose(window.keyframes.positions[0], 0.0, atol=1e-6)
-    np.testing.assert_allclose(np.sqrt(np.diag(window.pose_covariance)[:6]), 1e-5, rtol=0.01)
-
-
-def test_the_oldest_keyframe_leaves_with_its_landmarks() -> None:
-    window = filled(2)
-    assert len(window) == 2
-    np.testing.assert_array_equal(window.hosted.host, np.repeat([0, 1], PER_KEYFRAME))
-    assert window.observations.uv.shape == (2 * PER_KEYFRAME, 2, 4)
-    assert window.observations.variance.shape == (2 * PER_KEYFRAME, 2, 2, 3)
-    landmarks = window.landmarks()
-    expected = np.repeat([2.0, 3.0], PER_KEYFRAME)  # patches stay with their landmarks
-    np.testing.assert_array_equal(landmarks.patches.level(0).values[:, 0, 1], expected)
-    np.testing.assert_array_equal(
-        landmarks.hosts.positions, window.keyframes.positions[[0, 1]].repeat(PER_KEYFRAME, axis=0)
-    )
-
-
-def test_covariance_goes_on_over_keyframes_that_left() -> None:
+def test_the_oldest_keyframe_leaves_with_its_landmarks_and_the_covariance_goes_on() -> None:
     sigmas = []
     for keyframes in range(2, 6):
         window = filled(2, keyframes=keyframes)
         window.adjust(2)
-        sigmas.append(np.sqrt(np.trace(window.last_covariance[:3, :3])))
+        sigmas.append(np.sqrt(np.trace(window.covariance[:3, :3])))
     assert all(later > earlier for earlier, later in pairwise(sigmas))
+    window = filled(2)
+    assert window.count == 2
+    np.testing.assert_array_equal(window.problem.host, np.repeat([0, 1], PER_KEYFRAME))
+    assert window.problem.observations.shape == (2 * PER_KEYFRAME, 2, 4)
+    landmarks = window.landmarks()
+    expected = np.repeat([2.0, 3.0], PER_KEYFRAME)  # patches stay with their landmarks
+    np.testing.assert_array_equal(landmarks.patches[0].values[:, 0, 1], expected)
+    positions = window.problem.keyframes.positions
+    np.testing.assert_array_equal(landmarks.planes.hosts.positions, positions.repeat(PER_KEYFRAME, axis=0))
 
 
 def test_inactive_landmarks_are_not_tracked_and_still_adjusted() -> None:
-    window = filled(KEYFRAMES)
-    gone = np.arange(5, 25)
-    window.deactivate(gone)
+    window, gone = filled(KEYFRAMES), np.arange(5, 25)
+    window.active[gone] = False
     landmarks = window.landmarks()
     np.testing.assert_array_equal(landmarks.index, np.setdiff1d(np.arange(KEYFRAMES * PER_KEYFRAME), gone))
-    assert len(landmarks.patches.level(0).values) == len(landmarks) == len(window.newest_observations)
-    np.testing.assert_array_equal(landmarks.last_seen, window.observations.uv[landmarks.index, -1])
-    before = window.hosted.uv_inverse_depth[gone]
+    assert len(landmarks.patches[0].values) == len(landmarks.index) == len(window.newest_observations)
+    np.testing.assert_array_equal(landmarks.last_seen, window.problem.observations[landmarks.index, -1])
+    before = window.problem.uv_inverse_depth[gone]
     window.adjust(1)
-    assert (window.hosted.uv_inverse_depth[gone] != before).any(axis=1).all()
+    assert (window.problem.uv_inverse_depth[gone] != before).any(axis=1).all()
 
 
-def test_landmarks_are_points_of_the_world() -> None:
-    window = filled(KEYFRAMES)
-    landmarks = window.landmarks()
-    for index in range(KEYFRAMES):
-        hosted = window.hosted.host == index
-        np.testing.assert_allclose(
-            (landmarks.points[hosted] - window.keyframes.positions[index]) @ window.keyframes.rotations[index],
-            landmarks.rays[hosted] / landmarks.inverse_depth[hosted, None],
-            atol=1e-9,
-        )
-
-
-@pytest.mark.parametrize("columns", [0.05, -0.3])
-def test_shifting_right_observations_and_back(columns: float) -> None:
-    window = filled(KEYFRAMES)
-    before = window.observations
-    window.shift_right_observations(columns)
-    x = (before.uv[..., 2] - CAMERA.cx) / CAMERA.fx
-    np.testing.assert_allclose(window.observations.uv[..., 2] - before.uv[..., 2], columns * (1.0 + x * x), atol=1e-9)
-    np.testing.assert_array_equal(window.observations.uv[..., (0, 1, 3)], before.uv[..., (0, 1, 3)])
-    window.shift_right_observations(-columns)
-    np.testing.assert_allclose(window.observations.uv, before.uv, atol=2.0 * columns**2 / CAMERA.fx)
-
-
-def test_a_window_shows_the_shift_of_its_right_observations() -> None:
-    offsets = []
+def test_shifted_right_observations_are_seen_as_an_offset() -> None:
+    offsets, window = [], filled(KEYFRAMES)
     for columns in (0.0, 0.4):
         window = filled(KEYFRAMES)
+        before = window.problem.observations
         window.shift_right_observations(columns)
+        x = (before[..., 2] - CAMERA.cx) / CAMERA.fx
+        after = window.problem.observations
+        np.testing.assert_allclose(after[..., 2] - before[..., 2], columns * (1.0 + x * x), atol=1e-9)
+        np.testing.assert_array_equal(after[..., (0, 1, 3)], before[..., (0, 1, 3)])
         window.adjust(8)
-        offsets.append(window.right_offset[0])
+        offsets.append(window.right_offset.px)
     assert 0.5 * 0.4 < offsets[1] - offsets[0] < 1.2 * 0.4
-
-
-def test_observations_do_not_change_in_place() -> None:
-    one = Observations(np.zeros((0, 0, 4)), np.zeros((0, 0, 2, 3))).with_keyframe(
-        np.zeros(0, np.intp), np.zeros((0, 4)), np.zeros((0, 2, 3))
-    )
-    two = one.with_landmarks(np.full((2, 4), 5.0), np.ones((2, 2, 3)))
-    three = two.with_keyframe(np.array([1]), np.full((1, 4), 7.0), np.ones((1, 2, 3)))
-    assert one.uv.shape == (0, 1, 4)
-    assert (two.uv == 5.0).all()
-    assert np.isnan(three.uv[0, 1]).all()
-    assert (three.uv[1, 1] == 7.0).all()
-    assert (three.without_oldest(np.array([False, True])).uv == 7.0).all()

@@ -1,34 +1,15 @@
-"""Patches: sampling against scipy, gradients against differences, tracking of a known subpixel shift."""
+"""Tracking of patches: a known subpixel shift, rotation and scale, and the covariance of many noisy images."""
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from sfr_loc_map.localisation.frontend.patch import (
-    HALF,
-    SIDE,
-    cut_patches,
-    half_width,
-    normalise,
-    sample,
-    templates_of,
-)
+from sfr_loc_map.localisation.frontend.patch import HALF, cut_patches, templates_of
 from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, TrackingLimits, track_patches
 
 RANDOM = np.random.default_rng(0)
 IMAGE = gaussian_filter(RANDOM.normal(128.0, 400.0, (120, 160)), 2.0).astype(np.float32)
 UV = RANDOM.integers(25, 95, (30, 2)).astype(float)
-
-
-@njit
-def sampled(image, x, y):  # noqa: ANN001, ANN201
-    return sample(image, x, y)
-
-
-@njit
-def normalised(values):  # noqa: ANN001, ANN201
-    return normalise(values)
 
 
 def shifted(dx: float, dy: float, gain: float = 1.0, offset: float = 0.0) -> np.ndarray:
@@ -42,48 +23,6 @@ def track(image: np.ndarray, homographies: np.ndarray | None = None, max_shift: 
     homographies = np.tile(np.eye(3), (len(UV), 1, 1)) if homographies is None else homographies
     templates = templates_of(cut_patches(IMAGE, UV, HALF))
     return track_patches(image, templates, UV, homographies, TrackingLimits(max_shift, 20, -1.0))
-
-
-def test_samples_are_bilinear() -> None:
-    x, y = RANDOM.uniform(0, 158.9, 200), RANDOM.uniform(0, 118.9, 200)
-    expected = map_coordinates(IMAGE.astype(float), [y, x], order=1)
-    np.testing.assert_allclose([sampled(IMAGE, *place) for place in zip(x, y, strict=True)], expected, atol=2e-3)
-
-
-def test_patches_hold_values_and_central_differences() -> None:
-    patches = cut_patches(IMAGE, UV, HALF)
-    assert patches.shape == (len(UV), 3, SIDE * SIDE)
-    assert half_width(SIDE * SIDE) == HALF
-    for patch, (u, v) in zip(patches, UV.astype(int), strict=True):
-        rows, columns = slice(v - HALF, v + HALF + 1), slice(u - HALF, u + HALF + 1)
-        dy, dx = np.gradient(IMAGE.astype(float))
-        for values, whole in zip(patch, (IMAGE, dx, dy), strict=True):
-            np.testing.assert_allclose(values.reshape(SIDE, SIDE), whole[rows, columns], atol=1e-3)
-
-
-def test_normalisation_takes_the_mean_and_returns_the_power() -> None:
-    values = RANDOM.normal(50, 20, 121).astype(np.float32)
-    expected = values - values.mean()
-    assert normalised(values) == pytest.approx(float((expected.astype(float) ** 2).sum()), rel=1e-5)
-    np.testing.assert_allclose(values, expected, atol=1e-4)
-
-
-def test_templates_have_no_mean_and_no_derivative_by_contrast() -> None:
-    patches = cut_patches(IMAGE, UV, HALF)
-    values, moments = templates_of(patches.copy())
-    centred = patches.astype(float) - patches.mean(axis=2, keepdims=True, dtype=float)
-    power = np.einsum("nk,nk->n", centred[:, 0], centred[:, 0])
-    np.testing.assert_allclose(moments[:, 0], power, rtol=1e-4)
-    along = np.einsum("nk,nik->ni", centred[:, 0], centred[:, 1:]) / power[:, None]
-    np.testing.assert_allclose(moments[:, 1:3], along, atol=1e-4)
-    expected = centred[:, 1:] - along[:, :, None] * centred[:, :1]
-    np.testing.assert_allclose(values[:, 1:], expected, atol=1e-2)
-    products = np.einsum("nik,njk->nij", expected, expected)
-    np.testing.assert_allclose(moments[:, 3:], products[:, [0, 0, 1], [0, 1, 1]], rtol=1e-3, atol=1.0)
-
-
-def test_a_patch_without_texture_is_no_template() -> None:
-    assert not templates_of(np.full((1, 3, SIDE * SIDE), 7.0, np.float32)).moments.any()
 
 
 @pytest.mark.parametrize(("dx", "dy"), [(0.0, 0.0), (0.4, -0.7), (-1.6, 1.2)])

@@ -7,9 +7,14 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.localisation.frontend import photometric_alignment as alignment
-from sfr_loc_map.localisation.frontend.homography import LocalPlanes, plane_homographies
-from sfr_loc_map.localisation.frontend.image_pyramid import ImageLevel
-from sfr_loc_map.localisation.frontend.patch import cut_patches, templates_of
+from sfr_loc_map.localisation.frontend.patch import (
+    ImageLevel,
+    LocalPlanes,
+    Templates,
+    cut_patches,
+    plane_homographies,
+    templates_of,
+)
 
 CAMERA = StereoCamera(200.0, 210.0, 119.5, 89.5, 0.1)
 HEIGHT, WIDTH, DEPTH, HALF = 180, 240, 2.0, 3
@@ -35,6 +40,13 @@ def view(pose: Pose) -> np.ndarray:
     x = CAMERA.fx * points[:, 0] / DEPTH + CAMERA.cx
     y = CAMERA.fy * points[:, 1] / DEPTH + CAMERA.cy
     return map_coordinates(IMAGE, [y, x], order=3, mode="nearest").reshape(HEIGHT, WIDTH).astype(np.float32)
+
+
+def aligned(
+    level: ImageLevel, templates: Templates, planes: LocalPlanes, start: Pose, iterations: int
+) -> alignment.Alignment:
+    homographies = plane_homographies(start, planes, CAMERA, 0.0)
+    return alignment.align_patches(level, templates, homographies, planes, start, CAMERA, iterations)
 
 
 def system() -> alignment._System:
@@ -89,7 +101,7 @@ def test_right_hand_side_is_the_descent_of_the_squared_differences() -> None:
 def test_a_known_pose_is_found(size: float) -> None:
     truth = moved(START, size * np.array([0.012, -0.01, 0.02, 0.006, -0.004, 0.01]))
     patches = templates_of(cut_patches(IMAGE.astype(np.float32), UV, HALF))
-    found = alignment.align_pose(ImageLevel(view(truth), 1.0), patches, planes(), START, CAMERA, 15)
+    found = aligned(ImageLevel(view(truth), 1.0), patches, planes(), START, 15)
     assert found.correlation > 0.99
     np.testing.assert_allclose(found.pose.position, truth.position, atol=4e-3)
     np.testing.assert_allclose(rotvec_from_matrix(found.pose.rotation @ truth.rotation.T), 0.0, atol=1e-3)
@@ -102,22 +114,13 @@ def test_levels_are_aligned_in_their_own_pixels() -> None:
         return image.reshape(HEIGHT // 2, 2, WIDTH // 2, 2).mean(axis=(1, 3)).astype(np.float32)
 
     patches = templates_of(cut_patches(halved(IMAGE), (UV + 0.5) / 2 - 0.5, HALF))
-    found = alignment.align_pose(ImageLevel(halved(view(truth)), 2.0), patches, planes(), START, CAMERA, 15)
+    found = aligned(ImageLevel(halved(view(truth)), 2.0), patches, planes(), START, 15)
     np.testing.assert_allclose(found.pose.position, truth.position, atol=4e-3)
     np.testing.assert_allclose(rotvec_from_matrix(found.pose.rotation), [0.0, 0.0, 0.01], atol=2e-3)
 
 
 def test_too_few_patches_in_view_give_the_start_without_correlation() -> None:
     patches = templates_of(cut_patches(IMAGE.astype(np.float32), UV[:7], HALF))
-    found = alignment.align_pose(ImageLevel(view(START), 1.0), patches, planes(UV[:7]), START, CAMERA, 5)
+    found = aligned(ImageLevel(view(START), 1.0), patches, planes(UV[:7]), START, 5)
     assert found.correlation == -1.0
     np.testing.assert_array_equal(found.pose.position, START.position)
-
-
-def test_shapes_are_the_derivatives_of_the_homographies() -> None:
-    pose = Pose(matrix_from_rotvec([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 0.5]))
-    shapes = alignment._shapes(plane_homographies(pose, planes(), CAMERA, 0.0), UV)
-    zoom = DEPTH / (DEPTH - 0.5)  # the wall is nearer, the camera rolled: the image is turned the other way
-    c, s = zoom * np.cos(0.1), zoom * np.sin(0.1)
-    expected = [[c, s * CAMERA.fx / CAMERA.fy], [-s * CAMERA.fy / CAMERA.fx, c]]
-    np.testing.assert_allclose(shapes, np.tile(np.ravel(expected), (len(UV), 1)), atol=1e-9)

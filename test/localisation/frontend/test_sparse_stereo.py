@@ -1,22 +1,31 @@
-"""Sparse stereo on a texture whose disparities are known."""
+"""Sparse stereo on a texture whose disparities are known; nearest neighbours as a search tree finds them."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial import cKDTree
 
-from sfr_loc_map.localisation.frontend.image_pyramid import build_pyramid
-from sfr_loc_map.localisation.frontend.sparse_stereo import StereoMatches, match_corners
+from sfr_loc_map.localisation.frontend.patch import HALF, build_pyramid, cut_patches
+from sfr_loc_map.localisation.frontend.sparse_stereo import StereoMatches, match_corners, nearest, refine_slopes
 
 HEIGHT, WIDTH = 160, 240
 LEFT = np.clip(gaussian_filter(np.random.default_rng(0).normal(128, 400, (HEIGHT, WIDTH)), 2.0), 0, 255)
+RANDOM = np.random.default_rng(3)
+TEXTURE = gaussian_filter(RANDOM.normal(128, 400, (HEIGHT, WIDTH)), 2.0).astype(np.float32)
 UV = np.stack(np.meshgrid(np.arange(70, 210, 14.0), np.arange(30, 135, 14.0)), axis=-1).reshape(-1, 2)
 
 
-def right_image(a: float, b: float, c: float, rows: float = 0.0) -> np.ndarray:
+def moved(left: np.ndarray, a: float, b: float, c: float, rows: float = 0.0) -> np.ndarray:
     """Return the right image of the plane `disparity = a + b u + c v` in left pixels, lower by some rows."""
     v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
     v -= rows
-    return map_coordinates(LEFT, [v, (u + a + c * v) / (1.0 - b)], order=3, mode="nearest")
+    return map_coordinates(left, [v, (u + a + c * v) / (1.0 - b)], order=3, mode="nearest").astype(np.float32)
+
+
+def right_image(a: float, b: float, c: float, rows: float = 0.0) -> np.ndarray:
+    return moved(LEFT, a, b, c, rows)
 
 
 def match(right: np.ndarray, rows: float = 0.0) -> StereoMatches:
@@ -67,3 +76,78 @@ def test_matches_on_the_mask_are_left_out() -> None:
     assert 0 < len(kept.uv) < len(found.uv)
     assert kept.right[:, 0].min() >= 119.5
     assert found.outside(None) is found
+
+
+def slopes(left: np.ndarray, right: np.ndarray, plane: tuple[float, float, float], start: np.ndarray) -> np.ndarray:
+    """Return the slopes from positions that are 0.2 px off."""
+    a, b, c = plane
+    places = np.column_stack((UV[:, 0] - a - b * UV[:, 0] - c * UV[:, 1] + 0.2, UV[:, 1] - 0.1))
+    return refine_slopes(right, cut_patches(left, UV, HALF), places, start)
+
+
+@pytest.mark.parametrize("plane", [(12.3, 0.0, 0.0), (9.0, 0.06, 0.08), (20.0, -0.08, -0.03)])
+def test_slopes_of_a_plane_are_found_from_none(plane: tuple[float, float, float]) -> None:
+    right = moved(TEXTURE, *plane)
+    found = slopes(TEXTURE, right, plane, np.zeros((len(UV), 2)))
+    np.testing.assert_allclose(np.median(found, axis=0), plane[1:], atol=0.003)
+    assert np.percentile(np.abs(found - plane[1:]).max(axis=1), 90) < 0.02
+    other = slopes(TEXTURE, 0.7 * right + np.float32(20.0), plane, np.zeros((len(UV), 2)))
+    np.testing.assert_allclose(other, found, atol=2e-4)
+
+
+def test_noise_leaves_what_the_neighbours_say() -> None:
+    """The stronger the noise against the texture, the more the prior counts; between the two no slope overshoots."""
+    plane, start = (12.0, 0.1, 0.0), np.zeros((len(UV), 2))
+    right = moved(TEXTURE, *plane)
+    shares = []
+    for sigma in (0.0, 30.0, 120.0):
+        noise = RANDOM.normal(0, 1, (2, HEIGHT, WIDTH)).astype(np.float32) * np.float32(sigma)
+        shares.append(np.median(slopes(TEXTURE + noise[0], right + noise[1], plane, start)[:, 0]) / plane[1])
+    assert 0.95 < shares[0] < 1.05
+    assert shares[0] > shares[1] > shares[2]
+    assert shares[2] < 0.5
+
+
+def test_a_patch_that_gives_none_keeps_its_slopes() -> None:
+    start = np.tile([0.3, -0.2], (4, 1))
+    flat = np.full((HEIGHT, WIDTH), 90.0, np.float32)
+    patches = cut_patches(TEXTURE, UV[:4], HALF)
+    outside, inside = np.tile([2.0, 40.0], (4, 1)), UV[:4]
+    for image, patch, right in (
+        (TEXTURE, patches, outside),
+        (TEXTURE, patches, np.full((4, 2), np.nan)),
+        (flat, patches, inside),
+        (TEXTURE, cut_patches(flat, UV[:4], HALF), inside),
+    ):
+        np.testing.assert_array_equal(refine_slopes(image, patch, right, start), start)
+
+
+@settings(max_examples=60)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 80),
+    st.integers(0, 80),
+    st.integers(1, 9),
+    st.sampled_from([1.0, 0.01, 1e4]),
+)
+def test_the_same_as_a_search_tree(seed: int, points: int, others: int, count: int, flat: float) -> None:
+    """Compared with scipy's k-d tree; a flat cloud (along u or along v) is the hard case of a walk along u."""
+    random = np.random.default_rng(seed)
+    uv = random.uniform(0.0, 1.0, (points, 2)) * [flat, 1.0]
+    support = np.concatenate((uv, random.uniform(0.0, 1.0, (others, 2)) * [flat, 1.0]))
+    count = min(count, len(support))
+    distance, index = nearest(uv, support, count)
+    expected, which = (np.reshape(part, (points, count)) for part in cKDTree(support).query(uv, k=count))
+    assert np.array_equal(distance, expected)
+    assert np.array_equal(index, which)
+
+
+@pytest.mark.parametrize("count", [1, 3, 7])
+def test_equal_points_are_all_found(count: int) -> None:
+    support = np.array([[1.0, 1.0]] * 4 + [[2.0, 1.0]] * 3)
+    distance, index = nearest(np.array([[1.0, 1.0], [9.0, 1.0]]), support, count)
+    assert distance.tolist() == [
+        [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0][:count],
+        [7.0, 7.0, 7.0, 8.0, 8.0, 8.0, 8.0][:count],
+    ]
+    assert all(len(set(row)) == count for row in index.tolist())

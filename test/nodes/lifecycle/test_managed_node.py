@@ -101,20 +101,23 @@ def test_parameters_change_live_as_a_whole_or_not_at_all(ros: None, capfd: Captu
         send_infos(peer, "loc", LOC_RIG)
         peer.play(0)
         at = peer.play(1)
-        ok, reason = peer.set(localisation__max_features=300, localisation__keyframe_share=7.0)
+        ok, reason = peer.set(localisation__max_features=300, localisation__min_tracked=7)
         assert not ok
-        assert "keyframe_share" in reason
-        for absurd in ({"localisation__common_px": 1e300}, {"localisation__inflation": math.inf}):
+        assert "min_tracked" in reason
+        for absurd in (
+            {"localisation__motion__max_speed_m_s": 1e300},
+            {"localisation__motion__max_turn_rad_s": math.inf},
+        ):
             ok, reason = peer.set(**absurd)
             assert not ok
             assert "range" in reason
         ok, reason = peer.set(queue_size=7)
         assert (ok, "read-only" in reason) == (False, True)
-        assert peer.set(localisation__max_features=300, localisation__keyframe_share=0.5) == (True, "")
+        assert peer.set(localisation__max_features=300, localisation__min_tracked=20) == (True, "")
 
         def adopted() -> bool:
             values = json.loads(configurations[-1].data)
-            return (values["localisation.max_features"], values["localisation.keyframe_share"]) == (300, 0.5)
+            return (values["localisation.max_features"], values["localisation.min_tracked"]) == (300, 20)
 
         peer.until(adopted, "the configuration")
         before = np.array(peer.odometry[-1].pose.covariance).reshape(6, 6)
@@ -123,7 +126,7 @@ def test_parameters_change_live_as_a_whole_or_not_at_all(ros: None, capfd: Captu
         after = np.array(peer.odometry[-1].pose.covariance).reshape(6, 6)
         # which it knows no better than before, and the rover has gone on by a step meanwhile
         assert np.linalg.eigvalsh(after - before - 0.8 * np.diag([step**2] * 3 + [0] * 3)).min() > -1e-12
-        localiser = Localiser(LOC_RIG, LocalisationConfig(max_features=300, keyframe_share=0.5), Transform.identity())
+        localiser = Localiser(LOC_RIG, LocalisationConfig(max_features=300, min_tracked=20), Transform.identity())
         features = [localiser.process(loc_pair(index)).statistics.features for index in (2, 3)]
         peer.play(3)
         found = [float(values_of(status)["statistic.features"]) for status in calls(peer.diagnostics)[-2:]]

@@ -1,0 +1,262 @@
+"""Images that are not what the cameras see now: frozen or repeated ones, torn transfers.
+
+- The noise of a camera makes two images of one scene differ in every textured row, so rows that are equal to the last
+  bit were not exposed again.
+- A frozen image may have new noise. It shows the same scene twice, as a rover that stands still does. A camera that is
+  exposed again has noise of its own in either image: where noise made the first one brighter, the second one is darker,
+  as far as they differ at all (regression to the mean, slope -1/2). An old image with noise added differs by what does
+  not depend on it (slope 0). Where hardly a pixel differs, there was no exposure at all.
+- A torn image is of two exposures: above some row new, below it of the pair before, or the other way round. Where the
+  old rows were never shown before, as in the second of two torn pairs, the landmarks on the two sides of the tear
+  follow two motions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.stereo import StereoPair, are_equal
+from sfr_loc_map.localisation.estimate import StateReason
+from sfr_loc_map.localisation.frontend.dynamic_regions import Unexplained
+
+ROW_STEPS: Final = (16, 1)
+"""Every so many rows are compared; more of them where the first ones do not decide."""
+MAX_NOISE: Final = 12.0
+"""Standard deviation of a difference, grey levels, beyond which it is no noise: most moving images are told by it."""
+MAX_NEIGHBOUR_CORRELATION: Final = 0.2
+"""Correlation of neighbouring pixels of a difference beyond which it is no noise: what moves leaves edges."""
+UNEXPOSED, OVEREXPOSED = 8, 247
+"""Grey levels beyond which noise is cut off."""
+MIN_PIXELS: Final = 256
+"""Fewest exposed pixels that tell anything."""
+MIDDLE_SLOPE: Final = -0.25
+"""Slope of the difference over the first image, between that of two exposures and that of an old image."""
+STANDARD_ERRORS: Final = 4.0
+CALM_SHARE: Final = 0.1
+"""Quantile of the texture beside a pixel from which on it counts less: noise is seen best where there is little."""
+MAX_CHANGED: Final = 0.1
+"""Share of the exposed pixels that differ in an image that was not exposed again; noise of a tenth of a grey level
+makes a tenth of the pixels of two exposures differ."""
+MIN_ROW_RANGE: Final = 8
+"""Range of the grey levels of a row that has texture: sky and saturated rows are equal in all images."""
+MIN_STALE_SHARE: Final = 0.05
+"""Share of the rows that make an image torn."""
+PROBE: Final = 64
+"""Every so many columns are compared first."""
+MIN_WITNESSES: Final = 12
+"""Landmarks in view on either side of a tear that tell whether it is there."""
+MIN_AGREEING: Final = 0.5
+"""Share of them that agree with the pose in a whole image."""
+MAX_DOUBTED_PAIRS: Final = 20
+"""Pairs after a torn one that are doubted where nothing proves them whole."""
+MIN_PART: Final = 30
+"""Landmarks in view on the smaller side of a tear at an unknown row."""
+MAX_AGREEING_BEYOND, MIN_AGREEING_WITHIN = 0.2, 0.75
+"""Shares that agree with the pose on the two sides of such a tear."""
+MAX_TEARS: Final = 10
+"""Such pairs in a row: what lasts longer is something that moves."""
+
+
+class StaleRows(NamedTuple):
+    """Rows of one image that repeat the image before.
+
+    Attributes:
+        rows: `(H,)` textured rows that are equal.
+        all: Whether all textured rows are, and there are some.
+        stays: Whether the image is the one before, textured or not, but for new noise.
+    """
+
+    rows: Mask
+    all: bool
+    stays: bool
+
+
+class StaleImageFilter:
+    """Blanks what an image repeats from the one before, so that nothing is tracked there.
+
+    A part that stays the same for longer is no torn image but something fixed to the camera, and is left as it is.
+
+    Attributes:
+        rows: `(H,)` what was blanked last.
+    """
+
+    def __init__(self) -> None:
+        """Start without an image."""
+        self._before: StereoPair | None = None
+        self._last: tuple[StaleRows, StaleRows] | None = None
+        self.rows: Mask = np.zeros(0, np.bool_)
+
+    def fresh(self, pair: StereoPair, *, may_repeat: bool) -> tuple[StereoPair | None, StateReason | None]:
+        """Return a pair with stale parts blanked, and the reason to doubt it, if there is one.
+
+        Args:
+            pair: Unless it repeats the pair before, it is what the next one is compared with.
+            may_repeat: Whether None is returned where both images are those of the pair before, but for new noise; if
+                need be swapped.
+        """
+        before, last = self._before, self._last
+        if before is None or last is None:
+            self._before, nothing = pair, StaleRows(np.zeros(len(pair.left), np.bool_), all=False, stays=False)
+            self._last = nothing, nothing
+            return pair, None
+        swapped = are_equal(before.right, pair.left) and are_equal(before.left, pair.right)
+        stale = []
+        for old, new in ((before.left, pair.left), (before.right, pair.right)):
+            if is_frozen(old, new):
+                stale.append(StaleRows(np.ones(len(new), np.bool_), all=True, stays=True))
+                continue
+            same = (old[:, ::PROBE] == new[:, ::PROBE]).all(axis=1)
+            rows, whole = np.zeros(len(new), np.bool_), False
+            if same.any():
+                same &= (old == new).all(axis=1)
+                textured = np.ptp(new, axis=1) >= MIN_ROW_RANGE
+                if np.count_nonzero(same & textured) >= MIN_STALE_SHARE * len(new):
+                    rows, whole = same & textured, bool(same[textured].all())
+            stale.append(StaleRows(rows, whole, stays=bool(same.all())))
+        left, right = stale
+        if may_repeat and (swapped or (left.stays and right.stays)):
+            return None, None
+        self._last, self._before = (left, right), pair
+        if not (left.rows.any() or right.rows.any()):
+            return pair, None
+        # a frozen image is always compared with the one that was exposed
+        kept_left = before.left if left.all else pair.left
+        kept_right = before.right if right.all else pair.right
+        self._before = StereoPair(pair.stamp_ns, kept_left, kept_right)
+        blank_left, blank_right = (
+            now.rows if now.all else now.rows & ~old.rows for now, old in zip((left, right), last, strict=True)
+        )
+        if not (blank_left.any() or blank_right.any()):
+            return pair, None
+        self.rows = blank_left | blank_right
+        reason = StateReason.REPEATED_IMAGES if left.all or right.all else StateReason.TORN_IMAGES
+        return replace(pair, left=_blanked(pair.left, blank_left), right=_blanked(pair.right, blank_right)), reason
+
+
+def _blanked(image: GreyImage, rows: Mask) -> GreyImage:
+    if not rows.any():
+        return image
+    blanked = image.copy()
+    blanked[rows] = 0
+    return blanked
+
+
+def is_frozen(before: GreyImage, now: GreyImage) -> bool:
+    """Tell whether an image is one before it with new noise; equal images have none and are not told."""
+    for step in ROW_STEPS:
+        change = np.asarray(cv2.subtract(now[1:-1:step], before[1:-1:step], dtype=cv2.CV_32F), np.float32)
+        # noise is little, and each pixel's own; the first look is rounded and cheap, and tells most images that move
+        if cv2.meanStdDev(change)[1].item() ** 2 > 1.1 * MAX_NOISE**2:
+            return False
+        centred = change - change.mean()
+        variance = float(np.mean(np.square(centred)))
+        alike = float(np.mean(centred[:, 1:] * centred[:, :-1]))
+        if variance > MAX_NOISE**2 or not alike <= MAX_NEIGHBOUR_CORRELATION * variance:
+            return False
+        first = before[1:-1:step].astype(np.float32)
+        exposed = (first[:, 1:-1] > UNEXPOSED) & (first[:, 1:-1] < OVEREXPOSED)
+        if np.count_nonzero(exposed) < MIN_PIXELS:
+            return False
+        # what is weighted by the texture of other rows has noise of any sign
+        beside = (np.abs(_second_difference(rows.astype(np.float32))) for rows in (before[:-2:step], before[2::step]))
+        texture = np.maximum(*beside)[exposed]
+        scale = float(np.quantile(texture, CALM_SHARE)) + 1.0
+        weight = np.asarray(1.0 / (np.square(texture) + scale**2), np.float32)
+        slope, error = _regression(_second_difference(first)[exposed], _second_difference(change)[exposed], weight)
+        if abs(slope - MIDDLE_SLOPE) > STANDARD_ERRORS * error:
+            return slope > MIDDLE_SLOPE
+    changed = float(np.mean(change[:, 1:-1][exposed] != 0.0))
+    return changed < MAX_CHANGED and not np.array_equal(before, now)
+
+
+def _regression(image: FloatImage, change: FloatImage, weight: FloatImage) -> tuple[float, float]:
+    """Return the weighted slope of changes `(N,)` over an image `(N,)`, in their power, and its standard error."""
+    power = float(np.sum(weight * np.square(change)))
+    if power == 0.0:
+        return 0.0, np.inf
+    products = weight * image * change
+    return float(np.sum(products)) / power, float(np.sqrt(np.sum(np.square(products)))) / power
+
+
+def _second_difference(image: FloatImage) -> FloatImage:
+    """Return what varies from pixel to pixel along the rows: noise, and little of the scene."""
+    return np.asarray(2.0 * image[:, 1:-1] - image[:, :-2] - image[:, 2:], np.float32)
+
+
+class Exposure(IntEnum):
+    """Whether an image is of one exposure; more doubtful ones are larger."""
+
+    WHOLE = 0
+    UNPROVEN = 1
+    """Only one side of a tear has landmarks: they are of one moment, which may be that of the pair before."""
+    TORN = 2
+
+
+class TearWatch:
+    """Doubts the pairs after a torn one until landmarks on both sides of the tear agree on the pose.
+
+    Attributes:
+        stale: `(H,)` rows of the last torn pair that were of the pair before; None where there was none lately.
+    """
+
+    def __init__(self) -> None:
+        """Start without a tear."""
+        self.stale: Mask | None = None
+        self._pairs = self._tears = 0
+
+    def tear(self, stale: Mask) -> None:
+        """Take a pair that is torn: some rows `(H,)` are those of the pair before."""
+        self.stale, self._pairs = stale, 0
+
+    def judge(self, unexplained: Unexplained) -> Exposure:
+        """Tell whether a tracked pair is whole; it is where there was no tear lately.
+
+        Args:
+            unexplained: Landmarks that its pose does not explain.
+        """
+        if self.stale is None:
+            return Exposure.WHOLE
+        v, agree = _rows_in_view(unexplained)
+        stale = self.stale[v.astype(np.intp)]
+        sides = agree[stale], agree[~stale]
+        self._pairs += 1
+        witnessed = all(len(side) >= MIN_WITNESSES for side in sides)
+        if (witnessed and all(side.mean() >= MIN_AGREEING for side in sides)) or self._pairs > MAX_DOUBTED_PAIRS:
+            self.stale = None
+            return Exposure.WHOLE
+        return Exposure.TORN if witnessed else Exposure.UNPROVEN
+
+    def is_torn(self, by_each: Iterable[Unexplained]) -> bool:
+        """Tell whether a pair with two motions is torn, at any row; called for all pairs with two motions.
+
+        Args:
+            by_each: What each of the motions does not explain of all landmarks.
+        """
+        self._tears = self._tears + 1 if all(map(has_tear, by_each)) else 0
+        return 0 < self._tears <= MAX_TEARS
+
+
+def has_tear(unexplained: Unexplained) -> bool:
+    """Tell whether some row separates the landmarks that agree with a pose from those that do not."""
+    v, agree = _rows_in_view(unexplained)
+    agree = agree[np.argsort(v)]
+    above = np.arange(MIN_PART, len(agree) - MIN_PART + 1)
+    if not len(above):
+        return False
+    count = np.concatenate(([0], np.cumsum(agree)))
+    shares = np.stack((count[above] / above, (count[-1] - count[above]) / (len(agree) - above)))
+    torn = (shares.min(axis=0) <= MAX_AGREEING_BEYOND) & (shares.max(axis=0) >= MIN_AGREEING_WITHIN)
+    return bool(torn.any())
+
+
+def _rows_in_view(unexplained: Unexplained) -> tuple[FloatArray, Mask]:
+    """Return the rows `(N,)`, pixels, of the landmarks in view, and which agree; without those fixed to the camera."""
+    kept = unexplained.in_view & ~unexplained.fixed
+    return unexplained.uv[kept, 1], ~unexplained.rows[kept]

@@ -1,0 +1,169 @@
+"""Frozen and torn images: with new noise, of two exposures, or of one that was never shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+from loc_drive import drive, errors, localiser, noisy, run
+from made_scene import HEIGHT, true_pose
+
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.localisation.estimate import StateReason, TrackingState
+from sfr_loc_map.localisation.frontend.dynamic_regions import Unexplained
+from sfr_loc_map.localisation.image_checks import (
+    MAX_DOUBTED_PAIRS,
+    MAX_TEARS,
+    Exposure,
+    TearWatch,
+    has_tear,
+    is_frozen,
+)
+
+DRIVE = drive(16)
+SCENE = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 120, (256, 256)), (0, 0), 2.0) + 120.0
+SCENE = np.clip(np.rint(SCENE), 0, 255).astype(np.uint8)
+ROWS = np.linspace(0.5, 99.5, 200)
+
+
+def seen(agree: np.ndarray, rows: np.ndarray = ROWS) -> Unexplained:
+    """Return landmarks in view at these rows, which agree with a pose or do not."""
+    yes = np.ones(len(rows), np.bool_)
+    return Unexplained(np.column_stack((rows, rows)), yes, ~agree, ~yes)
+
+
+def torn(new: StereoPair, old: StereoPair, row: int) -> StereoPair:
+    """Return a pair whose rows from one on are those of another pair."""
+    sides = (np.concatenate((getattr(new, s)[:row], getattr(old, s)[row:])) for s in ("left", "right"))
+    return StereoPair(new.stamp_ns, *sides)
+
+
+@pytest.mark.parametrize("level", [0.5, 1.0, 3.0, 8.0])
+def test_new_noise_on_an_old_image_is_frozen_and_two_exposures_are_not(level: float) -> None:
+    random = np.random.default_rng(0)
+    exposed = [noisy(SCENE, level, random) for _ in range(6)]
+    assert not any(is_frozen(first, second) for first, second in pairwise(exposed))
+    old = noisy(SCENE, 2.0, random)
+    assert all(is_frozen(old, noisy(old, level, random)) for _ in range(5))
+
+
+@pytest.mark.parametrize("level", [0.12, 0.2, 0.3, 0.4])
+def test_noise_that_changes_few_pixels_is_frozen_and_two_exposures_with_it_are_not(level: float) -> None:
+    random = np.random.default_rng(0)
+    fine = np.clip(SCENE + random.normal(0, 3.0, SCENE.shape), 0, 255)  # between the grey levels
+    old = np.rint(fine).astype(np.uint8)
+    assert is_frozen(old, noisy(old, level, random))
+    assert not is_frozen(noisy(fine, level, random), noisy(fine, level, random))
+
+
+def test_one_pixel_makes_no_new_exposure_and_what_moves_or_is_equal_or_dark_is_not_frozen() -> None:
+    changed, dark = SCENE.copy(), np.zeros_like(SCENE)
+    changed[101, 57] += 1
+    assert is_frozen(SCENE, changed)
+    assert not any(is_frozen(a.left, b.left) for a, b in pairwise(DRIVE))
+    assert not is_frozen(SCENE, SCENE)
+    assert not is_frozen(dark, noisy(dark, 2.0, np.random.default_rng(0)))
+
+
+def test_frozen_pair_with_new_noise_is_degraded_with_a_covariance_that_contains_the_motion() -> None:
+    random = np.random.default_rng(1)
+    pairs = [StereoPair(p.stamp_ns, noisy(p.left, 1.5, random), noisy(p.right, 1.5, random)) for p in DRIVE[:12]]
+    old = pairs[5]
+    for k in range(6, 10):
+        pairs[k] = StereoPair(pairs[k].stamp_ns, noisy(old.left, 8.0, random), noisy(old.right, 8.0, random))
+    estimates = run(pairs, localiser())
+    for k in range(6, 10):
+        assert (estimates[k].state, estimates[k].reason) == (TrackingState.DEGRADED, StateReason.REPEATED_IMAGES)
+        assert errors(estimates[k], true_pose(k))[0] < 3 * np.sqrt(np.trace(estimates[k].covariance[:3, :3]))
+    assert [estimate.state for estimate in estimates[10:]] == [TrackingState.TRACKING] * 2
+    assert errors(estimates[-1], true_pose(11))[0] < 0.005
+
+
+@pytest.mark.parametrize(("side", "level"), [("left", 0.0), ("right", 0.0), ("left", 0.15), ("right", 0.15)])
+def test_one_frozen_camera_is_not_used(side: str, level: float) -> None:
+    random = np.random.default_rng(1)
+    frozen = [replace(DRIVE[k], **{side: noisy(getattr(DRIVE[5], side), level, random)}) for k in range(6, 9)]
+    estimates = run([*DRIVE[:6], *frozen, *DRIVE[9:12]])
+    for index, estimate in enumerate(estimates):
+        assert (estimate.state is TrackingState.TRACKING) == (index != 0 and not 6 <= index < 9)
+        assert estimate.state is TrackingState.LOST or errors(estimate, true_pose(index))[0] < 0.01
+        if 6 <= index < 9 and estimate.state is not TrackingState.LOST:
+            assert estimate.reason is StateReason.REPEATED_IMAGES
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_a_torn_image_is_read_where_it_is_new(share: float) -> None:
+    broken = torn(DRIVE[6], DRIVE[5], round((1.0 - share) * HEIGHT))
+    estimates = run([*DRIVE[:6], broken, *DRIVE[7:9]])
+    assert (estimates[6].state, estimates[6].reason) == (TrackingState.DEGRADED, StateReason.TORN_IMAGES)
+    assert errors(estimates[6], true_pose(6))[0] < 0.004
+    assert [estimate.state for estimate in estimates[7:]] == [TrackingState.TRACKING] * 2
+
+
+def test_what_stays_the_same_for_longer_is_no_torn_image() -> None:
+    """Something fixed to the camera covers the lower rows."""
+    body = np.random.default_rng(0).integers(0, 255, (HEIGHT // 5, DRIVE[0].left.shape[1]), np.uint8)
+    still = StereoPair(0, *(np.concatenate((image[: -len(body)], body)) for image in (DRIVE[0].left, DRIVE[0].right)))
+    covered = [torn(pair, still, HEIGHT - len(body)) for pair in DRIVE[:8]]
+    assert StateReason.TORN_IMAGES not in [estimate.reason for estimate in run(covered)[2:]]
+
+
+def test_a_pair_after_a_torn_one_is_doubted_while_its_parts_disagree() -> None:
+    """The lower half of each image is that of the exposure before: only in the first one was that shown."""
+    broken = [torn(DRIVE[index], DRIVE[index - 1], HEIGHT // 2) for index in range(6, 9)]
+    estimates = run([*DRIVE[:6], *broken, *DRIVE[9:12]])
+    for index, estimate in enumerate(estimates):
+        stated = 5.0 * 3.0 * np.sqrt(np.trace(estimate.covariance[:3, :3]))
+        assert estimate.state is not TrackingState.TRACKING or errors(estimate, true_pose(index))[0] < stated
+    assert {estimate.state for estimate in estimates[10:]} == {TrackingState.TRACKING}
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_a_tear_that_was_never_shown_is_told_and_leaves_the_map_as_it_was(share: float) -> None:
+    random, pairs, old = np.random.default_rng(0), DRIVE[:12], DRIVE[7]  # what was shown of the old one had other noise
+    other = StereoPair(0, noisy(old.left, 1.0, random), noisy(old.right, 1.0, random))
+    pairs[8] = torn(DRIVE[8], other, round(HEIGHT * (1.0 - share)))
+    estimates = run(pairs)
+    assert (estimates[8].state, estimates[8].reason) == (TrackingState.DEGRADED, StateReason.TORN_IMAGES)
+    assert errors(estimates[8], true_pose(8))[0] < 3.0 * np.sqrt(np.trace(estimates[8].covariance[:3, :3]))
+    for index in (9, 10, 11):
+        assert estimates[index].state is TrackingState.TRACKING
+        assert errors(estimates[index], true_pose(index))[0] < 0.003
+        assert estimates[index].statistics.masked_share == 0.0
+    for late_or_after in (estimates[8].step, estimates[9].step):
+        assert late_or_after is not None
+        assert late_or_after.covariance[0, 0] > 0.05**2
+
+
+def test_a_row_that_separates_two_motions_is_a_tear_and_scattered_outliers_are_none() -> None:
+    random = np.random.default_rng(0)
+    assert has_tear(seen(ROWS > 30.0))
+    assert has_tear(seen(ROWS < 60.0))
+    assert has_tear(seen((ROWS > 30.0) & (random.random(200) > 0.1)))
+    assert not has_tear(seen(random.random(200) > 0.3))
+    assert not has_tear(seen(ROWS > 10.0))  # too few to tell
+    assert not has_tear(seen(np.abs(ROWS - 50.0) > 25.0))
+    assert not has_tear(seen(np.zeros(0, np.bool_), np.zeros(0)))
+
+
+def test_two_motions_that_stay_are_a_moving_region() -> None:
+    watch, broken, whole = TearWatch(), seen(ROWS > 30.0), seen(ROWS > 0.0)
+    assert [watch.is_torn([broken, broken]) for _ in range(MAX_TEARS + 2)] == [True] * MAX_TEARS + [False] * 2
+    assert not watch.is_torn([broken, whole])  # one motion explains both sides: the other was not found right
+    assert watch.is_torn([broken, broken])
+
+
+def test_pairs_after_a_tear_are_doubted_until_both_of_its_sides_agree_but_not_for_ever() -> None:
+    watch, stale, below = TearWatch(), np.arange(100) >= 40, seen(ROWS[100:] > 0.0, ROWS[100:])
+    assert watch.judge(seen(ROWS > 50.0)) is Exposure.WHOLE  # none was torn
+    watch.tear(stale)
+    assert watch.judge(seen(ROWS > 40.0)) is Exposure.TORN
+    assert watch.judge(below) is Exposure.UNPROVEN  # nothing is seen of the new part
+    assert watch.judge(seen(ROWS > 15.0)) is Exposure.WHOLE
+    assert watch.judge(seen(ROWS > 40.0)) is Exposure.WHOLE
+    watch.tear(stale)
+    judged = [watch.judge(below) for _ in range(MAX_DOUBTED_PAIRS + 1)]
+    assert judged == [Exposure.UNPROVEN] * MAX_DOUBTED_PAIRS + [Exposure.WHOLE]
