@@ -18,9 +18,10 @@ TINY := --set terrain.coarseness=16 --set rocks.cover=0.01 --set rocks.smallest_
 	--set loc.width=48 --set loc.height=40 --set loc.focal_px=40 --set nav.width=48 --set nav.height=40 --set nav.focal_px=40
 KILTED := $(VENV)-kilted
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
+CAMPAIGN := PYTHONPATH=test/scenes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults example-candidate fuzz suite-chaos live-soak live-screen monitor-soak test-kilted lint types config format check docs figures traceability docs-test clean
+.PHONY: help demo sample test test-fast faults soak rate example-candidate fuzz suite-chaos live-soak live-screen monitor-soak test-kilted lint types config format check docs figures traceability docs-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -43,9 +44,14 @@ test: $(COMPILED)  ## Run all tests
 test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor seconds each, for daily work
 	$(BIN)/python -m pytest $(PARALLEL) -m "not ros and not slow"
 
-faults: $(STAMP)  ## Inject one fault after the other into the nodes; the table goes to out/faults.md
-	mkdir -p out
-	$(BIN)/sfr campaign faults --json out/faults.json --markdown out/faults.md --overwrite
+faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); the table goes to out/faults.md
+	$(CAMPAIGN) faults $(FAULTS)
+
+soak: $(STAMP)  ## Localise and map as fast as the nodes answer, and judge the growth of their memory (MINUTES=60)
+	$(CAMPAIGN) soak $(or $(MINUTES),60)
+
+rate: $(STAMP)  ## Send large images through localisation: what transport adds (MINUTES=10 RATE=10 SIZE=1024)
+	$(CAMPAIGN) rate $(or $(MINUTES),10) $(or $(RATE),10) $(or $(SIZE),1024)
 
 example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on the sample
 	mkdir -p out/candidate
@@ -68,7 +74,7 @@ live-screen: $(COMPILED)  ## What Chromium shows of a replay and of failures, an
 	PYTHONPATH=. $(BIN)/python test/live/on_screen.py failures
 
 monitor-soak: $(COMPILED)  ## Eight simulated hours of the monitor at 50 Hz, faster than real time; HOURS=N for others
-	$(BIN)/python test/nodes/monitor_soak.py $(HOURS)
+	$(CAMPAIGN) monitor $(HOURS)
 
 test-kilted: $(KILTED)/.installed  ## The tests of the nodes with ROS 2 Kilted, in an environment of its own
 	env -u LD_LIBRARY_PATH -u _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH=. $(KILTED)/bin/python -m pytest test/nodes $(PARALLEL)

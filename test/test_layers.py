@@ -17,13 +17,12 @@ FLOORS = (
     {"pipeline"},
     {"bench", "live", "suite"},
     {"nodes"},
-    {"fault_injection"},
     {"cli", "api"},
 )
 """From the bottom; what stands on one floor does not import its neighbours, but the root modules do."""
 NEIGHBOURS = {("cli", "api")}
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
-ROS_ROOMS = {"nodes", "fault_injection"}
+ROS_ROOMS = {"nodes"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 

@@ -43,8 +43,8 @@ BANNED = {
     "machine code": "compiled code",
 }
 """What is not said, and what is said instead."""
-PUBLIC = re.compile(r"[\"`](cure|picture_size|pictures-(localisation|mapping))[\"`]")
-"""Names that programs read: JSON keys and codes of `sfr doctor`, rows of `sfr campaign faults`."""
+PUBLIC = re.compile(r"[\"`](cure|picture_size)[\"`]")
+"""Names that programs read: JSON keys and codes of `sfr doctor`."""
 PATTERN = re.compile(
     r"(?<![a-zA-Z])(" + "|".join(re.escape(w).replace(r"\ ", r"\s+") for w in [*BANNED, "pictures"]) + r")(?![a-zA-Z])",
     re.IGNORECASE,

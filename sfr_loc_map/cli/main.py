@@ -39,7 +39,6 @@ PANELS = {
     "bench": MANY,
     "suite": MANY,
     "history": MANY,
-    "campaign": MANY,
 }
 """Subcommands in the order of the help, that of a user's day, and what they stand under."""
 MODULES = (
@@ -55,7 +54,7 @@ MODULES = (
     "convert",
     "simulate",
 )
-GROUPS = ("bench", "suite", "campaign")
+GROUPS = ("bench", "suite")
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version
 

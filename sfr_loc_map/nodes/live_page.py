@@ -18,6 +18,7 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.server import DEFAULT_HOST, DEFAULT_PORT, LiveConfig, LiveServer, serve_until_signal
+from sfr_loc_map.nodes.environment import configure_malloc
 
 NICENESS = 5
 """What only looks on gives way to what it looks at: a third of the weight of other processes."""
@@ -71,6 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--port", type=int, default=DEFAULT_PORT)
     parser.add_argument("--token", default="")
     options = parser.parse_args(arguments)
+    configure_malloc()  # before there is another thread
     try:
         values = {"host": options.host, "port": options.port, "token": options.token}
         serve_graph(build(LiveConfig, values, origin="sfr live"), options.namespace)

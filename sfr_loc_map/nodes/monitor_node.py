@@ -33,6 +33,7 @@ from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_dict, to_json
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, Value, array_msg, status_msg, task_record
+from sfr_loc_map.nodes.environment import configure_malloc
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
@@ -349,6 +350,7 @@ def _plain(content: Mapping[str, Any]) -> dict[str, Value]:
 
 def main() -> int:
     """Run the node."""
+    configure_malloc()
     return run(MonitorNode)
 
 

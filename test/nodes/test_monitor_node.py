@@ -13,7 +13,6 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
 
 from diagnostic_msgs.msg import DiagnosticArray
 from made_scene import PERIOD_NS, START_NS
-from monitor_soak import MAX_GROWTH_MB_H, RATE_HZ, memory_of, soak
 from nav_msgs.msg import Odometry
 from peers import Capture, LocalNode
 from processes import Peer
@@ -125,19 +124,3 @@ def test_the_monitor_counts_the_poses_that_it_had_no_room_for(ros: None, capfd: 
             send(number)
         peer.until(lambda: scored() + counted() == MANY, "the others, in the score or counted")
         assert counted() > 0
-
-
-def test_hours_of_poses_are_fed_in_minutes_and_all_are_scored(ros: None) -> None:
-    """A short run of what `make monitor-soak` does for eight hours."""
-    node = MonitorNode()
-    try:
-        node.start()
-        samples = list(soak(node, hours=20.0 / 3600.0, period_s=5.0))
-        score = node._score.result(details=False).trajectory
-    finally:
-        node.destroy_node()
-    assert score is not None
-    assert (score.estimate_poses, score.matched) == (20 * RATE_HZ, 20 * RATE_HZ)
-    assert [round(3600.0 * row.hours) for row in samples] == [5, 10, 15, 20]
-    assert not memory_of(samples).failure(MAX_GROWTH_MB_H)
-    assert samples[-1].processor_share < 0.3

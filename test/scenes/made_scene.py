@@ -38,7 +38,6 @@ def _texture() -> np.ndarray:
 
 
 TEXTURE = _texture()
-TEXELS_PER_M = 150.0
 
 
 def wall_points(T_world_left: Transform, rig: StereoRig) -> np.ndarray:
@@ -51,7 +50,7 @@ def wall_points(T_world_left: Transform, rig: StereoRig) -> np.ndarray:
 
 def image(T_world_left: Transform, rig: StereoRig) -> np.ndarray:
     points = wall_points(T_world_left, rig)
-    at = (points[..., 1:] * TEXELS_PER_M + 450).astype(np.float32)
+    at = (points[..., 1:] * rig.fx + 450).astype(np.float32)
     pixels = cv2.remap(TEXTURE, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     return np.rint(pixels).astype(np.uint8)
 

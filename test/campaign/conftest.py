@@ -1,8 +1,11 @@
-"""Keeps each test in a ROS domain of its own."""
+"""Makes the modules beside the tests importable, and keeps each test in a ROS domain of its own."""
 
+import sys
 from pathlib import Path
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 from sfr_loc_map.nodes import environment
 

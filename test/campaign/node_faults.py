@@ -1,0 +1,272 @@
+"""The faults of the campaign: each is a function, whose first line says what it does and what is expected."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import malformed_messages as malformed
+from node_harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
+
+from sfr_loc_map.errors import NodeError, SfrError
+from sfr_loc_map.nodes.diagnostics import Level
+from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
+
+RATE_HZ, BURST_HZ = 10.0, 100.0
+RESTART_LIMIT_S = 3.0
+"""From the start of a killed node to its first result."""
+STOP_S = 10.0
+REDELIVERY_S = 10.0
+"""A subscriber receives what it missed with the next heartbeat of the writer, 3 s later at most (Fast DDS)."""
+GROWTH_MB = 100.0
+"""A message may not make a node grow by more than this."""
+HOUR_NS = 3_600_000_000_000
+MOUNT = ("mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs")
+TASK_OF_NODE = {LOCALISATION: "loc", MAPPING: "nav"}
+
+
+@dataclass
+class Row:
+    """What was observed of a fault: recovery from its end to the first valid result; failures, empty for a pass."""
+
+    name: str
+    fault: str
+    observed: list[str] = field(default_factory=list)
+    lost: str = "nothing"
+    recover_s: float | None = None
+    failures: list[str] = field(default_factory=list)
+    verdict: str = "pass"
+
+    def expect(self, condition: object, text: str) -> None:
+        """Record a failure with this text unless the condition holds."""
+        if not condition:
+            self.failures.append(text)
+
+    def recovered(self, seconds: float, limit_s: float, what: str) -> None:
+        """Record how long the recovery took, and compare it with its limit."""
+        self.recover_s = max(self.recover_s or 0.0, seconds)
+        self.expect(seconds <= limit_s, f"{what} took {seconds:.1f} s, the limit is {limit_s:g} s")
+
+
+def kill(names: Sequence[str], harness: Harness, row: Row) -> None:
+    """kill -9 in a drive at 10 Hz, restarted at once: results in time; localisation continues at its last pose."""
+    with harness.driving(RATE_HZ):
+        harness.wait_poses(30 if MONITOR in names else 5)
+        scored = harness.scored_poses
+        for name in names:
+            harness.nodes[name].kill()
+        last = max(harness.odometry)
+        if MONITOR in names:
+            harness.report = {}
+        begin = time.monotonic()
+        for name in names:
+            harness.nodes[name].start()
+        works = (lambda: max(harness.odometry) > last) if LOCALISATION in names else (lambda: harness.scored_poses > 0)
+        harness.wait(works, "the first result after the restart")
+        row.recovered(time.monotonic() - begin, RESTART_LIMIT_S, "restart to first result")
+        harness.wait_poses(10)
+    harness.settle()
+    if LOCALISATION in names:
+        first = min(stamp for stamp in harness.odometry if stamp > last)
+        missed = sum(last < stamp < first for stamp in harness.sent)
+        row.lost = f"the {missed} pairs of {(first - last) * 1e-9:.1f} s without the node"
+        (x, y, z), before = odometry_row(harness.odometry[first])[1], odometry_row(harness.odometry[last])[1]
+        step = sum((a - b) ** 2 for a, b in zip((x, y, z), before, strict=True)) ** 0.5
+        row.observed.append(f"continues {step:.3f} m from the last published pose")
+        row.expect(step < 0.05, "the last known pose was not used")
+        variance = covariance_of(harness.odometry[first])[0, 0]
+        row.expect(variance >= 1.0, f"the covariance does not include the motion meanwhile: {variance:.2g} m^2 along x")
+    elif MONITOR in names:
+        saved = json.loads(harness.saved_report.with_name("report.before.json").read_text(encoding="utf-8"))
+        kept = saved.get("trajectory", {}).get("estimate_poses", 0)
+        row.lost = f"of the score of {scored} poses the {scored - kept} not saved yet"
+        row.expect(scored - kept <= 2 * RATE_HZ, f"the saved report has {kept} of {scored} poses")
+    for name in names:
+        harness.wait_connected(name)
+    if MAPPING in names:
+        harness.map()
+
+
+def kill_mapping(harness: Harness, row: Row) -> None:
+    """kill -9 of mapping during a map, then while it fuses: the incomplete map is lost, the next is complete."""
+    for fuses in (False, True):
+        harness.map((0, 1))
+        if fuses:
+            third = (MAPPING, "mapped", harness.send_nav(2))
+            harness.wait(lambda third=third: third in harness.calls, "third mapped pair")
+        harness.nodes[MAPPING].kill()
+        begin = time.monotonic()
+        harness.nodes[MAPPING].start()
+        harness.wait_connected(MAPPING)
+        row.recovered(time.monotonic() - begin, RESTART_LIMIT_S, "the restart")
+        harness.map()
+    row.lost = "the incomplete map, twice"
+
+
+def stop(name: str, harness: Harness, row: Row, seconds: float = STOP_S) -> None:
+    """SIGSTOP in a drive, SIGCONT later: every pair is localised or counted, every published pose is scored."""
+    dropped, first = harness.health[LOCALISATION].dropped, harness.next_stamp()
+    unscored, node = len(harness.odometry) - harness.scored_poses, harness.nodes[name]
+    with harness.driving(RATE_HZ):
+        harness.wait_poses(5)
+        node.send(signal.SIGSTOP)
+        time.sleep(seconds)
+        last = harness.next_stamp()
+        node.send(signal.SIGCONT)
+        caught_up = harness.wait(lambda: max(harness.odometry) > last, "odometry of a pair sent after the stop")
+        row.recovered(caught_up, RESTART_LIMIT_S, "catching up")
+        harness.wait_poses(3)
+    harness.settle()
+    published = len(harness.odometry)
+    try:
+        harness.wait(lambda: unscored + harness.scored_poses >= published, "score", REDELIVERY_S)
+    except NodeError:
+        row.failures.append(f"{published - unscored - harness.scored_poses} published poses are not in the score")
+    _count(harness, row, first, dropped)
+    row.expect(name == LOCALISATION or row.lost == "nothing", f"localisation lost {row.lost}")
+
+
+def burst(harness: Harness, row: Row) -> None:
+    """Pairs at ten times the nominal rate: each is localised or counted as dropped; the last one is localised."""
+    dropped, first = harness.health[LOCALISATION].dropped, harness.next_stamp()
+    with harness.driving(BURST_HZ):
+        time.sleep(2.0)
+    last = harness.sent[-1]
+    row.recover_s = harness.wait(lambda: last in harness.odometry, "odometry of the last pair")
+    time.sleep(0.5)
+    _count(harness, row, first, dropped)
+    harness.localise(2)
+
+
+def _count(harness: Harness, row: Row, first_ns: int, dropped: int) -> None:
+    """Compare the pairs without odometry with those counted as dropped."""
+    sent, missing = harness.pairs_since(first_ns)
+    counted = harness.health[LOCALISATION].dropped - dropped
+    row.observed.append(f"{sent} pairs sent, {sent - missing} localised, {counted} images counted as dropped")
+    row.lost = f"{missing} pairs" if missing else "nothing"
+    row.expect(counted >= missing, f"{missing} pairs are missing, {counted} drops were counted")
+
+
+def stamps_jump(harness: Harness, row: Row) -> None:
+    """Stamps jump a day ahead, back, a day before, and to now: every pair is localised, jumps back are reported."""
+    now = harness.next_stamp()
+    for name, shift_ns in (("ahead", 24 * HOUR_NS), ("back", 0), ("back before all", -24 * HOUR_NS), ("now", 0)):
+        harness.start_at_truth()
+        for number in range(3):
+            stamp = harness.next_stamp() if name == "now" else now + shift_ns + number * 100_000_000
+            harness.odometry.pop(stamp, None)
+            harness.send_loc(stamp)
+            harness.wait(lambda stamp=stamp: stamp in harness.odometry, f"odometry after the jump {name}")
+    resets = harness.nodes[LOCALISATION].text.count("stamps have gone back")
+    row.observed.append(f"every pair was localised; {resets} resets reported")
+    row.expect(resets >= 2, f"{resets} of 2 jumps back were reported")
+
+
+def malformed_input(kind: str, node: str, harness: Harness, row: Row) -> None:
+    """Malformed messages: the node runs on, does not grow, reports them, continues with the next valid one."""
+    task, stamp_ns = TASK_OF_NODE.get(node, ""), harness.next_stamp()
+    messages: Iterable[malformed.Malformed]
+    if node == MONITOR:
+        messages = malformed.for_monitor(stamp_ns)
+    elif kind == "images":
+        messages = malformed.images(task, harness.pair(task), harness.next_stamp)
+    elif kind == "bytes":
+        messages = malformed.broken_bytes(task, harness.pair(task), harness.rig)
+    else:
+        messages = [*malformed.camera_infos(task, stamp_ns, harness.rig), *malformed.poses_for(task, stamp_ns)]
+    process, before_mb, problems = harness.nodes[node], harness.memory_mb(node), len(harness.problems)
+    pid, said, count = process.popen.pid, len(process.text), 0
+    for count, item in enumerate(messages, 1):
+        harness.publish(*item)
+        time.sleep(0.05 * (count % 10 == 0))
+    begin = time.monotonic()
+    if node == LOCALISATION:  # as from a camera, so that one lost in the burst is not awaited
+        with harness.driving(RATE_HZ):
+            harness.wait_poses(2)
+        harness.settle()
+    elif node == MAPPING:
+        harness.map()
+    else:
+        scored = harness.scored_poses
+        harness.localise()
+        harness.wait(lambda: harness.scored_poses > scored, "score of the pose")
+    row.recovered(time.monotonic() - begin, harness.patience_s, "the next valid message")
+    grown, reported = harness.memory_mb(node) - before_mb, len(harness.problems) - problems
+    row.observed.append(f"{count} messages, {reported} problems reported")
+    row.expect(process.is_running and process.popen.pid == pid, f"{node} has ended")
+    row.expect(grown < GROWTH_MB, f"{node} has grown by {grown:.0f} MB")
+    row.expect(reported or kind == "bytes", "no problem was reported on /diagnostics")
+    row.expect("Traceback" not in process.text[said:], f"unexpected exception in {node}")
+
+
+def full_disk(harness: Harness, row: Row) -> None:
+    """A full file system, later free: odometry goes on, health WARN, saving fails with a reason, no partial file."""
+    filler = harness.folder / "filler"
+    with filler.open("wb", buffering=0) as stream:
+        for size in (65_536, 512, 1):
+            try:
+                while stream.write(bytes(size)) == size:
+                    pass
+            except OSError:
+                continue
+    harness.localise(5)
+    answer = harness.call("monitor_node/save")
+    row.expect(not answer.success, "saving was reported as a success")
+    harness.wait(lambda: "resume_file" in harness.health[LOCALISATION].message, "warning about resume_file")
+    harness.wait(lambda: harness.health[MONITOR].level is Level.WARN, "warning of the monitor")
+    row.observed.append(f"~/save answered '{answer.message.split(': ', 1)[-1]}'")
+    filler.unlink()
+    stamps = harness.localise(2)
+    answer = harness.call("monitor_node/save")
+    row.expect(answer.success, f"saving failed with free space: {answer.message}")
+    row.expect(str(stamps[-1]) in harness.saved_pose.read_text(encoding="utf-8"), "the saved pose is not the last one")
+    row.expect(not list(harness.folder.glob("*.part")), "partial files are left")
+
+
+FAULTS: dict[str, Callable[[Harness, Row], None]] = {
+    "kill-localisation": partial(kill, [LOCALISATION]),
+    "kill-mapping": kill_mapping,
+    "kill-monitor": partial(kill, [MONITOR]),
+    "kill-all": partial(kill, NODES),
+    **{f"stop-{node.removesuffix('_node')}": partial(stop, node) for node in NODES},
+    **{
+        f"{kind}-{node.removesuffix('_node')}": partial(malformed_input, kind, node)
+        for node in (LOCALISATION, MAPPING)
+        for kind in ("images", "bytes", "infos")
+    },
+    "messages-monitor": partial(malformed_input, "messages", MONITOR),
+    "burst": burst,
+    "stamps-jump": stamps_jump,
+    "full-disk": full_disk,
+}
+
+
+def inject(name: str, folder: Path, patience_s: float = 30.0) -> Row:
+    """Inject one fault into nodes of its own; a full disk is that of a small file system, which only root may mount."""
+    inject_fault = FAULTS[name]
+    row = Row(name, str(getattr(inject_fault, "func", inject_fault).__doc__).splitlines()[0].strip())
+    folder.mkdir(parents=True, exist_ok=True)
+    mounts = name == "full-disk"
+    if mounts and subprocess.run([*MOUNT, folder], capture_output=True, check=False).returncode:
+        row.observed.append("mounting is not allowed here")
+        row.verdict = "not run"
+        return row
+    try:
+        with Harness(folder, patience_s=patience_s) as harness:
+            harness.wait_ready()
+            inject_fault(harness, row)
+            ended = [node for node, process in harness.nodes.items() if not process.is_running]
+            row.expect(not ended, f"ended: {', '.join(ended)}")
+    except SfrError as error:
+        row.failures.append(str(error))
+    finally:
+        if mounts:
+            subprocess.run(["umount", folder], check=False)
+    row.verdict = "FAIL" if row.failures else "pass"
+    return row
