@@ -12,7 +12,7 @@ import copy
 import json
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from trajectory_pairs import PAIRS
@@ -23,12 +23,11 @@ from sfr_loc_map.io.trajectory_file import save_trajectory
 ALIGNMENTS = ("none", "origin", "se3", "sim3")
 STATISTICS = ("rmse", "mean", "median", "std", "min", "max")
 DELTAS = ("frames=1", "distance=0.7")
-Figures = dict[str, dict[str, float]]
 
 
 def by_evo(
-    pair: tuple[Trajectory, Trajectory], folder: Path, delta: str, alignments: Sequence[str] = ALIGNMENTS
-) -> Iterator[tuple[str, Figures]]:
+    pair: tuple[Trajectory, Trajectory], folder: Path, delta: str
+) -> Iterator[tuple[str, dict[str, dict[str, float]]]]:
     """Yield alignment and the statistics of evo of estimate and truth, which it reads as TUM files."""
     from evo.core import sync
     from evo.core.metrics import PoseRelation, Unit
@@ -42,7 +41,7 @@ def by_evo(
     ref, est = sync.associate_trajectories(*read)
     kind, _, size = delta.partition("=")
     step = {"delta": float(size), "delta_unit": Unit.frames if kind == "frames" else Unit.meters}
-    for alignment in alignments:
+    for alignment in ALIGNMENTS:
         options = {
             "align": alignment in ("se3", "sim3"),
             "correct_scale": alignment == "sim3",
@@ -64,15 +63,10 @@ def by_evo(
         yield alignment, figures
 
 
-def main() -> None:
-    """Write all figures as JSON to standard output."""
+if __name__ == "__main__":
     golden = {
         name: {delta: dict(by_evo(make(), Path(folder), delta)) for delta in DELTAS}
         for name, make in PAIRS.items()
         for folder in [tempfile.mkdtemp()]
     }
     json.dump(golden, sys.stdout, indent=1)
-
-
-if __name__ == "__main__":
-    main()

@@ -6,6 +6,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import build_score
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 Poses = tuple[Any, Any, Any]
 
@@ -55,3 +60,10 @@ def spoilt(poses: Poses, seed: int, *, keep: float = 0.9, duplicates: int = 3, s
 
 def trajectory(poses: Poses) -> Any:
     return Trajectory(poses[0].astype(np.int64), poses[1].astype(np.float64), poses[2].astype(np.float64))
+
+
+def score_of(estimate: Poses, truth: Poses, config: TrajectoryScoreConfig | None = None) -> Score:
+    """A score of a trajectory, by default over 5 m and 3 s."""
+    config = config or TrajectoryScoreConfig(conditions=("distance=5", "time=3"))
+    scored = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)
+    return build_score(Score(verdicts=()), trajectory=scored)

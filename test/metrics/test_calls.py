@@ -1,12 +1,16 @@
-"""Time and memory of calls: by hand, told apart by kind, under the name of their clock."""
+"""Time and memory of calls: measured one by one, by hand, told apart by kind, under the name of their clock."""
+
+import time
 
 import numpy as np
 import pytest
 
+from sfr_loc_map.metrics import calls as module
 from sfr_loc_map.metrics.calls import (
     HOST_CLOCK,
+    METHOD_UNAVAILABLE,
+    CallMeter,
     Calls,
-    ScoredCalls,
     call_histogram,
     call_score,
     score_calls,
@@ -15,6 +19,40 @@ from sfr_loc_map.metrics.calls import (
 )
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import MemoryScore, PeakMemory
+
+SIZE = 200 * 1024 * 1024
+
+
+@pytest.mark.clause("4.2.2")
+def test_a_known_allocation_is_measured_and_that_of_an_earlier_call_is_not() -> None:
+    meter = CallMeter()
+    if meter.method == METHOD_UNAVAILABLE:
+        pytest.skip(METHOD_UNAVAILABLE)
+    with meter.measure() as call:
+        np.ones(SIZE, np.uint8)
+    assert call.above_idle_bytes == pytest.approx(SIZE, rel=0.05)
+    assert (call.peak_rss_bytes or 0) > SIZE
+    begin = time.perf_counter()
+    for _ in range(50):
+        with meter.measure() as call:
+            pass
+    assert (time.perf_counter() - begin) / 50 < 0.002, "the meter costs little"
+    assert (call.above_idle_bytes or 0) < 0.05 * SIZE
+
+
+@pytest.mark.clause("4.2.1", "4.2.2")
+def test_a_clock_can_be_plugged_in_an_error_passes_and_memory_may_be_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused() -> None:
+        raise OSError("no such file")
+
+    monkeypatch.setattr(module, "_reset_peak", refused)
+    ticks = iter([1_000, 2_500_001_000])
+    meter = CallMeter(lambda: next(ticks), "test clock")
+    with pytest.raises(ValueError, match="inside"), meter.measure() as call:
+        raise ValueError("inside")
+    assert call.processing_time_s == pytest.approx(2.5)
+    assert (meter.clock, meter.method) == ("test clock", METHOD_UNAVAILABLE)
+    assert (call.peak_rss_bytes, call.above_idle_bytes) == (None, None)
 
 
 def calls(
@@ -29,22 +67,27 @@ def calls(
 @pytest.mark.clause("4.2.1")
 def test_figures_by_hand() -> None:
     got = call_score(np.array([5.0, 1.0, 2.0, 3.0, np.nan]), HOST_CLOCK)
-    assert got.count == 4
-    assert got.mean == pytest.approx(2.75)
+    assert (got.count, got.mean, got.clock) == (4, 2.75, "host monotonic")
     assert got.sigma == pytest.approx(np.sqrt(8.75 / 3))
     assert got.mean_plus_3sigma == pytest.approx(2.75 + 3 * np.sqrt(8.75 / 3))
     assert (got.p50, got.max, got.first, got.max_after_first) == (2.5, 5.0, 5.0, 3.0)
-    assert got.clock == "host monotonic"
     assert call_score(np.empty(0), HOST_CLOCK).mean is None
     one = call_score(np.array([0.5]), HOST_CLOCK)
     assert (one.mean, one.sigma, one.mean_plus_3sigma, one.max_after_first) == (0.5, None, None, None)
 
 
-def test_histogram_counts_every_call() -> None:
+def test_histogram_counts_every_call_and_long_series_keep_their_peaks() -> None:
     histogram = call_histogram(np.random.default_rng(0).lognormal(-4, 1, 500))
-    assert sum(histogram.counts) == 500
-    assert len(histogram.edges_s) == len(histogram.counts) + 1
+    assert (sum(histogram.counts), len(histogram.edges_s)) == (500, len(histogram.counts) + 1)
     assert sum(call_histogram(np.array([0.01])).counts) == 1
+    seconds = np.full(50_000, 0.01)
+    seconds[12_345] = 9.0
+    details = score_calls(calls(["tracking"] * 50_000, seconds)).details
+    assert details is not None
+    assert details.localisation is not None
+    series = details.localisation.series
+    assert len(series.stamp_ns) <= 2000
+    assert max(value for value in series.processing_time_s if value is not None) == pytest.approx(9.0)
 
 
 @pytest.mark.clause("4.2.1", "4.3.1", "4.2.2", "4.3.2")
@@ -52,16 +95,13 @@ def test_localisation_mapping_and_fusion_are_told_apart() -> None:
     states = ["initialising", "tracking", "mapped", "mapped", "fused"]
     got = score_calls(calls(states, [1.0, 2.0, 3.0, 4.0, 5.0], [10.0, 30.0, 20.0, np.nan, 5.0]))
     timing, memory = dict(got.timing.kinds()), got.memory
-    assert timing[CallKind.LOCALISATION].mean == 1.5
-    assert timing[CallKind.MAPPING].max == 4.0
+    assert (timing[CallKind.LOCALISATION].mean, timing[CallKind.MAPPING].max) == (1.5, 4.0)
     assert timing[CallKind.FUSION].count == 1
     assert memory.localisation == PeakMemory(peak_bytes=30, above_idle_bytes=3)
     assert memory.mapping == PeakMemory(peak_bytes=20, above_idle_bytes=2)
     unknown = score_calls(calls(["tracking", "lost"], [1.0, 1.0])).memory
     assert unknown.localisation == PeakMemory(peak_bytes=None, above_idle_bytes=None)
-    assert unknown.mapping is None
-    assert unknown.method is not None
-    assert unknown.method.startswith("not measured")
+    assert (unknown.mapping, unknown.method) == (None, METHOD_UNAVAILABLE)
 
 
 def test_stages_are_summed_up_over_the_calls_that_had_them() -> None:
@@ -76,27 +116,16 @@ def test_stages_are_summed_up_over_the_calls_that_had_them() -> None:
     assert {name: stage_of(name) for name in named} == named
 
 
-def test_long_series_keep_their_peaks() -> None:
-    seconds = np.full(50_000, 0.01)
-    seconds[12_345] = 9.0
-    details = score_calls(calls(["tracking"] * 50_000, seconds)).details
-    assert details is not None
-    assert details.localisation is not None
-    series = details.localisation.series
-    assert len(series.stamp_ns) <= 2000
-    assert max(value for value in series.processing_time_s if value is not None) == pytest.approx(9.0)
-
-
 def test_calls_of_several_files_are_merged_by_kind() -> None:
-    def scored(state: str, seconds: float) -> ScoredCalls:
-        return score_calls(calls([state], [seconds]))
-
-    both = scored("tracking", 1.0).merged(scored("mapped", 2.0))
+    first, second, third = (
+        score_calls(calls([state], [seconds]))
+        for state, seconds in (("tracking", 1.0), ("mapped", 2.0), ("mapped", 3.0))
+    )
+    both = first.merged(second)
     assert [(kind, each.mean) for kind, each in both.timing.kinds()] == [("localisation", 1.0), ("mapping", 2.0)]
     assert both.details is not None
     assert None not in (both.details.localisation, both.details.mapping)
-    again = dict(both.merged(scored("mapped", 3.0)).timing.kinds())
-    assert again[CallKind.MAPPING].mean == 3.0, "the later file counts"
+    assert dict(both.merged(third).timing.kinds())[CallKind.MAPPING].mean == 3.0, "the later file counts"
 
 
 @pytest.mark.clause("4.2.1", "4.2.2")

@@ -1,59 +1,48 @@
+"""Which of two estimates is better: paired, with an interval that chance does not deceive."""
+
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from random_drives import drive, rows, trajectory
+from random_drives import drive, rows, score_of
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
 from sfr_loc_map.metrics.comparison import Comparison, compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import build_score
 from sfr_loc_map.metrics.score import MapScore, Score, TimingScore
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
-
-CONFIG = TrajectoryScoreConfig(conditions=("distance=5", "time=3"))
 
 
-def score(estimate: Any, truth: Any, config: TrajectoryScoreConfig = CONFIG) -> Score:
-    scored = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config)
-    return build_score(Score(verdicts=()), trajectory=scored)
-
-
-def estimates(seed: int, noises: tuple[float, ...], count: int = 800) -> tuple[Any, list[Any]]:
-    """One truth and estimates whose steps have errors of different size, the same shape for all."""
+def scores(seed: int, noises: tuple[float, ...], count: int = 800) -> list[Score]:
+    """Scores of estimates whose steps have errors of different size, the same shape for all."""
     truth, _ = drive(seed, count)
-    rng = np.random.default_rng(seed)
-    wander = np.cumsum(rng.normal(0, 1, (count, 3)), axis=0)
-    return truth, [(truth[0], truth[1] + noise * wander, truth[2]) for noise in noises]
+    wander = np.cumsum(np.random.default_rng(seed).normal(0, 1, (count, 3)), axis=0)
+    return [score_of((truth[0], truth[1] + noise * wander, truth[2]), truth) for noise in noises]
 
 
-def outcomes(result: Comparison) -> dict[tuple[str, str], str]:
-    return {(pair.figure, pair.condition.kind.key): pair.outcome for pair in result.pairs}
+def outcome(result: Comparison) -> str:
+    """The outcome of the position over 5 m."""
+    return result.pairs[0].outcome
 
 
 def test_twice_the_error_is_worse_and_half_is_better() -> None:
-    truth, (good, bad) = estimates(1, (0.005, 0.010))
-    scores = score(good, truth), score(bad, truth)
-    worse = compare_scores(scores, ["good", "bad"])
-    better = compare_scores(scores[::-1], ["bad", "good"])
-    assert outcomes(worse)["position_m", "distance_m"] == "worse"
-    assert outcomes(better)["position_m", "distance_m"] == "better"
+    both = scores(1, (0.005, 0.010))
+    worse, better = compare_scores(both, ["good", "bad"]), compare_scores(both[::-1], ["bad", "good"])
+    assert (outcome(worse), outcome(better)) == ("worse", "better")
     pair = worse.pairs[0]
     assert pair.difference == pytest.approx(pair.first, rel=1e-6)
     assert pair.ci95 is not None
     assert pair.ci95[0] < pair.difference < pair.ci95[1]
+    assert {item.outcome for item in compare_scores([both[0]] * 2, ["a", "b"]).pairs} == {"equal"}
 
 
 def test_pairing_shows_a_difference_that_two_intervals_do_not() -> None:
-    truth, (a, b) = estimates(2, (0.0100, 0.0105))
-    scores = score(a, truth), score(b, truth)
-    intervals = [s.trajectory.first.position_m.mean_plus_3sigma_ci95 for s in scores if s.trajectory is not None]
+    both = scores(2, (0.0100, 0.0105))
+    intervals = [s.trajectory.first.position_m.mean_plus_3sigma_ci95 for s in both if s.trajectory is not None]
     assert None not in intervals
     assert intervals[0][1] > intervals[1][0]
-    assert outcomes(compare_scores(scores, ["a", "b"]))["position_m", "distance_m"] == "worse"
+    assert outcome(compare_scores(both, ["a", "b"])) == "worse"
 
 
 @pytest.mark.slow
@@ -64,35 +53,17 @@ def test_estimates_that_differ_by_chance_are_not_called_different() -> None:
         truth, _ = drive(seed, 500)
         rng = np.random.default_rng(1000 + seed)
         both = [(truth[0], truth[1] + np.cumsum(rng.normal(0, 0.01, (500, 3)), axis=0), truth[2]) for _ in range(2)]
-        scores = [score(estimate, truth) for estimate in both]
-        told += outcomes(compare_scores(scores, ["a", "b"]))["position_m", "distance_m"] != "no difference shown"
+        told += outcome(compare_scores([score_of(each, truth) for each in both], ["a", "b"])) != "no difference shown"
     assert told <= 6
 
 
-def test_equal_scores_are_equal() -> None:
-    truth, (a, _) = estimates(3, (0.01, 0.02))
-    result = compare_scores([score(a, truth)] * 2, ["a", "b"])
-    assert set(outcomes(result).values()) == {"equal"}
-
-
 def test_only_common_sub_trajectories_are_compared() -> None:
-    truth, (a, b) = estimates(4, (0.01, 0.02))
-    result = compare_scores([score(a, truth), score(rows(b, slice(0, 500)), truth)], ["a", "b"])
+    truth, estimate = drive(4, 800)
+    result = compare_scores([score_of(estimate, truth), score_of(rows(estimate, slice(0, 500)), truth)], ["a", "b"])
     pair = result.pairs[0]
     assert 0 < pair.count < 50
     assert pair.left_out[0] > 0
     assert pair.left_out[1] == 0
-
-
-def test_unlike_scores_are_refused() -> None:
-    truth, (a, b) = estimates(5, (0.01, 0.02))
-    other = TrajectoryScoreConfig(rebase="position")
-    with pytest.raises(MetricsError, match="re-based"):
-        compare_scores([score(a, truth), score(b, truth, other)], ["a", "b"])
-    with pytest.raises(MetricsError, match="two scores"):
-        compare_scores([score(a, truth)], ["a"])
-    with pytest.raises(MetricsError, match="in common"):
-        compare_scores([whole_run(0.5), Score(verdicts=())], ["a", "b"])
 
 
 def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:
@@ -101,22 +72,32 @@ def whole_run(coverage: float, mapping_p95: float | None = None) -> Score:
     return Score(map=part, timing=TimingScore(mapping=replace(times, p95=mapping_p95)), verdicts=())
 
 
-def test_a_map_alone_stands_beside_a_whole_run() -> None:
-    truth, (a,) = estimates(5, (0.01,))
-    result = compare_scores([replace(score(a, truth), map=whole_run(0.5).map), whole_run(0.6)], ["run", "map"])
-    assert not result.pairs
-    assert [(row.figure, row.values) for row in result.side_by_side] == [("map.coverage", (0.5, 0.6))]
+def test_unlike_scores_are_refused() -> None:
+    truth, estimate = drive(5, 300)
+    a, other = score_of(estimate, truth), score_of(estimate, truth, TrajectoryScoreConfig(rebase="position"))
+    cases: list[tuple[list[Any], str]] = [
+        ([a, other], "re-based"),
+        ([a], "two scores"),
+        ([whole_run(0.5), Score(verdicts=())], "in common"),
+        ([a, score_of(estimate, (truth[0] + 7, *truth[1:]), TrajectoryScoreConfig())], "different data"),
+    ]
+    for given, words in cases:
+        with pytest.raises(MetricsError, match=words):
+            compare_scores(given, ["a", "b"][: len(given)])
 
 
-def test_whole_runs_stand_side_by_side() -> None:
+def test_whole_runs_and_maps_stand_side_by_side() -> None:
     result = compare_scores([whole_run(0.5), whole_run(0.6, 3.0)], ["a", "b"])
-    rows_found = {row.figure: row.values for row in result.side_by_side}
-    assert rows_found == {"map.coverage": (0.5, 0.6), "timing.mapping_s.p50": (0.5, 0.6)}
+    found = {row.figure: row.values for row in result.side_by_side}
+    assert found == {"map.coverage": (0.5, 0.6), "timing.mapping_s.p50": (0.5, 0.6)}
+    run = replace(scores(5, (0.01,))[0], map=whole_run(0.5).map)
+    alone = compare_scores([run, whole_run(0.6)], ["run", "map"])
+    assert not alone.pairs
+    assert [(row.figure, row.values) for row in alone.side_by_side] == [("map.coverage", (0.5, 0.6))]
 
 
 def test_the_json_of_a_comparison() -> None:
-    truth, (a, b) = estimates(6, (0.01, 0.02), 300)
-    plain = compare_scores([score(a, truth), score(b, truth)], ["a", "b"]).to_dict()
+    plain = compare_scores(scores(6, (0.01, 0.02), 300), ["a", "b"]).to_dict()
     assert list(plain) == ["schema", "names", "methods", "pairs", "side_by_side"]
     pairs = plain["pairs"]
     assert isinstance(pairs, list)

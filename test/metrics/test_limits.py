@@ -1,3 +1,5 @@
+"""Limits of a file: verdicts on figures, each found by its name, and files that are refused."""
+
 import itertools
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -6,108 +8,50 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
+from random_drives import drive, score_of
 
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
 from sfr_loc_map.metrics.comparison import SIDE_BY_SIDE, _value_at
-from sfr_loc_map.metrics.config import AssociationMode, Condition, Rebase
-from sfr_loc_map.metrics.limits import (
-    NAMES,
-    Limit,
-    LimitPart,
-    figure_of,
-    load_limits,
-    parse_limits,
-    verdicts,
-)
-from sfr_loc_map.metrics.score import (
-    AssociationCounts,
-    AssociationScore,
-    ConditionScore,
-    ErrorComponents,
-    IntervalStatistic,
-    MapScore,
-    MemoryScore,
-    PeakMemory,
-    Score,
-    Statistic,
-    TargetScore,
-    TimingScore,
-    TrajectoryScore,
-)
+from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import NAMES, Limit, LimitPart, figure_of, load_limits, parse_limits, verdicts
+from sfr_loc_map.metrics.score import MapScore, MemoryScore, PeakMemory, Score, TargetScore, TimingScore
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "limits_example.yaml"
-
-
-def trajectory(total: float | None, count: int = 20, condition: str = "distance=5") -> ConditionScore:
-    def figure(mean: float) -> IntervalStatistic:
-        return IntervalStatistic(mean=mean, sigma=0.1, mean_plus_3sigma=total, mean_plus_3sigma_ci95=None)
-
-    zero = Statistic(mean=None, sigma=None, mean_plus_3sigma=None)
-    return ConditionScore(
-        count=count,
-        condition=Condition.parse(condition),
-        spacing_frames=10,
-        rebase=Rebase.POSE,
-        position_m=figure(0.1),
-        attitude_deg=figure(0.1),
-        heading_deg=figure(-0.6),
-        overlap=1.0,
-        nees=None,
-        components=ErrorComponents(x_m=zero, y_m=zero, z_m=zero, along_m=zero, cross_m=zero, vertical_m=zero),
-    )
-
-
-def score_of(*conditions: ConditionScore) -> Score:
-    association = AssociationScore(
-        counts=AssociationCounts(), mode=AssociationMode.MATCH, tolerance_s=0.0, max_gap_s=0.0
-    )
-    part = TrajectoryScore(
-        first=conditions[0],
-        matched=0,
-        estimate_poses=0,
-        lost=0,
-        path_length_m=0.0,
-        duration_s=None,
-        discarded_starts=0,
-        association=association,
-        several=conditions if len(conditions) > 1 else (),
-        by_distance=(),
-    )
-    return Score(trajectory=part, verdicts=())
+LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
 
 
 def judge(content: dict[str, Any], score: Score) -> list[str]:
     return [item.state for item in verdicts(parse_limits(content, "limits"), score)]
 
 
-LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
+def with_position(total: float | None, interval: tuple[float, float] | None = None, count: int = 20) -> Score:
+    """A score of two conditions whose position over 5 m has a mean + 3 sigma, and whose heading is 0.6 deg off."""
+    truth, estimate = drive(1)
+    score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("time=3", "distance=5")))
+    assert score.trajectory is not None
+    other, part = score.trajectory.several
+    position = replace(part.position_m, mean_plus_3sigma=total, mean_plus_3sigma_ci95=interval)
+    part = replace(part, position_m=position, heading_deg=replace(part.heading_deg, mean=-0.6), count=count)
+    return replace(score, trajectory=replace(score.trajectory, several=(other, part)))
 
 
 def test_pass_fail_and_not_enough_data() -> None:
-    assert judge(LIMIT, score_of(trajectory(0.4))) == ["pass"]
-    assert judge(LIMIT, score_of(trajectory(0.5))) == ["pass"]
-    assert judge(LIMIT, score_of(trajectory(0.6))) == ["fail"]
-    assert judge(LIMIT, score_of(trajectory(None, 1))) == ["not enough data"]
-    assert judge({**LIMIT, "minimum_count": 30}, score_of(trajectory(0.6))) == ["not enough data"]
+    assert [judge(LIMIT, with_position(total))[0] for total in (0.4, 0.5, 0.6)] == ["pass", "pass", "fail"]
+    assert judge(LIMIT, with_position(None, count=1)) == ["not enough data"]
+    assert judge({**LIMIT, "minimum_count": 30}, with_position(0.6)) == ["not enough data"]
     assert judge(LIMIT, Score(verdicts=())) == ["not enough data"]
-
-
-def test_signed_mean_is_judged_by_its_size() -> None:
-    content = {"trajectory": [{"condition": "distance=5", "heading_mean_deg": 0.5}]}
-    assert judge(content, score_of(trajectory(1.0))) == ["fail"]
-
-
-def test_the_limit_finds_its_condition_among_several() -> None:
-    score = score_of(trajectory(9.0, condition="time=60"), trajectory(0.4))
-    assert judge(LIMIT, score) == ["pass"]
-    assert judge({"trajectory": [{"condition": "time=61", "heading_sigma_deg": 1}]}, score) == ["not enough data"]
+    absent = {"trajectory": [{"condition": "time=61", "heading_sigma_deg": 1}]}
+    assert judge(absent, with_position(0.4)) == ["not enough data"]
+    signed = {"trajectory": [{"condition": "distance=5", "heading_mean_deg": 0.5}]}
+    assert judge(signed, with_position(0.4)) == ["fail"], "a signed mean is judged by its size"
+    verdict = verdicts(parse_limits(LIMIT, "limits"), with_position(0.4, (0.3, 0.7)))[0]
+    assert (verdict.state, verdict.certain, verdict.ci95) == ("pass", False, (0.3, 0.7))
 
 
 def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
     content = {"map": {"coverage_min": 0.8}, "timing": {"localisation_p95_s": 0.1}, "memory": {"mapping_peak_bytes": 9}}
-    limits = parse_limits(content, "limits")
     score = Score(
         map=MapScore(pairs=1, points=2, coverage=0.9, coverage_range_m=(0.0, 10.0), nearest_only=True),
         timing=TimingScore(localisation=call_score(np.array([0.5]), HOST_CLOCK)),
@@ -116,7 +60,7 @@ def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
     )
     assert judge(content, score) == ["pass", "not enough data", "fail"]
     assert judge({"map": {"coverage_min": 0.95}}, score) == ["fail"]
-    judged = replace(score, verdicts=verdicts(limits, score))
+    judged = replace(score, verdicts=verdicts(parse_limits(content, "limits"), score))
     assert [item.metric for item in judged.failed] == ["mapping_peak_bytes"]
 
 
@@ -131,13 +75,6 @@ def test_the_target_is_judged_by_its_own_figures() -> None:
         ("target localisation_max_s", "fail", 0.7),
         ("target localisation_peak_bytes", "not enough data", None),
     ]
-
-
-def test_interval_says_whether_the_verdict_is_certain() -> None:
-    part = trajectory(0.4)
-    part = replace(part, position_m=replace(part.position_m, mean_plus_3sigma_ci95=(0.3, 0.7)))
-    verdict = verdicts(parse_limits(LIMIT, "limits"), score_of(part))[0]
-    assert (verdict.state, verdict.certain, verdict.ci95) == ("pass", False, (0.3, 0.7))
 
 
 def test_every_name_finds_a_figure_of_its_own() -> None:
@@ -162,11 +99,10 @@ def test_every_name_finds_a_figure_of_its_own() -> None:
     )
     for part in LimitPart:
         condition = Condition.parse("distance=5") if part is LimitPart.TRAJECTORY else None
-        found = [figure_of(Limit(part, name, 1.0, condition), score) for name in NAMES[part]]
-        assert None not in [figure.value for figure in found], part
-        assert len({figure.value for figure in found}) == len(found), part
-    for row in SIDE_BY_SIDE.values():
-        assert _value_at(score, row) is not None, row
+        found = [figure_of(Limit(part, name, 1.0, condition), score).value for name in NAMES[part]]
+        assert None not in found, part
+        assert len(set(found)) == len(found), part
+    assert None not in [_value_at(score, row) for row in SIDE_BY_SIDE.values()]
 
 
 @pytest.mark.parametrize(
@@ -174,10 +110,7 @@ def test_every_name_finds_a_figure_of_its_own() -> None:
     [
         ({"trajectry": []}, "did you mean 'trajectory'"),
         ({"map": {"coverage": 0.8}}, "did you mean 'coverage_min'"),
-        (
-            {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_mm": 5}]},
-            "position_mean_plus_3sigma_m",
-        ),
+        ({"trajectory": [{"condition": "distance=5", "position_mean_mm": 5}]}, "position_mean_m"),
         ({"trajectory": [{"position_mean_m": 5}]}, "needs 'condition'"),
         ({"trajectory": [{"condition": "metres=5", "position_mean_m": 5}]}, "is not a condition"),
         ({"trajectory": {"condition": "distance=5"}}, "must be a list"),

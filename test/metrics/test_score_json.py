@@ -4,7 +4,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import MISSING, is_dataclass
+from dataclasses import MISSING, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from types import UnionType
@@ -13,26 +13,12 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from random_drives import drive, score_of
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics import score as score_module
-from sfr_loc_map.metrics.config import AssociationMode, Condition, ConditionKind, Rebase
-from sfr_loc_map.metrics.score import (
-    AssociationCounts,
-    AssociationScore,
-    CallHistogram,
-    Columns,
-    ConditionScore,
-    ErrorComponents,
-    Inline,
-    IntervalStatistic,
-    MapScore,
-    MemoryScore,
-    PeakMemory,
-    Score,
-    Statistic,
-    TrajectoryScore,
-)
+from sfr_loc_map.metrics.config import Condition, ConditionKind, TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import CallHistogram, Columns, Inline, MapScore, MemoryScore, PeakMemory, Score
 from sfr_loc_map.metrics.score_json import SCHEMA, from_dict, from_json, to_dict, to_json
 
 NUMBERS = st.floats(-1e100, 1e100)
@@ -105,35 +91,11 @@ def test_what_is_no_score_is_refused_in_one_line(content: Any) -> None:
 
 
 def score() -> Score:
-    figure = IntervalStatistic(mean=0.1, sigma=0.2, mean_plus_3sigma=0.7, mean_plus_3sigma_ci95=(0.5, 1.0))
-    plain = Statistic(mean=0.1, sigma=None, mean_plus_3sigma=None)
-    part = ConditionScore(
-        count=3,
-        condition=Condition.parse("frames=7"),
-        spacing_frames=10,
-        rebase=Rebase.POSE,
-        position_m=figure,
-        attitude_deg=figure,
-        heading_deg=figure,
-        overlap=1.5,
-        nees=None,
-        components=ErrorComponents(x_m=plain, y_m=plain, z_m=plain, along_m=plain, cross_m=plain, vertical_m=plain),
-    )
-    counts = AssociationCounts(exact=2, estimate_poses=2)
-    trajectory = TrajectoryScore(
-        first=part,
-        matched=2,
-        estimate_poses=2,
-        lost=0,
-        path_length_m=1.0,
-        duration_s=math.nan,
-        discarded_starts=4,
-        association=AssociationScore(counts=counts, mode=AssociationMode.MATCH, tolerance_s=0.1, max_gap_s=1.0),
-        by_distance=(),
-    )
-    return Score(
-        trajectory=trajectory, memory=MemoryScore(mapping=PeakMemory(peak_bytes=7, above_idle_bytes=None)), verdicts=()
-    )
+    truth, estimate = drive(1, 30)
+    made = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("frames=7",)))
+    assert made.trajectory is not None
+    memory = MemoryScore(mapping=PeakMemory(peak_bytes=7, above_idle_bytes=None))
+    return replace(made, trajectory=replace(made.trajectory, duration_s=math.nan), memory=memory, details=None)
 
 
 def test_keys_are_those_of_the_schema() -> None:
@@ -142,9 +104,9 @@ def test_keys_are_those_of_the_schema() -> None:
     trajectory = plain["trajectory"]
     assert list(trajectory)[:4] == ["count", "condition", "spacing_frames", "rebase"]
     assert trajectory["condition"] == {"frames": 7}
-    assert trajectory["starts_given_up"] == 4
+    assert trajectory["starts_given_up"] == 0
     assert [trajectory[name] for name in ("nees", "duration_s")] == [None, None], "undefined figures are null"
-    assert [trajectory["association"][name] for name in ("exact", "truth")] == [2, "match"]
+    assert [trajectory["association"][name] for name in ("exact", "truth")] == [30, "match"]
     assert "conditions" not in trajectory, "one condition stands by itself"
     assert plain["memory"] == {"mapping_peak_bytes": 7, "mapping_above_idle_bytes": None}
 
@@ -191,6 +153,7 @@ def changed(path: str, value: Any) -> dict[str, Any]:
         ("verdicts", MISSING, "it has no 'verdicts'"),
         ("memory", [], "memory is .*: an object is needed"),
         ("memory.method", 5, "memory.method is 5: Expected `str`"),
+        ("a\nb", 1, "an unknown key 'a b'"),
     ],
 )
 def test_malformed_scores_are_refused_with_the_place(path: str, value: Any, words: str) -> None:
@@ -199,24 +162,15 @@ def test_malformed_scores_are_refused_with_the_place(path: str, value: Any, word
     assert "\n" not in str(caught.value)
 
 
-def test_line_breaks_in_keys_do_not_break_the_message() -> None:
-    for content in ({"schema": "a\nb"}, {"schema": SCHEMA, "verdicts": [], "a\nb": 1}):
-        with pytest.raises(InputError, match="a b") as caught:
-            from_dict(content)
-        assert "\n" not in str(caught.value)
-
-
-HOSTILE_TEXTS = ["", "{", "[1", "nul", "[" * 100_000, "[" * 100 + "]" * 100, "9" * 400, '{"schema": "\\ud800"}']
-
-
-@pytest.mark.parametrize("text", HOSTILE_TEXTS, ids=range(len(HOSTILE_TEXTS)))
-def test_what_is_no_json_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="is no JSON"):
-        from_json(text)
+def test_what_is_no_json_is_refused() -> None:
+    for text in ("", "{", "[1", "nul", "[" * 100_000, "[" * 100 + "]" * 100, "9" * 400, '{"schema": "\\ud800"}'):
+        with pytest.raises(InputError, match="is no JSON"):
+            from_json(text)
 
 
 def test_numbers_that_are_not_finite_are_undefined() -> None:
-    text = to_json(score()).replace('"duration_s":null', '"duration_s":NaN').replace('"mean":0.1', '"mean":1e999')
+    text = to_json(score()).replace('"duration_s":null', '"duration_s":NaN')
+    text = re.sub(r'"position_m":{"mean":[\d.e-]+', '"position_m":{"mean":1e999', text)
     trajectory = from_json(text).trajectory
     assert trajectory is not None
     assert trajectory.duration_s is None

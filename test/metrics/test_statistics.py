@@ -1,12 +1,16 @@
-"""Statistics against numpy, quantiles against printed tables and SciPy."""
+"""Statistics against numpy, quantiles against printed tables and SciPy, intervals against the truth."""
 
 import numpy as np
 import pytest
+from interval_coverage import coverage
 from scipy import stats
 
 from sfr_loc_map.metrics.statistics import (
+    MAX_BLOCKS,
+    block_sums,
     chi2_quantile,
     column,
+    interval95,
     moments,
     norm,
     sample_statistic,
@@ -38,25 +42,51 @@ def test_sample_statistics_by_numpy() -> None:
     assert (got.count, got.mean, got.sigma) == (101, np.mean(values), np.std(values, ddof=1))
     assert got.mean_plus_3sigma == pytest.approx(np.mean(values) + 3 * np.std(values, ddof=1))
     assert (got.p50, got.p95) == pytest.approx((np.median(values), np.percentile(values, 95)))
-
-
-def test_norm_and_columns() -> None:
     assert norm(np.array([2.0, 3.0, 6.0])) == 7.0
     assert column(np.array([1.23456789012, np.nan, np.inf])) == (1.23456789, None, None)
-    assert column(np.array([1.23456789012]), None) == (1.23456789012,)
 
 
-def test_values_of_printed_tables() -> None:
+def test_quantiles_are_those_of_printed_tables_and_of_the_library() -> None:
     """Abramowitz and Stegun, tables 26.8 and 26.10."""
     assert chi2_quantile(0.95, 1) == pytest.approx(3.84146, abs=5e-6)
-    assert chi2_quantile(0.975, 6) == pytest.approx(14.4494, abs=5e-5)
     assert student_quantile(0.975, 10) == pytest.approx(2.228, abs=5e-4)
-    assert student_quantile(0.975, 1) == pytest.approx(12.706, abs=5e-4)
+    for share in (0.025, 0.5, 0.975):
+        for freedom in (1.0, 2.5, 300.0, 1e6):
+            assert chi2_quantile(share, freedom) == stats.chi2.ppf(share, freedom)
+            assert student_quantile(share, freedom) == stats.t.ppf(share, freedom)
+            assert student_share(student_quantile(share, freedom), freedom) == pytest.approx(share)
 
 
-@pytest.mark.parametrize("share", [0.025, 0.5, 0.975])
-@pytest.mark.parametrize("freedom", [1.0, 2.5, 300.0, 1e6])
-def test_quantiles_are_those_of_the_library(share: float, freedom: float) -> None:
-    assert chi2_quantile(share, freedom) == stats.chi2.ppf(share, freedom)
-    assert student_quantile(share, freedom) == stats.t.ppf(share, freedom)
-    assert student_share(student_quantile(share, freedom), freedom) == pytest.approx(share)
+def test_sums_of_stretches_stay_few() -> None:
+    values = np.random.default_rng(1).normal(0, 1, (5000, 2))
+    rows, size = block_sums(values)
+    assert len(rows) <= MAX_BLOCKS
+    assert (rows[:-1, 0] == size).all()
+    assert rows.sum(axis=0) == pytest.approx([5000, *values.sum(axis=0), *np.square(values).sum(axis=0)])
+
+
+def test_intervals_of_independent_values() -> None:
+    rng, held = np.random.default_rng(2), 0
+    for _ in range(300):
+        interval = interval95(block_sums(rng.normal(2.0, 1.0, (60, 1))), slice(0, 1), 1.0, unsigned=False)
+        assert interval is not None
+        held += interval[0] <= 5.0 <= interval[1]
+    assert 0.90 <= held / 300 <= 0.99
+    interval = interval95(block_sums(rng.normal(2.0, 1.0, (100_000, 1))), slice(0, 1), 1.0, unsigned=False)
+    assert interval is not None
+    assert 4.95 < interval[0] < 5.0 < interval[1] < 5.05
+
+
+def test_too_few_and_perfect_values() -> None:
+    few = np.random.default_rng(4).normal(0, 1, (9, 1))
+    assert interval95(block_sums(few[:1]), slice(0, 1), 1.0, unsigned=False) is None
+    assert interval95(block_sums(few), slice(0, 1), 5.0, unsigned=False) is None
+    assert interval95(block_sums(np.zeros((9, 3))), slice(0, 3), 1.0, unsigned=False) == (0.0, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["white steps", "steps with memory"])
+def test_overlapping_sub_trajectories_of_simulated_odometry(law: str) -> None:
+    shares = coverage(100, 60.0, 10, law, curved=False, seed=7)
+    assert 0.88 <= np.mean(list(shares.values())) <= 1.0
+    assert min(shares.values()) >= 0.82

@@ -4,11 +4,13 @@ from dataclasses import fields
 import numpy as np
 import pytest
 import reference
+from hypothesis import given
+from hypothesis import strategies as st
 from random_drives import Poses, drive, rows, spoilt, trajectory
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.config import Condition, ConditionKind, TrajectoryScoreConfig
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 CONDITIONS = (("distance", 5.0), ("distance", 0.3), ("time", 3.0), ("frames", 17))
@@ -30,9 +32,8 @@ def compare(estimate: Poses, truth: Poses, kind: str, value: float, spacing: int
 
 
 @pytest.mark.clause("4.1.1", "4.1.2", "4.1.3", "4.2.3.1", "4.2.3.2", "4.2.3.3")
-@pytest.mark.slow
 @pytest.mark.parametrize("rebase", ["pose", "position"])
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(12))
 def test_agrees_with_the_plain_reference(seed: int, rebase: str) -> None:
     truth, estimate = drive(seed, 40 + 5 * seed, turns=seed % 2 == 0, stand=seed % 3 == 0)
     if seed % 4 == 1:
@@ -81,7 +82,6 @@ def test_golden_statistics_by_hand() -> None:
 def test_heading_mean_is_signed_and_its_sum_is_not() -> None:
     truth, _ = drive(3, 30)
     turned = truth[2].copy()
-    half = np.radians(-0.5)
     for k in range(len(turned)):
         half = np.radians(-0.5 * k)
         x, y, z, w = truth[2][k]
@@ -99,12 +99,10 @@ def test_one_sub_trajectory_has_a_mean_but_no_sigma() -> None:
     truth, estimate = drive(1, 30)
     config = TrajectoryScoreConfig(conditions=("frames=20", "frames=1000"))
     got = score_trajectory(Estimates.of(trajectory(estimate)), trajectory(truth), config).score
-    assert got.first.count == 1
-    assert got.first.position_m.mean is not None
-    assert got.first.position_m.sigma is None
-    assert got.first.position_m.mean_plus_3sigma is None
-    assert got.conditions[1].count == 0
-    assert got.conditions[1].attitude_deg.mean is None
+    position = got.first.position_m
+    assert (got.first.count, position.sigma, position.mean_plus_3sigma) == (1, None, None)
+    assert position.mean is not None
+    assert (got.conditions[1].count, got.conditions[1].attitude_deg.mean) == (0, None)
 
 
 def test_lost_stretch_counts_and_is_told() -> None:
@@ -126,12 +124,22 @@ def test_nothing_in_common_is_an_error() -> None:
         score_trajectory(Estimates.of(trajectory(later)), trajectory(truth), TrajectoryScoreConfig())
 
 
-@pytest.mark.parametrize("text", ["distance=0", "distance=-1", "distance", "time=nan", "frames=1.5", "speed=3"])
-def test_conditions_that_are_none(text: str) -> None:
-    with pytest.raises(MetricsError, match="is not a condition"):
-        score_trajectory(
-            Estimates.of(trajectory(drive(1)[0])), trajectory(drive(1)[0]), TrajectoryScoreConfig(conditions=(text,))
-        )
+@given(st.sampled_from(ConditionKind), st.integers(1, 10**6))
+def test_every_spelling_of_a_condition_reads_back(kind: ConditionKind, value: int) -> None:
+    condition = Condition(kind, float(value))
+    assert Condition.parse(condition.setting) == condition
+    assert Condition.from_plain(condition.to_plain()) == condition
+    assert condition.label == f"{value:g} {kind.unit}" == str(condition)
+
+
+def test_what_is_no_condition_is_refused() -> None:
+    for text in ("distance=0", "distance=-1", "distance", "time=nan", "time=1e300", "frames=1.5", "speed=3", ""):
+        with pytest.raises(MetricsError, match="is not a condition"):
+            Condition.parse(text)
+    pairs: list[object] = [None, {}, {"distance_m": True}, {"distance_m": 1, "time_s": 2}, {"frames": 1.5}, 5]
+    for value in pairs:
+        with pytest.raises(ValueError, match=r"condition|ends no"):
+            Condition.from_plain(value)
 
 
 def test_error_by_direction_of_travel() -> None:

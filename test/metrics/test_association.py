@@ -18,20 +18,16 @@ def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: n
     used = partner[partner >= 0]
     assert len(set(used.tolist())) == len(used)
     assert (np.abs(est[partner >= 0] - gt[used]) <= tolerance).all()
+    free_gt = sorted(set(range(len(gt))) - set(np.searchsorted(gt, np.intersect1d(est, gt)).tolist()))
+    rivals = [s for s in est.tolist() if s not in gt]
     for stamp, index in zip(est.tolist(), partner.tolist(), strict=True):
         if stamp in gt:
-            assert index >= 0
             assert gt[index] == stamp, "equal stamps belong together"
-    free_gt = sorted(set(range(len(gt))) - set(np.searchsorted(gt, np.intersect1d(est, gt)).tolist()))
-    for stamp, index in zip(est.tolist(), partner.tolist(), strict=True):
-        if stamp in gt or not free_gt:
-            continue
-        nearest = min(free_gt, key=lambda k: (abs(int(gt[k]) - stamp), k))
-        assert index in (-1, nearest)
-        rivals = [s for s in est.tolist() if s not in gt]
-        first = min(rivals, key=lambda s: (abs(int(gt[nearest]) - s), s))
-        if abs(int(gt[nearest]) - stamp) <= tolerance and first == stamp:
-            assert index == nearest, "the nearest of all gets it"
+        elif free_gt:
+            nearest = min(free_gt, key=lambda k: (abs(int(gt[k]) - stamp), k))
+            first = min(rivals, key=lambda s: (abs(int(gt[nearest]) - s), s))
+            wins = abs(int(gt[nearest]) - stamp) <= tolerance and first == stamp
+            assert index in ((nearest,) if wins else (-1, nearest)), "the nearest of all gets it"
 
 
 @settings(max_examples=100)

@@ -1,0 +1,181 @@
+"""Each mistake is found among the others and its setting corrects it; a correct pair is never accused."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.pose_convention import PoseConvention
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.metrics.association import UPPER, Estimates, associate
+from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.convention import OPTICAL_IN_RB, converted_estimates, diagnose, disagreement
+
+CAMERA = Transform(Rotation.from_euler("y", 20, degrees=True).as_matrix() @ OPTICAL_IN_RB, np.array([0.45, 0.12, 0.30]))
+OPTICAL = Rotation.from_matrix(OPTICAL_IN_RB)
+OF_CAMERA = (*CAMERA.translation, *CAMERA.quat_xyzw)
+Poses = tuple[Any, Any, Any]
+
+
+def rover(seed: int, frames: int = 300, noise: float = 1.0, kind: str = "rolling") -> tuple[Poses, Poses]:
+    """A drive, over rolling ground at changing speed or plain, and an estimate with drift in a world of its own."""
+    rng = np.random.default_rng(seed)
+    time, phase = np.arange(frames) * 0.2, rng.uniform(0, 6.28, 6)
+    speed = 0.15 + 0.1 * np.sin(0.35 * time + phase[0]) + 0.04 * np.sin(1.3 * time + phase[5])
+    yaw = rng.uniform(-3, 3) + 1.2 * np.sin(0.13 * time + phase[1]) + 0.02 * rng.uniform(-1, 1) * time
+    angles = np.column_stack((yaw, 0.08 * np.sin(0.5 * time + phase[2]), 0.08 * np.sin(0.4 * time + phase[3])))
+    if kind != "rolling":
+        speed = np.full(frames, 0.0 if kind in ("turning on the spot", "standing") else 0.5)
+        speed[(np.arange(frames) // 20) % 2 == 0] *= kind != "stop and go"
+        angles = np.column_stack((0.1 * time * (kind == "turning on the spot"), 0 * time, 0 * time))
+    true = Rotation.from_euler("ZYX", angles)
+    moves = true.apply(np.column_stack((0.2 * speed, 0 * speed, 0 * speed)))
+    turned = Rotation.from_rotvec(np.cumsum(rng.normal(0, 2e-4 * noise, (frames, 3)), axis=0))
+    steps = turned.apply(moves * (1 + 2e-3 * noise * rng.normal())) + rng.normal(0, 3e-4 * noise, (frames, 3))
+    world = Rotation.from_euler("z", rng.uniform(-3, 3))
+    stamps = np.round(time * 1e9).astype(np.int64) + 1_700_000_000_000_000_000
+    estimate = world.apply(np.cumsum(steps, axis=0)) + rng.normal(0, 3, 3), (world * turned * true).as_quat()
+    return (stamps, np.cumsum(moves, axis=0), true.as_quat()), (stamps, *estimate)
+
+
+def of_camera(s: Any, p: Any, q: Any, turn: Rotation) -> Poses:
+    return s, p + Rotation.from_quat(q).apply(CAMERA.translation), (Rotation.from_quat(q) * turn).as_quat()
+
+
+CASES: dict[str, tuple[Callable[..., Poses], str]] = {
+    "conjugated": (lambda s, p, q: (s, p, q * [-1, -1, -1, 1]), "conjugated quaternion"),
+    "scalar_first": (lambda s, p, q: (s, p, q[:, [3, 0, 1, 2]]), "scalar first"),
+    "inverted": (
+        lambda s, p, q: (s, -Rotation.from_quat(q).inv().apply(p), Rotation.from_quat(q).inv().as_quat()),
+        "inverted poses",
+    ),
+    "optical": (lambda s, p, q: (s, p, (Rotation.from_quat(q) * OPTICAL).as_quat()), "optical axes"),
+    "optical_world_too": (
+        lambda s, p, q: (s, OPTICAL.inv().apply(p), (OPTICAL.inv() * Rotation.from_quat(q) * OPTICAL).as_quat()),
+        "optical axes",
+    ),
+    "camera": (lambda s, p, q: of_camera(s, p, q, Rotation.from_matrix(CAMERA.rotation)), "left camera"),
+    "camera_place": (lambda s, p, q: of_camera(s, p, q, Rotation.identity()), "left camera"),
+    "millimetres": (lambda s, p, q: (s, p * 1000, q), "millimetres"),
+    "kilometres": (lambda s, p, q: (s, p / 1000, q), "kilometres"),
+    "late": (lambda s, p, q: (s + 1_234_000_000, p, q), "time offset"),
+    "late_in_step": (lambda s, p, q: (s - 800_000_000, p, q), "time offset"),
+    "other_clock": (lambda s, p, q: (s - s[0], p, q), "time offset"),
+    "swapped": (lambda s, p, q: (s, -p, q), "swapped left and right images"),
+    "mirrored": (lambda s, p, q: (s, p * [1, -1, 1], q * [-1, 1, -1, 1]), "mirrored left and right"),
+}
+
+
+def found(estimate: Poses, truth: Poses, T_rb_left: Transform | None = None) -> tuple[str | None, str]:
+    diagnosis = diagnose(Trajectory(*estimate), Trajectory(*truth), AssociationConfig(), T_rb_left)
+    return (diagnosis.found.mismatch, diagnosis.found.sentence) if diagnosis.found else (None, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_each_mismatch_is_found_among_the_others_and_its_setting_corrects_it(case: str) -> None:
+    mistake, name = CASES[case]
+    for seed in range(2):
+        for rig in (None, CAMERA):
+            truth, estimate = rover(seed)
+            got, sentence = found(mistake(*estimate), truth, rig)
+            assert (got, "\n" in sentence) == (name, False), (seed, got, sentence)
+    truth, estimate = rover(2)
+    config, true, wrong = AssociationConfig(), Trajectory(*truth), Trajectory(*mistake(*estimate))
+    hypothesis = diagnose(wrong, true, config).found
+    assert hypothesis is not None
+    if name == "swapped left and right images":
+        assert not hypothesis.setting  # nothing corrects images
+        return
+    convention = PoseConvention.parse([hypothesis.setting])
+    corrected = converted_estimates(Estimates.of(wrong), convention, convention.T_rb_child(None), true).trajectory
+    frames = associate(Estimates.of(corrected), true, config)[0]
+    after = disagreement((frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat))
+    assert after == pytest.approx(hypothesis.disagreement, rel=0.2 if name == "time offset" else 1e-6)
+    assert name != "time offset" or corrected.stamps_ns.tolist() == estimate[0].tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["rolling", "straight", "turning on the spot", "standing", "stop and go"])
+def test_a_correct_pair_is_never_accused(kind: str) -> None:
+    for seed in range(8):
+        truth, estimate = rover(seed, 20 + 45 * seed, (0.0, 0.3, 1.0, 5.0)[seed % 4], kind)
+        assert found(estimate, truth, CAMERA if seed % 3 else None)[0] is None, seed
+
+
+def test_noise_and_a_few_poses_are_not_excused_and_an_offset_is_told() -> None:
+    truth, estimate = rover(3)
+    noise = truth[0], np.random.default_rng(3).normal(0, 3, (300, 3)), Rotation.random(300, random_state=3).as_quat()
+    assert found(noise, truth)[0] is None
+    assert "-1.23" in found(CASES["late"][0](*estimate), truth)[1]
+    truth, estimate = rover(4, frames=5)
+    assert found(CASES["millimetres"][0](*estimate), truth)[0] is None
+
+
+# ---- converted estimates
+
+
+WORLD = Transform(Rotation.from_euler("xyz", [0.7, -0.2, 2.0]).as_matrix(), np.array([3.0, 9.0, -1.0]))
+COUNT = 12
+TRUTH = Trajectory(
+    np.arange(COUNT) * 100,
+    np.cumsum(np.random.default_rng(1).normal(0, 1, (COUNT, 3)), axis=0),
+    Rotation.random(COUNT, random_state=2).as_quat(),
+)
+CAMERA_POSES = Trajectory.from_poses((k * 100, WORLD @ TRUTH.pose(k) @ CAMERA) for k in range(COUNT))
+"""The same drive, written by a node of the camera in a world frame of its own."""
+
+
+def test_the_first_pose_that_is_not_lost_is_aligned_with_the_truth() -> None:
+    lost = np.arange(COUNT) < 2
+    found = converted_estimates(
+        Estimates.of(CAMERA_POSES, lost), PoseConvention(world="first_pose", extrinsics=OF_CAMERA), CAMERA, TRUTH
+    )
+    np.testing.assert_allclose(found.trajectory.positions, TRUTH.positions, atol=1e-12)
+    turn = Rotation.from_quat(found.trajectory.quats_xyzw).inv() * Rotation.from_quat(TRUTH.quats_xyzw)
+    assert turn.magnitude().max() < 1e-13
+    declared_rb = converted_estimates(
+        Estimates.of(CAMERA_POSES, lost), PoseConvention(world="first_pose"), CAMERA, TRUTH
+    )
+    np.testing.assert_allclose(declared_rb.trajectory.positions[2], TRUTH.positions[2], atol=1e-12)
+
+
+def test_without_truth_the_first_pose_is_the_identity() -> None:
+    convention = PoseConvention(world="first_pose", extrinsics=OF_CAMERA)
+    found = converted_estimates(Estimates.of(CAMERA_POSES), convention, CAMERA, None)
+    np.testing.assert_allclose(found.trajectory.pose(0).matrix, np.eye(4), atol=1e-12)
+    elsewhere = Trajectory(TRUTH.stamps_ns + 10**15, TRUTH.positions, TRUTH.quats_xyzw)
+    with pytest.raises(MetricsError, match="no pose has a true pose"):
+        converted_estimates(Estimates.of(CAMERA_POSES), convention, CAMERA, elsewhere)
+
+
+def test_the_covariance_is_that_of_sampled_poses() -> None:
+    """Law: perturb the camera's pose by its covariance, convert, and the scatter of RB is the converted covariance."""
+    rng = np.random.default_rng(5)
+    root, camera, count = rng.normal(0, 1e-4, (6, 6)), CAMERA_POSES.pose(3), 4000
+    noise = rng.normal(0, 1, (count, 6)) @ root.T
+    quats = (Rotation.from_rotvec(noise[:, 3:]) * Rotation.from_matrix(camera.rotation)).as_quat()
+    sampled = Trajectory(np.arange(count), camera.translation + noise[:, :3], quats)
+    covariance = np.tile((root @ root.T)[UPPER], (count, 1))
+    convention = PoseConvention(extrinsics=OF_CAMERA)
+    found = converted_estimates(Estimates.of(sampled, covariance=covariance), convention, CAMERA, None)
+    mean = Rotation.from_quat(found.trajectory.quats_xyzw).mean()
+    turns = (Rotation.from_quat(found.trajectory.quats_xyzw) * mean.inv()).as_rotvec()
+    scatter = np.cov(np.hstack((found.trajectory.positions, turns)).T)
+    assert found.covariance is not None
+    full = np.zeros((6, 6))
+    full[UPPER] = found.covariance[0]
+    full = full + np.triu(full, 1).T
+    np.testing.assert_allclose(scatter, full, atol=0.1 * np.abs(full).max())
+    assert np.abs(full - root @ root.T).max() > 0.3 * np.abs(full).max()  # the lever arm matters here
+
+
+def test_steps_stay_only_where_they_still_hold() -> None:
+    estimates = Estimates.of(CAMERA_POSES, steps=np.ones((COUNT, 27)), covariance=np.ones((COUNT, 21)))
+    assert converted_estimates(estimates, PoseConvention(world="first_pose"), CAMERA, TRUTH).steps is not None
+    assert converted_estimates(estimates, PoseConvention(frame="left"), CAMERA, TRUTH).steps is None
+    assert converted_estimates(estimates, PoseConvention(inverse=True), CAMERA, TRUTH).covariance is None
