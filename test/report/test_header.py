@@ -5,29 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-import pytest
 from made_scores import whole_score
 
 from sfr_loc_map.metrics.config import Condition, VerdictState
-from sfr_loc_map.metrics.score import (
-    InputFile,
-    MethodKind,
-    MethodRecord,
-    Provenance,
-    Score,
-    Verdict,
-)
-from sfr_loc_map.report.page import (
-    MOST,
-    LookFirst,
-    data_set_name,
-    look_first,
-    render_page,
-    run_facts,
-)
-from sfr_loc_map.report.score_tables import TERMS, score_tables
+from sfr_loc_map.metrics.score import InputFile, MethodKind, MethodRecord, Provenance, Score, Verdict
+from sfr_loc_map.report.page import MOST, LookFirst, data_set_name, look_first, render_page, run_facts
 
-FIVE_METRES = Condition.parse("distance=5")
+FAIL, PASS = VerdictState.FAIL, VerdictState.PASS
 
 
 def named(truth: str = "drives/crater/loc/groundtruth.csv", **settings: object) -> Score:
@@ -43,13 +27,10 @@ def named(truth: str = "drives/crater/loc/groundtruth.csv", **settings: object) 
 
 
 def verdict(value: float | None, limit: float, state: VerdictState, metric: str = "position_mean_m") -> Verdict:
+    over = Condition.parse("distance=5")
     return Verdict(
-        metric=metric, limit=limit, value=value, state=state, ci95=None, count=7, certain=None, condition=FIVE_METRES
+        metric=metric, limit=limit, value=value, state=state, ci95=None, count=7, certain=None, condition=over
     )
-
-
-def only(*verdicts: Verdict) -> Score:
-    return Score(verdicts=verdicts)
 
 
 def test_the_header_names_data_set_and_run() -> None:
@@ -62,48 +43,32 @@ def test_the_header_names_data_set_and_run() -> None:
     assert facts["Configuration"] == "trajectory.spacing 5; localisation.max_features 100"
     assert facts["Scored"] == "2024-02-29T12:00:00+00:00 by sfr_loc_map 9.9 on x86_64, Python 3.11"
     assert dict(run_facts(named()))["Configuration"] == "defaults"
-
-
-@pytest.mark.parametrize(
-    ("path", "name"),
-    [
-        ("d/crater/loc/groundtruth.csv", "crater"),
-        ("sample/sample.mcap", "sample.mcap"),
-        ("groundtruth.csv", "groundtruth.csv"),
-    ],
-)
-def test_the_name_of_the_data_set_is_that_of_its_folder_or_file(path: str, name: str) -> None:
-    assert data_set_name(named(path)) == name
+    paths = {"d/crater/loc/groundtruth.csv": "crater", "s/s.mcap": "s.mcap", "groundtruth.csv": "groundtruth.csv"}
+    assert {path: data_set_name(named(path)) for path in paths} == paths
     assert data_set_name(replace(named(), provenance=None)) == ""
 
 
 def test_missed_limits_come_first_the_worst_before_the_others() -> None:
-    failed = [verdict(value, 0.1, VerdictState.FAIL) for value in (0.12, 0.3)]
-    met = [verdict(value, 0.1, VerdictState.PASS, "heading_mean_deg") for value in (0.01, -0.09)]
-    shown = look_first(only(*met, *failed, verdict(None, 0.1, VerdictState.NOT_ENOUGH_DATA)))
+    failed = [verdict(value, 0.1, FAIL) for value in (0.12, 0.3)]
+    met = [verdict(value, 0.1, PASS, "heading_mean_deg") for value in (0.01, -0.09)]
+    undecided = verdict(None, 0.1, VerdictState.NOT_ENOUGH_DATA)
+    shown = look_first(Score(verdicts=(*met, *failed, undecided)))
     assert [item.why for item in shown] == [
         "It misses its limit: 300 mm against 100 mm, 300 % of it.",
         "It misses its limit: 120 mm against 100 mm, 120 % of it.",
         "There is not enough data to judge it by its limit (7 values).",
         "Of the limits that are met it is the nearest to being missed: -0.09 deg against 0.1 deg, 90 % of it.",
     ]
-    assert shown[0].what == "position mean over 5 m"
-    assert shown[0].place == "figure-position"
-
-
-def test_a_lower_bound_is_used_up_from_above() -> None:
-    (item,) = look_first(only(verdict(0.4, 0.8, VerdictState.FAIL, "coverage_min")))
+    assert (shown[0].what, shown[0].place) == ("position mean over 5 m", "figure-position")
+    (item,) = look_first(Score(verdicts=(verdict(0.4, 0.8, FAIL, "coverage_min"),)))
     assert item == LookFirst("map coverage over 5 m", "It misses its limit: 40 % against 80 %.", "table-map")
 
 
 def test_lost_frames_are_named_and_the_list_is_short() -> None:
-    score = whole_score()
-    assert score.trajectory is not None
-    texts = [f"{item.what}: {item.why}" for item in look_first(replace(score, verdicts=()))]
+    texts = [f"{item.what}: {item.why}" for item in look_first(replace(whole_score(), verdicts=()))]
     assert texts[0] == "lost frames: 3 of 300 frames (1 %) are lost, and count in every figure like the others."
     assert re.search(r"at frames \d+ to \d+\.$", texts[-1])
-    many = replace(score, verdicts=(verdict(1.0, 0.1, VerdictState.FAIL),) * 9)
-    assert len(look_first(many)) == MOST
+    assert len(look_first(replace(whole_score(), verdicts=(verdict(1.0, 0.1, FAIL),) * 9))) == MOST
 
 
 def test_the_page_begins_with_them_and_each_leads_to_a_place_of_the_page() -> None:
@@ -113,12 +78,3 @@ def test_the_page_begins_with_them_and_each_leads_to_a_place_of_the_page() -> No
     places = re.findall(r'<li><a href="#([\w-]+)"', page)
     assert places
     assert all(f'id="{place}"' in page for place in places)
-
-
-def test_terms_stand_below_the_tables_that_use_them() -> None:
-    tables = {table.name: dict(table.terms) for table in score_tables(whole_score())}
-    assert {"mean + 3 sigma", "re-based", "position error"} <= tables["headline"].keys()
-    assert "DS" in tables["components"]
-    assert "LM" in tables["map"]
-    assert "NEES" in tables["consistency"]
-    assert {word for terms in tables.values() for word in terms} <= TERMS.keys()

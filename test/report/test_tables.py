@@ -42,27 +42,11 @@ TABLE = Table(
 )
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.000123456, "0.0001235"),
-        (12345.6, "12346"),
-        (1.5e7, "1.5e+07"),
-        (7, "7"),
-        (2_292_689, "2292689"),
-        (None, "unknown"),
-        (-0.5, "-0.5"),
-    ],
-)
-def test_number(value: float | None, text: str) -> None:
-    assert number(value) == text
-
-
-@pytest.mark.parametrize(
-    ("unit", "text"), [(MIB, "500"), (Unit("GiB", 2.0**30), "0.4883"), (Unit("byte"), "524288000")]
-)
-def test_a_value_is_shown_in_the_unit(unit: Unit, text: str) -> None:
-    assert number(500 * 2**20, unit=unit) == text
+def test_numbers_have_four_digits_and_their_unit() -> None:
+    values = (0.000123456, 12345.6, 1.5e7, 7, 2_292_689, None, -0.5)
+    assert [number(value) for value in values] == ["0.0001235", "12346", "1.5e+07", "7", "2292689", "unknown", "-0.5"]
+    assert [number(value, signed=True) for value in (0.25, -0.25, 20000.0, 3)] == ["+0.25", "-0.25", "+20000", "+3"]
+    assert [number(500 * 2**20, unit=unit) for unit in (MIB, Unit("byte"))] == ["500", "524288000"]
 
 
 @pytest.mark.parametrize(
@@ -70,8 +54,7 @@ def test_a_value_is_shown_in_the_unit(unit: Unit, text: str) -> None:
     [
         (METRE, (0.003157, None), "mm"),
         (METRE, (0.003157, -1.5), "m"),
-        (METRE, (0.0, None), "m"),
-        (METRE, (float("inf"),), "m"),
+        (METRE, (0.0, float("inf")), "m"),
         (SECOND, (1.871, 0.04), "ms"),
         (SECOND, (12.0,), "s"),
         (DEGREE, (0.001,), "deg"),
@@ -79,16 +62,6 @@ def test_a_value_is_shown_in_the_unit(unit: Unit, text: str) -> None:
 )
 def test_the_unit_suits_the_largest_value(unit: Unit, values: tuple[float | None, ...], symbol: str) -> None:
     assert fitting(unit, *values).symbol == symbol
-
-
-def test_differences_have_a_sign() -> None:
-    assert [number(value, signed=True) for value in (0.25, -0.25, 20000.0, 3)] == ["+0.25", "-0.25", "+20000", "+3"]
-
-
-def test_cells_keep_the_value_in_the_unit_of_its_source() -> None:
-    cell = TABLE.rows[0][1]
-    assert (cell.text, cell.value, cell.key) == ("12.35", 0.0123456, "timing.p50")
-    assert Cell.interval(None).key == ""
 
 
 def test_markdown() -> None:
@@ -113,37 +86,37 @@ def test_csv_has_the_exact_values_and_both_bounds() -> None:
         ["p50", "timing.p95", ""],
         ["verdict", "", "open"],
     ]
-    assert {row[0] for row in rows[1:]} == {"times"}
-    assert rows[1][1] == HOSTILE
+    assert rows[1][:2] == ["times", HOSTILE]
 
 
 def test_html_escapes_every_text_and_keeps_key_and_value() -> None:
     text = to_html(TABLE)
     assert "<script" not in text
-    assert '<th scope="col" class="words">call</th><th scope="col">p50, ms</th>' in text
-    assert '<td data-key="timing.p50" data-value="0.0123456" title="timing.p50 = 0.0123456">12.35</td>' in text
-    assert '<td data-key="timing.ci95">1 to 2.5</td>' in text
-    assert '<td data-key="timing.p95">unknown</td>' in text
-    assert '<td class="verdict pass"><span class="icon" aria-hidden="true">✔</span> pass</td>' in text
-    assert '<td class="verdict open"><span class="icon" aria-hidden="true">?</span> open</td>' in text
+    for part in (
+        '<th scope="col" class="words">call</th><th scope="col">p50, ms</th>',
+        '<td data-key="timing.p50" data-value="0.0123456" title="timing.p50 = 0.0123456">12.35</td>',
+        '<td data-key="timing.ci95">1 to 2.5</td>',
+        '<td data-key="timing.p95">unknown</td>',
+        '<td class="verdict pass"><span class="icon" aria-hidden="true">✔</span> pass</td>',
+        '<td class="verdict open"><span class="icon" aria-hidden="true">?</span> open</td>',
+    ):
+        assert part in text
 
 
-def test_the_terminal_shows_texts_without_markup() -> None:
-    console = Console(width=150, color_system=None)
-    with console.capture() as capture:
-        console.print(to_rich(TABLE))
-    shown = capture.get()
+def terminal(table: Table) -> str:
+    console = Console(file=io.StringIO(), width=200, color_system=None)
+    console.print(to_rich(table))
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def test_no_renderer_lets_markup_controls_and_surrogates_through() -> None:
+    shown = terminal(TABLE)
     for text in ("Time | of [bold]calls", HOSTILE, "12.35", "1 to 2.5", "A * note."):
         assert text in shown
-
-
-def test_no_renderer_lets_controls_and_surrogates_through() -> None:
     escape = "\x1b]0;title\x07\udc80"
     cells = (Cell.head(escape), Cell(escape, 1.0, "key"), Cell.verdict(escape))
     table = Table("t", escape, (Column(escape), Column("b"), Column(escape)), (cells,), escape)
-    console = Console(file=io.StringIO(), width=200)
-    console.print(to_rich(table))
-    assert isinstance(console.file, io.StringIO)
-    for text in (console.file.getvalue(), to_markdown([table]), to_html(table), to_csv([table])):
+    for text in (terminal(table), to_markdown([table]), to_html(table), to_csv([table])):
         assert r"\x1b" in text
         assert not {"\x1b", "\x07", "\udc80"} & set(text)
