@@ -18,19 +18,11 @@ from sfr_loc_map.report.page import load_score, render_page, write_page
 from sfr_loc_map.report.tables import MILLIMETRE, number
 
 CHROMIUM = Path("/usr/bin/chromium")
-SWITCHES = [
-    "headless",
-    "no-sandbox",
-    "disable-gpu",
-    "enable-unsafe-swiftshader",
-    "no-first-run",
-    "disable-background-networking",
-    "disable-component-update",
-    "disable-sync",
-    "enable-logging=stderr",
-    "window-size=1280,6000",
-    "virtual-time-budget=30000",
-]
+SWITCHES = (
+    *("headless", "no-sandbox", "disable-gpu", "enable-unsafe-swiftshader", "no-first-run", "disable-sync"),
+    *("disable-background-networking", "disable-component-update", "enable-logging=stderr"),
+    *("window-size=1280,6000", "virtual-time-budget=30000"),
+)
 FLAGS = [*(f"--{switch}" for switch in SWITCHES), "--host-resolver-rules=MAP * ~NOTFOUND"]
 """Without what the browser itself would like to ask."""
 OF_THE_BROWSER = "not an origin"

@@ -102,8 +102,6 @@ def test_every_cell_leads_back_to_its_figure_and_tables_keep_their_shape() -> No
     assert {"mean + 3 sigma", "re-based", "position error"} <= terms["headline"].keys()
     for word, name in (("DS", "components"), ("LM", "map"), ("NEES", "consistency")):
         assert word in terms[name]
-        True
-    ] * 3
 
 
 def test_the_terminal_ends_with_the_verdicts() -> None:
