@@ -4,7 +4,6 @@ from .mapper import FusedMap as FusedMap
 from .mapper import Mapper as Mapper
 from .mapper import PairMap as PairMap
 from .terrain.elevation import ElevationModel as ElevationModel
-from .terrain.elevation import elevation_from_cloud as elevation_from_cloud
 from .terrain.elevation import point_covariances as point_covariances
 from .terrain.grid import TerrainGrid as TerrainGrid
 from .terrain.grid import elevation_grid as elevation_grid

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.mapping.disparity.filters import mad_sigma
 from sfr_loc_map.mapping.disparity.right_camera import RectificationCorrection
@@ -70,12 +70,7 @@ def check_matches(
 ) -> tuple[str, ...]:
     """Return what is suspicious about a pair, one line each.
 
-    Args:
-        pair: The images.
-        share: As `matched_share` gives it.
-        correction: How the right image had to be corrected.
-        saturated_share: Share of the pixels that are saturated in either image.
-        disparities: Number that was searched.
+    Of the textured pixels a share is matched, of all pixels a share is saturated; so many disparities were searched.
 
     Raises:
         MappingError: If so little matches that the rest would be chance.
@@ -105,15 +100,11 @@ def check_matches(
 
 def _likely_cause(pair: StereoPair, disparities: int) -> str:
     """Tell what is wrong by matching at half the size, as given and with left and right swapped."""
-    left, right = _downsampled(pair.left), _downsampled(pair.right)
+    size = (pair.left.shape[1] // COARSE_FACTOR, pair.left.shape[0] // COARSE_FACTOR)
+    left, right = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (pair.left, pair.right))
     count = 16 * max(1, -(-disparities // (16 * COARSE_FACTOR)))
     as_given = float(np.isfinite(semi_global_matching(left, right, count)).mean())
     swapped = float(np.isfinite(semi_global_matching(right, left, count)).mean())
     if swapped > max(1.5 * as_given, 0.5):
         return "left and right seem swapped: exchange them"
     return "check that they are rectified, of the same moment and of this rig"
-
-
-def _downsampled(image: GreyImage) -> GreyImage:
-    size = (image.shape[1] // COARSE_FACTOR, image.shape[0] // COARSE_FACTOR)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)

@@ -28,12 +28,7 @@ from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.multiview.registration import register_views
-from sfr_loc_map.mapping.reprojection import (
-    CalibrationSigma,
-    check_calibration,
-    cloud_from_disparity,
-    total_sigma,
-)
+from sfr_loc_map.mapping.reprojection import CalibrationSigma, check_calibration, cloud_from_disparity, total_sigma
 
 F = np.float32
 

@@ -32,16 +32,6 @@ MIN_WARNING_DEG = 0.02
 """Less yaw than this is not warned of, however well the calibration is said to be known."""
 
 
-class _Columns(NamedTuple):
-    """Columns of a cloud of N points, as `PointCloud` describes them."""
-
-    xyz: NDArray[np.float32]
-    sigma: NDArray[np.float32]
-    intensity: NDArray[np.float32]
-    u: NDArray[np.uint16]
-    v: NDArray[np.uint16]
-
-
 def cloud_from_disparity(
     disparity_px: FloatImage, sigma_px: FloatImage, left: GreyImage, rig: StereoRig, T_lm_left: Transform, index: int
 ) -> PointCloud:
@@ -50,26 +40,15 @@ def cloud_from_disparity(
     `Z = fx baseline / d`; the ray of pixel (u, v) is `((u - cx) / fx, (v - cy) / fy, 1)` in the left optical frame; to
     first order the standard deviation along the ray is `|ray| Z^2 / (fx baseline) sigma_d`.
 
-    Args:
-        disparity_px: `(H, W)` float32, pixels, NaN where none.
-        sigma_px: `(H, W)` float32, pixels, its standard deviation.
-        left: `(H, W)` uint8.
-        rig: Rig of the images.
-        T_lm_left: Takes points in the left optical frame to LM.
-        index: Number of the pair within its set.
+    The disparity `(H, W)` is NaN where there is none; `index` is the number of the pair within its set.
     """
     ends = np.cumsum(np.isfinite(disparity_px).sum(axis=1))
     count = int(ends[-1])
-    columns = _Columns(
-        np.empty((count, 3), np.float32),
-        np.empty(count, np.float32),
-        np.empty(count, np.float32),
-        np.empty(count, np.uint16),
-        np.empty(count, np.uint16),
-    )
+    xyz, sigma, intensity = np.empty((count, 3), np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    u, v = np.empty(count, np.uint16), np.empty(count, np.uint16)
     pose = Pose(T_lm_left.rotation, T_lm_left.translation)
-    _reproject(disparity_px, sigma_px, left, rig.camera, pose, ends, columns)
-    return PointCloud(*columns, np.full(count, index, np.uint8), fused=False)
+    _reproject(disparity_px, sigma_px, left, rig.camera, pose, ends, xyz, sigma, intensity, u, v)
+    return PointCloud(xyz, sigma, intensity, u, v, np.full(count, index, np.uint8), fused=False)
 
 
 @jit_rows
@@ -80,12 +59,15 @@ def _reproject(
     camera: StereoCamera,
     pose: Pose,
     ends: IntArray,
-    columns: _Columns,
+    xyz: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    intensity: NDArray[np.float32],
+    u: NDArray[np.uint16],
+    v: NDArray[np.uint16],
 ) -> None:
     """Fill the columns of a cloud row by row; `ends` `(H,)` counts the points up to the end of each row."""
     rows, cols = disparity.shape
     rotation, position = pose.rotation, pose.position
-    xyz, sigma, intensity, u, v = columns.xyz, columns.sigma, columns.intensity, columns.u, columns.v
     scale = camera.fx * camera.baseline_m
     for i in prange(rows):
         n = ends[i - 1] if i > 0 else 0
@@ -148,11 +130,7 @@ def total_sigma(
     With range r, disparity d and normalised coordinates (x, y) of the left pixel and (xr, y) of the right one the
     variance is `sigma^2 + r^2 ((fx / d)^2 ((yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2) + focal^2 + baseline^2)`.
 
-    Args:
-        cloud: Points in LM with the sigma of noise and smoothing.
-        T_lm_left: Pose of the left camera of each pair, in the order of the points' `pair`.
-        rig: Rig of all pairs.
-        calibration: Standard deviations of its calibration.
+    Poses of the left cameras are in the order of the points' `pair`.
     """
     total = np.empty(len(cloud), np.float32)
     axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])

@@ -49,21 +49,13 @@ MIN_COST = 0.05
 
 
 class EdgeScene(NamedTuple):
-    """Images and disparities that are judged, `(H, W)` each.
+    """Images and disparities that are judged, `(H, W)` each."""
 
-    Attributes:
-        left: Whole grey levels.
-        right: Grey levels, corrected.
-        disparity: Pixels.
-        matched: Whose disparities count as surfaces.
-        sigma: Standard deviation of the disparity, pixels.
-    """
-
-    left: FloatImage
-    right: FloatImage
-    disparity: FloatImage
-    matched: Mask
-    sigma: FloatImage
+    left: FloatImage  # whole grey levels
+    right: FloatImage  # grey levels, corrected
+    disparity: FloatImage  # pixels
+    matched: Mask  # whose disparities count as surfaces
+    sigma: FloatImage  # standard deviation of the disparity, pixels
 
 
 @jit_rows_inline
@@ -207,23 +199,14 @@ def _signed_log(values: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 class EdgeNetwork(NamedTuple):
-    """A network with one hidden layer of K rectified linear units, float32.
+    """A network with one hidden layer of K rectified linear units, float32."""
 
-    Attributes:
-        low: `(15,)`. Evidence is clipped to the range that was common where the weights were learnt.
-        high: `(15,)`, likewise.
-        hidden: `(K, 15)`, weights of the evidence.
-        hidden_offset: `(K,)`.
-        output: `(K,)`, weights of the hidden layer.
-        output_offset: `(1,)`.
-    """
-
-    low: FloatImage
-    high: FloatImage
-    hidden: FloatImage
-    hidden_offset: FloatImage
-    output: FloatImage
-    output_offset: FloatImage
+    low: FloatImage  # `(15,)`. Evidence is clipped to the range that was common where the weights were learnt
+    high: FloatImage  # `(15,)`, likewise
+    hidden: FloatImage  # `(K, 15)`, weights of the evidence
+    hidden_offset: FloatImage  # `(K,)`
+    output: FloatImage  # `(K,)`, weights of the hidden layer
+    output_offset: FloatImage  # `(1,)`
 
 
 @cache

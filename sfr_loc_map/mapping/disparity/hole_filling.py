@@ -58,25 +58,15 @@ _DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, 
 
 
 class HoleScene(NamedTuple):
-    """What a pass fills, `(H, W)` each.
+    """What a pass fills, `(H, W)` each."""
 
-    Attributes:
-        left: Whole grey levels.
-        right: Grey levels, corrected.
-        disparity: Pixels.
-        valid: Whose disparities count as surfaces.
-        open: Which pixels may be filled.
-        matched: Pixels, what the matcher found, NaN for nothing.
-        distance: Rows or columns to a valid pixel.
-    """
-
-    left: FloatImage
-    right: FloatImage
-    disparity: FloatImage
-    valid: Mask
-    open: Mask
-    matched: FloatImage
-    distance: FloatImage
+    left: FloatImage  # whole grey levels
+    right: FloatImage  # grey levels, corrected
+    disparity: FloatImage  # pixels
+    valid: Mask  # whose disparities count as surfaces
+    open: Mask  # which pixels may be filled
+    matched: FloatImage  # pixels, what the matcher found, NaN for nothing
+    distance: FloatImage  # rows or columns to a valid pixel
 
 
 class Claims(NamedTuple):
@@ -97,14 +87,8 @@ def fill_holes(
 ) -> tuple[FloatImage, Mask]:
     """Return the disparities with those of pixels that take a surface beside them, and which these are.
 
-    Args:
-        left: `(H, W)`, whole grey levels.
-        right: `(H, W)`, grey levels, corrected.
-        disparity: `(H, W)`, pixels.
-        valid: `(H, W)`, which of them count.
-        matched: `(H, W)`, pixels, what the matcher found, NaN for nothing.
-        noise: Standard deviation of a residual, grey levels.
-        may: `(H, W)`, which pixels may be filled.
+    Images and masks are `(H, W)`. Valid disparities count as surfaces; what the matcher found is NaN for nothing; the
+    noise is the standard deviation of a residual, grey levels; pixels are filled where they may.
     """
     known, beside = valid, may
     limit = _cost_limit(HoleScene(left, right, disparity, valid, ~valid, matched, disparity))
@@ -137,11 +121,8 @@ def _cost_limit(scene: HoleScene) -> float:
 def fill_pass(scene: HoleScene, claims: Claims, limit: np.float32, margin: np.float32) -> FloatImage:
     """Return the disparities `(H, W)` of the open pixels that one pass fills, NaN elsewhere.
 
-    Args:
-        scene: Valid disparities are hypotheses, open pixels are filled.
-        claims: Of the valid disparities.
-        limit: Largest matching cost, grey levels.
-        margin: In matching cost over other hypotheses, of a window that is worth one pixel, grey levels.
+    In grey levels of cost: the limit for a filled pixel, and the margin over other hypotheses of a window that is worth
+    one pixel.
     """
     rows, cols = scene.disparity.shape
     out = np.full((rows, cols), F(np.nan))
@@ -320,11 +301,7 @@ def _is_contradicted(disparity: np.float32, claims: Claims, y: int, x: int) -> b
 def confirmed(disparity: FloatImage, known: Mask, added: Mask, claims: Claims) -> Mask:
     """Tell which added pixels `(H, W)` are no single ones and have a partner that is no other surface's.
 
-    Args:
-        disparity: `(H, W)`, pixels.
-        known: `(H, W)`, which are valid or filled.
-        added: `(H, W)`, those to test, all of them known.
-        claims: Of the known ones.
+    Added pixels are known; claims are of the known ones.
     """
     rows, cols = disparity.shape
     out = np.zeros((rows, cols), np.bool_)

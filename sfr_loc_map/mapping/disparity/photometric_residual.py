@@ -25,19 +25,12 @@ BINS, MIN_PER_BIN = 8, 50
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of a change in disparity, `(H/2, W/2)` float32 each.
+    """Normal equations of a change in disparity, `(H/2, W/2)` float32 each."""
 
-    Attributes:
-        information: Sum of `w g^2 / var`, 1 / pixels^2.
-        information_vector: Sum of `w g r / var`, 1 / pixels: information times the least squares change.
-        chi2: Sum of `w r^2 / var`.
-        weight: Sum of the robust weights w.
-    """
-
-    information: FloatImage
-    information_vector: FloatImage
-    chi2: FloatImage
-    weight: FloatImage
+    information: FloatImage  # sum of `w g^2 / var`, 1 / pixels^2
+    information_vector: FloatImage  # sum of `w g r / var`, 1 / pixels: information times the least squares change
+    chi2: FloatImage  # sum of `w r^2 / var`
+    weight: FloatImage  # sum of the robust weights w
 
 
 @jit_rows_inline
@@ -176,12 +169,7 @@ def normal_equations(
     `r(d + s) = r(d) - g s` with g the slope along the row; weight `1 / (1 + tail r^2 / variance)`. Two columns at
     either border do not count.
 
-    Args:
-        slope: `(H, W)`, g, grey levels a pixel.
-        residual: `(H, W)`, NaN where the corresponding pixel lies outside the right image.
-        offset: `(H/2, W/2)`, brightness offset of the residual.
-        inverse_variance: `(H/2, W/2)` of a residual.
-        tail: How soon large residuals lose weight.
+    Slope and residual are `(H, W)`, the residual's brightness offset and inverse variance `(H/2, W/2)`.
     """
     height, width = slope.shape
     information = np.empty((height // 2, width // 2), F)

@@ -25,15 +25,10 @@ SPECKLE_PIXELS, SPECKLE_STEP = 60, 16
 
 @dataclass(frozen=True, slots=True)
 class SearchRange:
-    """Disparities that are searched, pixels.
+    """Disparities that are searched, pixels."""
 
-    Attributes:
-        min_disparity_px: Smallest disparity of a point that is kept.
-        count: Number of whole disparities searched from 0 on, a multiple of 16.
-    """
-
-    min_disparity_px: float
-    count: int
+    min_disparity_px: float  # the smallest of a point that is kept
+    count: int  # whole disparities searched from 0 on, a multiple of 16
 
 
 def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:

@@ -29,17 +29,11 @@ SUMMED_ROWS = 4
 
 
 class SmoothnessWeights(NamedTuple):
-    """Weights of the second differences, 1 / pixels^2, `(h, w)` float32 each.
+    """Weights of the second differences, 1 / pixels^2, `(h, w)` float32 each."""
 
-    Attributes:
-        along_x: Of the differences along rows.
-        along_y: Of the differences along columns.
-        mixed: Of the mixed differences between a cell, its right and its lower neighbours.
-    """
-
-    along_x: FloatImage
-    along_y: FloatImage
-    mixed: FloatImage
+    along_x: FloatImage  # of the differences along rows
+    along_y: FloatImage  # of the differences along columns
+    mixed: FloatImage  # of the mixed differences between a cell, its right and its lower neighbours
 
 
 @jit_rows
@@ -48,11 +42,8 @@ def smoothness_weight(
 ) -> SmoothnessWeights:
     """Weight the second differences of a field by how far they exceed their scale (Cauchy: `1 / (scale^2 + q^2)`).
 
-    Args:
-        field: `(h, w)`.
-        scale_x: `(h, w)`, typical size of second differences along rows.
-        scale_y: `(h, w)`, the same along columns; the mixed one takes the geometric mean.
-        factor: Multiplies both scales.
+    Scales `(h, w)` are the typical size of second differences along rows and along columns, both to be multiplied by a
+    factor; the mixed one takes the geometric mean.
     """
     rows, cols = field.shape
     along_x, along_y, mixed = np.empty_like(field), np.empty_like(field), np.empty_like(field)
@@ -75,47 +66,31 @@ def smoothness_weight(
 
 @jit_rows_inline
 def _fill_differences(
-    field: FloatImage, row: int, weights: SmoothnessWeights, i: int, along_x: FloatImage, along_y: FloatImage
+    field: FloatImage,
+    row: int,
+    weights: SmoothnessWeights,
+    i: int,
+    along_x: FloatImage,
+    along_y: FloatImage,
+    mixed: FloatImage,
 ) -> None:
-    """Fill the weighted second differences along both axes of one row of a grid, `(w + 2,)` each with a border of 0.
+    """Fill the weighted second differences of row i of a grid, `(w + 2,)` each with a border that stays.
 
-    Args:
-        field: `(n, w)`, some rows of the grid.
-        row: That of the field.
-        weights: Of the grid.
-        i: The same row within the grid.
-        along_x: Filled.
-        along_y: Filled.
+    The field is `(n, w)`, some rows of the grid, `row` being i among them.
     """
     cols = field.shape[1]
     above, centre, below = field[max(row - 1, 0)], field[row], field[min(row + 1, len(field) - 1)]
+    right, below_right = centre[1:], below[1:]
     # One loop for each array that is filled: in one with more the compiler does not see that they are apart.
-    inside, beside, weight = along_x[2:cols], centre[1:], weights.along_x[i, 1:]
+    inside, weight = along_x[2:cols], weights.along_x[i, 1:]
     for j in range(len(inside)):
-        inside[j] = weight[j] * (centre[j] - F(2.0) * beside[j] + beside[j + 1])
+        inside[j] = weight[j] * (centre[j] - F(2.0) * right[j] + right[j + 1])
     inside, weight = along_y[1:], weights.along_y[i]
     for j in range(cols):
         inside[j] = weight[j] * (above[j] - F(2.0) * centre[j] + below[j])
-
-
-@jit_rows_inline
-def _fill_mixed(field: FloatImage, row: int, weights: SmoothnessWeights, i: int, mixed: FloatImage) -> None:
-    """Fill the weighted mixed differences of one row `(w + 2,)`, as `_fill_differences`."""
-    centre, below = field[row], field[min(row + 1, len(field) - 1)]
     inside, weight = mixed[1:-2], weights.mixed[i]
-    right, below_right = centre[1:], below[1:]
     for j in range(len(inside)):
         inside[j] = weight[j] * (centre[j] - below[j] - right[j] + below_right[j])
-
-
-@jit_rows_inline
-def _clear(row: FloatImage, inside: bool) -> None:
-    """Set a row's differences to 0, of one inside the grid those only that nothing fills."""
-    if inside:
-        row[0] = row[1] = row[len(row) - 2] = row[len(row) - 1] = F(0.0)
-    else:
-        for j in range(len(row)):
-            row[j] = F(0.0)
 
 
 @jit_rows_inline
@@ -131,15 +106,11 @@ def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, fir
     """
     rows, cols = weights.mixed.shape
     size = (len(out) + 2, cols + 2)
-    along_x, along_y, mixed = np.empty(size, F), np.empty(size, F), np.empty(size, F)
+    along_x, along_y, mixed = np.zeros(size, F), np.zeros(size, F), np.zeros(size, F)
     for n in range(len(out) + 2):
         i = first - 1 + n
-        _clear(along_x[n], 0 <= i < rows)
-        _clear(along_y[n], 0 <= i < rows)
-        _clear(mixed[n], 0 <= i < rows)
         if 0 <= i < rows:
-            _fill_differences(field, i - top, weights, i, along_x[n], along_y[n])
-            _fill_mixed(field, i - top, weights, i, mixed[n])
+            _fill_differences(field, i - top, weights, i, along_x[n], along_y[n], mixed[n])
     for n in range(len(out)):
         row, x, y0, y1, y2 = out[n], along_x[n + 1], along_y[n], along_y[n + 1], along_y[n + 2]
         m0, m1 = mixed[n], mixed[n + 1]
@@ -175,21 +146,13 @@ def inverse_diagonal(information: FloatImage, weights: SmoothnessWeights) -> Flo
 
 
 class SolverState(NamedTuple):
-    """State of a solve, `(h, w)` float32 each.
+    """State of a solve, `(h, w)` float32 each."""
 
-    Attributes:
-        step: The solution so far.
-        residual: Right side minus the system's matrix times the step.
-        direction: Search direction.
-        before: The search direction before.
-        product: The system's matrix times the direction.
-    """
-
-    step: FloatImage
-    residual: FloatImage
-    direction: FloatImage
-    before: FloatImage
-    product: FloatImage
+    step: FloatImage  # the solution so far
+    residual: FloatImage  # right side minus the system's matrix times the step
+    direction: FloatImage  # search direction
+    before: FloatImage  # the search direction before
+    product: FloatImage  # the system's matrix times the direction
 
 
 def conjugate_gradient_step(

@@ -30,17 +30,11 @@ MIN_DEPTH_M = 1e-3
 
 
 class ViewImages(NamedTuple):
-    """What a view holds at each pixel, `(H, W)` float32 each.
+    """What a view holds at each pixel, `(H, W)` float32 each."""
 
-    Attributes:
-        disparity: Pixels, NaN where none.
-        weight: 1 / m^2, 0 where there is no point.
-        grey: Grey level, NaN where there is no point.
-    """
-
-    disparity: FloatImage
-    weight: FloatImage
-    grey: FloatImage
+    disparity: FloatImage  # pixels, NaN where none
+    weight: FloatImage  # 1 / m^2, 0 where there is no point
+    grey: FloatImage  # grey level, NaN where there is no point
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +78,7 @@ class PairView:
         return ViewImages(self.disparity_px, np.asarray(feather / np.square(sigma), F), self.grey_image())
 
     def grey_image(self, blur_px: float = 0.0) -> FloatImage:
-        """Return the left image `(H, W)` where there are points, smoothed over these alone; NaN elsewhere.
-
-        Args:
-            blur_px: Standard deviation of the Gaussian; 0 for none.
-        """
+        """Return the left image `(H, W)` where there are points, smoothed over these by a Gaussian; NaN elsewhere."""
         known = np.zeros(self.disparity_px.shape, F)
         grey = np.zeros_like(known)
         known[self.cloud.v, self.cloud.u] = 1.0

@@ -24,18 +24,12 @@ class CellGrid:
     """A grid of square cells whose sides lie at multiples of their length in x and y of LM.
 
     So grids of one cell size have the same cells, whatever cloud they were made of.
-
-    Attributes:
-        first: Number of the first cell along x and along y, counted from that at the origin of LM.
-        rows: Cells along y.
-        columns: Cells along x.
-        cell_m: Side of a cell.
     """
 
-    first: tuple[int, int]
-    rows: int
-    columns: int
-    cell_m: float
+    first: tuple[int, int]  # number of the first cell along x and along y, counted from that at the origin of LM
+    rows: int  # along y
+    columns: int  # along x
+    cell_m: float  # side of a cell
 
     @property
     def origin_m(self) -> tuple[float, float]:
@@ -60,7 +54,7 @@ class CellGrid:
             raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
         if len(xyz) == 0:
             raise MappingError("the cloud has no points: an elevation model needs some")
-        low, high = _bounds(xyz)
+        low, high = (np.array([float(side(xyz[:, axis])) for axis in (0, 1)]) for side in (np.min, np.max))
         if within is not None:
             centre, reach = np.array(within[:2]), within[2]
             low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
@@ -79,17 +73,6 @@ class CellGrid:
     def cell_of(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
         """Return the cell `(N,)` of each point, row times columns plus column; -1 where it lies outside."""
         return _cell_of(xyz, self.first[0], self.first[1], self.rows, self.columns, self.cell_m)
-
-
-@jit
-def _bounds(xyz: NDArray[np.float32]) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the greatest x and y."""
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for i in range(len(xyz)):
-        for axis in range(2):
-            value = np.float64(xyz[i, axis])
-            low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
-    return low, high
 
 
 @jit
@@ -124,34 +107,6 @@ class ElevationModel:
     cell_m: float
 
 
-def elevation_from_cloud(
-    cloud: PointCloud,
-    T_lm_left: Sequence[Transform] | None,
-    cell_m: float,
-    random_sigma: NDArray[np.float32] | None = None,
-) -> ElevationModel:
-    """Return the elevation model of a cloud.
-
-    An error `e` of a point along its ray is an error of its height of the ray's z component times `e`, and of what the
-    ground rises over the horizontal displacement. Heights of a cell are averaged by the inverse of that variance.
-    Errors of neighbouring points are correlated, so the variance of a cell's mean is that of its points; to it comes
-    that of the mean over heights that differ within the cell, and what the points' sigma has beyond its random part: an
-    error that they share has no say in their weights, and no mean removes it.
-
-    Args:
-        cloud: Points in LM.
-        T_lm_left: Pose of the left camera of each pair, in the order of the points' `pair`; None where they are not
-            known: rays are then taken for vertical, which overstates the sigma of a height.
-        cell_m: Side of a cell.
-        random_sigma: `(N,)`, metres, the part of sigma that differs from point to point; None for all of it.
-
-    Raises:
-        MappingError: If the cell is not positive, the cloud is empty, or there would be too many cells.
-    """
-    grid = CellGrid.over(cloud.xyz, cell_m)
-    return elevation_of_cells(cloud, T_lm_left, grid, grid.cell_of(cloud.xyz), random_sigma)
-
-
 def elevation_of_cells(
     cloud: PointCloud,
     T_lm_left: Sequence[Transform] | None,
@@ -159,14 +114,24 @@ def elevation_of_cells(
     cell: NDArray[np.int32],
     random_sigma: NDArray[np.float32] | None = None,
 ) -> ElevationModel:
-    """Return the elevation model of a cloud over a grid; `cell` `(N,)` is each point's cell, -1 for none.
+    """Return the elevation model of a cloud over a grid.
 
-    The other arguments are those of `elevation_from_cloud`.
+    An error `e` of a point along its ray is an error of its height of the ray's z component times `e`, and of what the
+    ground rises over the horizontal displacement. Heights of a cell are averaged by the inverse of that variance.
+    Errors of neighbouring points are correlated, so the variance of a cell's mean is that of its points; to it comes
+    that of the mean over heights that differ within the cell, and what the points' sigma has beyond its random part: an
+    error that they share has no say in their weights, and no mean removes it.
+
+            # placeholder
     """
     height = np.ascontiguousarray(cloud.xyz[:, 2])
     random = cloud.sigma if random_sigma is None else random_sigma
+    if T_lm_left is None:
+        share = np.full(len(cloud), 1.0 + SLOPE**2)
+    else:
+        share = _vertical_shares(cloud.xyz, cloud.pair, np.stack([pose.translation for pose in T_lm_left]))
     points, weight, mean, spread, common = height_sums(
-        cell, grid.rows * grid.columns, height, _height_shares(cloud, T_lm_left), cloud.sigma, random
+        cell, grid.rows * grid.columns, height, share, cloud.sigma, random
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = points / weight + spread / weight / points + common / weight
@@ -194,13 +159,8 @@ def height_sums(
     They are the number of points, the sum of the weights, the mean height (NaN without points), and the sums of the
     weighted squared differences from it and of the weighted variances that points share, all `(cells,)`.
 
-    Args:
-        cell: `(N,)` cell of each point, -1 for none.
-        cells: Number of cells.
-        height: `(N,)` metres.
-        share: `(N,)` variance of the height over that along the ray.
-        sigma_m: `(N,)` standard deviation along the ray.
-        random_m: `(N,)` its part that differs from point to point.
+    Of each point `(N,)`: its cell or -1, height, variance of the height over that along the ray, sigma along the ray,
+    and the part of sigma that differs from point to point.
     """
     count, weights, mean = np.zeros(cells, np.int64), np.zeros(cells), np.zeros(cells)
     spread, common = np.zeros(cells), np.zeros(cells)
@@ -223,24 +183,9 @@ def height_sums(
     return count, weights, mean, spread, common
 
 
-def _height_shares(cloud: PointCloud, T_lm_left: Sequence[Transform] | None) -> FloatArray:
-    """Return which share of each point's variance along its ray is that of its height `(N,)`.
-
-    Raises:
-        MappingError: If a point is of a pair without a pose.
-    """
-    if T_lm_left is None:
-        return np.full(len(cloud), 1.0 + SLOPE**2)
-    if len(cloud) and int(cloud.pair.max()) >= len(T_lm_left):
-        raise MappingError(
-            f"the cloud has points of pair {int(cloud.pair.max())}, poses of {len(T_lm_left)} pairs are given: "
-            f"give that of each pair"
-        )
-    return _vertical_shares(cloud.xyz, cloud.pair, np.stack([pose.translation for pose in T_lm_left]))
-
-
 @jit
 def _vertical_shares(xyz: NDArray[np.float32], pair: NDArray[np.uint8], centres: FloatArray) -> FloatArray:
+    """Return which share of each point's variance along its ray is that of its height `(N,)`."""
     share = np.empty(len(xyz))
     for i in range(len(xyz)):
         x = np.float64(xyz[i, 0]) - centres[pair[i], 0]

@@ -161,9 +161,7 @@ def _ranked(values: NDArray[np.float32], low: int, high: int, rank: int) -> floa
 def outer_heights(begin: IntArray, heights: NDArray[np.float32]) -> FloatArray:
     """Return a low and a high one of the heights of each cell `(2, cells)`, `TAIL` from either end, by nearest rank.
 
-    Args:
-        begin: `(cells + 1,)` where each cell's heights begin; one with fewer than `MIN_POINTS` has none: NaN.
-        heights: In the order of the cells; reordered within each.
+    Heights lie in the order of the cells and are reordered within each; a cell with fewer than `MIN_POINTS` gives NaN.
     """
     found = np.full((2, len(begin) - 1), np.nan)
     for at in prange(len(begin) - 1):
@@ -181,10 +179,7 @@ def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> tuple[Flo
 
     They are its rise along x and along y, metres a metre, and the root of the mean squared difference from it, metres.
 
-    Args:
-        height: `(R, C)` metres, NaN where not known.
-        window: `(K, 2)`, cells that count; `KNOWN_SHARE` of them must have a height.
-        cell_m: Side of a cell.
+    Heights `(R, C)` are NaN where not known; `KNOWN_SHARE` of the window `(K, 2)` around a cell must be known.
     """
     rows, columns = height.shape
     slope_x, slope_y = np.full((rows, columns), np.nan), np.full((rows, columns), np.nan)
@@ -250,10 +245,7 @@ def hazards(shares: NDArray[np.float32], step_share: NDArray[np.float32], footpr
     A cell is a hazard where a criterion reaches its limit under a rover that stands there: a step does so anywhere in
     the footprint, also next to cells that are not known. Below that the value is the largest share of a limit.
 
-    Args:
-        shares: `(R, C)` larger one of slope and roughness over their limits, NaN where not known.
-        step_share: `(R, C)` step over its limit, likewise.
-        footprint: `(K, 2)`, cells under the rover.
+    Shares `(R, C)` of the limits are NaN where not known: the larger one of slope and roughness, and that of the step.
     """
     rows, columns = shares.shape
     hazard = np.full((rows, columns), np.int8(UNKNOWN))

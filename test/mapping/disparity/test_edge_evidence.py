@@ -17,9 +17,7 @@ from sfr_loc_map.mapping.disparity.edge_evidence import (
     WEIGHT_BY_GREY,
     EdgeNetwork,
     EdgeScene,
-    edge_evidence,
     edge_figures,
-    edge_network,
     log_odds,
     wrong_surface_log_odds,
 )
@@ -115,18 +113,6 @@ def test_surroundings_of_a_pixel_beside_the_block(images: Any) -> None:
     matched = np.ones((ROWS, COLS), bool)
     matched[BLOCK] = False
     assert edge_figures(scene(images, two_planes(), matched), places((20, 58)))[0, 0] == LARGE
-
-
-def test_evidence_is_finite_and_the_network_a_layer_of_rectified_units_and_a_sum(images: Any) -> None:
-    everywhere = np.arange(ROWS * COLS)
-    evidence = edge_evidence(scene(images, two_planes()), everywhere)
-    assert evidence.shape == (ROWS * COLS, FIGURES)
-    assert np.isfinite(evidence).all()
-    assert edge_evidence(scene(images, two_planes()), everywhere[:0]).shape == (0, FIGURES)
-    network = edge_network()
-    units = np.clip(evidence, network.low, network.high) @ network.hidden.T + network.hidden_offset
-    expected = np.maximum(units, 0.0) @ network.output + network.output_offset[0]
-    np.testing.assert_allclose(log_odds(network, evidence), expected, rtol=1e-3, atol=1e-3)
 
 
 def test_pixels_with_the_disparity_of_the_other_surface_are_doubted(images: Any) -> None:

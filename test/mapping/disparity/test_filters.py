@@ -8,8 +8,6 @@ from sfr_loc_map.mapping.disparity.filters import (
     depth_ratio,
     local_variance,
     mad_sigma,
-    second_differences,
-    upsample_bilinear,
 )
 
 
@@ -25,21 +23,6 @@ def test_local_variance() -> None:
     grey = np.random.default_rng(0).integers(0, 256, (40, 25)).astype(np.float32)
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(grey, 3, mode="reflect"), (7, 7))
     np.testing.assert_allclose(local_variance(grey), windows.var(axis=(2, 3)), rtol=1e-4)
-
-
-def test_bilinear_upsampling_keeps_planes_and_their_position() -> None:
-    """Element centres: the first of the fine image lies half a coarse element minus half a fine one to the left."""
-    y, x = np.mgrid[:12, :16].astype(np.float32)
-    v, u = (np.mgrid[:48, :64].astype(np.float32) + 0.5) / 4.0 - 0.5
-    up = upsample_bilinear(3.0 + 0.5 * x - 0.25 * y, (48, 64))
-    np.testing.assert_allclose(up[4:-4, 4:-4], (3.0 + 0.5 * u - 0.25 * v)[4:-4, 4:-4], atol=1e-5)
-
-
-def test_second_differences_of_a_quadratic_are_constant() -> None:
-    y, x = np.mgrid[:9, :11].astype(np.float32)
-    along_x, along_y = second_differences(0.5 * x * x - 1.5 * y * y + 2.0 * x + y)
-    np.testing.assert_allclose(along_x[:, 1:-1], 1.0, atol=1e-4)
-    np.testing.assert_allclose(along_y[1:-1], -3.0, atol=1e-4)
 
 
 def test_depths_are_compared_with_the_nearest_surface_around() -> None:

@@ -13,7 +13,6 @@ from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_match
 from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugate_gradient_step
 from sfr_loc_map.mapping.disparity.uncertainty import (
     CREASE_SHARE,
-    MAX_SIGMA_PX,
     NOISE_INFORMATION,
     SHAPE_SHARE,
     disparity_sigma,
@@ -72,12 +71,6 @@ def test_sigma_is_noise_shape_and_crease(refined: Any) -> None:
     np.testing.assert_allclose(folded[:, 2 * middle + 8], np.sqrt(noise), rtol=1e-2)
 
 
-def test_sigma_is_bounded_without_information(refined: Any) -> None:
-    cells = refined.cells_px.shape
-    nothing = replace(refined, information=np.zeros(cells, F), weights=uniform(cells, 1e-6))
-    assert (disparity_sigma(nothing) == MAX_SIGMA_PX).all()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [2.0, 6.0])
 def test_sigma_is_that_of_repeated_images(world: Any, slope_field: Any, noise: float) -> None:
@@ -130,11 +123,3 @@ def test_a_clipped_patch_is_a_hole_and_uncertain_around_it(world: Any, slope_fie
     fused = Mapper(made.rig, MappingConfig()).fuse([result])
     np.testing.assert_array_equal(fused.random_sigma, result.random_sigma)
     np.testing.assert_array_equal(fused.cloud.sigma, result.cloud.sigma)
-
-
-def test_many_saturated_pixels_are_told(world: Any, slope_field: Any) -> None:
-    made = world(slope_field)
-    bright = [np.clip(image.astype(int) * 2, 0, 255).astype(np.uint8) for image in (made.pair.left, made.pair.right)]
-    result = Mapper(made.rig, MappingConfig()).process(StereoPair(0, *bright), Transform.identity(), 0)
-    assert any("% of the pixels are saturated" in line for line in result.warnings)
-    assert result.statistics["saturated_share"] > 0.3

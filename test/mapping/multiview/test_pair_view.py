@@ -43,18 +43,6 @@ def test_weights_are_inverse_variances_that_fade_at_the_border() -> None:
         assert weight[v, u] == pytest.approx(100.0 * edge / FEATHER_PX, rel=1e-5)
 
 
-def test_the_grey_image_is_smoothed_over_known_pixels_alone() -> None:
-    rng = np.random.default_rng(0)
-    known = rng.uniform(size=(ROWS, COLS)) < 0.7
-    grey = rng.integers(0, 256, known.shape).astype(float)
-    view = view_of(known, grey=grey)
-    np.testing.assert_array_equal(view.grey_image(), np.where(known, grey, np.nan).astype(np.float32))
-    smoothed = view.grey_image(5.0)
-    np.testing.assert_array_equal(np.isnan(smoothed), ~known)
-    assert np.nanstd(smoothed) < 0.15 * grey.std()
-    np.testing.assert_allclose(view_of(known).grey_image(5.0)[known], 100.0, rtol=1e-4)
-
-
 def test_points_move_with_the_pose_and_take_a_number() -> None:
     view = view_of(np.ones((4, 5), bool))
     pose = Transform(matrix_from_rotvec([0.0, 0.3, 0.1]), np.array([0.0, -3.0, 0.5]))

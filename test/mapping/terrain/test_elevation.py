@@ -6,13 +6,12 @@ import pytest
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 from sfr_loc_map.mapping.terrain.elevation import (
     SLOPE,
     CellGrid,
-    elevation_from_cloud,
+    ElevationModel,
+    elevation_of_cells,
     height_sums,
     point_covariances,
 )
@@ -33,6 +32,13 @@ def cloud_of(xyz: list[list[float]], sigma: list[float], pair: list[int]) -> Poi
     )
 
 
+def elevation_from_cloud(
+    cloud: PointCloud, poses: list[Transform], cell_m: float, random: np.ndarray | None = None
+) -> ElevationModel:
+    grid = CellGrid.over(cloud.xyz, cell_m)
+    return elevation_of_cells(cloud, poses, grid, grid.cell_of(cloud.xyz), random)
+
+
 def points(*xy: tuple[float, float]) -> np.ndarray:
     return np.array([(x, y, 0.0) for x, y in xy], np.float32)
 
@@ -51,6 +57,14 @@ def test_points_beyond_the_reach_do_not_count() -> None:
     assert (grid.first, grid.rows, grid.columns) == ((0, -11), 12, 21)
     with pytest.raises(MappingError, match=r"no points within 2\.0 m of the cameras: raise terrain\.range_m"):
         CellGrid.over(points((90.0, 0.0)), 0.1, (0.0, 0.0, 2.0))
+
+
+@pytest.mark.parametrize(("cell", "message"), [(0.0, "more than 0"), (-1.0, "more than 0"), (1e-4, "million")])
+def test_cells_that_cannot_be_are_refused(cell: float, message: str) -> None:
+    with pytest.raises(MappingError, match=message):
+        CellGrid.over(points((0.0, 0.0), (9.0, 9.0)), cell)
+    with pytest.raises(MappingError, match="no points"):
+        CellGrid.over(np.empty((0, 3), np.float32), 0.1)
 
 
 def test_sums_are_those_of_each_cell() -> None:
@@ -98,33 +112,16 @@ def test_an_error_that_points_share_has_no_say_in_weights_and_no_mean_removes_it
     assert common.sigma_m[0, 0] == pytest.approx(expected, rel=0.01)
 
 
-@pytest.mark.parametrize(("cell", "message"), [(0.0, "more than 0"), (-1.0, "more than 0"), (1e-4, "million")])
-def test_cells_that_cannot_be_are_refused(cell: float, message: str) -> None:
-    cloud = cloud_of([[0.0, 0.0, 0.0], [9.0, 9.0, 0.0]], [0.01] * 2, [0] * 2)
-    with pytest.raises(MappingError, match=message):
-        elevation_from_cloud(cloud, POSES, cell)
-    with pytest.raises(MappingError, match="no points"):
-        elevation_from_cloud(cloud.select(np.zeros(2, bool)), POSES, 0.1)
-
-
-def test_covariance_is_the_scatter_of_points_of_a_pixel() -> None:
-    """Points drawn over the area of a pixel and over the error of its disparity, against the stated covariance."""
-    rig = StereoRig(640, 480, 300.0, 300.0, 319.5, 239.5, 0.2)
-    rng = np.random.default_rng(0)
-    u, v, disparity, sigma_px = 400.0, 150.0, 12.0, 0.05
-    drawn = 200_000
-    depth = rig.fx * rig.baseline_m / rng.normal(disparity, sigma_px, drawn)
-    ray_x = (rng.uniform(u - 0.5, u + 0.5, drawn) - rig.cx) / rig.fx
-    ray_y = (rng.uniform(v - 0.5, v + 0.5, drawn) - rig.cy) / rig.fy
-    points = POSES[1].apply(np.column_stack((ray_x, ray_y, np.ones(drawn))) * depth[:, None])
-    image = np.full((rig.height, rig.width), np.nan, np.float32)
-    image[int(v), int(u)] = disparity
-    deviation, grey = np.full_like(image, sigma_px), np.zeros(image.shape, np.uint8)
-    cloud = cloud_from_disparity(image, deviation, grey, rig, POSES[1], 1)
-    stated = point_covariances(cloud, POSES, rig.fx)[0]
-    found = np.cov(points.T)
-    np.testing.assert_allclose(stated, found, atol=0.05 * np.trace(found))
-    np.testing.assert_allclose(np.linalg.eigvalsh(stated)[:2], np.linalg.eigvalsh(found)[:2], rtol=0.2)
+def test_covariance_is_that_of_the_ray_and_of_the_pixel() -> None:
+    local = np.array([[0.3, -0.2, 4.0], [0.0, 0.0, 7.0]])
+    xyz = [POSES[pair].apply(point).tolist() for pair, point in enumerate(local)]
+    matrices = point_covariances(cloud_of(xyz, [0.05, 0.02], [0, 1]), POSES, 800.0)
+    for pair, sigma in enumerate((0.05, 0.02)):
+        values, vectors = np.linalg.eigh(matrices[pair].astype(np.float64))
+        np.testing.assert_allclose(values[:2], (local[pair, 2] / 800.0) ** 2 / 12.0, rtol=1e-2)
+        assert values[2] == pytest.approx(sigma**2, rel=1e-4)
+        ray = POSES[pair].rotation @ local[pair] / np.linalg.norm(local[pair])
+        assert abs(vectors[:, 2] @ ray) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_a_plane_gives_a_plane() -> None:

@@ -9,7 +9,6 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.grid import (
-    MIN_POINTS,
     STEP_RADIUS_M,
     TAIL,
     TerrainGrid,
@@ -52,13 +51,6 @@ def test_a_plane_has_its_slope_and_neither_roughness_nor_step(rise_x: float, ris
     assert np.abs(grid.hazard[inside] - 100.0 * share).max() <= 1.0
 
 
-def test_a_slope_at_its_limit_is_a_hazard_and_one_below_is_none() -> None:
-    for slope_deg, hazard in ((CONFIG.max_slope_deg - 0.5, 97), (CONFIG.max_slope_deg + 0.5, 100)):
-        rise = np.tan(np.radians(slope_deg))
-        plane = ground(lambda x, y, rise=rise: rise * y)
-        assert set(elevation_grid(plane, CONFIG, CAMERA).hazard[2:-2, 2:-2].reshape(-1).tolist()) == {hazard}
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_rock_or_a_hole_is_a_hazard_as_far_as_the_footprint_reaches(sign: float) -> None:
     def rock(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -99,16 +91,6 @@ def test_what_was_not_seen_is_not_known_unless_a_step_is_near() -> None:
     shadow = elevation_grid(ground(rock, keep=hidden), CONFIG, CAMERA)
     assert at(shadow, shadow.hazard, 0.65, 0.05) == 100
     assert at(shadow, shadow.hazard, 1.45, 0.05) == -1
-
-
-def test_cells_with_few_points_have_no_height() -> None:
-    sparse = ground(lambda x, y: x).select(np.arange(0, 40_000, 40))
-    grid = elevation_grid(sparse, CONFIG, CAMERA)
-    few = grid.elevation.count < MIN_POINTS
-    assert few.any()
-    assert np.isnan(grid.elevation.height_m[few]).all()
-    assert np.isnan(grid.elevation.sigma_m[few]).all()
-    assert np.isfinite(grid.elevation.height_m[~few]).all()
 
 
 def test_poses_bound_the_range_and_lower_the_sigma() -> None:
