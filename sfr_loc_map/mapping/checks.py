@@ -101,7 +101,8 @@ def check_matches(
 def _likely_cause(pair: StereoPair, disparities: int) -> str:
     """Tell what is wrong by matching at half the size, as given and with left and right swapped."""
     size = (pair.left.shape[1] // COARSE_FACTOR, pair.left.shape[0] // COARSE_FACTOR)
-    left, right = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (pair.left, pair.right))
+    halves = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (pair.left, pair.right)]
+    left, right = (np.asarray(half, np.uint8) for half in halves)
     count = 16 * max(1, -(-disparities // (16 * COARSE_FACTOR)))
     as_given = float(np.isfinite(semi_global_matching(left, right, count)).mean())
     swapped = float(np.isfinite(semi_global_matching(right, left, count)).mean())
