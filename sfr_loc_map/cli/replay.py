@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.localisation.estimate import StartPose
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
     from sfr_loc_map.nodes.replay.results import ReplayResults
-    from sfr_loc_map.pipeline.external_run import ExternalRun
-    from sfr_loc_map.pipeline.replay import ReplayFiles, ReplayResult
+    from sfr_loc_map.pipeline.replay import ExternalRun, ReplayFiles, ReplayResult
     from sfr_loc_map.pipeline.scoring import Correction
 
 METHODS = ("sfr", "external")
@@ -298,7 +297,7 @@ def _result_of(results: ReplayResults, correction: Correction) -> ReplayResult:
 def _external_run_of(results: ReplayResults, correction: Correction) -> ExternalRun | None:
     """Return what is known of the external node of a replay, None without one."""
     from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
-    from sfr_loc_map.pipeline.external_run import ExternalRun
+    from sfr_loc_map.pipeline.replay import ExternalRun
 
     node, book = results.observed, results.answers
     if node is None or book is None:

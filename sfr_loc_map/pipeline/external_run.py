@@ -1,4 +1,4 @@
-"""An external node in a replay: what it answered, what its process used, its poses converted. Knows nothing of ROS."""
+"""An external node in a replay: what it answered to the pairs, and what its process used. Knows nothing of ROS."""
 
 from __future__ import annotations
 
@@ -7,39 +7,23 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import psutil
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.calls import stage_time
-from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.convention import converted_estimates
-from sfr_loc_map.metrics.score import (
-    AnswerCounts,
-    ConventionRecord,
-    ExternalScore,
-    FindingKind,
-    FindingRecord,
-    MethodRecord,
-    ProcessUsage,
-    StageTime,
-)
-from sfr_loc_map.pipeline.call_stats import CallRecord
-from sfr_loc_map.pipeline.scoring import Correction, ScoredDrive, corrected
+from sfr_loc_map.metrics.score import AnswerCounts, FindingKind, FindingRecord, ProcessUsage, StageTime
 
 MAX_IN_A_ROW = 10
 """After so many pairs in a row without an answer the node is not waited for any more, until it answers."""
+PERIOD_S = 0.05
+METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second (psutil)"
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a node published: stamp, the frames that it names, and whether it can be used.
+    """What a node published.
 
     Attributes:
         stamp_ns: Stamp of its header.
@@ -66,7 +50,7 @@ class AnswerBook:
             frames: What the answers name; empty: what the first of them names.
             clock: Monotonic seconds.
         """
-        self.task, self.frames = task, frames
+        self.task, self.frames, self.ended = task, frames, ""
         self._timeout_s, self._clock = timeout_s, clock
         self._sent: dict[int, float] = {}
         self._latency_s: dict[int, float] = {}
@@ -74,7 +58,6 @@ class AnswerBook:
         self._counts = AnswerCounts()
         self._in_a_row = 0
         self._findings: dict[FindingKind, FindingRecord] = {}
-        self.ended = ""
 
     def published(self, stamp_ns: int, sent_s: float) -> None:
         """Note a pair whose last image was published at a time of the clock."""
@@ -100,23 +83,13 @@ class AnswerBook:
             self._early.setdefault(stamp_ns, []).append(now)
         return True
 
-    def _answered(self, stamp_ns: int, received_s: float) -> None:
-        if stamp_ns in self._latency_s:
-            self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair had its answer")
-            return
-        self._latency_s[stamp_ns] = latency = max(received_s - self._sent[stamp_ns], 0.0)
-        if latency > self._timeout_s:
-            text = f"{latency:.3g} s after the pair was published"
-            self._note("late", FindingKind.LATE, stamp_ns, text)
-
     def node_ended(self, how: str) -> None:
         """Note that the node's process has ended during the run."""
         if not self.ended:
             self.ended = how
             last = max(self._sent, default=None)
-            self._findings[FindingKind.CRASHED] = FindingRecord(
-                kind=FindingKind.CRASHED, count=1, first_stamp_ns=last, text=how
-            )
+            record = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last, text=how)
+            self._findings[FindingKind.CRASHED] = record
 
     def is_settled(self, stamp_ns: int) -> bool:
         """Tell whether the answer to a pair is there, or need not be waited for any longer."""
@@ -146,8 +119,9 @@ class AnswerBook:
             kind, text = FindingKind.WRONG_STAMP, "it is the stamp of no pair"
             found.append(FindingRecord(kind=kind, count=count, first_stamp_ns=first, text=text))
         if missing:
-            text = f"no answer within {self._timeout_s:g} s" + (", not waited for at last" if self._given_up else "")
-            kind = FindingKind.HANGING if self._given_up and not self.ended else FindingKind.MISSING
+            given_up = self._in_a_row >= MAX_IN_A_ROW
+            text = f"no answer within {self._timeout_s:g} s" + (", not waited for at last" if given_up else "")
+            kind = FindingKind.HANGING if given_up and not self.ended else FindingKind.MISSING
             found.append(FindingRecord(kind=kind, count=len(missing), first_stamp_ns=missing[0], text=text))
         return tuple(found)
 
@@ -156,18 +130,18 @@ class AnswerBook:
         """Times from publishing a pair to the receipt of its answer; None without an answer."""
         return stage_time(np.array(list(self._latency_s.values())))
 
-    @property
-    def _given_up(self) -> bool:
-        return self._in_a_row >= MAX_IN_A_ROW
+    def _answered(self, stamp_ns: int, received_s: float) -> None:
+        if stamp_ns in self._latency_s:
+            self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair had its answer")
+            return
+        self._latency_s[stamp_ns] = latency = max(received_s - self._sent[stamp_ns], 0.0)
+        if latency > self._timeout_s:
+            self._note("late", FindingKind.LATE, stamp_ns, f"{latency:.3g} s after the pair was published")
 
     def _note(self, count: str, kind: FindingKind, stamp_ns: int, text: str) -> None:
         self._counts = replace(self._counts, **{count: getattr(self._counts, count) + 1})
         before = self._findings.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=text)
         self._findings[kind] = replace(before, count=before.count + 1)
-
-
-PERIOD_S = 0.05
-METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second (psutil)"
 
 
 def processes_named(text: str) -> list[int]:
@@ -176,35 +150,27 @@ def processes_named(text: str) -> list[int]:
     Raises:
         ConfigError: If there is none.
     """
+    found = []
     if text.isdigit():
         found = [int(text)] if psutil.pid_exists(int(text)) else []
-    else:
-        found = [process.pid for process in psutil.process_iter() if _is_named(process, text)]
+    for process in psutil.process_iter() if not text.isdigit() else ():
+        with contextlib.suppress(psutil.Error):
+            words = process.cmdline()
+            if "--watch" not in words and (text == process.name() or text in " ".join(words)):
+                found.append(process.pid)
     if not found:
         raise ConfigError(f"'--watch {text}': there is no such process; give its number or a part of its command line")
     return found
 
 
-def _is_named(process: psutil.Process, text: str) -> bool:
-    with contextlib.suppress(psutil.Error):
-        words = process.cmdline()
-        return "--watch" not in words and (text == process.name() or text in " ".join(words))
-    return False
-
-
 class ProcessWatch:
-    """Samples processes and their descendants in a thread of its own.
+    """Samples CPU and memory of processes and their descendants, from outside, in a thread of its own.
 
     A process that ends keeps the processor time of its last sample. A peak between two samples is missed.
     """
 
     def __init__(self, pids: Sequence[int], period_s: float = PERIOD_S) -> None:
-        """Watch nothing yet.
-
-        Args:
-            pids: Roots of the trees.
-            period_s: Time between samples.
-        """
+        """Watch nothing yet; the processes are the roots of the trees."""
         self._pids, self._period_s = list(pids), period_s
         self._cpu_s: dict[tuple[int, float], float] = {}
         self._begin_s: dict[tuple[int, float], float] = {}
@@ -237,8 +203,13 @@ class ProcessWatch:
             self._sample()
 
     def _sample(self, *, first: bool = False) -> None:
+        tree: dict[int, psutil.Process] = {}
+        for pid in self._pids:
+            with contextlib.suppress(psutil.Error):
+                root = psutil.Process(pid)
+                tree |= {process.pid: process for process in (root, *root.children(recursive=True))}
         resident = seen = 0
-        for process in self._tree():
+        for process in tree.values():
             with contextlib.suppress(psutil.Error):
                 key = (process.pid, process.create_time())
                 times = process.cpu_times()
@@ -247,110 +218,3 @@ class ProcessWatch:
                 self._begin_s.setdefault(key, self._cpu_s[key] if first else 0.0)
                 seen += 1
         self._peak_bytes, self._most = max(self._peak_bytes, resident), max(self._most, seen)
-
-    def _tree(self) -> list[psutil.Process]:
-        found: dict[int, psutil.Process] = {}
-        for pid in self._pids:
-            with contextlib.suppress(psutil.Error):
-                root = psutil.Process(pid)
-                found |= {process.pid: process for process in (root, *root.children(recursive=True))}
-        return list(found.values())
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ExternalRun:
-    """What is known of an external node after a replay.
-
-    Attributes:
-        method: Its name and version.
-        score: How it behaved.
-        findings: What was wrong with its answers.
-        correction: How its poses are converted.
-        log: What its process wrote; empty where it was not started here.
-        as_published: Its poses as it published them.
-        convention: How they have been converted; None where they have not.
-    """
-
-    method: MethodRecord
-    score: ExternalScore
-    findings: tuple[FindingRecord, ...]
-    correction: Correction
-    log: str = ""
-    as_published: Trajectory | None = None
-    convention: ConventionRecord | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Drive:
-    """What the source knows of a drive.
-
-    Attributes:
-        rig: The stereo rig, None where it is not known.
-        truth: True poses, None where it has none.
-    """
-
-    rig: StereoRig | None
-    truth: Trajectory | None
-
-
-def converted_run(
-    estimate: Trajectory, records: Sequence[CallRecord], run: ExternalRun, drive: Drive, config: ScoreConfig
-) -> tuple[Trajectory, list[CallRecord], ExternalRun]:
-    """Return the poses of an external localiser as poses of RB in DS, a record for each, and what was done.
-
-    Args:
-        estimate: Poses as published.
-        records: What the node told of its calls, with the covariances of its poses; those of mapping stay as they are.
-        run: What is known of it.
-        drive: What the source knows.
-        config: Settings of the diagnosis.
-
-    Raises:
-        ConfigError: If a frame is declared that the rig does not tell.
-        MetricsError: If the world frame cannot be aligned.
-    """
-    if not len(estimate):
-        return estimate, list(records), run
-    told = {item.stamp_ns: item for item in records if item.state in set(TrackingState)}
-    covariance = np.full((len(estimate), len(UPPER[0])), np.nan)
-    for row, stamp_ns in enumerate(estimate.stamps_ns.tolist()):
-        known = told.get(stamp_ns)
-        if known is not None and known.covariance is not None:
-            covariance[row] = known.covariance[UPPER]
-    lost = lost_by_covariance(covariance)
-    given = Estimates.of(estimate, lost, covariance=None if np.isnan(covariance).all() else covariance)
-    found, convention = _converted(given, run.correction, drive, config)
-    rows = [
-        _record(
-            told.get(before), stamp_ns, bool(lost[row]), None if found.covariance is None else found.covariance[row]
-        )
-        for row, (before, stamp_ns) in enumerate(
-            zip(estimate.stamps_ns.tolist(), found.trajectory.stamps_ns.tolist(), strict=True)
-        )
-    ]
-    others = [item for item in records if item.state not in set(TrackingState)]
-    return found.trajectory, [*rows, *others], replace(run, as_published=estimate, convention=convention)
-
-
-def _converted(
-    given: Estimates, correction: Correction, drive: Drive, config: ScoreConfig
-) -> tuple[Estimates, ConventionRecord | None]:
-    if drive.truth is not None and len(drive.truth):
-        scored, convention = corrected(ScoredDrive(given, drive.truth, drive.rig), correction, config)
-        return scored.estimates, convention
-    declared = correction.declared
-    if not declared.settings:
-        return given, None
-    found = converted_estimates(given, declared, declared.T_rb_child(drive.rig), None)
-    return found, ConventionRecord(declared=declared.settings)
-
-
-def _record(told: CallRecord | None, stamp_ns: int, lost: bool, covariance: Any) -> CallRecord:  # noqa: ANN401
-    """Return the record of one pose; its time is NaN where the node told none."""
-    record = told or CallRecord(stamp_ns, float("nan"), TrackingState.TRACKING, None, None)
-    full = None
-    if covariance is not None and np.isfinite(covariance).all():
-        full = np.zeros((6, 6))
-        full[UPPER] = full[UPPER[1], UPPER[0]] = covariance
-    state = TrackingState.LOST.value if lost else record.state
-    return replace(record, stamp_ns=stamp_ns, state=state, covariance=full, step=None)

@@ -78,16 +78,10 @@ class PoseMatching(Generic[T]):
     def _matched(self) -> list[tuple[T, Transform]]:
         found = []
         for stamp_ns in list(self._waiting):
-            pose = self._pose_of(stamp_ns)
-            if pose is not None:
-                found.append((self._waiting.pop(stamp_ns)[1], pose))
+            nearest = min(self._poses, key=lambda stamp: abs(stamp - stamp_ns), default=None)
+            if nearest is not None and abs(nearest - stamp_ns) <= self._tolerance_ns:
+                found.append((self._waiting.pop(stamp_ns)[1], self._poses[nearest]))
         return found
-
-    def _pose_of(self, stamp_ns: int) -> Transform | None:
-        nearest = min(self._poses, key=lambda stamp: abs(stamp - stamp_ns), default=None)
-        if nearest is None or abs(nearest - stamp_ns) > self._tolerance_ns:
-            return None
-        return self._poses[nearest]
 
     def _drop(self, stamp_ns: int) -> None:
         self._waiting.pop(stamp_ns)

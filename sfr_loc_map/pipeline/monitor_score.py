@@ -40,250 +40,13 @@ from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
 from sfr_loc_map.pipeline.reception import jumped_back
 
-
-@dataclass(frozen=True, slots=True)
-class PairSet:
-    """The pairs of one cloud.
-
-    Attributes:
-        stamps_ns: Their stamps, in the order of the points' `pair`.
-        fused: Whether the mapper says that the cloud is fused. Of a mapper that does not say so `mapping/points` is by
-            contract the fused cloud, and one of a single pair has nothing to fuse.
-    """
-
-    stamps_ns: tuple[int, ...]
-    fused: bool
-
-
-class PairSets:
-    """Collects the calls of the mapper in their order."""
-
-    def __init__(self) -> None:
-        """Start before the first pair."""
-        self._mapped_ns: list[int] = []
-
-    def add(self, record: CallRecord) -> PairSet | None:
-        """Add a call; return the pairs of the cloud if it was a fusion whose pairs are all known.
-
-        A fusion tells how many pairs it is made of: those mapped for a map that was given up do not count.
-        """
-        if record.state == MappingState.MAPPED:
-            self._mapped_ns.append(record.stamp_ns)
-            del self._mapped_ns[:-MAX_PAIRS]
-        if record.state != MappingState.FUSED:
-            return None
-        stamps, self._mapped_ns = tuple(self._mapped_ns), []
-        count = int(record.statistics.get("pairs", len(stamps)))
-        if not 1 <= count <= len(stamps):
-            return None
-        fused = record.statistics.get("fused")
-        return PairSet(stamps[-count:], count > 1 if fused is None else bool(fused))
-
-
 T = TypeVar("T")
-MAX_KEPT = 2 * MAX_PAIRS
-"""True points, poses, sets of pairs and clouds that are kept until the others come."""
-
-
-class MapInputs:
-    """Clouds, and the truth of the pairs that they are made of, by stamp.
-
-    Attributes:
-        rig: Rig of the navigation cameras, None until it is known.
-    """
-
-    def __init__(self) -> None:
-        """Start empty."""
-        self.rig: StereoRig | None = None
-        self._points: OrderedDict[int, PointImage] = OrderedDict()
-        self._poses: OrderedDict[int, Transform] = OrderedDict()
-        self._pair_sets = PairSets()
-        self._sets: OrderedDict[int, PairSet] = OrderedDict()
-        self._clouds: OrderedDict[int, PointCloud] = OrderedDict()
-
-    def add_true_points(self, stamp_ns: int, points: PointImage) -> None:
-        """Add the true points `(H, W, 3)` of a pair, metres, LM."""
-        _keep(self._points, stamp_ns, points)
-
-    def add_pose(self, stamp_ns: int, T_lm_navsb: Transform) -> None:
-        """Add the pose of a pair."""
-        _keep(self._poses, stamp_ns, T_lm_navsb)
-
-    def add_call(self, record: CallRecord) -> None:
-        """Add a call; those of the mapper say which pairs a cloud is made of."""
-        pairs = self._pair_sets.add(record)
-        if pairs is not None:
-            _keep(self._sets, record.stamp_ns, pairs)
-
-    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
-        """Add a published cloud; its stamp is that of its last pair."""
-        _keep(self._clouds, stamp_ns, cloud)
-
-    def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth]]]:
-        """Yield, and forget, the clouds whose pairs and truth are known, with the truth of each pair."""
-        for stamp_ns in list(self._clouds):
-            pairs = self._sets.get(stamp_ns)
-            if pairs is None:
-                continue
-            truths = [self._truth_of(stamp) for stamp in pairs.stamps_ns]
-            known = [truth for truth in truths if truth is not None]
-            if len(known) == len(truths):
-                yield replace(self._clouds.pop(stamp_ns), fused=pairs.fused), known
-
-    def _truth_of(self, stamp_ns: int) -> PairTruth | None:
-        points, pose = self._points.get(stamp_ns), self._poses.get(stamp_ns)
-        if self.rig is None or points is None or pose is None:
-            return None
-        return PairTruth(points, pose @ self.rig.T_sb_left, self.rig)
-
-
-def _keep(kept: OrderedDict[int, T], stamp_ns: int, value: T) -> None:
-    kept[stamp_ns] = value
-    while len(kept) > MAX_KEPT:
-        kept.popitem(last=False)
-
-
-MAX_STATES, MAX_STAGES = 100, 16
-"""States that are told apart, and stages whose times are kept: their names come from the network."""
-
-
-class CallRing:
-    """The last calls, in arrays allocated at the start: memory does not grow over a long run."""
-
-    def __init__(self, capacity: int) -> None:
-        """Allocate for so many calls."""
-        # seconds, peak, above idle; filled, so that the memory is resident from now on
-        self._figures = np.full((3, capacity), np.nan)
-        self._stamps_ns, self._states = np.full(capacity, -1, np.int64), np.full(capacity, -1, np.int16)
-        self._names: list[str] = []
-        self._stages: dict[str, FloatArray] = {}
-        self._added = 0
-
-    def __len__(self) -> int:
-        """Return how many are kept."""
-        return min(self._added, len(self._states))
-
-    def add(self, record: CallRecord) -> None:
-        """Add a call; the oldest is dropped if the ring is full."""
-        row = self._added % len(self._states)
-        self._stamps_ns[row], self._states[row] = record.stamp_ns, self._state(record.state)
-        peaks = (np.nan if value is None else value for value in (record.peak_rss_bytes, record.above_idle_bytes))
-        self._figures[:, row] = (record.processing_time_s, *peaks)
-        for seconds in self._stages.values():
-            seconds[row] = np.nan
-        for figure, value in record.statistics.items():
-            if (name := stage_of(figure)) and (column := self._stage(name)) is not None:
-                column[row] = value
-        self._added += 1
-
-    def clear(self) -> None:
-        """Forget all calls."""
-        self._added = 0
-        self._stages.clear()
-
-    def calls(self) -> Calls:
-        """Return them in the order in which they were added."""
-        order = np.arange(self._added - len(self), self._added) % len(self._states)
-        seconds, peak, above = self._figures[:, order]
-        names = np.array(self._names, object)
-        stages = {name: kept[order] for name, kept in self._stages.items()}
-        return Calls(self._stamps_ns[order], seconds, names[self._states[order]].tolist(), peak, above, stages)
-
-    def _stage(self, name: str) -> FloatArray | None:
-        """Return the times of a stage, None if there are too many stages."""
-        if name not in self._stages and len(self._stages) < MAX_STAGES:
-            self._stages[name] = np.full(len(self._states), np.nan)
-        return self._stages.get(name)
-
-    def _state(self, name: str) -> int:
-        """Return the number of a state; the words come from the network, so their number is limited."""
-        if name not in self._names:
-            if len(self._names) == MAX_STATES:
-                return MAX_STATES - 1
-            self._names.append(name)
-        return self._names.index(name)
-
-
-class ReportFile:
-    """Keeps the last report, and that of a run before.
-
-    Nothing but reports is ever renamed or replaced, and the report of a run before is there until one of this run takes
-    its place.
-    """
-
-    def __init__(self, path: str) -> None:
-        """Touch nothing yet.
-
-        Args:
-            path: The file; empty: reports cannot be saved.
-        """
-        self._path = Path(path) if path else None
-
-    def check(self) -> None:
-        """Check that reports can be saved: there is a report or nothing, and its folder can be written to.
-
-        Raises:
-            OutputError: If something else is there, under the name or that of the report of a run before.
-        """
-        if self._path is None:
-            return
-        check_output(self._path)
-        path = output_target(self._path)
-        for file in (path, _before(path)):
-            problem = _is_no_report(file)
-            if problem:
-                raise OutputError(
-                    f"save_file '{self._path}': '{file}' {problem}; only reports are replaced: choose another name"
-                )
-
-    def keep_previous(self) -> None:
-        """Rename the report of a run before to `*.before.json`: it may be all that is left of it.
-
-        Raises:
-            OutputError: If that fails, or something else is there.
-        """
-        if self._path is None:
-            return
-        self.check()
-        path = output_target(self._path)
-        try:
-            if path.is_file():
-                os.replace(path, _before(path))
-        except OSError as error:
-            raise OutputError(f"cannot keep '{path}' of the run before: {error.strerror}") from error
-
-    def save(self, text: str) -> Path:
-        """Replace the report as a whole; return its path.
-
-        Raises:
-            SfrError: If there is no path or the file cannot be written.
-        """
-        if self._path is None:
-            raise InputError("the parameter save_file is empty: start the node with a path")
-        with atomic_path(self._path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-        return self._path
-
-
-def _before(path: Path) -> Path:
-    return path.with_name(f"{path.stem}.before{path.suffix}")
-
-
-def _is_no_report(file: Path) -> str:
-    """Return why a file is not a report, in words; empty if it is one or is not there."""
-    try:
-        content = parse_json(read_text(file, MAX_JSON_BYTES))
-    except FileNotFoundError:
-        return ""
-    except OSError as error:
-        return f"cannot be read: {error.strerror}"
-    except ValueError:
-        return "is not a report"
-    return "" if isinstance(content, dict) and content.get("schema") == SCHEMA else "is not a report"
-
-
 MAX_CALLS = 100_000
 """Calls that times and memory are summarised over, the last ones."""
+MAX_STATES, MAX_STAGES = 100, 16
+"""States that are told apart, and stages whose times are kept: their names come from the network."""
+MAX_KEPT = 2 * MAX_PAIRS
+"""True points, poses, sets of pairs and clouds that are kept until the others come."""
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE), ("lost", np.bool_)]
 STEP = [("stamp_ns", np.int64), ("step", np.float64, STEP_SIZE), ("degraded", np.bool_), ("known", np.bool_)]
@@ -311,6 +74,145 @@ class _Rows:
     def all(self) -> NDArray[Any]:
         """Return a view that holds until the next row."""
         return self._array[: self._count]
+
+
+class CallRing:
+    """The last calls, in arrays allocated at the start: memory does not grow over a long run."""
+
+    def __init__(self, capacity: int) -> None:
+        """Allocate for so many calls."""
+        # seconds, peak, above idle; filled, so that the memory is resident from now on
+        self._figures = np.full((3, capacity), np.nan)
+        self._stamps_ns, self._states = np.full(capacity, -1, np.int64), np.full(capacity, -1, np.int16)
+        self._names: list[str] = []
+        self._stages: dict[str, FloatArray] = {}
+        self._added = 0
+
+    def __len__(self) -> int:
+        """Return how many are kept."""
+        return min(self._added, len(self._states))
+
+    def add(self, record: CallRecord) -> None:
+        """Add a call; the oldest is dropped if the ring is full."""
+        if record.state not in self._names and len(self._names) < MAX_STATES:
+            self._names.append(record.state)
+        state = self._names.index(record.state) if record.state in self._names else MAX_STATES - 1
+        row = self._added % len(self._states)
+        self._stamps_ns[row], self._states[row] = record.stamp_ns, state
+        peaks = (np.nan if value is None else value for value in (record.peak_rss_bytes, record.above_idle_bytes))
+        self._figures[:, row] = (record.processing_time_s, *peaks)
+        for seconds in self._stages.values():
+            seconds[row] = np.nan
+        for figure, value in record.statistics.items():
+            if name := stage_of(figure):
+                if name not in self._stages and len(self._stages) < MAX_STAGES:
+                    self._stages[name] = np.full(len(self._states), np.nan)
+                if name in self._stages:
+                    self._stages[name][row] = value
+        self._added += 1
+
+    def clear(self) -> None:
+        """Forget all calls."""
+        self._added = 0
+        self._stages.clear()
+
+    def calls(self) -> Calls:
+        """Return them in the order in which they were added."""
+        order = np.arange(self._added - len(self), self._added) % len(self._states)
+        seconds, peak, above = self._figures[:, order]
+        names = np.array(self._names, object)
+        stages = {name: kept[order] for name, kept in self._stages.items()}
+        return Calls(self._stamps_ns[order], seconds, names[self._states[order]].tolist(), peak, above, stages)
+
+
+@dataclass(frozen=True, slots=True)
+class PairSet:
+    """The pairs of one cloud.
+
+    Attributes:
+        stamps_ns: Their stamps, in the order of the points' `pair`.
+        fused: Whether the mapper says that the cloud is fused. Of a mapper that does not say so `mapping/points` is by
+            contract the fused cloud, and one of a single pair has nothing to fuse.
+    """
+
+    stamps_ns: tuple[int, ...]
+    fused: bool
+
+
+class PairSets:
+    """Tells from the calls of the mapper, in their order, which pairs each published cloud is made of."""
+
+    def __init__(self) -> None:
+        """Start before the first pair."""
+        self._mapped_ns: list[int] = []
+
+    def add(self, record: CallRecord) -> PairSet | None:
+        """Add a call; return the pairs of the cloud if it was a fusion whose pairs are all known.
+
+        A fusion tells how many pairs it is made of: those mapped for a map that was given up do not count.
+        """
+        if record.state == MappingState.MAPPED:
+            self._mapped_ns.append(record.stamp_ns)
+            del self._mapped_ns[:-MAX_PAIRS]
+        if record.state != MappingState.FUSED:
+            return None
+        stamps, self._mapped_ns = tuple(self._mapped_ns), []
+        count = int(record.statistics.get("pairs", len(stamps)))
+        if not 1 <= count <= len(stamps):
+            return None
+        fused = record.statistics.get("fused")
+        return PairSet(stamps[-count:], count > 1 if fused is None else bool(fused))
+
+
+class MapInputs:
+    """Clouds, and the truth of the pairs that they are made of, by stamp, until a score can be made of them.
+
+    Attributes:
+        rig: Rig of the navigation cameras, None until it is known.
+    """
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self.rig: StereoRig | None = None
+        self._pair_sets = PairSets()
+        self._points: OrderedDict[int, PointImage] = OrderedDict()
+        self._poses: OrderedDict[int, Transform] = OrderedDict()
+        self._sets: OrderedDict[int, PairSet] = OrderedDict()
+        self._clouds: OrderedDict[int, PointCloud] = OrderedDict()
+
+    def add_true_points(self, stamp_ns: int, points: PointImage) -> None:
+        """Add the true points `(H, W, 3)` of a pair, metres, LM."""
+        _keep(self._points, stamp_ns, points)
+
+    def add_pose(self, stamp_ns: int, T_lm_navsb: Transform) -> None:
+        """Add the pose of a pair."""
+        _keep(self._poses, stamp_ns, T_lm_navsb)
+
+    def add_call(self, record: CallRecord) -> None:
+        """Add a call; those of the mapper say which pairs a cloud is made of."""
+        pairs = self._pair_sets.add(record)
+        if pairs is not None:
+            _keep(self._sets, record.stamp_ns, pairs)
+
+    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
+        """Add a published cloud; its stamp is that of its last pair."""
+        _keep(self._clouds, stamp_ns, cloud)
+
+    def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth]]]:
+        """Yield, and forget, the clouds whose pairs and truth are known, with the truth of each pair."""
+        for stamp_ns in list(self._clouds):
+            pairs = self._sets.get(stamp_ns)
+            wanted = () if pairs is None else pairs.stamps_ns
+            if pairs is None or self.rig is None or not all(s in self._points and s in self._poses for s in wanted):
+                continue
+            truths = [PairTruth(self._points[s], self._poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
+            yield replace(self._clouds.pop(stamp_ns), fused=pairs.fused), truths
+
+
+def _keep(kept: OrderedDict[int, T], stamp_ns: int, value: T) -> None:
+    kept[stamp_ns] = value
+    while len(kept) > MAX_KEPT:
+        kept.popitem(last=False)
 
 
 class MonitorScore:
@@ -451,3 +353,76 @@ def warm_up(config: ScoreConfig) -> None:
         live.add_estimate(stamp, *pose, np.eye(6))
         live.add_call(CallRecord(stamp, 0.0, TrackingState.DEGRADED, None, None, step=np.zeros(STEP_SIZE)))
     live.result()
+
+
+class ReportFile:
+    """The file of a report that is saved again and again: the last report, and that of a run before.
+
+    Nothing but reports is ever renamed or replaced, and the report of a run before is there until one of this run takes
+    its place.
+    """
+
+    def __init__(self, path: str) -> None:
+        """Touch nothing yet; with an empty path reports cannot be saved."""
+        self._path = Path(path) if path else None
+
+    def check(self) -> None:
+        """Check that reports can be saved: there is a report or nothing, and its folder can be written to.
+
+        Raises:
+            OutputError: If something else is there, under the name or that of the report of a run before.
+        """
+        if self._path is None:
+            return
+        check_output(self._path)
+        path = output_target(self._path)
+        for file in (path, _before(path)):
+            if problem := _is_no_report(file):
+                raise OutputError(
+                    f"save_file '{self._path}': '{file}' {problem}; only reports are replaced: choose another name"
+                )
+
+    def keep_previous(self) -> None:
+        """Rename the report of a run before to `*.before.json`: it may be all that is left of it.
+
+        Raises:
+            OutputError: If that fails, or something else is there.
+        """
+        if self._path is None:
+            return
+        self.check()
+        path = output_target(self._path)
+        try:
+            if path.is_file():
+                os.replace(path, _before(path))
+        except OSError as error:
+            raise OutputError(f"cannot keep '{path}' of the run before: {error.strerror}") from error
+
+    def save(self, text: str) -> Path:
+        """Replace the report as a whole; return its path.
+
+        Raises:
+            SfrError: If there is no path or the file cannot be written.
+        """
+        if self._path is None:
+            raise InputError("the parameter save_file is empty: start the node with a path")
+        with atomic_path(self._path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        return self._path
+
+
+def _before(path: Path) -> Path:
+    return path.with_name(f"{path.stem}.before{path.suffix}")
+
+
+def _is_no_report(file: Path) -> str:
+    """Return why a file is not a report, in words; empty if it is one or is not there."""
+    try:
+        content = parse_json(read_text(file, MAX_JSON_BYTES))
+    except FileNotFoundError:
+        return ""
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    except ValueError:
+        return "is not a report"
+    return "" if isinstance(content, dict) and content.get("schema") == SCHEMA else "is not a report"

@@ -13,28 +13,28 @@ import numpy as np
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import JUMP_BACK_NS
 
+T = TypeVar("T")
+COMPARABLE_NS = 60 * 1_000_000_000
+"""Clocks that are further apart, or in the wrong order, cannot be compared (a recording that is played back, a host
+whose clock is not set)."""
+CLOCK_NOISE_NS = 1_000_000
+"""Tolerance for the wrong order: clocks are read and rounded differently."""
+LOSS_WINDOW = 40
+"""Messages of which the share lost is taken."""
+MUCH_LOST = 0.1
+"""Share lost above which the transport is not set up for the messages."""
+MAX_POSES = 2000
+FIRST_SPACING_M = 0.02
+TURN_PER_METRE = math.radians(100.0)
+"""A turn of so much counts as a metre: a rover that turns on the spot leaves poses as well."""
+
 
 def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
     """Tell whether a stamp lies so far behind the latest one that a new run must have begun."""
     return latest_ns - stamp_ns >= JUMP_BACK_NS
 
 
-T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting(Generic[T]):
-    """An item without its partner.
-
-    Attributes:
-        stamp_ns: Its stamp.
-        run: Run of its stream that it belongs to.
-        item: The item.
-    """
-
-    stamp_ns: int
-    run: int
-    item: T
+# ---- stereo pairs
 
 
 class StampPairing(Generic[T]):
@@ -56,9 +56,8 @@ class StampPairing(Generic[T]):
             tolerance_ns: Largest difference of the stamps of a pair, nanoseconds; 0 for equal stamps.
             depth: Most items that wait on each side.
         """
-        self._tolerance_ns = tolerance_ns
-        self._depth = depth
-        self._waiting: tuple[deque[_Waiting[T]], deque[_Waiting[T]]] = (deque(), deque())
+        self._tolerance_ns, self._depth = tolerance_ns, depth
+        self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, run of its stream, item
         self._latest_ns: list[int | None] = [None, None]
         self._runs = [0, 0]
         self.unpaired = 0
@@ -66,11 +65,13 @@ class StampPairing(Generic[T]):
 
     def add_left(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
         """Take an item of the left stream; return `(left, right)` if it completes a pair."""
-        return self._add(0, stamp_ns, item)
+        partner = self._partner_of(0, stamp_ns, item)
+        return None if partner is None else (item, partner)
 
     def add_right(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
         """Take an item of the right stream; return `(left, right)` if it completes a pair."""
-        return self._add(1, stamp_ns, item)
+        partner = self._partner_of(1, stamp_ns, item)
+        return None if partner is None else (partner, item)
 
     def clear(self) -> None:
         """Forget what waits, without counting it as dropped."""
@@ -78,29 +79,28 @@ class StampPairing(Generic[T]):
             queue.clear()
         self._latest_ns, self._runs = [None, None], [0, 0]
 
-    def _add(self, side: int, stamp_ns: int, item: T) -> tuple[T, T] | None:
+    def _partner_of(self, side: int, stamp_ns: int, item: T) -> T | None:
+        """Return the partner that waits, otherwise let the item wait."""
         latest = self._latest_ns[side]
         self._runs[side] += latest is not None and stamp_ns < latest
         self._latest_ns[side] = stamp_ns
         own, other = self._waiting[side], self._waiting[1 - side]
-        best = min(range(len(other)), key=lambda i: abs(other[i].stamp_ns - stamp_ns), default=None)
-        if best is None or abs(other[best].stamp_ns - stamp_ns) > self._tolerance_ns:
-            own.append(_Waiting(stamp_ns, self._runs[side], item))
+        best = min(range(len(other)), key=lambda i: abs(other[i][0] - stamp_ns), default=None)
+        if best is None or abs(other[best][0] - stamp_ns) > self._tolerance_ns:
+            own.append((stamp_ns, self._runs[side], item))
             if len(own) > self._depth:
                 own.popleft()
                 self.overflowed += 1
             self._drop_hopeless()
             return None
-        partner = other[best].item
-        self._runs[side] = other[best].run  # the same moment, so the same run
-        while own and own[0].stamp_ns < stamp_ns:
+        _, self._runs[side], partner = other[best]  # the same moment, so the same run
+        while own and own[0][0] < stamp_ns:
             own.popleft()
             self.unpaired += 1
-        for _ in range(best):
+        for _ in range(best + 1):
             other.popleft()
         self.unpaired += best
-        other.popleft()
-        return (item, partner) if side == 0 else (partner, item)
+        return partner
 
     def _drop_hopeless(self) -> None:
         """Drop what the other stream has gone past."""
@@ -108,16 +108,12 @@ class StampPairing(Generic[T]):
             latest, run = self._latest_ns[1 - side], self._runs[1 - side]
             if latest is None:
                 continue
-            while queue and queue[0].run == run and queue[0].stamp_ns < latest - self._tolerance_ns:
+            while queue and queue[0][1] == run and queue[0][0] < latest - self._tolerance_ns:
                 queue.popleft()
                 self.unpaired += 1
 
 
-COMPARABLE_NS = 60 * 1_000_000_000
-"""Clocks that are further apart, or in the wrong order, cannot be compared (a recording that is played back, a host
-whose clock is not set)."""
-CLOCK_NOISE_NS = 1_000_000
-"""Tolerance for the wrong order: clocks are read and rounded differently."""
+# ---- latency
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,41 +143,33 @@ def latencies(times: Sequence[MessageTimes], stamp_ns: int, published_ns: int, n
         `latency_receive_to_publish_s`: from the receipt of the last message to the publication of the result, with the
         wait in queues; `latency_stamp_to_publish_s`: from the stamp to the publication.
     """
-    found = {
-        "latency_transport_s": _transport(times),
-        "latency_receive_to_publish_s": _since_last_receipt(times, published_ns),
-        "latency_stamp_to_publish_s": _seconds(stamp_ns, node_time_ns),
-    }
-    return {name: seconds for name, seconds in found.items() if seconds is not None}
 
+    def seconds(begin_ns: int, end_ns: int) -> float | None:
+        passed = end_ns - begin_ns
+        return max(passed, 0) * 1e-9 if -CLOCK_NOISE_NS <= passed <= COMPARABLE_NS else None
 
-def _transport(times: Sequence[MessageTimes]) -> float | None:
-    """Return the longest transport of the messages whose times are known; None if one cannot be compared."""
-    if any(message.received_ns is None for message in times):
-        return None
-    known = [
-        _seconds(message.sent_ns, message.received_ns)
-        for message in times
-        if message.sent_ns is not None and message.received_ns is not None
-    ]
-    comparable = [seconds for seconds in known if seconds is not None]
-    return max(comparable) if known and len(comparable) == len(known) else None
-
-
-def _since_last_receipt(times: Sequence[MessageTimes], published_ns: int) -> float | None:
+    transport: float | None = None
+    since_receipt: float | None = None
     received = [message.received_ns for message in times if message.received_ns is not None]
-    return _seconds(max(received), published_ns) if received and len(received) == len(times) else None
+    if times and len(received) == len(times):
+        since_receipt = seconds(max(received), published_ns)
+        transports = [
+            seconds(message.sent_ns, received_ns)
+            for message, received_ns in zip(times, received, strict=True)
+            if message.sent_ns is not None
+        ]
+        known = [transport for transport in transports if transport is not None]
+        if known and len(known) == len(transports):
+            transport = max(known)
+    found = {
+        "latency_transport_s": transport,
+        "latency_receive_to_publish_s": since_receipt,
+        "latency_stamp_to_publish_s": seconds(stamp_ns, node_time_ns),
+    }
+    return {name: value for name, value in found.items() if value is not None}
 
 
-def _seconds(begin_ns: int, end_ns: int) -> float | None:
-    passed = end_ns - begin_ns
-    return max(passed, 0) * 1e-9 if -CLOCK_NOISE_NS <= passed <= COMPARABLE_NS else None
-
-
-LOSS_WINDOW = 40
-"""Messages of which the share lost is taken."""
-MUCH_LOST = 0.1
-"""Share lost above which the transport is not set up for the messages."""
+# ---- losses
 
 
 class TransportGaps:
@@ -247,14 +235,10 @@ def loss_fix(export_line: str) -> str:
     )
 
 
-P = TypeVar("P")
-MAX_POSES = 2000
-FIRST_SPACING_M = 0.02
-TURN_PER_METRE = math.radians(100.0)
-"""A turn of so much counts as a metre: a rover that turns on the spot leaves poses as well."""
+# ---- the path travelled
 
 
-class ThinnedPath(Generic[P]):
+class ThinnedPath(Generic[T]):
     """Keeps poses at a spacing that doubles when there would be too many; the first and the last one always stay."""
 
     def __init__(self, max_poses: int = MAX_POSES) -> None:
@@ -264,27 +248,21 @@ class ThinnedPath(Generic[P]):
 
     def clear(self) -> None:
         """Start a new path."""
-        self._kept: list[tuple[Transform, P]] = []
-        self._last: tuple[Transform, P] | None = None
+        self._kept: list[tuple[Transform, T]] = []
+        self._last: tuple[Transform, T] | None = None
         self._last_ns: int | None = None
         self._spacing_m = FIRST_SPACING_M
 
     @property
-    def poses(self) -> Sequence[P]:
+    def poses(self) -> Sequence[T]:
         """What was given with the poses that are left, in order."""
         kept = [item for _, item in self._kept]
         if self._last is not None and (not self._kept or self._last is not self._kept[-1]):
             kept.append(self._last[1])
         return kept
 
-    def add(self, stamp_ns: int, pose: Transform, item: P) -> None:
-        """Add a pose; a stamp that is not later than the last one starts a new path.
-
-        Args:
-            stamp_ns: Its stamp.
-            pose: The pose.
-            item: What stands for it, such as its message.
-        """
+    def add(self, stamp_ns: int, pose: Transform, item: T) -> None:
+        """Add a pose and what stands for it; a stamp that is not later than the last one starts a new path."""
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             self.clear()
         self._last, self._last_ns = (pose, item), stamp_ns

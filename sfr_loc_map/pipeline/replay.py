@@ -11,28 +11,56 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud, save_points
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.methods.method import MethodTask
 from sfr_loc_map.methods.registry import record_of_ours
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import CallKind, ScoreConfig
+from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, load_call_stats, save_stats
-from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
+from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
+from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
 from sfr_loc_map.pipeline.scoring import (
+    Correction,
     Run,
     ScoredCloud,
     ScoredDrive,
     ScoreInputs,
     camera_rig,
+    corrected,
     load_estimates,
     score_run,
 )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExternalRun:
+    """What is known of an external node after a replay.
+
+    Attributes:
+        method: Its name and version.
+        score: How it behaved.
+        findings: What was wrong with its answers.
+        correction: How its poses are converted.
+        log: What its process wrote; empty where it was not started here.
+        as_published: Its poses as it published them.
+        convention: How they have been converted; None where they have not.
+    """
+
+    method: MethodRecord
+    score: ExternalScore
+    findings: tuple[FindingRecord, ...]
+    correction: Correction
+    log: str = ""
+    as_published: Trajectory | None = None
+    convention: ConventionRecord | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,68 +97,86 @@ class ReplayResult:
         run, loc = self.external, source.loc
         if run is None or run.score.task != CallKind.LOCALISATION or loc is None:
             return self
-        drive = Drive(loc.rig, loc.ground_truth)
-        estimate, records, run = converted_run(self.estimate, self.records, run, drive, config)
         cut_short = tuple(item.finished(source, config) for item in self.cut_short)
-        return replace(self, estimate=estimate, records=records, external=run, cut_short=cut_short)
+        return replace(self.converted(run, loc.rig, loc.ground_truth, config), cut_short=cut_short)
+
+    def converted(
+        self, run: ExternalRun, rig: StereoRig | None, truth: Trajectory | None, config: ScoreConfig
+    ) -> ReplayResult:
+        """Return it with poses that an external node published as poses of RB in DS, and a record for each.
+
+        Args:
+            run: The node.
+            rig: The stereo rig, None where it is not known.
+            truth: True poses, None where there are none.
+            config: Settings of the diagnosis.
+        """
+        published, correction = self.estimate, run.correction
+        if not len(published):
+            return self
+        told = {item.stamp_ns: item for item in self.records if item.state in set(TrackingState)}
+        covariance = np.full((len(published), COVARIANCE_SIZE), np.nan)
+        for row, stamp_ns in enumerate(published.stamps_ns.tolist()):
+            known = told.get(stamp_ns)
+            if known is not None and known.covariance is not None:
+                covariance[row] = known.covariance[UPPER]
+        lost = lost_by_covariance(covariance)
+        found = Estimates.of(published, lost, covariance=None if np.isnan(covariance).all() else covariance)
+        convention = None
+        if truth is not None and len(truth):
+            drive, convention = corrected(ScoredDrive(found, truth, rig), correction, config)
+            found = drive.estimates
+        elif (declared := correction.declared).settings:
+            found = converted_estimates(found, declared, declared.T_rb_child(rig), None)
+            convention = ConventionRecord(declared=declared.settings)
+        records = []
+        stamps = zip(published.stamps_ns.tolist(), found.trajectory.stamps_ns.tolist(), strict=True)
+        for row, (before, stamp_ns) in enumerate(stamps):  # the time is NaN where the node told none
+            record = told.get(before) or CallRecord(stamp_ns, float("nan"), TrackingState.TRACKING, None, None)
+            full = None
+            if found.covariance is not None and np.isfinite(found.covariance[row]).all():
+                full = np.zeros((6, 6))
+                full[UPPER] = full[UPPER[1], UPPER[0]] = found.covariance[row]
+            state = TrackingState.LOST.value if lost[row] else record.state
+            records.append(replace(record, stamp_ns=stamp_ns, state=state, covariance=full, step=None))
+        records += [item for item in self.records if item.state not in set(TrackingState)]
+        external = replace(run, as_published=published, convention=convention)
+        return replace(self, estimate=found.trajectory, records=records, external=external)
 
 
-@dataclass(frozen=True, slots=True)
 class ReplayFiles:
-    """Places of the outputs of a replay."""
+    """Places of the outputs of a replay.
 
-    folder: Path
+    Attributes:
+        folder: Where all of them are.
+        estimate: Estimated trajectory.
+        stats: One row for each call.
+        cloud: The cloud.
+        monitor_report: Report of the monitor node.
+        report: The score.
+        page: The score as a page.
+        points: The cloud of an external mapper that tells no pixels.
+        as_published: Trajectory of an external node as it published it, before it was converted.
+        external_log: What the process of an external node wrote.
+    """
 
-    @property
-    def estimate(self) -> Path:
-        """Estimated trajectory."""
-        return self.folder / "estimate.csv"
-
-    @property
-    def stats(self) -> Path:
-        """One row for each call."""
-        return self.folder / "stats.csv"
-
-    @property
-    def cloud(self) -> Path:
-        """The cloud."""
-        return self.folder / "cloud.ply"
-
-    @property
-    def points(self) -> Path:
-        """The cloud of an external mapper that tells no pixels."""
-        return self.folder / "cloud.npz"
-
-    @property
-    def as_published(self) -> Path:
-        """Trajectory of an external node as it published it, before it was converted."""
-        return self.folder / "estimate_as_published.csv"
-
-    @property
-    def external_log(self) -> Path:
-        """What the process of an external node wrote."""
-        return self.folder / "external.log"
-
-    @property
-    def monitor_report(self) -> Path:
-        """Report of the monitor node."""
-        return self.folder / "monitor.json"
-
-    @property
-    def report(self) -> Path:
-        """The score."""
-        return self.folder / "report.json"
-
-    @property
-    def page(self) -> Path:
-        """The score as a page."""
-        return self.folder / "report.html"
+    def __init__(self, folder: Path) -> None:
+        """Name the places; nothing is touched."""
+        self.folder = folder
+        self.estimate = folder / "estimate.csv"
+        self.stats = folder / "stats.csv"
+        self.cloud = folder / "cloud.ply"
+        self.monitor_report = folder / "monitor.json"
+        self.report = folder / "report.json"
+        self.page = folder / "report.html"
+        self.points = folder / "cloud.npz"
+        self.as_published = folder / "estimate_as_published.csv"
+        self.external_log = folder / "external.log"
 
     @property
     def all(self) -> tuple[Path, ...]:
         """All of them."""
-        own = self.estimate, self.stats, self.cloud, self.monitor_report, self.report, self.page
-        return (*own, self.points, self.as_published, self.external_log)
+        return tuple(path for name, path in vars(self).items() if name != "folder")
 
     def of_run(self, number: int) -> ReplayFiles:
         """Return the places of a run that was cut short, counted from 1."""
@@ -138,9 +184,7 @@ class ReplayFiles:
 
 
 def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
-    """Write trajectory, statistics, cloud and the monitor's report, as far as they are there.
-
-    Runs that were cut short come into folders beside them.
+    """Write what there is of a replay but its score; runs that were cut short come into folders beside it.
 
     Raises:
         OutputError: If a file cannot be written.
@@ -152,24 +196,18 @@ def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
     if result.records:
-        save_stats(files.stats, list(result.records))
+        save_stats(files.stats, result.records)
     if result.cloud is not None:
         save_cloud(files.cloud, result.cloud)
     if result.points is not None:
         save_points(files.points, result.points)
-    if result.external is not None:
-        _save_external(result.external, files)
-    if result.monitor_report:
-        with atomic_path(files.monitor_report) as temporary:
-            temporary.write_text(result.monitor_report, encoding="utf-8")
-
-
-def _save_external(run: ExternalRun, files: ReplayFiles) -> None:
-    if run.as_published is not None:
-        save_trajectory(files.as_published, run.as_published)
-    if run.log:
-        with atomic_path(files.external_log) as temporary:
-            temporary.write_text(run.log, encoding="utf-8", errors="backslashreplace")
+    if result.external is not None and result.external.as_published is not None:
+        save_trajectory(files.as_published, result.external.as_published)
+    log = "" if result.external is None else result.external.log
+    for path, text in ((files.monitor_report, result.monitor_report), (files.external_log, log)):
+        if text:
+            with atomic_path(path) as temporary:
+                temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def score_replay(
@@ -194,14 +232,14 @@ def score_replay(
         SfrError: If a file cannot be read or the truth does not fit.
     """
     stats = [load_call_stats(files.stats)] if result.records else []
-    drive, cloud = _drive(source, result, files, stats), _cloud(source, result)
-    inputs = ScoreInputs(
-        estimate=None if drive is None else files.estimate,
-        truth=None if drive is None else source.path,
-        cloud=None if cloud is None else files.cloud if result.points is None else files.points,
-        map_truth=None if cloud is None else source.path,
-        stats=(files.stats,) if stats else (),
-    )
+    inputs, drive = ScoreInputs(stats=(files.stats,) if stats else ()), None
+    truth = None if source.loc is None else source.loc.ground_truth
+    if truth is not None and len(result.estimate):
+        drive = ScoredDrive(load_estimates(files.estimate, stats), truth, camera_rig(source.path))
+        inputs = replace(inputs, estimate=files.estimate, truth=source.path)
+    if (cloud := _scored_cloud(source, result)) is not None:
+        place = files.cloud if result.points is None else files.points
+        inputs = replace(inputs, cloud=place, map_truth=source.path)
     task = MethodTask.MAP if drive is None else MethodTask.LOCALISE
     run = Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task))
     if (node := result.external) is not None:
@@ -213,15 +251,7 @@ def score_replay(
     return replace(score, provenance=replace(made, configuration={**made.configuration, **settings}))
 
 
-def _drive(source: Source, result: ReplayResult, files: ReplayFiles, stats: Sequence[CallStats]) -> ScoredDrive | None:
-    """Return the trajectory with its truth, None where one of both is not there."""
-    truth = None if source.loc is None else source.loc.ground_truth
-    if truth is None or not len(result.estimate):
-        return None
-    return ScoredDrive(load_estimates(files.estimate, stats), truth, camera_rig(source.path))
-
-
-def _cloud(source: Source, result: ReplayResult) -> ScoredCloud | None:
+def _scored_cloud(source: Source, result: ReplayResult) -> ScoredCloud | None:
     """Return the cloud with the truth of its pairs, None where one of both is not there."""
     xyz = result.points if result.cloud is None else result.cloud.xyz
     if source.nav is None or xyz is None:

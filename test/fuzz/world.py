@@ -23,8 +23,9 @@ from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.euroc import EurocWriter
 from sfr_loc_map.io.kitti import KittiWriter
 from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.pipeline.localisation_session import KnownPose, PoseFile
+from sfr_loc_map.pipeline.localisation_session import PoseFile
 from sfr_loc_map.pipeline.scoring import save_evo_result
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -134,7 +135,7 @@ def _settings(world: Path) -> None:
     shutil.copy(REPOSITORY / "config" / "simulation" / "low_sun.yaml", world / "scenario.yaml")
     (world / "arguments.json").write_text(json.dumps(["name.csv", "distance=5", "/a:=/b"]))
     PoseFile(world / "resume.json", 1.0).save(
-        KnownPose(1_700_000_000_000_000_000, Transform.identity(), np.eye(6)), LOC_RIG
+        StartPose(Transform.identity(), np.eye(6), 1_700_000_000_000_000_000), LOC_RIG
     )
 
 

@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.score import (
     TimingScore,
 )
 from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, load_call_stats, save_stats
-from sfr_loc_map.pipeline.external_run import Drive, ExternalRun, converted_run
+from sfr_loc_map.pipeline.replay import ExternalRun, ReplayResult
 from sfr_loc_map.pipeline.scoring import Correction
 
 USAGE = ProcessUsage(cpu_s=1.0, peak_rss_bytes=5_000, processes=2, method="as seen from outside")
@@ -45,7 +45,10 @@ def test_each_pose_has_a_row_with_the_time_that_the_node_told_or_none(tmp_path: 
         CallRecord(500, 0.5, "mapped", 7, 7),
     ]
     config = ScoreConfig()
-    found, records, run = converted_run(poses(), told, run_of("metres_per_unit=0.1"), Drive(None, None), config)
+    published = ReplayResult(poses(), None, told, "", ())
+    converted = published.converted(run_of("metres_per_unit=0.1"), None, None, config)
+    found, records, run = converted.estimate, converted.records, converted.external
+    assert run is not None
     np.testing.assert_allclose(found.positions, 0.1 * poses().positions)
     assert run.as_published is not None
     np.testing.assert_array_equal(run.as_published.positions, poses().positions)
@@ -83,7 +86,5 @@ def test_a_latency_is_never_a_time_per_call() -> None:
 
 
 def test_nothing_published_is_nothing_converted() -> None:
-    found, records, run = converted_run(
-        Trajectory.empty(), [], run_of("inverse=true"), Drive(None, None), ScoreConfig()
-    )
-    assert (len(found), records, run.as_published) == (0, [], None)
+    nothing = ReplayResult(Trajectory.empty(), None, [], "", ())
+    assert nothing.converted(run_of("inverse=true"), None, None, ScoreConfig()) is nothing

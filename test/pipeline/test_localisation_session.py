@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
-from sfr_loc_map.pipeline.localisation_session import KnownPose, LocalisationSession, Phase, PoseFile
+from sfr_loc_map.pipeline.localisation_session import LocalisationSession, Phase, PoseFile
 
 RIG = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12)
 OTHER_RIG = replace(RIG, fx=151.0, fy=151.0)
@@ -52,7 +52,7 @@ def estimate(stamp_ns: int, pose: Transform, state: TrackingState = TrackingStat
 def session_in(phase: Phase, folder: Path) -> LocalisationSession:
     """Return a session with a kept pose; a running one has tracked two pairs, 0.5 m apart."""
     file = PoseFile(folder / "pose.json", 10.0)
-    file.save(KnownPose(1 * S, KEPT, COVARIANCE), RIG_ON_ROVER)
+    file.save(StartPose(KEPT, COVARIANCE, 1 * S), RIG_ON_ROVER)
     session = LocalisationSession(LocalisationConfig(), file, make_localiser=FakeLocaliser)  # type: ignore[arg-type]
     session.set_rig(RIG)
     if phase is not Phase.NEW:
