@@ -5,8 +5,8 @@ python test/live/on_screen.py replay [RATE] [FOLDER]
     those of `state.json` and, after the end, of the final report; prints how late images and poses are on the screen;
     with FOLDER it writes live-light.webp, live-dark.webp and live-phone.webp there
 python test/live/on_screen.py failures
-    replays the sample with black pairs in it, and kills and stops the nodes of `sfr run --respawn`; prints after how
-    many seconds the page has shown each failure and that it is over
+    kills and stops the nodes of `sfr run --respawn`; prints after how many seconds the page has shown each failure and
+    that it is over
 """
 
 from __future__ import annotations
@@ -58,11 +58,6 @@ SCREENS = (("light", 1360, "light"), ("dark", 1360, "dark"), ("phone", 400, "lig
 NODES = ("monitor_node", "mapping_node", "localisation_node")
 CARDS = "[...document.querySelectorAll('#nodes .node')]"
 ALL_HEARD = f"{CARDS}.length === 3 && !{CARDS}.some((card) => card.querySelector('b').textContent.startsWith('stale'))"
-STATE = "document.getElementById('state')"
-WATCH = f"""window.told = [];
-new MutationObserver(() => told.push([sfrLive.connection.now(), {STATE}.textContent.trim()]))
-    .observe({STATE}, {{ subtree: true, characterData: true, childList: true }})"""
-"""Writes down when the state in the header changes."""
 
 
 def started(log: Path, *words: str, domain: str | None = None) -> subprocess.Popen[bytes]:
@@ -150,29 +145,6 @@ async def screenshot(browser: Browser, path: Path, width: int, scheme: str) -> N
     await browser.screenshot(path, scale=1.0 if mobile else 0.75)
 
 
-async def lose_localisation(place: Path) -> None:
-    """Replay the sample with eight black pairs, and compare when they were published with when the page said so."""
-    bag, fault = place / "lost.mcap", "black:share=0.08,burst=8,start=30"
-    started(place / "perturb.log", "perturb", SAMPLE, str(bag), "--fault", fault).wait()
-    replay = started(place / "log", "replay", str(bag), "--start", "truth", "--rate", "1", *LIVE)
-    try:
-        async with Browser(1360, 3600) as browser:
-            await browser.open(await address(place / "log"))
-            await browser.wait_for("window.sfrLive && document.readyState === 'complete'")
-            await browser.value(WATCH)
-            await browser.wait_for("sfrLive.store.ended", 300)
-            rows = await browser.value("sfrLive.store.rows.map((row) => [row.published, row.lost])")
-            told = await browser.value("told")
-            lost = [number for number, row in enumerate(rows) if row[1]]
-            lost_s, found_s = rows[lost[0]][0], rows[lost[-1] + 1][0]
-            said = next(at for at, text in told if at > lost_s and "lost" in text)
-            over = next(at for at, text in told if at > found_s and "lost" not in text)
-            print(f"{len(lost)} lost pairs: shown {said - lost_s:.2f} s after the first, over {over - found_s:.2f} s")
-    finally:
-        replay.terminate()
-        replay.wait(30)
-
-
 async def kill_nodes(place: Path) -> None:
     run = started(place / "run.log", "run", "all", *LIVE, "--respawn", domain="91")
     try:
@@ -203,7 +175,6 @@ async def main(kind: str = "replay", rate: str = "5", folder: str = "") -> None:
         if kind == "replay":
             await show_replay(Path(name), rate, Path(folder) if folder else None)
         else:
-            await lose_localisation(Path(name))
             await kill_nodes(Path(name))
 
 

@@ -176,21 +176,6 @@ def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureF
     assert capfd.readouterr().err == ""
 
 
-def test_a_page_that_stays_open_keeps_nobody_at_the_end() -> None:
-    async def test(found: Served) -> None:
-        reader, writer = await asyncio.open_connection("127.0.0.1", found.port)
-        words = "GET /ws HTTP/1.1", "Host: localhost", "Upgrade: websocket", "Connection: Upgrade"
-        key = "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
-        writer.write("\r\n".join([*words, *key, "", ""]).encode())
-        assert b"101" in await reader.readline()
-        open_pages.append(writer)
-
-    open_pages: list[asyncio.StreamWriter] = []
-    begin = time.monotonic()
-    in_loop(test)
-    assert time.monotonic() - begin < 10.0
-
-
 def test_other_hosts_need_the_token() -> None:
     for host, token in (("0.0.0.0", ""), ("0.0.0.0", "short"), ("127.0.0.1", "has\nlines")):
         with pytest.raises(ConfigError):
