@@ -79,10 +79,8 @@ class Operator(Protocol):
 class Hub:
     """Takes records of a feed in one thread and gives them out in another. All methods may be called in any thread.
 
-    Attributes:
-        operator: Carries out what is asked; set by the feed once it can.
-        dropped: Records that found no room, since the start.
-        replaced: Images and clouds that a newer one replaced before they were taken, since the start.
+    It counts records that found no room (`dropped`), and images and clouds that a newer one replaced before they were
+    taken (`replaced`). The operator is set by the feed once it can carry out what is asked.
     """
 
     def __init__(self, also: Hub | None = None) -> None:

@@ -156,9 +156,9 @@ class Player:
 
     def _score_map(self, stamp_ns: int) -> None:
         """Score the map once: it takes seconds, and whoever jumps back does not wait for it again."""
-        found, inputs = self._recording.map, self._score.map_inputs
-        if found is not None and self._map_score is None:
-            inputs.rig = found.rig
+        found, inputs = self._recording, self._score.map_inputs
+        if found.cloud is not None and self._map_score is None:
+            inputs.rig = found.source.nav.rig if found.source is not None and found.source.nav is not None else None
             for item in found.pairs:
                 inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
                 if item.truth is not None:

@@ -13,14 +13,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, parse_json, read_table, read_text
 from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, Bag, read_trajectory
@@ -34,7 +33,7 @@ from sfr_loc_map.live.updates import POINTS, PoseSample, Status, StatusKind, Tra
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.score_json import SCHEMA
+from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, call_of, load_call_stats
 from sfr_loc_map.pipeline.replay import ReplayFiles
 from sfr_loc_map.pipeline.scoring import load_estimates, load_truth
@@ -52,33 +51,14 @@ Spoken = tuple[int | None, Status]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RecordedMap:
-    """A map, and its rig and pairs as far as there is a source."""
-
-    cloud: PointCloud
-    rig: StereoRig | None
-    pairs: Sequence[PosedStereoPair]
-
-    def moments(self, begin_ns: int) -> Iterator[Moment]:
-        """Yield the map with its distances to the truth, as a cloud and from above."""
-        stamp_ns, truth, cloud = _pair_stamps(self.cloud)[-1], CloudTruth(), self.cloud
-        for item in self.pairs:
-            if item.truth is not None:
-                truth.add_points(item.pair.stamp_ns, item.truth)
-        error, at_s = truth.errors(cloud), _place(stamp_ns, begin_ns)
-        yield at_s, cloud_sample(POINTS, stamp_ns, cloud.xyz, cloud.sigma, 0.0, error)
-        grid = grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, 0.0, error)
-        if grid is not None:
-            yield at_s, grid
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """A recorded run; what is absent is None or empty.
 
     Attributes:
         moments: All that has happened but images, in its order; the truth of a stamp comes first.
         source: Images.
+        cloud: The map.
+        pairs: Its pairs, without any where there is no source.
         report: JSON of a score that was made before, for where it cannot be made again.
         begin_ns: First stamp of the drive and of the mapping pairs.
     """
@@ -86,7 +66,8 @@ class Recording:
     title: str
     moments: Sequence[Moment]
     source: Source | None
-    map: RecordedMap | None
+    cloud: PointCloud | None
+    pairs: Sequence[PosedStereoPair]
     report: str
     begin_ns: tuple[int, int]
     end_s: float
@@ -193,19 +174,17 @@ def _recording(
     end_s = max(
         _place(max(stamps, default=0), first) for stamps, first in zip((drive, panorama), begin_ns, strict=True)
     )
-    found = None
-    if cloud is not None:
-        nav = None if source is None else source.nav
-        pairs = [] if nav is None else [item for item in nav.pairs() if item.pair.stamp_ns in _pair_stamps(cloud)]
-        found = RecordedMap(cloud, None if nav is None else nav.rig, pairs)
+    nav, pairs = None if source is None else source.nav, []
+    if cloud is not None and nav is not None:
+        pairs = [item for item in nav.pairs() if item.pair.stamp_ns in _pair_stamps(cloud)]
     moments = [
         *_poses(truth, None, begin_ns[0]),
         *_placed(said, begin_ns),
         *_poses(None if estimates is None else estimates.trajectory, estimates, begin_ns[0]),
-        *(() if found is None else found.moments(begin_ns[1])),
+        *_maps(cloud, pairs, begin_ns[1]),
     ]
     moments.sort(key=itemgetter(0))
-    return Recording(path.name or str(path), moments, source, found, report, begin_ns, end_s)
+    return Recording(path.name or str(path), moments, source, cloud, pairs, report, begin_ns, end_s)
 
 
 def _place(stamp_ns: int, begin_ns: int) -> float:
@@ -242,6 +221,21 @@ def _poses(trajectory: Trajectory | None, estimates: Estimates | None, begin_ns:
         yield _place(latest_ns, begin_ns), PoseSample(track, stamp_ns, (x, y, z), (a, b, c, d), 0.0, covariance)
 
 
+def _maps(cloud: PointCloud | None, pairs: Sequence[PosedStereoPair], begin_ns: int) -> Iterator[Moment]:
+    """Yield a map with its distances to the truth, as a cloud and from above."""
+    if cloud is None:
+        return
+    stamp_ns, truth = _pair_stamps(cloud)[-1], CloudTruth()
+    for item in pairs:
+        if item.truth is not None:
+            truth.add_points(item.pair.stamp_ns, item.truth)
+    error, at_s = truth.errors(cloud), _place(stamp_ns, begin_ns)
+    yield at_s, cloud_sample(POINTS, stamp_ns, cloud.xyz, cloud.sigma, 0.0, error)
+    grid = grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, 0.0, error)
+    if grid is not None:
+        yield at_s, grid
+
+
 def _placed(said: Sequence[Spoken], begin_ns: tuple[int, int]) -> Iterator[Moment]:
     """Give each status its place; health has no stamp of the drive and stands where it was recorded."""
     latest = [0.0, 0.0]
@@ -255,17 +249,12 @@ def _placed(said: Sequence[Spoken], begin_ns: tuple[int, int]) -> Iterator[Momen
 def _source_of(report: str, file: Path) -> Path | None:
     """Return the source that a replay was made of, None where the report does not name it or it is gone."""
     try:
-        content = parse_json(report) if report else {}
+        provenance = from_dict(parse_json(report), str(file)).provenance if report else None
     except ValueError as error:
         raise InputError(f"report '{file}' is no JSON ({error}); replay again") from error
-    inputs: Any = content
-    for name in ("provenance", "inputs"):
-        inputs = inputs.get(name) if isinstance(inputs, dict) and content.get("schema") == SCHEMA else None
-    for role in ("map_truth", "truth"):
-        item = inputs.get(role) if isinstance(inputs, dict) else None
-        if not isinstance(item, dict) or not isinstance(item.get("path"), str):
-            continue
-        path = Path(item["path"])
+    inputs = {} if provenance is None else provenance.inputs
+    for item in filter(None, (inputs.get("map_truth"), inputs.get("truth"))):
+        path = Path(item.path)
         if path.name == "groundtruth.csv":
             path = path.parent.parent if path.parent.name == "loc" else path.parent
         if path.exists():

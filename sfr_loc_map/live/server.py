@@ -36,7 +36,7 @@ from sfr_loc_map.live.pages import Page, Pages
 from sfr_loc_map.live.state import LiveState
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
-KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 TOKEN_MARK = b"@COMMAND_TOKEN@"
 MIN_TOKEN = 8
 COOKIE, COMMAND_HEADER = "sfr_live_token", "X-SFR-Token"
@@ -75,12 +75,7 @@ class LiveConfig:
 
 
 class LiveServer:
-    """Shows a run. All methods but the constructor run in one event loop.
-
-    Attributes:
-        state: What is known of the run.
-        url: Where the page is, once it is served.
-    """
+    """Shows a run, at `url` once it is served. All methods but the constructor run in one event loop."""
 
     def __init__(self, config: LiveConfig, hub: Hub, title: str = "") -> None:
         """Read the page; the title may be a namespace or the name of a bag.
@@ -98,9 +93,10 @@ class LiveServer:
         self._config, self._hub, self._title = config, hub, title
         self._command_token = secrets.token_urlsafe(18)
         folder = files("sfr_loc_map.live") / "web"
-        self._files = {item.name: item.read_bytes() for item in folder.iterdir() if _suffix(item.name) in KINDS}
-        page = self._files["index.html"].replace(TOKEN_MARK, self._command_token.encode())
-        self._files["index.html"] = page
+        self._files = {
+            item.name: item.read_bytes() for item in folder.iterdir() if item.name.rpartition(".")[2] in KINDS
+        }
+        self._files["index.html"] = self._files["index.html"].replace(TOKEN_MARK, self._command_token.encode())
         self._pages = Pages(self.state, hub)
         self._begin_s = time.time()
         self._arrived = asyncio.Event()
@@ -111,18 +107,34 @@ class LiveServer:
         Raises:
             NodeError: If the port cannot be listened on.
         """
-        loop = asyncio.get_running_loop()
+        loop, config = asyncio.get_running_loop(), self._config
 
         def wake() -> None:
             with suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(self._arrived.set)
 
         self._hub.on_arrival(wake)
-        options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": _logger()}
-        runner = web.AppRunner(self._application(), shutdown_timeout=SHUTDOWN_S, **options)
+        logger = logging.getLogger("sfr_loc_map.live")
+        logger.addFilter(_is_fault)
+        options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": logger}
+        app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
+        app.router.add_get("/healthz", self._healthz)
+        app.router.add_get("/state.json", self._state_json)
+        app.router.add_get("/ws", self._websocket)
+        app.router.add_post("/command", self._command)
+        app.router.add_get("/{name:[^/]*}", self._file)
+        runner = web.AppRunner(app, shutdown_timeout=SHUTDOWN_S, **options)
         await runner.setup()
         try:
-            await self._listen(runner)
+            try:
+                await web.TCPSite(runner, config.host, config.port).start()
+            except OSError as error:
+                place, reason = f"{config.host} port {config.port}", error.strerror or str(error)
+                hint = "choose another --port (0: a free one)"
+                raise NodeError(f"cannot listen on {place}: {reason}; {hint}") from error
+            name = f"[{config.host}]" if ":" in config.host else config.host
+            query = f"?token={config.token}" if config.token else ""
+            self.url = f"http://{name}:{runner.addresses[0][1]}/{query}"
             ready(self.url)
             while True:
                 with suppress(TimeoutError):
@@ -141,27 +153,6 @@ class LiveServer:
     def end(self) -> None:
         """Tell the pages that the run is over: what is silent from now on is not missing."""
         self._pages.end()
-
-    def _application(self) -> web.Application:
-        app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
-        app.router.add_get("/healthz", self._healthz)
-        app.router.add_get("/state.json", self._state_json)
-        app.router.add_get("/ws", self._websocket)
-        app.router.add_post("/command", self._command)
-        app.router.add_get("/{name:[^/]*}", self._file)
-        return app
-
-    async def _listen(self, runner: web.AppRunner) -> None:
-        config = self._config
-        try:
-            await web.TCPSite(runner, config.host, config.port).start()
-        except OSError as error:
-            place = f"{config.host} port {config.port}"
-            reason = error.strerror or str(error)
-            raise NodeError(f"cannot listen on {place}: {reason}; choose another --port (0: a free one)") from error
-        name = f"[{config.host}]" if ":" in config.host else config.host
-        port = runner.addresses[0][1]
-        self.url = f"http://{name}:{port}/" + (f"?token={config.token}" if config.token else "")
 
     @web.middleware
     async def _guard(
@@ -197,7 +188,7 @@ class LiveServer:
         name = request.match_info["name"] or "index.html"
         if name not in self._files:  # nothing but the files of the page is ever served
             raise web.HTTPNotFound
-        return web.Response(body=self._files[name], content_type=KINDS[_suffix(name)], charset="utf-8")
+        return web.Response(body=self._files[name], content_type=KINDS[name.rpartition(".")[2]], charset="utf-8")
 
     async def _healthz(self, request: web.Request) -> web.Response:
         return web.json_response({"status": "ok"})
@@ -310,17 +301,7 @@ def _equal(given: str, wanted: str) -> bool:
     return hmac.compare_digest(given.encode(errors="surrogatepass"), wanted.encode())
 
 
-def _suffix(name: str) -> str:
-    return "." + name.rpartition(".")[2]
-
-
-def _logger() -> logging.Logger:
-    """Return the log of the library's faults; a request that is no HTTP is answered, and nobody's traceback."""
-    logger = logging.getLogger("sfr_loc_map.live")
-    logger.addFilter(_is_fault)
-    return logger
-
-
 def _is_fault(record: logging.LogRecord) -> bool:
+    """Tell the library's faults from requests that are no HTTP, which are answered, and nobody's traceback."""
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, http_exceptions.HttpProcessingError | web.RequestPayloadError)

@@ -239,15 +239,13 @@ def _now(live: dict[str, Any]) -> Iterator[str]:
 
 
 def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
-    """Say what is wrong with nodes, what was dropped and why, how late things are, what could not be read."""
+    """Say what is wrong with nodes, what was dropped and why, what could not be read."""
     for node in live["nodes"]:
         name, view = one_line(node["name"]), state.nodes[node["name"]]
         if view.health_s is not None and view.level:
             yield f"{name}: {one_line(node['message'])}"
         if drops := [f"{count} {cause}" for cause, count in _drops(node).items() if count]:
             yield f"{name} dropped: {', '.join(drops)}"
-        if late := list(_latencies(node)):
-            yield f"{name} p95: {', '.join(late)}"
     if lost := [f"{count} of {topic}" for topic, count in state.lost.items() if count]:
         yield "not received here: " + ", ".join(lost)
     if state.report is not None:
@@ -266,14 +264,6 @@ def _drops(node: dict[str, Any]) -> dict[str, int]:
     """Return how much a node has dropped, by cause."""
     dropped = [(name, text) for name, text in node["values"].items() if name.startswith("dropped_")]
     return {name.removeprefix("dropped_").replace("_", " "): int(text) for name, text in dropped if text.isdecimal()}
-
-
-def _latencies(node: dict[str, Any]) -> Iterator[str]:
-    for name, text in node["values"].items():
-        if name.startswith("latency_") and name.endswith("_p95_s"):
-            with suppress(ValueError, OverflowError):
-                took = number(float(text), unit=MILLISECOND)
-                yield f"{name.removeprefix('latency_').removesuffix('_p95_s').replace('_', ' ')} {took} ms"
 
 
 def _with_unit(row: Row) -> str:

@@ -1,6 +1,5 @@
 // The page: receives, keeps, shows. Each view draws one moment, the latest or an earlier one.
 
-import { showCalls } from "./calls_view.js";
 import { offerTurning, showCloud } from "./cloud_view.js";
 import { Connection, command } from "./connection.js";
 import { byId, clockTime, setPill, setText } from "./dom.js";
@@ -12,11 +11,11 @@ import { showNodes } from "./nodes_view.js";
 import { Panels } from "./panels.js";
 import { showError, showPath } from "./path_view.js";
 import { offerPlayer, showPlayer } from "./player.js";
+import { showCalls } from "./plot.js";
 import { Store } from "./store.js";
 import { dressAllHelp } from "./terms.js";
-import { currentTheme, offerTheme } from "./theme.js";
 
-const FRAME_MS = 40;
+const FRAME_MS = 40, THEME_KEY = "sfr-live-theme";
 const store = new Store(), lag = new Lag();
 let chosen = null; // the moment that is shown; null: the latest
 let dirty = true, drawnMs = -FRAME_MS, connected = false, lostAt = 0;
@@ -62,6 +61,17 @@ panels.add("health", (moment) => showNodes(moment.nodes, moment.ended || store.e
 function imagesKey(moment) {
   const lost = moment.rowCount > 0 && moment.rows[moment.rowCount - 1].lost;
   return [choice("rig"), byId("tracks").checked, lost, moment.tracked, ["loc/left", "loc/right", "nav/left", "nav/right"].map((name) => moment.images.get(name)?.stamp_ns).join(" ")];
+}
+
+/** Return `light` or `dark`: as the system says, until the button is pressed. */
+function currentTheme() {
+  return document.documentElement.dataset.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+}
+
+function changeTheme() {
+  document.documentElement.dataset.theme = currentTheme() === "dark" ? "light" : "dark";
+  localStorage.setItem(THEME_KEY, document.documentElement.dataset.theme);
+  redraw();
 }
 
 function noteImage(image) {
@@ -178,7 +188,7 @@ function tellViews() {
   connection.want(views);
 }
 
-const KEYS = { " ": pause, ArrowLeft: () => step(-1), ArrowRight: () => step(1), l: now, b: bookmark, t: () => byId("theme").click(), "?": () => byId("keys-dialog").showModal() };
+const KEYS = { " ": pause, ArrowLeft: () => step(-1), ArrowRight: () => step(1), l: now, b: bookmark, t: changeTheme, "?": () => byId("keys-dialog").showModal() };
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, button, dialog") || !KEYS[event.key]) return;
   event.preventDefault();
@@ -194,7 +204,9 @@ byId("tracks").addEventListener("change", () => (tellViews(), redraw()));
 for (const id of ["rig", "layer", "colour", "gain", "follow"]) byId(id).addEventListener("change", redraw);
 document.addEventListener("visibilitychange", tellViews);
 window.addEventListener("resize", redraw);
-offerTheme(redraw);
+if (/^(light|dark)$/.test(localStorage.getItem(THEME_KEY))) document.documentElement.dataset.theme = localStorage.getItem(THEME_KEY);
+byId("theme").addEventListener("click", changeTheme);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 offerTurning(() => ((turned += 1), redraw()));
 offerPlayer();
 dressAllHelp();

@@ -1,7 +1,6 @@
 // The cloud in three dimensions: projected point by point into an image with a depth for each pixel.
 
-import { drawScale, percentiles, shade } from "./colours.js";
-import { byId, colour, fitted, length, setText } from "./dom.js";
+import { byId, colour, drawScale, fitted, length, percentiles, setText, shade } from "./dom.js";
 import { countText } from "./map_view.js";
 
 const view = { turn: 1.25, tilt: 0.45, zoom: 1 };

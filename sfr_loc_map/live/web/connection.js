@@ -12,7 +12,6 @@ export class Connection {
     this.views = [];
     this.waitMs = 250;
     this.heard = 0;
-    this.bytes = 0;
     this.connect();
     setInterval(() => this.ping(), PING_MS);
     setInterval(() => this.watch(), 500);
@@ -60,13 +59,11 @@ export class Connection {
   receive(data) {
     this.heard = performance.now();
     if (typeof data === "string") {
-      this.bytes += data.length;
       const message = JSON.parse(data);
       if (message.type === "pong") this.offset = message.time_s - (message.sent_ms + Date.now()) / 2000;
       else this.on.figures(message);
       return;
     }
-    this.bytes += data.byteLength;
     const size = new DataView(data).getUint32(0, true);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, size)));
     if (header.type === "image") this.on.image(header, new Blob([new Uint8Array(data, 4 + size)], { type: "image/jpeg" }));

@@ -1,7 +1,6 @@
 // The map from above: cells with layers, coloured by one of them.
 
-import { drawScale, percentiles, shade } from "./colours.js";
-import { byId, colour, fitted, length, setText, short } from "./dom.js";
+import { byId, colour, drawScale, fitted, length, percentiles, setText, shade, short } from "./dom.js";
 
 const WRITE = { hazard: (value) => `${short(value)} %`, slope: (value) => `${short((value * 180) / Math.PI)} deg`, count: short };
 let drawn = "";

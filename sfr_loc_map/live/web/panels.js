@@ -11,9 +11,8 @@ export class Panels {
   }
 
   /**
-   * Add a panel.
-   * `id`: its element; `draw(moment)`; `keyOf(moment)`: a list, equal for two moments that look the same; `slow`: whether it
-   * may wait for half a second.
+   * Add the panel of an element; `keyOf(moment)` is a list, equal for two moments that look the same; a slow one may wait
+   * for half a second.
    */
   add(id, draw, keyOf, slow = false) {
     const element = document.getElementById(id);
@@ -42,10 +41,5 @@ export class Panels {
       panel.draw(moment);
     }
     if (waits && !this.timer) this.timer = setTimeout(() => ((this.timer = 0), this.again()), SLOW_MS);
-  }
-
-  /** Draw all again, whether it has changed or not. */
-  forget() {
-    for (const panel of this.panels.values()) [panel.key, panel.drawnMs] = [null, -SLOW_MS];
   }
 }

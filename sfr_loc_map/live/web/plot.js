@@ -1,7 +1,8 @@
-// A plot of lines over one axis, on a canvas.
+// Plots of lines over one axis, on a canvas; those of the calls: time, transport latency, receipt to result, memory.
 
-import { colour, fitted, short } from "./dom.js";
+import { byId, clockTime, colour, fitted, short } from "./dom.js";
 
+const SERIES = [["localisation_node", "localisation", "estimate"], ["mapping_node", "mapping", "under"]];
 const LEFT = 58, RIGHT = 26, TOP = 8, BOTTOM = 30;
 
 /** Return round numbers that divide a range into about `count` parts. */
@@ -98,4 +99,25 @@ export function extent(values) {
     if (value > high) high = value;
   }
   return [low, high];
+}
+
+/** Show the calls of a moment: over the time of day, those of a recording over their stamps. */
+export function showCalls(calls, recorded) {
+  const first = calls.length ? Number(calls[0].stamp_ns) : 0;
+  const timeOf = recorded ? (call) => (Number(call.stamp_ns) - first) / 1e9 : (call) => call.received_s;
+  const draw = (...plot) => drawCalls(calls, timeOf, recorded, ...plot);
+  draw("time-canvas", "processing_time_s", 1e3, "ms");
+  draw("transport-canvas", "latency_transport_s", 1e3, "ms");
+  draw("receive-canvas", "latency_receive_to_publish_s", 1e3, "ms");
+  draw("memory-canvas", "memory_bytes", 1 / 2 ** 20, "MiB");
+}
+
+function drawCalls(calls, timeOf, recorded, id, name, factor, unit) {
+  const series = SERIES.map(([node, label, colour]) => ({
+    name: label,
+    colour,
+    dots: label === "mapping",
+    points: calls.filter((call) => call.node === node && Number.isFinite(call[name])).map((call) => [timeOf(call), call[name] * factor]),
+  })).filter((item) => item.points.length);
+  drawPlot(byId(id), { series, x: recorded ? "s" : "time of day", y: unit, tick: recorded ? undefined : clockTime, empty: "no call yet" });
 }

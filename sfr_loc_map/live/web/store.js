@@ -22,20 +22,19 @@ export class Store {
     this.underWay = null;
     this.ended = false;
     this.moments = [];
-    this.thinned = { images: 0, clouds: null };
+    this.thinned = { images: 0 };
   }
 
   /** Take a message of figures in. */
   apply(message) {
-    const take = {
+    ({
       hello: () => this.begin(message),
       report: () => (this.report = message),
       path: () => this.addRows(message),
       calls: () => this.addCalls(message),
       nodes: () => this.addNodes(message),
       end: () => (this.ended = true),
-    }[message.type];
-    if (take) take();
+    })[message.type]?.();
   }
 
   begin(message) {
