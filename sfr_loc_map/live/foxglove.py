@@ -11,37 +11,7 @@ from typing import Any
 
 import foxglove
 import numpy as np
-from foxglove.channels import (
-    CompressedImageChannel,
-    GridChannel,
-    ImageAnnotationsChannel,
-    PointCloudChannel,
-    PosesInFrameChannel,
-    SceneUpdateChannel,
-)
-from foxglove.messages import (
-    Color,
-    CompressedImage,
-    Grid,
-    ImageAnnotations,
-    LinePrimitive,
-    LinePrimitiveLineType,
-    PackedElementField,
-    PackedElementFieldNumericType,
-    Point2,
-    Point3,
-    PointCloud,
-    PointsAnnotation,
-    PointsAnnotationType,
-    Pose,
-    PosesInFrame,
-    Quaternion,
-    SceneEntity,
-    SceneUpdate,
-    Timestamp,
-    Vector2,
-    Vector3,
-)
+from foxglove import channels, messages
 from foxglove.websocket import WebSocketServer
 
 from sfr_loc_map.errors import NodeError
@@ -63,23 +33,31 @@ IMAGES = ("/loc/left", "/loc/right", "/nav/left", "/nav/right")
 VIEWS = {**dict.fromkeys(IMAGES, View.IMAGES), TRACKS: View.TRACKS, POINTS: View.CLOUDS, GRID: View.CLOUDS}
 """What a feed has to make for a topic."""
 CHANNELS = {
-    ESTIMATE: PosesInFrameChannel,
-    TRUTH: PosesInFrameChannel,
-    SCENE: SceneUpdateChannel,
-    POINTS: PointCloudChannel,
-    GRID: GridChannel,
-    TRACKS: ImageAnnotationsChannel,
-    **dict.fromkeys(IMAGES, CompressedImageChannel),
+    ESTIMATE: channels.PosesInFrameChannel,
+    TRUTH: channels.PosesInFrameChannel,
+    SCENE: channels.SceneUpdateChannel,
+    POINTS: channels.PointCloudChannel,
+    GRID: channels.GridChannel,
+    TRACKS: channels.ImageAnnotationsChannel,
+    **dict.fromkeys(IMAGES, channels.CompressedImageChannel),
 }
 TOPICS = (FIGURES, CALLS, *CHANNELS)
 MAP_FRAME, DRIVE_FRAME = "lm", "ds"
 ERROR_SCALE = 20.0
 """So much larger are errors drawn than they are."""
 ELLIPSE_POINTS = 36
-FLOAT32 = PackedElementFieldNumericType.Float32
-GREEN, BLUE = Color(r=0.1, g=0.6, b=0.2, a=1.0), Color(r=0.1, g=0.3, b=0.9, a=1.0)
-VIOLET, GREY = Color(r=0.86, g=0.24, b=0.86, a=1.0), Color(r=0.6, g=0.6, b=0.6, a=1.0)
-RED, YELLOW = Color(r=0.9, g=0.1, b=0.1, a=1.0), Color(r=0.9, g=0.7, b=0.0, a=1.0)
+FLOAT32 = messages.PackedElementFieldNumericType.Float32
+GREEN, BLUE, VIOLET, GREY, RED, YELLOW = (
+    messages.Color(r=r, g=g, b=b, a=1.0)
+    for r, g, b in (
+        (0.1, 0.6, 0.2),
+        (0.1, 0.3, 0.9),
+        (0.86, 0.24, 0.86),
+        (0.6, 0.6, 0.6),
+        (0.9, 0.1, 0.1),
+        (0.9, 0.7, 0.0),
+    )
+)
 
 
 class FoxgloveView:
@@ -183,16 +161,16 @@ def _channel_of(media: Media) -> str:
     return GRID if isinstance(media, ElevationSample) else f"/{media.topic}"
 
 
-def _image(sample: ImageSample) -> CompressedImage:
+def _image(sample: ImageSample) -> messages.CompressedImage:
     frame = sample.topic.replace("/", "_")
-    return CompressedImage(timestamp=_stamp(sample.stamp_ns), frame_id=frame, data=sample.jpeg, format="jpeg")
+    return messages.CompressedImage(timestamp=_stamp(sample.stamp_ns), frame_id=frame, data=sample.jpeg, format="jpeg")
 
 
-def _cloud(sample: CloudSample) -> PointCloud:
+def _cloud(sample: CloudSample) -> messages.PointCloud:
     """Return a cloud with the fields x y z sigma error float32, metres; error is NaN where it is not known."""
     error = np.full(len(sample.points), np.nan, np.float32) if sample.error is None else sample.error
     columns = np.ascontiguousarray(np.column_stack([sample.points, error]), "<f4")
-    return PointCloud(
+    return messages.PointCloud(
         timestamp=_stamp(sample.stamp_ns),
         frame_id=MAP_FRAME,
         pose=_pose((0.0, 0.0, 0.0)),
@@ -202,15 +180,15 @@ def _cloud(sample: CloudSample) -> PointCloud:
     )
 
 
-def _grid(sample: ElevationSample) -> Grid:
+def _grid(sample: ElevationSample) -> messages.Grid:
     """Return a map from above with its layers as fields."""
     layers = np.ascontiguousarray(sample.layers, "<f4")
-    return Grid(
+    return messages.Grid(
         timestamp=_stamp(sample.stamp_ns),
         frame_id=MAP_FRAME,
         pose=_pose((*sample.origin_m, 0.0)),
         column_count=layers.shape[1],
-        cell_size=Vector2(x=sample.cell_m, y=sample.cell_m),
+        cell_size=messages.Vector2(x=sample.cell_m, y=sample.cell_m),
         row_stride=layers.strides[0],
         cell_stride=layers.strides[1],
         fields=_fields(sample.names),
@@ -218,12 +196,12 @@ def _grid(sample: ElevationSample) -> Grid:
     )
 
 
-def _annotations(sample: TrackSample, scale: float) -> ImageAnnotations:
+def _annotations(sample: TrackSample, scale: float) -> messages.ImageAnnotations:
     """Return tracks (inliers, outliers, landmarks not found) and outlines of masks, to be drawn on the left image.
 
     The image that is shown is `scale` times as large as the one that was tracked in.
     """
-    tracks, residual, kinds = sample.tracks, sample.tracks[:, 4], PointsAnnotationType
+    tracks, residual, kinds = sample.tracks, sample.tracks[:, 4], messages.PointsAnnotationType
     found = np.isfinite(tracks[:, :4]).all(axis=1)
     missed = np.isnan(residual) & np.isfinite(tracks[:, 2:4]).all(axis=1)
     drawn = [
@@ -232,12 +210,12 @@ def _annotations(sample: TrackSample, scale: float) -> ImageAnnotations:
         (tracks[missed, 2:4], kinds.Points, GREY),
         *((ring, kinds.LineLoop, RED) for ring in sample.masks.get("left", ())),
     ]
-    return ImageAnnotations(
+    return messages.ImageAnnotations(
         points=[
-            PointsAnnotation(
+            messages.PointsAnnotation(
                 timestamp=_stamp(sample.stamp_ns),
                 type=kind,
-                points=[Point2(x=x, y=y) for x, y in (points * np.float32(scale)).tolist()],
+                points=[messages.Point2(x=x, y=y) for x, y in (points * np.float32(scale)).tolist()],
                 outline_color=color,
                 thickness=1.0,
             )
@@ -246,7 +224,7 @@ def _annotations(sample: TrackSample, scale: float) -> ImageAnnotations:
     )
 
 
-def _scene(rows: list[PathRow]) -> SceneUpdate:
+def _scene(rows: list[PathRow]) -> messages.SceneUpdate:
     """Return both paths, the errors enlarged (`ERROR_SCALE`) and the 3-sigma ellipse of the newest pose as lines."""
     truths, errors = [], []
     for row in rows:
@@ -254,7 +232,7 @@ def _scene(rows: list[PathRow]) -> SceneUpdate:
             (x, y, z), (a, b, c) = row.truth_m, row.error_m
             truths.append(row.truth_m)
             errors += [row.truth_m, (x + ERROR_SCALE * a, y + ERROR_SCALE * b, z + ERROR_SCALE * c)]
-    kinds = LinePrimitiveLineType
+    kinds = messages.LinePrimitiveLineType
     lines = (
         ("truth", GREEN, truths, kinds.LineStrip),
         ("estimate", BLUE, [row.position_m for row in rows], kinds.LineStrip),
@@ -264,10 +242,12 @@ def _scene(rows: list[PathRow]) -> SceneUpdate:
     stamp, pose = _stamp(rows[-1].stamp_ns if rows else 0), _pose((0.0, 0.0, 0.0))
     entities = []
     for name, color, places, kind in lines:
-        points = [Point3(x=x, y=y, z=z) for x, y, z in places]
-        line = LinePrimitive(type=kind, pose=pose, thickness=2.0, scale_invariant=True, points=points, color=color)
-        entities.append(SceneEntity(timestamp=stamp, frame_id=DRIVE_FRAME, id=name, lines=[line]))
-    return SceneUpdate(entities=entities)
+        points = [messages.Point3(x=x, y=y, z=z) for x, y, z in places]
+        line = messages.LinePrimitive(
+            type=kind, pose=pose, thickness=2.0, scale_invariant=True, points=points, color=color
+        )
+        entities.append(messages.SceneEntity(timestamp=stamp, frame_id=DRIVE_FRAME, id=name, lines=[line]))
+    return messages.SceneUpdate(entities=entities)
 
 
 def _ellipse(row: PathRow) -> list[Point]:
@@ -283,20 +263,24 @@ def _ellipse(row: PathRow) -> list[Point]:
     return [(x + dx, y + dy, z) for dx, dy in ring.T.tolist()]
 
 
-def _poses(rows: list[PathRow], places: list[Point | None]) -> PosesInFrame:
+def _poses(rows: list[PathRow], places: list[Point | None]) -> messages.PosesInFrame:
     """Return positions; attitudes are not shown."""
     stamp = _stamp(rows[-1].stamp_ns if rows else 0)
-    return PosesInFrame(timestamp=stamp, frame_id=DRIVE_FRAME, poses=[_pose(place) for place in places if place])
+    return messages.PosesInFrame(
+        timestamp=stamp, frame_id=DRIVE_FRAME, poses=[_pose(place) for place in places if place]
+    )
 
 
-def _pose(place: Point) -> Pose:
+def _pose(place: Point) -> messages.Pose:
     x, y, z = place
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+    return messages.Pose(
+        position=messages.Vector3(x=x, y=y, z=z), orientation=messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    )
 
 
-def _fields(names: tuple[str, ...]) -> list[PackedElementField]:
-    return [PackedElementField(name=name, offset=4 * n, type=FLOAT32) for n, name in enumerate(names)]
+def _fields(names: tuple[str, ...]) -> list[messages.PackedElementField]:
+    return [messages.PackedElementField(name=name, offset=4 * n, type=FLOAT32) for n, name in enumerate(names)]
 
 
-def _stamp(stamp_ns: int) -> Timestamp:
-    return Timestamp(sec=stamp_ns // NS_PER_S, nsec=stamp_ns % NS_PER_S)
+def _stamp(stamp_ns: int) -> messages.Timestamp:
+    return messages.Timestamp(sec=stamp_ns // NS_PER_S, nsec=stamp_ns % NS_PER_S)
