@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfr_loc_map.inputs import MAX_DEPTH, MAX_MESSAGE, one_line, parse_json, printable
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import MAX_DEPTH, MAX_MESSAGE, hash_path, one_line, parse_json, printable
 
 anything = st.text(st.characters(exclude_categories=()), max_size=80)
 
@@ -63,3 +66,18 @@ def test_the_middle_of_a_long_message_is_left_out() -> None:
     assert line.endswith("xxx; restore it")
     assert len(line) < MAX_MESSAGE + 50
     assert "characters left out" in line
+
+
+def test_hash_of_a_file_is_its_sha256_and_a_folder_tells_names_and_content(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "x").write_bytes(b"abc")
+    assert hash_path(tmp_path / "a" / "x") == hashlib.sha256(b"abc").hexdigest()
+    first = hash_path(tmp_path / "a")
+    (tmp_path / "a").rename(tmp_path / "b")
+    assert hash_path(tmp_path / "b") == first
+    (tmp_path / "b" / "x").rename(tmp_path / "b" / "y")
+    second = hash_path(tmp_path / "b")
+    (tmp_path / "b" / "y").write_bytes(b"abd")
+    assert len({first, second, hash_path(tmp_path / "b")}) == 3
+    with pytest.raises(InputError, match="there is no"):
+        hash_path(tmp_path / "none")

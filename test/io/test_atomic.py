@@ -1,8 +1,7 @@
-"""Outputs are whole or not there; hashes tell inputs apart."""
+"""Outputs are whole or not there."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 import socket
 import stat
@@ -12,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.inputs import hash_path
+from sfr_loc_map.errors import OutputError
 from sfr_loc_map.io.atomic import atomic_path, check_output
 
 
@@ -121,18 +119,3 @@ def test_what_a_killed_run_left_is_removed_by_the_next_and_what_is_at_work_is_no
         assert at_work.read_text() == "at work"
     assert (tmp_path / "a[1].csv").read_text() == "at work"
     assert sorted(tmp_path.iterdir()) == [other, tmp_path / "a[1].csv"]
-
-
-def test_hash_of_a_file_is_its_sha256_and_a_folder_tells_names_and_content(tmp_path: Path) -> None:
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "x").write_bytes(b"abc")
-    assert hash_path(tmp_path / "a" / "x") == hashlib.sha256(b"abc").hexdigest()
-    first = hash_path(tmp_path / "a")
-    (tmp_path / "a").rename(tmp_path / "b")
-    assert hash_path(tmp_path / "b") == first
-    (tmp_path / "b" / "x").rename(tmp_path / "b" / "y")
-    second = hash_path(tmp_path / "b")
-    (tmp_path / "b" / "y").write_bytes(b"abd")
-    assert len({first, second, hash_path(tmp_path / "b")}) == 3
-    with pytest.raises(InputError, match="there is no"):
-        hash_path(tmp_path / "none")

@@ -6,7 +6,6 @@ import json
 import logging
 import re
 import resource
-import shutil
 import sqlite3
 import tracemalloc
 from dataclasses import replace
@@ -92,14 +91,6 @@ def test_zstd_round_trip_is_exact_and_smaller(tmp_path: Path) -> None:
     assert sizes[1] < 0.7 * sizes[0]
 
 
-def test_each_pass_starts_from_the_first(tmp_path: Path, world: World) -> None:
-    loc = open_source(write_bag(tmp_path / "x.mcap", world)).loc
-    assert loc is not None
-    first = loc.pairs()
-    next(first)
-    assert_same_pairs(loc.pairs(), world.pairs)
-
-
 def test_rosbags_own_reader_opens_what_is_written(tmp_path: Path, world: World) -> None:
     with AnyReader([write_bag(tmp_path / "x.db3", world)]) as reader:
         topics = {name: (info.msgtype, info.msgcount) for name, info in reader.topics.items()}
@@ -124,10 +115,9 @@ def test_jpeg_is_close_and_needs_no_other_topic(tmp_path: Path) -> None:
 def test_truth_grid_rounds_to_its_half(tmp_path: Path, world: World) -> None:
     source = open_source(write_bag(tmp_path / "x.mcap", world, loc=False, truth_grid_m=2.0**-10))
     assert source.nav is not None
-    found, exact = next(source.nav.pairs()).truth, world.navs[0].truth
+    found = next(source.nav.pairs()).truth
+    np.testing.assert_allclose(found, world.navs[0].truth, atol=2.0**-11 * 1.001, rtol=0)
     assert found is not None
-    assert exact is not None
-    np.testing.assert_allclose(found, exact, atol=2.0**-11 * 1.001, rtol=0)
     assert np.array_equal(np.mod(found[1:], 2.0**-10), np.zeros_like(found[1:]))
     with pytest.raises(OutputError, match="power of two"):
         write_bag(tmp_path / "y.mcap", world, loc=False, truth_grid_m=0.001)
@@ -175,14 +165,6 @@ def test_two_namespaces_are_ambiguous(tmp_path: Path, world: World) -> None:
     bag = write_messages(tmp_path / "b", loc_entries(world, "/a/") + loc_entries(world, "/b/"))
     with pytest.raises(InputError, match=r"several topics.*/a/loc.*/b/loc"):
         open_source(bag)
-
-
-def test_unknown_remap_names_the_topics(tmp_path: Path, world: World) -> None:
-    bag = write_bag(tmp_path / "x.mcap", world)
-    with pytest.raises(InputError, match=r"no topic 'nope'.*there are .*/loc/left/camera_info"):
-        open_source(bag, {"nope": "loc/left/image_rect"})
-    with pytest.raises(InputError, match=r"no topic 'loc/lft/image_rect'.*did you mean loc/left/image_rect"):
-        open_source(bag, {"loc/lft/image_rect": "loc/left/image_rect"})
 
 
 def test_a_topic_that_is_renamed_to_what_nothing_reads_is_not_left_out_in_silence(tmp_path: Path, world: World) -> None:
@@ -284,31 +266,6 @@ def test_a_bag_of_raw_images_is_rectified_as_it_is_read(tmp_path: Path, world: W
     assert "loc/left/image_rect" in played  # a replay sends them as the nodes expect them
 
 
-def test_missing_camera_info_is_named(tmp_path: Path, world: World) -> None:
-    entries = [e for e in loc_entries(world) if e[0] != "/loc/right/camera_info"]
-    with pytest.raises(InputError, match=r"no topic 'loc/right/camera_info'"):
-        open_source(write_messages(tmp_path / "b", entries))
-
-
-def test_image_of_another_size(tmp_path: Path, world: World) -> None:
-    entries = loc_entries(world)
-    small = messages.image(START_NS, np.zeros((16, 20), np.uint8), "loc", "right")
-    entries[2] = (entries[2][0], entries[2][1], small)
-    loc = open_source(write_messages(tmp_path / "b", entries)).loc
-    assert loc is not None
-    with pytest.raises(InputError, match=rf"stamp {START_NS} is 20 x 16.*24 x 16"):
-        list(loc.pairs())
-
-
-def test_stamps_going_backwards(tmp_path: Path, world: World) -> None:
-    late = replace(world, pairs=(*world.pairs[::-1],))
-    entries = [(topic, i + 1, message) for i, (topic, _, message) in enumerate(loc_entries(late))]
-    loc = open_source(write_messages(tmp_path / "b", entries)).loc
-    assert loc is not None
-    with pytest.raises(InputError, match="must be in order"):
-        len(loc)
-
-
 def test_no_equal_stamps(tmp_path: Path, world: World) -> None:
     entries = [
         (t, s, messages.image(s + 1, world.pairs[0].right, "loc", "right") if t == "/loc/right/image_rect" else m)
@@ -318,16 +275,6 @@ def test_no_equal_stamps(tmp_path: Path, world: World) -> None:
     assert loc is not None
     with pytest.raises(InputError, match="4 left and 4 right"):
         len(loc)
-
-
-def test_nan_in_poses(tmp_path: Path, world: World) -> None:
-    bad = messages.odometry(START_NS, np.array([np.nan, 0, 0]), np.array([0.0, 0, 0, 1]))
-    loc = open_source(
-        write_messages(tmp_path / "b", [*loc_entries(world), ("/ground_truth/odometry", START_NS, bad)])
-    ).loc
-    assert loc is not None
-    with pytest.raises(InputError, match=rf"ground_truth/odometry.*pose 0 \(stamp {START_NS}\)"):
-        _ = loc.ground_truth
 
 
 def read_all(path: Path) -> None:
@@ -340,7 +287,7 @@ def read_all(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["x.mcap", "x.db3"])
-@pytest.mark.parametrize("keep", [0.0, 0.02, 0.3, 0.9, 0.999])
+@pytest.mark.parametrize("keep", [0.0, 0.3, 0.999])
 @pytest.mark.parametrize("metadata", [True, False])
 def test_truncated_bag_is_one_error(tmp_path: Path, world: World, name: str, keep: float, metadata: bool) -> None:
     bag = write_bag(tmp_path / name, world)
@@ -406,42 +353,21 @@ def test_flipped_bytes_in_mcap_are_noticed_wherever_they_are(tmp_path: Path, wor
             read_all(bag)
 
 
-def test_flipped_bytes_in_sqlite_never_give_another_error(tmp_path: Path, world: World) -> None:
-    bag = write_bag(tmp_path / "x.db3", world)
-    (storage,) = bag.glob("*.db3")
-    data = storage.read_bytes()
-    rng = np.random.default_rng(2)
-    errors = 0
-    for _ in range(25):
-        broken = bytearray(data)
-        for place in rng.integers(0, len(data), 40):
-            broken[place] ^= 0x55
-        storage.write_bytes(broken)
-        try:
-            read_all(bag)
-        except SfrError as error:
-            errors += 1
-            assert str(bag) in str(error)  # noqa: PT017 - which error comes is open, its form is not
-    assert errors > 10
+HOSTILE_SQL = (
+    "UPDATE topics SET name = x'ff00'",
+    "UPDATE topics SET name = 'same'",
+    "UPDATE topics SET type = 'a/msg/B'",
+    "UPDATE topics SET serialization_format = 'json'",
+    "UPDATE messages SET data = 'text'",
+    "UPDATE messages SET data = x''",
+    "UPDATE messages SET timestamp = 'soon'",
+    "UPDATE messages SET topic_id = 99",
+    "DELETE FROM topics",
+    "DROP TABLE messages",
+)
 
 
-HOSTILE_SQL = {
-    "names of bytes": "UPDATE topics SET name = x'ff00'",
-    "one name for all": "UPDATE topics SET name = 'same'",
-    "unknown types": "UPDATE topics SET type = 'a/msg/B'",
-    "types of lines": "UPDATE topics SET type = char(10) || 'x'",
-    "another form of messages": "UPDATE topics SET serialization_format = 'json'",
-    "messages of text": "UPDATE messages SET data = 'text'",
-    "messages of a number": "UPDATE messages SET data = 17",
-    "empty messages": "UPDATE messages SET data = x''",
-    "stamps of text": "UPDATE messages SET timestamp = 'soon'",
-    "messages of no topic": "UPDATE messages SET topic_id = 99",
-    "no topics": "DELETE FROM topics",
-    "no table": "DROP TABLE messages",
-}
-
-
-@pytest.mark.parametrize("statement", HOSTILE_SQL.values(), ids=HOSTILE_SQL)
+@pytest.mark.parametrize("statement", HOSTILE_SQL)
 def test_a_database_of_other_values_is_one_error(statement: str, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "x.db3", make_world(1), nav=False)
     (storage,) = bag.glob("*.db3")
@@ -450,30 +376,6 @@ def test_a_database_of_other_values_is_one_error(statement: str, tmp_path: Path)
     connection.close()
     with pytest.raises(SfrError, match=re.escape(str(bag))):
         read_all(bag)
-
-
-def test_broken_jpeg_names_the_stamp(tmp_path: Path, world: World) -> None:
-    entries = loc_entries(world)
-    for i in (0, 4, 8, 12):
-        good = messages.jpeg_image(entries[i][2].header.stamp.sec, world.pairs[0].left, "loc", "left", 90)
-        good = replace(good, header=entries[i][2].header)
-        entries[i] = ("/loc/left/image_rect/compressed", entries[i][1], good)
-    cut = entries[4][2].data[:150]
-    entries[4] = (*entries[4][:2], replace(entries[4][2], data=cut))
-    loc = open_source(write_messages(tmp_path / "b", entries, mcap=False)).loc
-    assert loc is not None
-    with pytest.raises(InputError, match=rf"stamp {world.pairs[1].stamp_ns}.*JPEG"):
-        list(loc.pairs())
-
-
-def test_empty_bag_and_metadata_that_is_no_yaml(tmp_path: Path, world: World) -> None:
-    with pytest.raises(InputError, match="holds no message"):
-        open_source(write_messages(tmp_path / "empty", []))
-    bag = write_bag(tmp_path / "x.mcap", world)
-    (bag / "metadata.yaml").write_text(": [")
-    with pytest.raises(InputError, match=str(bag)):
-        open_source(bag)
-    shutil.rmtree(bag)
 
 
 def test_memory_does_not_grow_with_length(tmp_path: Path) -> None:

@@ -81,11 +81,6 @@ def flip(folder: Path) -> None:
     path.write_bytes(data)
 
 
-def cut(folder: Path) -> None:
-    path = folder / "loc/left/000001.png"
-    path.write_bytes(path.read_bytes()[:-20])
-
-
 def swap_lines(text: str) -> str:
     head, first, second, *rest = text.splitlines()
     return "\n".join([head, second, first, *rest])
@@ -102,66 +97,34 @@ def edit_last_pose(x: str) -> Callable[[Path], None]:
     return edit
 
 
-def edit_no_image(folder: Path) -> None:
-    (folder / "loc/left/000001.png").write_bytes(b"text")
-
-
 BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
-    "no rig": (lambda f: (f / "loc/rig.json").unlink(), r"rig.json"),
-    "no pairs": (lambda f: (f / "loc/pairs.csv").unlink(), r"pairs.csv"),
-    "rig no json": (edit_text("loc/rig.json", lambda t: t[:-10]), "not valid JSON"),
     "rig a list": (edit_text("loc/rig.json", lambda t: "[]"), "Expected `object`"),
-    "key missing": (edit_rig(lambda c: c.pop("baseline_m")), "missing required field `baseline_m`"),
     "key unknown": (edit_rig(lambda c: c.update(baseline=1)), "unknown field `baseline`"),
     "text for number": (
         edit_rig(lambda c: c.update(baseline_m="0.1")),
         r"Expected `float`, got `str` - at `\$.baseline_m`",
     ),
-    "bool for size": (edit_rig(lambda c: c.update(width=True)), r"got `bool` - at `\$.width`"),
     "short k": (edit_rig(lambda c: c.update(k=[1, 2])), r"length 9, got 2 - at `\$.k`"),
     "skew": (edit_rig(lambda c: c["k"].__setitem__(1, 0.5)), "k is"),
     "baseline 0": (edit_rig(lambda c: c.update(baseline_m=0)), "baseline"),
     "pose without rotation": (edit_rig(lambda c: c["T_rb_locsb"].pop("quat_xyzw")), "quat_xyzw"),
     "quaternion 0": (edit_rig(lambda c: c["T_rb_locsb"].update(quat_xyzw=[0, 0, 0, 0])), "is not a rotation"),
-    "empty list": (edit_text("loc/pairs.csv", lambda t: ""), "empty"),
-    "list of no pair": (edit_text("loc/pairs.csv", lambda t: t.splitlines()[0]), "no pair"),
     "strange header": (edit_text("loc/pairs.csv", lambda t: t.replace("left,", "Left,", 1)), "line 1"),
     "short line": (edit_text("loc/pairs.csv", lambda t: t + "5,a\n"), "line 6: 2 columns"),
-    "stamp no number": (edit_text("loc/pairs.csv", lambda t: t.replace("17", "x17", 1)), "line 2: stamp 'x17"),
     "backwards": (edit_text("loc/pairs.csv", swap_lines), "must be in order"),
-    "truth backwards": (edit_text("loc/groundtruth.csv", swap_lines), "groundtruth.csv.*must be in order"),
     "truth missing": (lambda f: (f / "nav/truth/000000.npy").unlink(), r"a truth that is not there: .*000000.npy"),
     "size": (resize, r"000002.png' .*is 23 x 16.*24 x 16"),
     "flipped bytes": (flip, r"000001.png.*broken"),
-    "cut off": (cut, r"000001.png.*(broken|cut off)"),
-    "no image": (edit_no_image, "000001.png"),
-    "nan in pose": (edit_last_pose("nan"), "line 3.*not a finite number"),
-    "truth no array": (lambda f: (f / "nav/truth/000000.npy").write_bytes(b"x") and None, r"truth .*000000.npy"),
-    "truth float64": (
-        lambda f: np.save(f / "nav/truth/000000.npy", np.zeros((16, 26, 3))),
-        r"truth .*000000.npy' is float64 .*float32 \(16, 26, 3\) is needed",
-    ),
     "stamp with underscore": (edit_text("loc/pairs.csv", lambda t: t.replace("\n17", "\n1_7", 1)), "line 2: stamp"),
     "position of 1e308": (edit_last_pose("1e308"), "line 3: a position is"),
-    "position with underscore": (edit_last_pose("1_0"), "line 3: '1_0' is not a finite number"),
     "principal point of 1e300": (edit_rig(lambda c: c["k"].__setitem__(5, 1e300)), "principal point"),
-    "integer of 400 digits": (edit_rig(lambda c: c["k"].__setitem__(5, 10**400)), "an integer of 401 digits"),
-    "translation of 1e308": (edit_rig(lambda c: c["T_rb_locsb"].update(translation_m=[0, 0, 1e308])), "a position is"),
     "truth beyond the sky": (
         lambda f: np.save(f / "nav/truth/000000.npy", np.full((16, 26, 3), 1e30, np.float32)),
         r"truth .*000000.npy.*beyond 1e.09 m",
     ),
-    "truth of complex numbers": (
-        lambda f: np.save(f / "nav/truth/000000.npy", np.zeros((16, 26, 3), np.complex64)),
-        r"truth .*000000.npy.*real numbers",
-    ),
     "truth with a zero byte in its name": (
         edit_text("nav/pairs.csv", lambda text: text.replace("truth/000000.npy", "truth/\0.npy")),
         "names a truth that is not there",
-    ),
-    "truth size": (
-        lambda f: np.save(f / "nav/truth/000000.npy", np.zeros((3, 4, 3), np.float32)),
-        r"\(3, 4, 3\).*\(16, 26, 3\)",
     ),
 }
 
