@@ -121,7 +121,7 @@ def live(
     hub, config = Hub(for_foxglove), _page_config(host, port, token) if not terminal else None
     with ExitStack() as stack:
         if source is None:
-            from sfr_loc_map.nodes.live.feed import RosFeed
+            from sfr_loc_map.nodes.live_feed import RosFeed
 
             title = namespace or "live"
             stack.enter_context(RosFeed(hub, namespace))

@@ -57,7 +57,7 @@ async def _serve(config: LiveConfig, namespace: str, *, open_browser: bool) -> N
 
 
 def _join(stack: ExitStack, hub: Hub, namespace: str) -> None:
-    from sfr_loc_map.nodes.live.feed import RosFeed
+    from sfr_loc_map.nodes.live_feed import RosFeed
 
     stack.enter_context(RosFeed(hub, namespace))
     gc.collect()

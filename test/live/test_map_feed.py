@@ -23,7 +23,7 @@ from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
-from sfr_loc_map.nodes.live.map_feed import MapFeed
+from sfr_loc_map.nodes.live_feed import MapFeed
 from sfr_loc_map.nodes.messages.fields import byte_array
 from sfr_loc_map.nodes.messages.point_cloud import cloud_msg
 from sfr_loc_map.nodes.messages.terrain import elevation_from_msg, elevation_msg, hazard_msg

@@ -1,1 +1,0 @@
-"""Feeds the live page from topics."""

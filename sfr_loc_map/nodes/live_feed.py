@@ -1,0 +1,453 @@
+"""Hands what a run publishes to a `Hub`, in a thread of its own, and carries out what is asked of the nodes.
+
+Small messages are subscribed to always; images, feature tracks and clouds only while a page looks at them. Image
+messages are dropped as bytes, undecoded, beyond the rate that is shown.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import PurePosixPath
+from threading import Event, Lock, Thread
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.utilities import try_shutdown
+from sensor_msgs.msg import CompressedImage, Image, PointCloud2
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from sfr_loc_map.errors import InputError, NodeError, SfrError
+from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.inputs import NS_PER_S, SIDES
+from sfr_loc_map.io.image_codec import image_from_message, stamp_of
+from sfr_loc_map.live import media
+from sfr_loc_map.live.hub import Action, Command, Hub
+from sfr_loc_map.live.updates import (
+    ELEVATION,
+    HAZARD,
+    LOCALISATION,
+    POINTS,
+    REPORT,
+    TRACKS,
+    TRUE_POINTS,
+    TRUTH,
+    ElevationSample,
+    GraphView,
+    PoseSample,
+    Report,
+    Sampled,
+    Status,
+    StatusKind,
+    Track,
+    TrackSample,
+    View,
+)
+from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.diagnostics import TOPIC, level_of, values_of
+from sfr_loc_map.nodes.messages.point_cloud import cloud_from_msg
+from sfr_loc_map.nodes.messages.pose import covariance_of, odometry_row
+from sfr_loc_map.nodes.messages.terrain import ELEVATION_FIELDS, elevation_from_msg, hazard_from_msg
+from sfr_loc_map.nodes.messages.tracks import MASK_SCALE, tracks_from_msg
+from sfr_loc_map.nodes.processes import page_node_name
+from sfr_loc_map.pipeline.reception import TransportGaps
+
+SUITE_NODES = ("localisation_node", "mapping_node", "monitor_node")
+KINDS = frozenset(kind.value for kind in StatusKind)
+DEPTH = 200
+GRAPH_PERIOD_S = 0.5
+SPIN_S = 0.1
+IMAGE_PERIOD_S = 0.15
+"""Shortest time between two pairs of images that are shown."""
+TRACKED = "loc/left"
+"""The image that tracks are drawn on; of its stamps that are not shown they are left out."""
+MAX_SHOWN = 64
+"""Images of which tracks are waited for: ten seconds."""
+MAX_MAPS = 8
+"""Clouds, elevation and hazard grids that wait; more are left out."""
+MASK_HOLD_NS = NS_PER_S // 2
+"""A mask that much older than the tracks is shown with them."""
+ENOUGH_POINTS = 100_000
+"""Points of a cloud that are read where the mapper publishes its grid."""
+IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
+NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+"""The nodes themselves tell of peers that do not fit; each event would cost the executor time at every message."""
+LAYERS = ("height", *ELEVATION_FIELDS[3:])
+"""Layers of an elevation message, after x and y."""
+FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
+TRANSITIONS = {
+    Action.ACTIVATE: Transition.TRANSITION_ACTIVATE,
+    Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE,
+}
+SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: ("mapping_node",), Action.SAVE: ("monitor_node",)}
+"""Nodes that offer each service."""
+
+
+class RosFeed:
+    """A ROS node that receives for a page; a context manager that runs its thread."""
+
+    def __init__(self, hub: Hub, namespace: str = "") -> None:
+        """Join the graph in a rover's namespace; signals stay with the program."""
+        environment.prepare()
+        environment.start_ros()
+        self._hub = hub
+        self._space = namespace.strip("/")
+        self._node: Node = rclpy.create_node(
+            page_node_name(os.getpid()), namespace=f"/{self._space}", start_parameter_services=False
+        )
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._gaps: dict[str, TransportGaps] = {}
+        self._media = MediaFeed(self._node, hub)
+        hub.operator = RosOperator(self._node)
+        best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        for track, topic in ((Track.ESTIMATE, LOCALISATION), (Track.TRUTH, TRUTH)):
+            self._receive(Odometry, topic, partial(self._on_odometry, track), best_effort)
+        self._receive(DiagnosticArray, TOPIC, self._on_diagnostics, best_effort)
+        self._receive(String, REPORT, lambda message, now_s: hub.put(Report(message.data, now_s)), latched)
+        self._node.create_timer(GRAPH_PERIOD_S, self._look_around)
+        self._running = True
+        self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
+
+    def __enter__(self) -> RosFeed:
+        """Start to receive."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the graph."""
+        self._running = False
+        self._thread.join(5.0)
+        self._media.close()
+        self._node.destroy_node()
+        try_shutdown()
+
+    def _spin(self) -> None:
+        while self._running:
+            try:
+                self._executor.spin_once(timeout_sec=SPIN_S)
+            except Exception as error:  # of one message; the page must not stop for it
+                if self._running:
+                    self._node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
+
+    def _receive(self, kind: type[Any], topic: str, callback: Callable[[Any, float], None], qos: QoSProfile) -> None:
+        gaps = TransportGaps()
+        if kind is not DiagnosticArray:  # which has many publishers
+            self._gaps[topic] = gaps
+
+        def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
+            gaps.add(info)
+            try:
+                callback(message, time.time())
+            except (SfrError, ValueError):  # the monitor reports broken messages; the page shows what can be shown
+                return
+
+        listener: Any = received  # rclpy's types do not know of the information beside a message
+        self._node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS)
+
+    def _on_odometry(self, track: Track, message: Odometry, now_s: float) -> None:
+        stamp_ns, position, quat = odometry_row(message)
+        covariance = covariance_of(message) if track is Track.ESTIMATE else None
+        self._hub.put(PoseSample(track, stamp_ns, position, quat, now_s, covariance))
+
+    def _on_diagnostics(self, message: DiagnosticArray, now_s: float) -> None:
+        for status in message.status:
+            full_name, _, kind = status.name.partition(": ")
+            name = PurePosixPath("/" + full_name)
+            if str(name.parent).strip("/") != self._space or kind not in KINDS or name.name not in SUITE_NODES:
+                continue
+            level, values = int(level_of(status)), values_of(status)
+            self._hub.put(Status(name.name, StatusKind(kind), level, status.message, values, now_s))
+
+    def _look_around(self) -> None:
+        """Find out which nodes are there, and receive images and clouds as the pages want."""
+        self._media.follow(self._hub.wanted)
+        names = self._node.get_node_names_and_namespaces()
+        nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
+        lost = {topic: gaps.lost for topic, gaps in (self._gaps | self._media.gaps).items()}
+        self._hub.put(GraphView(nodes, time.time(), lost))
+
+
+class MediaFeed:
+    """Subscribes to images, tracks and maps while they are wanted. Used by the thread of the feed alone.
+
+    Attributes:
+        gaps: Messages of the wanted topics that did not arrive.
+    """
+
+    def __init__(self, node: Node, hub: Hub) -> None:
+        """Subscribe to the true points, which are published once and are what clouds are compared with."""
+        self.gaps: dict[str, TransportGaps] = {}
+        self._node, self._hub = node, hub
+        self._subscriptions: dict[View, list[Any]] = {}
+        self._due: dict[str, tuple[float, int]] = {}
+        self._shown: deque[int] = deque(maxlen=MAX_SHOWN)
+        self._masks: dict[str, tuple[int, tuple[FloatArray32, ...]]] = {}
+        self._map = MapFeed(hub, lambda: bool(node.count_publishers(ELEVATION)))
+        self._worker, self._maps_waiting = ThreadPoolExecutor(1, "sfr-live-maps"), 0
+        self._best_effort = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+        truth = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._raw(PointCloud2, TRUE_POINTS, partial(self._on_map, PointCloud2, self._map.add_true_points), truth)
+
+    def close(self) -> None:
+        """End the worker."""
+        self._worker.shutdown(cancel_futures=True)
+
+    def follow(self, wanted: frozenset[View]) -> None:
+        """Subscribe to what is wanted and to nothing else; of images to those topics that somebody publishes."""
+        for view in View:
+            if view in wanted and view not in self._subscriptions:
+                self._subscriptions[view] = self._subscribe(view)
+            elif view not in wanted:
+                for subscription in self._subscriptions.pop(view, ()):
+                    self._node.destroy_subscription(subscription)
+        if View.IMAGES not in wanted:
+            return
+        subscriptions = self._subscriptions[View.IMAGES]
+        known = {subscription.topic_name for subscription in subscriptions}
+        for name in (f"{rig}/{side}" for rig in ("loc", "nav") for side in SIDES):
+            for kind, end in IMAGE_KINDS:
+                topic = f"{name}/{end}"
+                if self._node.resolve_topic_name(topic) not in known and self._node.count_publishers(topic):
+                    received = partial(self._on_image, name, kind)
+                    subscriptions.append(self._raw(kind, topic, received, self._best_effort))
+
+    def _subscribe(self, view: View) -> list[Any]:
+        if view is View.TRACKS:
+            masks = [
+                self._raw(Image, f"localisation/{side}_mask", partial(self._on_mask, side), self._best_effort)
+                for side in SIDES
+            ]
+            return [*masks, self._raw(PointCloud2, TRACKS, self._on_tracks, self._best_effort)]
+        if view is not View.CLOUDS:
+            return []
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        return [
+            self._raw(kind, topic, partial(self._on_map, kind, add), latched)
+            for topic, kind, add in (
+                (POINTS, PointCloud2, self._map.add_cloud),
+                (ELEVATION, PointCloud2, self._map.add_elevation),
+                (HAZARD, OccupancyGrid, self._map.add_hazard),
+            )
+        ]
+
+    def _raw(self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile) -> Any:  # noqa: ANN401 - rclpy's
+        """Subscribe with a callback for serialised messages and the time when they were published, seconds."""
+        gaps = self.gaps.setdefault(topic, TransportGaps())
+
+        def received(raw: bytes, info: dict[str, Any]) -> None:
+            gaps.add(info)
+            try:
+                callback(raw, (info.get("source_timestamp") or time.time_ns()) / NS_PER_S)
+            except (SfrError, ValueError):  # the node that is given it reports it
+                return
+
+        listener: Any = received  # rclpy's types do not know of raw messages with their information
+        return self._node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS, raw=True)
+
+    def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
+        stamp_ns, rig = _stamp_ns(raw), name.partition("/")[0]
+        self._hub.put(Sampled(name, stamp_ns, published_s))
+        due_s, chosen_ns = self._due.get(rig, (0.0, -1))
+        now = time.monotonic()
+        if now >= due_s:
+            self._due[rig] = now + IMAGE_PERIOD_S, stamp_ns
+        elif stamp_ns != chosen_ns:  # both images of a stamp are shown, and not more than a screen needs
+            return
+        if name == TRACKED:
+            self._shown.append(stamp_ns)
+        message = deserialize_message(raw, kind)
+        if kind is Image:
+            self._hub.put(media.image_sample(name, stamp_ns, image_from_message(message), published_s))
+        else:
+            self._hub.put(media.file_sample(name, stamp_ns, bytes(message.data), published_s))
+
+    def _on_mask(self, side: str, raw: bytes, published_s: float) -> None:
+        message = deserialize_message(raw, Image)
+        self._masks[side] = stamp_of(message), media.outlines(image_from_message(message), MASK_SCALE)
+
+    def _on_tracks(self, raw: bytes, published_s: float) -> None:
+        stamp_ns = _stamp_ns(raw)
+        if stamp_ns not in self._shown:
+            return
+        found = tracks_from_msg(deserialize_message(raw, PointCloud2))
+        masks = {side: rings for side, (at_ns, rings) in self._masks.items() if 0 <= stamp_ns - at_ns <= MASK_HOLD_NS}
+        self._hub.put(TrackSample(TRACKS, stamp_ns, found, masks, published_s))
+
+    def _on_map(self, kind: type[Any], add: Callable[[Any, float], None], raw: bytes, published_s: float) -> None:
+        """Take a map in, beside the thread that receives: figures do not wait for it."""
+
+        def work() -> None:
+            try:
+                add(deserialize_message(raw, kind), published_s)
+            except (SfrError, ValueError):  # as above
+                return
+            finally:
+                self._maps_waiting -= 1
+
+        if self._maps_waiting < MAX_MAPS:
+            self._maps_waiting += 1
+            self._worker.submit(work)
+
+
+def _stamp_ns(raw: bytes) -> int:
+    """Return the stamp of a serialised message that begins with a header, behind the head of its encoding (CDR)."""
+    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
+    return int(seconds) * NS_PER_S + int(nanoseconds)
+
+
+class MapFeed:
+    """Gives maps to a hub: the mapper's own grid where it publishes one, else one that is made of its cloud.
+
+    Messages that are none raise an `SfrError`.
+    """
+
+    def __init__(self, hub: Hub, has_grid: Callable[[], bool]) -> None:
+        """Start without a map; `has_grid` tells whether the mapper publishes a grid of its own."""
+        self._has_grid = has_grid
+        self._hub, self._truth = hub, media.CloudTruth()
+        self._points: tuple[int, FloatArray32, FloatArray32] | None = None
+        self._hazard: tuple[int, FloatArray32] | None = None
+        self._grid: ElevationSample | None = None
+
+    def add_true_points(self, message: PointCloud2, published_s: float) -> None:
+        """Take the true points of a pair in."""
+        self._truth.add(stamp_of(message), message)
+
+    def add_cloud(self, message: PointCloud2, published_s: float) -> None:
+        """Take a cloud in."""
+        has_grid, count, stamp_ns = self._has_grid(), int(message.width) * int(message.height), stamp_of(message)
+        every = max(count // ENOUGH_POINTS, 1) if has_grid else 1
+        cloud = cloud_from_msg(message, every)
+        error = self._truth.errors(cloud)
+        sample = media.cloud_sample(POINTS, stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
+        self._hub.put(sample if every == 1 else replace(sample, total=count))
+        self._points = None if error is None else (stamp_ns, np.asarray(cloud.xyz[:, :2], np.float32), error)
+        if not has_grid:
+            grid = media.grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
+            if grid is not None:
+                self._hub.put(grid)
+
+    def add_elevation(self, message: PointCloud2, published_s: float) -> None:
+        """Take an elevation grid in."""
+        cells, stamp_ns = elevation_from_msg(message), stamp_of(message)
+        rows, columns = cells.shape[:2]
+        cell_m = media.CELL_M  # one cell alone has the side that is usual
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite ones are refused
+            if columns > 1:
+                cell_m = float(cells[0, -1, 0] - cells[0, 0, 0]) / (columns - 1)
+            elif rows > 1:
+                cell_m = float(cells[-1, 0, 1] - cells[0, 0, 1]) / (rows - 1)
+            corner = cells[0, 0, :2] - 0.5 * cell_m
+        origin = float(corner[0]), float(corner[1])
+        if not (0.0 < cell_m < math.inf and all(map(math.isfinite, origin))):
+            raise InputError(f"elevation with cells of {cell_m:g} m: x must grow along the columns, y along the rows")
+        grid = ElevationSample(ELEVATION, stamp_ns, origin, cell_m, LAYERS, cells[..., 2:], published_s)
+        if self._points is not None and self._points[0] == stamp_ns:
+            _, xy, error = self._points
+            means = media.means_of(media.cells_of(xy, origin, cell_m, (rows, columns)), error, rows * columns)
+            known = np.where(np.isfinite(cells[..., 2]), means.reshape(rows, columns), np.nan)
+            grid = media.with_layer(grid, "error", known)
+        self._points, self._grid = None, grid
+        self._put()
+
+    def add_hazard(self, message: OccupancyGrid, published_s: float) -> None:
+        """Take a hazard grid in; it is shown with the elevation of its stamp."""
+        self._hazard = stamp_of(message), hazard_from_msg(message)
+        self._put()
+
+    def _put(self) -> None:
+        """Show the grid with its hazard, whichever comes first."""
+        grid, hazard = self._grid, self._hazard
+        if grid is None:
+            return
+        if hazard is not None and hazard[0] == grid.stamp_ns and hazard[1].shape == grid.layers.shape[:2]:
+            grid = media.with_layer(grid, "hazard", hazard[1])
+        self._hub.put(media.thinned(grid))
+
+
+class RosOperator:
+    """Carries out what an operator asks of the nodes: their services; bookmarks are messages.
+
+    `run` may be called in any thread but that of the executor.
+    """
+
+    actions = frozenset({*TRANSITIONS, *SERVICES, Action.BOOKMARK})
+
+    def __init__(self, node: Node) -> None:
+        """Advertise the bookmarks, so that a recording under way finds them; another thread spins the node."""
+        self._node = node
+        self._closed, self._calling = Event(), Lock()
+        events = PublisherEventCallbacks(use_default_callbacks=False)
+        self._bookmarks = node.create_publisher(String, "bookmark", QoSProfile(depth=100), event_callbacks=events)
+
+    def run(self, command: Command) -> str:
+        """Carry a command out.
+
+        Raises:
+            InputError: If the node does not have what is asked of it.
+            NodeError: If the node does not answer, or refuses.
+        """
+        node, action = command.node, command.action
+        if action is Action.BOOKMARK:
+            self._bookmarks.publish(String(data=command.text or "bookmark"))
+            return "bookmark published"
+        if action in TRANSITIONS and node in SUITE_NODES:
+            request = ChangeState.Request(transition=Transition(id=TRANSITIONS[action]))
+            if not self._call(ChangeState, f"{node}/change_state", request).success:
+                raise NodeError(f"{node} refuses to {action}: see its log")
+            return f"{node}: {action} done"
+        if node in SERVICES.get(action, ()):
+            answer = self._call(Trigger, f"{node}/{action}", Trigger.Request())
+            if not answer.success:
+                raise NodeError(f"{node}: {answer.message}")
+            return f"{node}: {answer.message}"
+        raise InputError(f"'{node}' has no '{action}'")
+
+    def close(self) -> None:
+        """Give up what is under way, before the node is destroyed."""
+        self._closed.set()
+        if self._calling.acquire(timeout=FOUND_S):
+            self._calling.release()
+
+    def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
+        """Return the answer of a service; one is called at a time."""
+        with self._calling:
+            client = self._node.create_client(kind, name)
+            try:
+                if not self._wait(client.service_is_ready, FOUND_S):
+                    raise NodeError(f"no node offers {name}: is it running?")
+                future = client.call_async(request)
+                if not self._wait(future.done, ANSWER_S):
+                    raise NodeError(f"{name} gave no answer within {ANSWER_S:g} s")
+                return future.result()
+            finally:
+                self._node.destroy_client(client)
+
+    def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if self._closed.wait(POLL_S):
+                raise NodeError("the page has ended")
+            if time.monotonic() >= deadline:
+                return False
+        return True
