@@ -140,7 +140,7 @@ def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
 
 def rotvec_from_matrix(matrix: ArrayLike) -> FloatArray:
     """Return the rotation vector `(3,)`, radians, angle in [0, pi], of one rotation matrix `(3, 3)`."""
-    quat = quat_from_matrix(matrix)
+    quat = _quat_from_one_matrix(np.asarray(matrix, dtype=np.float64))
     sine = float(np.sqrt(quat[:3] @ quat[:3]))
     if sine < 1e-9:
         return np.asarray(2.0 * quat[:3])

@@ -64,23 +64,14 @@ class Start(NamedTuple):
 
 
 class CovarianceMark(NamedTuple):
-    """What the covariance of one pose was made of, so that a later one can be taken relative to it.
+    """What the covariance of one pose was made of, so that a later one can be taken relative to it."""
 
-    Attributes:
-        window: Number of its window.
-        position: `(3,)` of the pose, metres, world.
-        in_window: `(6, 6)` of it in its window.
-        per_disparity_bias: `(3,)` path integral of position over disparity error up to it.
-        corrected_bias: `(3,)` the part of it that was corrected.
-        doubt: `(2,)` metres and radians by which motions up to it may have been other ones.
-    """
-
-    window: int
-    position: FloatArray
-    in_window: FloatArray
-    per_disparity_bias: FloatArray
-    corrected_bias: FloatArray
-    doubt: FloatArray
+    window: int  #: Number of its window.
+    position: FloatArray  #: `(3,)` of the pose, metres, world.
+    in_window: FloatArray  #: `(6, 6)` of it in its window.
+    per_disparity_bias: FloatArray  #: `(3,)` path integral of position over disparity error up to it.
+    corrected_bias: FloatArray  #: `(3,)` the part of it that was corrected.
+    doubt: FloatArray  #: `(2,)` metres and radians by which motions up to it may have been other ones.
 
 
 class CovarianceModel:

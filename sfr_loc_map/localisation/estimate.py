@@ -15,17 +15,12 @@ from sfr_loc_map.inputs import LOST_VARIANCE
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StartPose:
-    """A pose from outside: where a run starts, or what an operator says.
+    """A pose from outside: where a run starts, or what an operator says."""
 
-    Attributes:
-        T_ds_rb: Pose of RB in DS.
-        covariance: `(6, 6)` of it, ROS order; zeros for an exact pose.
-        stamp_ns: Stamp at which it holds; None: at the next pair, whether that shows anything or not.
-    """
-
-    T_ds_rb: Transform
+    T_ds_rb: Transform  #: Pose of RB in DS.
+    #: `(6, 6)` of it, ROS order; zeros for an exact pose.
     covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
-    stamp_ns: int | None = None
+    stamp_ns: int | None = None  #: Stamp at which it holds; None: at the next pair, whether that shows anything or not.
 
     @classmethod
     def of(cls, pose: StartPose | Transform) -> StartPose:
@@ -68,31 +63,22 @@ class StateReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TrackingStatistics:
-    """Figures of one call; None where the call has no such figure.
+    """Figures of one call; None where the call has no such figure."""
 
-    Attributes:
-        features: Active landmarks.
-        inliers: Landmarks that agree with the pose.
-        keyframes: Keyframes since the start.
-        chi_median: Median over the landmarks of the squared Mahalanobis residual per degree of freedom.
-        residual_px: Typical residual of the inliers, pixels.
-        vertical_offset_px: Vertical disparity at the image centre (right camera pitched against its calibration).
-        disparity_offset_px: Error of all disparities, pixels (yawed); 0 while it is not significant.
-        roll_offset_px: Vertical disparity at a distance of the focal length beside the image centre (rolled), pixels.
-        repeated: 1 where both images equal those of the pair before.
-        masked_share: Share of the image that is left out because it does not move with the ground.
-    """
-
-    features: int | None = None
-    inliers: int | None = None
-    keyframes: int | None = None
+    features: int | None = None  #: Active landmarks.
+    inliers: int | None = None  #: Landmarks that agree with the pose.
+    keyframes: int | None = None  #: Keyframes since the start.
+    #: Median over the landmarks of the squared Mahalanobis residual per degree of freedom.
     chi_median: float | None = None
-    residual_px: float | None = None
+    residual_px: float | None = None  #: Typical residual of the inliers, pixels.
+    #: Vertical disparity at the image centre (right camera pitched against its calibration).
     vertical_offset_px: float | None = None
+    #: Error of all disparities, pixels (yawed); 0 while it is not significant.
     disparity_offset_px: float | None = None
+    #: Vertical disparity at a distance of the focal length beside the image centre (rolled), pixels.
     roll_offset_px: float | None = None
-    repeated: int | None = None
-    masked_share: float | None = None
+    repeated: int | None = None  #: 1 where both images equal those of the pair before.
+    masked_share: float | None = None  #: Share of the image that is left out because it does not move with the ground.
 
     def as_dict(self) -> dict[str, float]:
         """Return the figures that the call has, by name."""
@@ -102,18 +88,12 @@ class TrackingStatistics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepEstimate:
-    """The motion since the pose before, in RB at that pose.
+    """The motion since the pose before, in RB at that pose."""
 
-    Attributes:
-        seconds: Time since the pose before; 0 at the first pose.
-        motion: `(6,)` metres and rotation vector, radians.
-        covariance: `(6, 6)` of it, ROS order, independent from step to step.
-        systematic: `(6,)` one standard deviation of the error that all steps have alike: those of several steps add up.
-    """
-
-    seconds: float
-    motion: FloatArray
-    covariance: FloatArray
+    seconds: float  #: Time since the pose before; 0 at the first pose.
+    motion: FloatArray  #: `(6,)` metres and rotation vector, radians.
+    covariance: FloatArray  #: `(6, 6)` of it, ROS order, independent from step to step.
+    #: `(6,)` one standard deviation of the error that all steps have alike: those of several steps add up.
     systematic: FloatArray
 
     @property
@@ -124,29 +104,20 @@ class StepEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
-    """Pose of the rover at one pair.
+    """Pose of the rover at one pair."""
 
-    Attributes:
-        stamp_ns: Stamp of the pair.
-        T_ds_rb: Takes points in RB to DS; the last known pose when lost.
-        covariance: `(6, 6)` float64, ROS order: x, y, z (m, in DS), then rotation about the fixed axes of DS (rad).
-            9999 on the diagonal when lost.
-        state: State after this call.
-        statistics: Figures of this call.
-        stage_s: Seconds of each stage by name: `wait` for the keyframe of the call before, which took `keyframe` in the
-            background; `pyramid`, `align`, `refine`, and `relocate` where tracking failed.
-        reason: Why the state is degraded or lost, None otherwise.
-        step: The motion since the pose before; None when lost.
-    """
-
-    stamp_ns: int
-    T_ds_rb: Transform
+    stamp_ns: int  #: Stamp of the pair.
+    T_ds_rb: Transform  #: Takes points in RB to DS; the last known pose when lost.
+    #: `(6, 6)` float64, ROS order: x, y, z (m, in DS), then rotation about the fixed axes of DS (rad). 9999 on the
+    #: diagonal when lost.
     covariance: FloatArray
-    state: TrackingState
-    statistics: TrackingStatistics = TrackingStatistics()
+    state: TrackingState  #: State after this call.
+    statistics: TrackingStatistics = TrackingStatistics()  #: Figures of this call.
+    #: Seconds of each stage by name: `wait` for the keyframe of the call before, which took `keyframe` in the
+    #: background; `pyramid`, `align`, `refine`, and `relocate` where tracking failed.
     stage_s: Mapping[str, float] = field(default_factory=dict)
-    reason: StateReason | None = None
-    step: StepEstimate | None = None
+    reason: StateReason | None = None  #: Why the state is degraded or lost, None otherwise.
+    step: StepEstimate | None = None  #: The motion since the pose before; None when lost.
 
     @property
     def reason_text(self) -> str:

@@ -63,19 +63,13 @@ class Guesses(NamedTuple):
 
 
 class GroundMotion(NamedTuple):
-    """The ground's motion in a pair.
+    """The ground's motion in a pair."""
 
-    Attributes:
-        result: Tracking by it.
-        dynamic: `(N,)` rows in the window of landmarks that follow another motion.
-        doubt: Metres and radians by which the pose may be wrong, as two motions cannot be told apart; None if they can.
-        exposure: Whether the pair is of one exposure.
-    """
-
-    result: TrackingResult
-    dynamic: NDArray[np.intp] = NO_ROWS
+    result: TrackingResult  #: Tracking by it.
+    dynamic: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that follow another motion.
+    #: Metres and radians by which the pose may be wrong, as two motions cannot be told apart; None if they can.
     doubt: tuple[float, float] | None = None
-    exposure: Exposure = Exposure.WHOLE
+    exposure: Exposure = Exposure.WHOLE  #: Whether the pair is of one exposure.
 
 
 class GroundMotionFinder:

@@ -65,17 +65,11 @@ MAX_TEARS: Final = 10
 
 
 class StaleRows(NamedTuple):
-    """Rows of one image that repeat the image before.
+    """Rows of one image that repeat the image before."""
 
-    Attributes:
-        rows: `(H,)` textured rows that are equal.
-        all: Whether all textured rows are, and there are some.
-        stays: Whether the image is the one before, textured or not, but for new noise.
-    """
-
-    rows: Mask
-    all: bool
-    stays: bool
+    rows: Mask  #: `(H,)` textured rows that are equal.
+    all: bool  #: Whether all textured rows are, and there are some.
+    stays: bool  #: Whether the image is the one before, textured or not, but for new noise.
 
 
 class StaleImageFilter:

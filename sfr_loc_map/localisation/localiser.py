@@ -312,8 +312,10 @@ class Localiser:
         if track.pending is not None and track.bind(track.pending, stamp_ns):
             backend.leave_window()
         T_ds_left = track.T_ds_world @ track.T_world_left
-        T_ds_rb, covariance = T_ds_left @ track.T_left_rb, lost_covariance()
-        if self._state is not TrackingState.LOST:
+        T_ds_rb = T_ds_left @ track.T_left_rb
+        if self._state is TrackingState.LOST:
+            covariance = lost_covariance()
+        else:
             depth_m, position = backend.landmarks.median_depth, track.T_world_left.translation
             of_left = track.covariance.of_left(position, depth_m, backend.calibration)
             lever = T_ds_rb.translation - T_ds_left.translation

@@ -104,20 +104,6 @@ def test_a_yaw_found_late_leaves_the_path_before_it_uncertain(model: CovarianceM
     assert np.trace(of_path(model, known)) == pytest.approx(after)
 
 
-def test_window_covariance_is_inflated_and_the_start_is_not() -> None:
-    model, window, start = CovarianceModel(RIG), random_covariance(0), random_covariance(1)
-    model.start(AT_START, start, window, DEPTH_M)
-    np.testing.assert_allclose(of_left(model, AT_START), INFLATION * window + start + 2.0 * IMAGE)
-
-
-def test_a_motion_that_no_image_shows_counts_until_the_next_pose(model: CovarianceModel) -> None:
-    still, unseen = of_left(model, AT_START), random_covariance(7)
-    model.unseen = unseen
-    np.testing.assert_allclose(of_left(model, AT_START) - still, unseen)
-    model.set_in_window(NOTHING)
-    np.testing.assert_array_equal(of_left(model, AT_START), still)
-
-
 def test_a_motion_that_may_have_been_another_one_counts_for_good(model: CovarianceModel) -> None:
     for _ in range(2):  # always the same way: metres and radians add up
         model.doubt(STEP, (0.2, 0.1))
@@ -135,15 +121,6 @@ def test_a_pose_given_for_the_past_replaces_what_was_known_then(model: Covarianc
     expected = propagated_covariance(given, here - STEP) + INFLATION * late + IMAGE
     expected[:3, :3] += UNKNOWN_PX**2 * np.outer(2.0 * STEP, 2.0 * STEP) * PER_PX**2
     np.testing.assert_allclose(of_left(model, here), expected, atol=1e-15)
-
-
-def test_a_pose_given_for_an_earlier_window_keeps_what_was_not_seen_between(model: CovarianceModel) -> None:
-    given, unseen = random_covariance(4), random_covariance(5)
-    mark = follow(model, AT_START, AT_START)
-    model.start(STEP, unseen, NOTHING, DEPTH_M)
-    before = of_left(model, STEP)
-    model.rebase(mark, given)
-    np.testing.assert_allclose(of_left(model, STEP) - before, propagated_covariance(given, STEP), atol=1e-15)
 
 
 def test_rotation_error_of_the_start_swings_the_path() -> None:

@@ -16,7 +16,6 @@ from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.dynamic_regions import Unexplained
 from sfr_loc_map.localisation.image_checks import (
     MAX_DOUBTED_PAIRS,
-    MAX_TEARS,
     Exposure,
     TearWatch,
     has_tear,
@@ -147,13 +146,6 @@ def test_a_row_that_separates_two_motions_is_a_tear_and_scattered_outliers_are_n
     assert not has_tear(seen(ROWS > 10.0))  # too few to tell
     assert not has_tear(seen(np.abs(ROWS - 50.0) > 25.0))
     assert not has_tear(seen(np.zeros(0, np.bool_), np.zeros(0)))
-
-
-def test_two_motions_that_stay_are_a_moving_region() -> None:
-    watch, broken, whole = TearWatch(), seen(ROWS > 30.0), seen(ROWS > 0.0)
-    assert [watch.is_torn([broken, broken]) for _ in range(MAX_TEARS + 2)] == [True] * MAX_TEARS + [False] * 2
-    assert not watch.is_torn([broken, whole])  # one motion explains both sides: the other was not found right
-    assert watch.is_torn([broken, broken])
 
 
 def test_pairs_after_a_tear_are_doubted_until_both_of_its_sides_agree_but_not_for_ever() -> None:

@@ -92,14 +92,6 @@ def test_a_keyframe_tracks_all_landmarks_where_only_some_are_followed() -> None:
     assert by.complete(BLACK_FRAME, doubtful) is doubtful  # too few of all landmarks are found
 
 
-def test_a_keyframe_is_wanted_after_some_flow_or_with_few_landmarks_left() -> None:
-    by = begun()
-    near = tracked(by, 1)
-    assert not by.wants_keyframe(near)
-    assert by.wants_keyframe(tracked(by, 12))
-    assert by.wants_keyframe(replace(near, inliers=near.inliers & (np.arange(len(near.inliers)) % 2 > 0)))
-
-
 def test_a_keyframe_adds_landmarks_and_drops_outliers() -> None:
     by = begun()
     result = tracked(by, 12)
@@ -118,17 +110,6 @@ def test_a_keyframe_adds_landmarks_and_drops_outliers() -> None:
     by.reset()
     assert by.wait() is None
     assert (by.window, by.keyframe_count, len(by.landmarks.index)) == (None, 0, 0)
-
-
-def test_vertical_disparity_is_learnt_and_taken_off_the_observations() -> None:
-    """Right images half a pixel too low."""
-    pair, down = pair_of_drive(0), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5]])
-    lower = cv2.warpAffine(pair.right, down, (WIDTH, HEIGHT))
-    by = KeyframeBackend(LOC_RIG, LocalisationConfig(), TRACKER)
-    by.begin(frame_of(replace(pair, right=lower)), Transform.identity())
-    assert by.calibration.offset.v == pytest.approx(0.5, abs=0.05)
-    vertical_disparity = by.landmarks.last_seen[:, 3] - by.landmarks.last_seen[:, 1]
-    assert np.median(vertical_disparity) == pytest.approx(0.0, abs=0.05)
 
 
 def test_a_correction_of_yaw_moves_all_right_observations(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,6 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
 import made_scene
 import numpy as np
 import pytest
@@ -31,8 +30,8 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.parallel import in_background
 
 DRIVE = drive()
-MOST_FUNCTIONS = 48
-"""Of a pair that is tracked and makes no keyframe: 12 of `geometry`, 7 kernels."""
+MOST_FUNCTIONS = 43
+"""Of a pair that is tracked and makes no keyframe: 27 of the room, 6 kernels, 10 of `geometry`."""
 
 
 def sigma(estimate: PoseEstimate) -> float:
@@ -68,14 +67,6 @@ def test_covariance_is_one_and_agrees_with_the_error(estimates: list[PoseEstimat
     assert sigma(estimates[-1]) > sigma(estimates[2])
 
 
-def test_error_grows_with_noise(estimates: list[PoseEstimate]) -> None:
-    rng = np.random.default_rng(7)
-    worse = run(StereoPair(pair.stamp_ns, noisy(pair.left, 10.0, rng), noisy(pair.right, 10.0, rng)) for pair in DRIVE)
-    assert all(estimate.state is not TrackingState.LOST for estimate in worse)
-    means = [np.mean([errors(e, true_pose(i))[0] for i, e in enumerate(found)]) for found in (estimates, worse)]
-    assert means[0] < means[1] < 0.05
-
-
 def test_bits_depend_neither_on_how_fast_pairs_come_nor_on_a_drive_before(estimates: list[PoseEstimate]) -> None:
     """Keyframe work goes on between the calls: it ends early, late, or beside that of another localiser."""
     by, beside = localiser(), localiser()
@@ -105,7 +96,7 @@ def test_stages_of_a_call_are_timed_and_kept(estimates: list[PoseEstimate]) -> N
 def test_a_pair_passes_through_few_functions() -> None:
     """Who follows one call reads these; kernels count as one each, what they call does not."""
     by, seen, root = localiser(), set[str](), str(Path(sfr_loc_map.__file__).parent)
-    run(DRIVE[:6], by)
+    run(DRIVE[:7], by)
     by._finish_keyframe()
 
     def note(frame: object, event: str, argument: object) -> None:
@@ -115,10 +106,11 @@ def test_a_pair_passes_through_few_functions() -> None:
 
     sys.setprofile(note)
     try:
-        by.process(DRIVE[6])
+        by.process(DRIVE[7])
     finally:
         sys.setprofile(None)
     assert "Localiser.process" in seen
+    assert by._backend.pending is None  # no keyframe
     assert len(seen) <= MOST_FUNCTIONS, sorted(seen)
 
 
@@ -141,13 +133,6 @@ def test_covariance_is_that_of_the_rover_wherever_its_camera_is() -> None:
     lever = point.T_ds_rb.translation - rover.T_ds_rb.translation
     assert np.linalg.norm(lever) > 2.0
     np.testing.assert_allclose(point.covariance, propagated_covariance(rover.covariance, lever), rtol=1e-6, atol=1e-14)
-
-
-def test_the_start_moves_the_whole_trajectory(estimates: list[PoseEstimate]) -> None:
-    T_other = Transform.from_quat([100.0, -20.0, 3.0], [0.1, -0.3, 0.7, 0.64])
-    for a, b in zip(run(DRIVE[:10], localiser(T_other)), estimates, strict=False):
-        wanted = T_other @ true_pose(0).inverse() @ b.T_ds_rb
-        np.testing.assert_allclose(a.T_ds_rb.matrix, wanted.matrix, atol=1e-9)
 
 
 def test_what_does_not_fit_is_refused_and_changes_nothing(estimates: list[PoseEstimate]) -> None:
@@ -236,16 +221,6 @@ def test_a_start_pose_of_a_later_pair_holds_there(estimates: list[PoseEstimate])
         assert sigma(found[index]) < 0.02
 
 
-def test_a_pose_between_two_pairs_holds_between_their_poses() -> None:
-    by = localiser()
-    run(DRIVE[:10], by)
-    between = 0.5 * (true_pose(9).translation + true_pose(10).translation)
-    stamp_ns = (DRIVE[9].stamp_ns + DRIVE[10].stamp_ns) // 2
-    by.set_pose(StartPose(Transform(true_pose(9).rotation, between + np.array([1.0, 0.0, 0.0])), stamp_ns=stamp_ns))
-    error = by.process(DRIVE[10]).T_ds_rb.translation - true_pose(10).translation
-    np.testing.assert_allclose(error, [1.0, 0.0, 0.0], atol=0.004)
-
-
 @pytest.mark.parametrize("stamped", [False, True])
 def test_a_pose_set_while_lost_is_of_its_stamp_or_the_next_pair(*, stamped: bool) -> None:
     """It says nothing of the last known pose, which is of before the gap."""
@@ -320,23 +295,6 @@ def test_a_gap_at_the_start_makes_the_first_window_degraded_and_no_later_one() -
     assert states == ["lost"] + ["degraded"] * degraded + ["tracking"] * (39 - degraded)
 
 
-def test_recovered_after_a_gap() -> None:
-    estimates = run([*DRIVE[:3], black(3), black(4), DRIVE[20], DRIVE[21]])
-    assert [e.state.value for e in estimates[3:]] == ["lost", "lost", "tracking", "tracking"]
-    assert errors(estimates[-1], true_pose(21))[0] < 0.01
-
-
-def test_a_window_that_cannot_begin_leaves_the_reference_of_relocalisation() -> None:
-    by, random = localiser(), np.random.default_rng(0)
-    run(DRIVE[:6], by)
-    for index in range(6, 11):  # texture enough to begin, and no match between left and right
-        left, right = random.integers(0, 255, (2, *BLACK.shape)).astype(np.uint8)
-        estimate = by.process(StereoPair(START_NS + index * PERIOD_NS, left, right))
-        assert estimate.state is TrackingState.LOST
-    assert estimate.statistics.features is not None  # tried to begin
-    assert errors(by.process(DRIVE[11]), true_pose(11))[0] < 0.005
-
-
 # ---- images of another moment or camera
 
 
@@ -390,15 +348,6 @@ def test_images_that_were_shown_by_the_wrong_camera_are_not_new(fault: str) -> N
     assert estimates[6].state is TrackingState.LOST
     assert estimates[7].state is not TrackingState.TRACKING
     assert [estimate.state for estimate in estimates[8:]] == [TrackingState.TRACKING] * 2
-
-
-def test_a_yaw_that_is_not_known_yet_is_within_what_is_stated() -> None:
-    """Right images 0.5 px off along the columns: the path is wrong from the first step on."""
-    shift, size = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0]]), (LOC_RIG.width, LOC_RIG.height)
-    found = run(StereoPair(pair.stamp_ns, pair.left, cv2.warpAffine(pair.right, shift, size)) for pair in DRIVE[:12])
-    assert errors(found[-1], true_pose(11))[0] > 0.01
-    for index, estimate in enumerate(found[1:], 1):
-        assert errors(estimate, true_pose(index))[0] < 2.0 * sigma(estimate)
 
 
 # ---- poses that cannot be

@@ -86,22 +86,6 @@ def test_lost_tracking_is_recovered_near_and_far(started: tuple[Relocaliser, Key
     assert nothing is None or not nothing.trusted
 
 
-def test_the_last_tracked_image_is_the_reference_and_follows_its_keyframe(
-    started: tuple[Relocaliser, KeyframeBackend],
-) -> None:
-    (relocaliser, backend), near = started, frame(4)
-    result = relocaliser.relocalise(near, backend.landmarks, STRAIGHT)
-    assert result is not None
-    assert backend.window is not None
-    relocaliser.remember(near.image, result, result.inlier_count)
-    backend.add_keyframe(backend.window, near, result)
-    assert backend.wait() is not None
-    relocaliser.update(backend.landmarks)
-    found = relocaliser.relocalise(frame(9), backend.landmarks, STRAIGHT)
-    assert found is not None
-    np.testing.assert_allclose(found.pose.position, camera_motion(9).translation, atol=0.005)
-
-
 def test_good_images_alone_are_counted_before_it_gives_up(started: tuple[Relocaliser, KeyframeBackend]) -> None:
     relocaliser, backend = started
     blinded = frame(30)._replace(right=BLACK_FRAME.right)

@@ -6,7 +6,6 @@ A prior holds the information of what has left the window: keyframes that leave 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -67,23 +66,14 @@ KERNEL_CHI2 = 6.0
 
 
 class BundleProblem(NamedTuple):
-    """K keyframes and N landmarks with their observations.
+    """K keyframes and N landmarks with their observations."""
 
-    Attributes:
-        keyframes: `(K,)` left cameras.
-        host: `(N,)` keyframe of each landmark, before all others that observe it.
-        uv_inverse_depth: `(N, 3)` host pixel and inverse depth, px and 1/m.
-        observations: `(N, K, 4)` u, v left, u, v right, pixels; NaN where not observed.
-        variance: `(N, K, 2, 3)` uu, uv, vv in the left and the right image, px^2.
-        camera: Camera of all keyframes.
-    """
-
-    keyframes: Poses
-    host: IntArray
-    uv_inverse_depth: FloatArray
-    observations: FloatArray
-    variance: FloatArray
-    camera: StereoCamera
+    keyframes: Poses  #: `(K,)` left cameras.
+    host: IntArray  #: `(N,)` keyframe of each landmark, before all others that observe it.
+    uv_inverse_depth: FloatArray  #: `(N, 3)` host pixel and inverse depth, px and 1/m.
+    observations: FloatArray  #: `(N, K, 4)` u, v left, u, v right, pixels; NaN where not observed.
+    variance: FloatArray  #: `(N, K, 2, 3)` uu, uv, vv in the left and the right image, px^2.
+    camera: StereoCamera  #: Camera of all keyframes.
 
     def landmarks(self, which: slice | Mask) -> BundleProblem:
         """Return the problem of some of the landmarks."""
@@ -96,17 +86,11 @@ class BundleProblem(NamedTuple):
 
 
 class LandmarkBlocks(NamedTuple):
-    """What the elimination of N landmarks leaves, for S other unknowns.
+    """What the elimination of N landmarks leaves, for S other unknowns."""
 
-    Attributes:
-        covariance: `(N, 3, 3)` of each landmark given the other unknowns.
-        rhs: `(N, 3)` right-hand side.
-        coupling: `(N, 3, S)` to the motions of the keyframes against the landmark's host, and to the offset.
-    """
-
-    covariance: FloatArray
-    rhs: FloatArray
-    coupling: FloatArray
+    covariance: FloatArray  #: `(N, 3, 3)` of each landmark given the other unknowns.
+    rhs: FloatArray  #: `(N, 3)` right-hand side.
+    coupling: FloatArray  #: `(N, 3, S)` to the motions of the keyframes against the landmark's host, and to the offset.
 
 
 class _System(NamedTuple):
@@ -333,49 +317,18 @@ def linearise(problem: BundleProblem) -> tuple[FloatArray, FloatArray, LandmarkB
 
 
 class OffsetEstimate(NamedTuple):
-    """Offset of positions in right images, to the right.
+    """Offset of positions in right images, to the right."""
 
-    Attributes:
-        px: Pixels.
-        variance: Of it, px^2; infinite where the window says nothing.
-    """
-
-    px: float
-    variance: float
+    px: float  #: Pixels.
+    variance: float  #: Of it, px^2; infinite where the window says nothing.
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BundleAdjustmentResult:
-    """Keyframes and landmarks after an adjustment.
+class Prior(NamedTuple):
+    """What is known of the poses besides the landmarks in the window."""
 
-    Attributes:
-        keyframes: `(K,)` left cameras.
-        uv_inverse_depth: `(N, 3)` host pixels and inverse depths, px and 1/m.
-        covariance: `(N, 3, 3)` of them, given the poses.
-        pose_covariance: `(6 K, 6 K)` of all poses, position and rotation about the world's axes.
-        right_offset: Offset of right positions beyond what was corrected.
-    """
-
-    keyframes: Poses
-    uv_inverse_depth: FloatArray
-    covariance: FloatArray
-    pose_covariance: FloatArray
-    right_offset: OffsetEstimate
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Prior:
-    """What is known of the poses besides the landmarks in the window.
-
-    Attributes:
-        information: `(6 K, 6 K)`.
-        information_vector: `(6 K,)`, right-hand side at the poses it was linearised at.
-        keyframes: `(K,)` these poses.
-    """
-
-    information: FloatArray
-    information_vector: FloatArray
-    keyframes: Poses
+    information: FloatArray  #: `(6 K, 6 K)`.
+    information_vector: FloatArray  #: `(6 K,)`, right-hand side at the poses it was linearised at.
+    keyframes: Poses  #: `(K,)` these poses.
 
     def rhs(self, keyframes: Poses) -> FloatArray:
         """Return the right-hand side `(6 K,)` at other poses."""
@@ -411,7 +364,16 @@ def right_image_offset(information: FloatArray, rhs: FloatArray) -> OffsetEstima
     return OffsetEstimate(float(rhs[-1] - information[-1, :-1] @ solved[:, 1]) / own, 1.0 / own)
 
 
-def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> BundleAdjustmentResult:
+class Adjustment(NamedTuple):
+    """Keyframes and landmarks after an adjustment."""
+
+    problem: BundleProblem  #: The same with the new poses and landmarks.
+    covariance: FloatArray  #: `(N, 3, 3)` of the landmarks, given the poses.
+    pose_covariance: FloatArray  #: `(6 K, 6 K)` of all poses, position and rotation about the world's axes.
+    right_offset: OffsetEstimate  #: Offset of right positions beyond what was corrected.
+
+
+def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> Adjustment:
     """Adjust keyframes and landmarks by at most so many Gauss-Newton iterations with robust weights."""
     for _ in range(iterations):
         keyframes = problem.keyframes
@@ -428,13 +390,8 @@ def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> BundleAdjus
         )
         if np.abs(update).max() < 1e-6:
             break
-    return BundleAdjustmentResult(
-        problem.keyframes,
-        problem.uv_inverse_depth,
-        covariance,
-        np.asarray(np.linalg.inv(information), dtype=np.float64),
-        right_image_offset(system, rhs),
-    )
+    pose_covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    return Adjustment(problem, covariance, pose_covariance, right_image_offset(system, rhs))
 
 
 def marginalise_oldest(problem: BundleProblem, prior: Prior) -> Prior:

@@ -27,17 +27,11 @@ START_VARIANCE = 1e-10
 
 
 class KeyframeDrift(NamedTuple):
-    """How well the newest keyframe is known from the one before.
+    """How well the newest keyframe is known from the one before."""
 
-    Attributes:
-        covariance: `(6, 6)` of the left camera, position and rotation about the world's axes.
-        metres: Length of the motion between them.
-        radians: Angle of it.
-    """
-
-    covariance: FloatArray
-    metres: float
-    radians: float
+    covariance: FloatArray  #: `(6, 6)` of the left camera, position and rotation about the world's axes.
+    metres: float  #: Length of the motion between them.
+    radians: float  #: Angle of it.
 
 
 class SlidingWindow:
@@ -159,11 +153,11 @@ class SlidingWindow:
     def adjust(self, iterations: int) -> None:
         """Adjust all keyframes and landmarks together."""
         result = adjust(self.problem, self._prior, iterations)
-        self.problem = self.problem._replace(keyframes=result.keyframes, uv_inverse_depth=result.uv_inverse_depth)
+        self.problem = result.problem
         self._landmark_covariance, self.right_offset = result.covariance, result.right_offset
         self.covariance, self.drift = result.pose_covariance[-6:, -6:], None
         if self.count > 1:
-            rotations, positions = result.keyframes
+            rotations, positions = self.problem.keyframes
             displacement = positions[-1] - positions[-2]
             turn = rotvec_from_matrix(rotations[-2].T @ rotations[-1])
             relative = np.hstack((-propagation(displacement), np.eye(6)))

@@ -102,19 +102,12 @@ def stays(image: FloatImage, patches: Patch, uv: FloatArray) -> Mask:
 
 
 class Marks(NamedTuple):
-    """Points of regions that do not move with the ground.
+    """Points of regions that do not move with the ground."""
 
-    Attributes:
-        uv: `(K, 2)` where they are in the last left image, pixels.
-        patches: `(K, S * S)` what is seen there, if fixed.
-        fixed: `(K,)` whether they are fixed to the camera.
-        life: `(K,)` pairs for which they still hold.
-    """
-
-    uv: FloatArray
-    patches: Patch
-    fixed: Mask
-    life: NDArray[np.int64]
+    uv: FloatArray  #: `(K, 2)` where they are in the last left image, pixels.
+    patches: Patch  #: `(K, S * S)` what is seen there, if fixed.
+    fixed: Mask  #: `(K,)` whether they are fixed to the camera.
+    life: NDArray[np.int64]  #: `(K,)` pairs for which they still hold.
 
     def kept(self, which: Mask) -> Marks:
         """Return some of them."""
@@ -199,19 +192,12 @@ class DynamicRegions:
 
 
 class Unexplained(NamedTuple):
-    """Landmarks that a pose does not explain.
+    """Landmarks that a pose does not explain."""
 
-    Attributes:
-        uv: `(M, 2)` where the pose sees them in the left image, pixels; NaN behind the camera.
-        in_view: `(M,)` landmarks that should be in view.
-        rows: `(M,)` those of them that do not agree with the pose.
-        fixed: `(M,)` landmarks that are still seen at their host pixel though the pose moves them.
-    """
-
-    uv: FloatArray
-    in_view: Mask
-    rows: Mask
-    fixed: Mask
+    uv: FloatArray  #: `(M, 2)` where the pose sees them in the left image, pixels; NaN behind the camera.
+    in_view: Mask  #: `(M,)` landmarks that should be in view.
+    rows: Mask  #: `(M,)` those of them that do not agree with the pose.
+    fixed: Mask  #: `(M,)` landmarks that are still seen at their host pixel though the pose moves them.
 
 
 def project(pose: Pose, landmarks: Landmarks, camera: StereoCamera) -> FloatArray:

@@ -38,17 +38,11 @@ ENOUGH_TO_FOLLOW = 800
 
 
 class HostPatches(NamedTuple):
-    """Patches of the n landmarks that a keyframe hosts.
+    """Patches of the n landmarks that a keyframe hosts."""
 
-    Attributes:
-        uv: `(n, 2)` their centres, whole pixels.
-        fine: Their templates at full size; nobody writes to them.
-        coarse: Smaller levels of the keyframe's pyramid: few landmarks are compared with these.
-    """
-
-    uv: FloatArray
-    fine: Templates
-    coarse: tuple[ImageLevel, ...]
+    uv: FloatArray  #: `(n, 2)` their centres, whole pixels.
+    fine: Templates  #: Their templates at full size; nobody writes to them.
+    coarse: tuple[ImageLevel, ...]  #: Smaller levels of the keyframe's pyramid: few landmarks are compared with these.
 
     @classmethod
     def none(cls) -> HostPatches:
@@ -110,21 +104,14 @@ def _cut(level: int, parts: Sequence[tuple[HostPatches, NDArray[np.intp]]]) -> T
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """Active landmarks as arrays, each a host pixel with an inverse depth in its host keyframe.
+    """Active landmarks as arrays, each a host pixel with an inverse depth in its host keyframe."""
 
-    Attributes:
-        index: `(M,)` rows in the sliding window, increasing.
-        planes: The planes around their patches: host cameras, host pixels, inverse depths and slopes.
-        estimates: Host rays of the estimated host pixels, and what is known of the landmarks given the poses.
-        patches: Their patches.
-        last_seen: `(M, 4)` u, v left, u, v right in the newest keyframe; NaN where not observed.
-    """
-
-    index: NDArray[np.intp]
-    planes: LocalPlanes
+    index: NDArray[np.intp]  #: `(M,)` rows in the sliding window, increasing.
+    planes: LocalPlanes  #: The planes around their patches: host cameras, host pixels, inverse depths and slopes.
+    #: Host rays of the estimated host pixels, and what is known of the landmarks given the poses.
     estimates: LandmarkEstimates
-    patches: Patches
-    last_seen: FloatArray
+    patches: Patches  #: Their patches.
+    last_seen: FloatArray  #: `(M, 4)` u, v left, u, v right in the newest keyframe; NaN where not observed.
 
     @classmethod
     def none(cls) -> Landmarks:

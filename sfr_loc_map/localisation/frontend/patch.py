@@ -23,15 +23,10 @@ LEVELS = 4
 
 
 class ImageLevel(NamedTuple):
-    """One level of a pyramid as a struct for kernels.
+    """One level of a pyramid as a struct for kernels."""
 
-    Attributes:
-        image: `(H, W)` float32.
-        scale: Pixels of full size per pixel, `2^l`.
-    """
-
-    image: FloatImage
-    scale: float
+    image: FloatImage  #: `(H, W)` float32.
+    scale: float  #: Pixels of full size per pixel, `2^l`.
 
 
 Pyramid = tuple[ImageLevel, ...]
@@ -53,37 +48,24 @@ BEHIND = -1e9
 
 
 class LocalPlanes(NamedTuple):
-    """The planes around N host pixels; inverse depth is linear in the host pixel.
+    """The planes around N host pixels; inverse depth is linear in the host pixel."""
 
-    Attributes:
-        hosts: `(N,)` host cameras.
-        uv: `(N, 2)` host pixels.
-        inverse_depth: `(N,)` at the host pixels, 1/m.
-        slopes: `(N, 2)` its change per pixel along u and v, 1/m.
-    """
-
-    hosts: Poses
-    uv: FloatArray
-    inverse_depth: FloatArray
-    slopes: FloatArray
+    hosts: Poses  #: `(N,)` host cameras.
+    uv: FloatArray  #: `(N, 2)` host pixels.
+    inverse_depth: FloatArray  #: `(N,)` at the host pixels, 1/m.
+    slopes: FloatArray  #: `(N, 2)` its change per pixel along u and v, 1/m.
 
 
 class LocalWarp(NamedTuple):
-    """A homography around a pixel: `x + (xu i + xv j) / (1 + wu i + wv j)` for a pixel (i, j) beside, y likewise.
+    """A homography around a pixel: `x + (xu i + xv j) / (1 + wu i + wv j)` for a pixel (i, j) beside, y likewise."""
 
-    Attributes:
-        x, y: Where the pixel itself is; `BEHIND` behind the camera.
-        xu, xv, yu, yv: Derivatives there; 0 behind the camera.
-        wu, wv: Change of the depth per pixel over the depth.
-    """
-
-    x: float
+    x: float  #: Where the pixel itself is; `BEHIND` behind the camera.
     y: float
-    xu: float
+    xu: float  #: Derivatives there; 0 behind the camera.
     xv: float
     yu: float
     yv: float
-    wu: float
+    wu: float  #: Change of the depth per pixel over the depth.
     wv: float
 
 
@@ -154,15 +136,13 @@ class Templates(NamedTuple):
     """N patches that are sought in other images, with what does not depend on the image.
 
     A patch that is warped has other derivatives, which are sums of these two.
-
-    Attributes:
-        values: `(N, 3, S * S)` float32: grey levels without their mean, and derivatives along x and y of the host
-            image without their mean and without what a change of contrast explains.
-        moments: `(N, 6)`: sum of the squared grey levels; what a change of contrast explains of the two derivatives,
-            as factors of the grey levels; sums of products xx, xy, yy of the derivatives that are left.
     """
 
+    #: `(N, 3, S * S)` float32: grey levels without their mean, and derivatives along x and y of the host image without
+    #: their mean and without what a change of contrast explains.
     values: Patch
+    #: `(N, 6)`: sum of the squared grey levels; what a change of contrast explains of the two derivatives, as factors
+    #: of the grey levels; sums of products xx, xy, yy of the derivatives that are left.
     moments: FloatArray
 
     def subset(self, kept: Mask | NDArray[np.intp]) -> Templates:

@@ -42,33 +42,20 @@ CONVERGED_PX, FINISHED_PX = 0.03, 0.01
 
 
 class PatchTracks(NamedTuple):
-    """Tracks of N patches in an image; NaN where a patch left the image, has no texture, did not converge, or differs.
+    """Tracks of N patches in an image; NaN where one left the image, has no texture, did not converge, or differs."""
 
-    Attributes:
-        uv: `(N, 2)` position of the patch centre, pixels.
-        covariance: `(N, 3)` uu, uv, vv of that position for a noise of one grey level, px^2.
-        residual: `(N,)` RMS, grey levels of the patch.
-        correlation: `(N,)` normalised cross-correlation with the image.
-    """
-
-    uv: FloatArray
-    covariance: FloatArray
-    residual: FloatArray
-    correlation: FloatArray
+    uv: FloatArray  #: `(N, 2)` position of the patch centre, pixels.
+    covariance: FloatArray  #: `(N, 3)` uu, uv, vv of that position for a noise of one grey level, px^2.
+    residual: FloatArray  #: `(N,)` RMS, grey levels of the patch.
+    correlation: FloatArray  #: `(N,)` normalised cross-correlation with the image.
 
 
 class TrackingLimits(NamedTuple):
-    """What a track has to keep.
+    """What a track has to keep."""
 
-    Attributes:
-        max_shift: Largest accepted shift, pixels.
-        iterations: Most Gauss-Newton iterations.
-        min_correlation: Smallest accepted correlation.
-    """
-
-    max_shift: float
-    iterations: int
-    min_correlation: float
+    max_shift: float  #: Largest accepted shift, pixels.
+    iterations: int  #: Most Gauss-Newton iterations.
+    min_correlation: float  #: Smallest accepted correlation.
 
 
 class _Place(NamedTuple):

@@ -47,17 +47,12 @@ class Alignment(NamedTuple):
 
 
 class _Warps(NamedTuple):
-    """Warps of N patches at their centres.
+    """Warps of N patches at their centres."""
 
-    Attributes:
-        shapes: `(N, 4)` their derivatives: xu, xv, yu, yv.
-        gradients: `(N, 4)` inverse transposes of these, which take derivatives of the grey level to the target.
-        normal: `(N, 3)` normal matrix xx, xy, yy in the target; 0 where a patch cannot be aligned.
-    """
-
-    shapes: FloatArray
+    shapes: FloatArray  #: `(N, 4)` their derivatives: xu, xv, yu, yv.
+    #: `(N, 4)` inverse transposes of these, which take derivatives of the grey level to the target.
     gradients: FloatArray
-    normal: FloatArray
+    normal: FloatArray  #: `(N, 3)` normal matrix xx, xy, yy in the target; 0 where a patch cannot be aligned.
 
 
 class _Patches(NamedTuple):

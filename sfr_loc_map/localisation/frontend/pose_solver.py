@@ -19,16 +19,11 @@ class Projection(NamedTuple):
     """A projected landmark with its Jacobians; rows are u, v in the left image, u, v in the right image.
 
     A rotation is about the fixed axes of the world: `R <- exp([w]x) R`.
-
-    Attributes:
-        uv: `(4,)` pixels.
-        by_target: `(4, 6)` derivative by position and rotation of the target camera.
-        by_landmark: `(4, 3)` by host pixel u, v and inverse depth.
     """
 
-    uv: FloatArray
-    by_target: FloatArray
-    by_landmark: FloatArray
+    uv: FloatArray  #: `(4,)` pixels.
+    by_target: FloatArray  #: `(4, 6)` derivative by position and rotation of the target camera.
+    by_landmark: FloatArray  #: `(4, 3)` by host pixel u, v and inverse depth.
 
 
 class Intrinsics(NamedTuple):
@@ -36,16 +31,11 @@ class Intrinsics(NamedTuple):
 
     What is read from an array is a value of its own for the compiler, which sums in any order: with the scalars of
     `StereoCamera` in their place the results would differ by rounding.
-
-    Attributes:
-        focal: `(2,)` focal lengths, pixels.
-        centre: `(2,)` principal point, pixels.
-        baseline_m: Distance between the optical centres, metres.
     """
 
-    focal: FloatArray
-    centre: FloatArray
-    baseline_m: float
+    focal: FloatArray  #: `(2,)` focal lengths, pixels.
+    centre: FloatArray  #: `(2,)` principal point, pixels.
+    baseline_m: float  #: Distance between the optical centres, metres.
 
 
 @jit_fast_ir_inline
@@ -119,17 +109,11 @@ def linearise_landmark(
 
 
 class RightOffset(NamedTuple):
-    """Extrinsic rotation error of the right camera, as the pixels by which it moves right image positions.
+    """Extrinsic rotation error of the right camera, as the pixels by which it moves right image positions."""
 
-    Attributes:
-        u: Offset along the row at the image centre (yaw), pixels, positive to the right.
-        v: Offset along the column at the image centre (pitch), pixels, positive downwards.
-        roll: Rotation about the optical axis, pixels at a distance of the focal length.
-    """
-
-    u: float = 0.0
-    v: float = 0.0
-    roll: float = 0.0
+    u: float = 0.0  #: Offset along the row at the image centre (yaw), pixels, positive to the right.
+    v: float = 0.0  #: Offset along the column at the image centre (pitch), pixels, positive downwards.
+    roll: float = 0.0  #: Rotation about the optical axis, pixels at a distance of the focal length.
 
     def at(self, uv: FloatArray, camera: StereoCamera) -> FloatArray:
         """Return the offsets `(N, 2)` at pixels `(N, 2)` of the right image: the flow field of a small rotation."""
@@ -145,45 +129,27 @@ UNOBSERVED_VARIANCE = 1e8
 
 
 class LandmarkEstimates(NamedTuple):
-    """N landmarks, each a host pixel with an inverse depth.
+    """N landmarks, each a host pixel with an inverse depth."""
 
-    Attributes:
-        hosts: `(N,)` host cameras.
-        rays: `(N, 3)` host rays `K^-1 (u, v, 1)`.
-        inverse_depth: `(N,)` 1/m.
-        covariance: `(N, 3, 3)` of host pixel and inverse depth, px and 1/m.
-    """
-
-    hosts: Poses
-    rays: FloatArray
-    inverse_depth: FloatArray
-    covariance: FloatArray
+    hosts: Poses  #: `(N,)` host cameras.
+    rays: FloatArray  #: `(N, 3)` host rays `K^-1 (u, v, 1)`.
+    inverse_depth: FloatArray  #: `(N,)` 1/m.
+    covariance: FloatArray  #: `(N, 3, 3)` of host pixel and inverse depth, px and 1/m.
 
 
 class StereoObservations(NamedTuple):
-    """Observations of N landmarks in one pair.
+    """Observations of N landmarks in one pair."""
 
-    Attributes:
-        uv: `(N, 4)` u, v left, u, v right, pixels; NaN where not observed.
-        variance: `(N, 2, 3)` uu, uv, vv in the left and the right image, px^2.
-    """
-
-    uv: FloatArray
-    variance: FloatArray
+    uv: FloatArray  #: `(N, 4)` u, v left, u, v right, pixels; NaN where not observed.
+    variance: FloatArray  #: `(N, 2, 3)` uu, uv, vv in the left and the right image, px^2.
 
 
 class PoseSolution(NamedTuple):
-    """Pose of a pair.
+    """Pose of a pair."""
 
-    Attributes:
-        pose: Left camera.
-        information: `(6, 6)` of position and rotation about the fixed axes of the world.
-        chi2_per_dof: `(N,)` squared Mahalanobis residual per degree of freedom; NaN where not used.
-    """
-
-    pose: Pose
-    information: FloatArray
-    chi2_per_dof: FloatArray
+    pose: Pose  #: Left camera.
+    information: FloatArray  #: `(6, 6)` of position and rotation about the fixed axes of the world.
+    chi2_per_dof: FloatArray  #: `(N,)` squared Mahalanobis residual per degree of freedom; NaN where not used.
 
 
 class _Linearisation(NamedTuple):
@@ -355,15 +321,10 @@ ENOUGH = 300
 
 
 class RightShift(NamedTuple):
-    """Shift of right positions along the rows at the image centre, as by a yaw of the right camera.
+    """Shift of right positions along the rows at the image centre, as by a yaw of the right camera."""
 
-    Attributes:
-        px: Pixels to the right, beyond the corrections that the landmarks were made with.
-        variance: Of it, px^2, by the landmarks alone; infinite without enough of them.
-    """
-
-    px: float
-    variance: float
+    px: float  #: Pixels to the right, beyond the corrections that the landmarks were made with.
+    variance: float  #: Of it, px^2, by the landmarks alone; infinite without enough of them.
 
 
 class _Equations(NamedTuple):

@@ -194,23 +194,14 @@ class _Plane(NamedTuple):
 
 
 class _Workspace(NamedTuple):
-    """Arrays that all patches share.
+    """Arrays that all patches share."""
 
-    Attributes:
-        pixels: Pixels of the left patch.
-        columns: `(5, S * S)` grey levels and derivatives by the four unknowns.
-        normal: `(4, 4)` normal matrix of the derivatives.
-        damped: `(4, 4)` the same with the prior.
-        inverse: `(4, 4)` its inverse.
-        products: `(4,)` products of the derivatives with the right image.
-    """
-
-    pixels: PatchPixels
-    columns: Patch
-    normal: FloatArray
-    damped: FloatArray
-    inverse: FloatArray
-    products: FloatArray
+    pixels: PatchPixels  #: Pixels of the left patch.
+    columns: Patch  #: `(5, S * S)` grey levels and derivatives by the four unknowns.
+    normal: FloatArray  #: `(4, 4)` normal matrix of the derivatives.
+    damped: FloatArray  #: `(4, 4)` the same with the prior.
+    inverse: FloatArray  #: `(4, 4)` its inverse.
+    products: FloatArray  #: `(4,)` products of the derivatives with the right image.
 
 
 @jit_fast_inline
@@ -374,28 +365,14 @@ MAX_SHIFT_PX, ITERATIONS = 2.5, 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoMatches:
-    """Corners of the left image with their positions in the right one.
+    """Corners of the left image with their positions in the right one."""
 
-    Attributes:
-        uv: `(N, 2)` left pixels.
-        right: `(N, 2)` right pixels.
-        covariance: `(N, 3)` uu, uv, vv of the right position for a noise of one grey level, px^2.
-        residual: `(N,)` RMS, grey levels.
-        slope: `(N, 2)` change of the disparity per pixel, of the local plane.
-        patches: Templates of the left patches.
-    """
-
-    uv: FloatArray
-    right: FloatArray
-    covariance: FloatArray
-    residual: FloatArray
-    slope: FloatArray
-    patches: Templates
-
-    @property
-    def disparity(self) -> FloatArray:
-        """Disparities `(N,)`, pixels."""
-        return np.asarray(self.uv[:, 0] - self.right[:, 0])
+    uv: FloatArray  #: `(N, 2)` left pixels.
+    right: FloatArray  #: `(N, 2)` right pixels.
+    covariance: FloatArray  #: `(N, 3)` uu, uv, vv of the right position for a noise of one grey level, px^2.
+    residual: FloatArray  #: `(N,)` RMS, grey levels.
+    slope: FloatArray  #: `(N, 2)` change of the disparity per pixel, of the local plane.
+    patches: Templates  #: Templates of the left patches.
 
     def outside(self, mask: NDArray[np.uint8] | None) -> StereoMatches:
         """Return the matches that do not fall where the right image is masked (0)."""
@@ -433,7 +410,7 @@ def match_corners(
     """
     disparity, found = _search(left, right, uv, max_disparity, offset_v)
     uv, disparity = uv[found], disparity[found]
-    templates, planes = templates_of(cut_patches(left[0].image, uv, HALF)), _LocalPlanes(uv, known)
+    templates, planes = templates_of(cut_patches(left[0].image, uv, HALF)), _Neighbourhoods(uv, known)
     good = np.ones(len(uv), np.bool_)
     for _ in range(2):
         slope = planes.slopes(disparity, good)
@@ -479,7 +456,8 @@ def _search(
     """Return disparities `(N,)` found on a small level, pixels of full size, and which are unambiguous."""
     (image, scale), target = left[SEARCH_LEVEL], right[SEARCH_LEVEL].image
     small = np.round((uv + 0.5) / scale - 0.5)
-    patches = cut_patches(image, _inside(small, image, SEARCH_HALF + 2), SEARCH_HALF)
+    margin, (height, width) = SEARCH_HALF + 2, image.shape
+    patches = cut_patches(image, np.clip(small, margin, [width - 1 - margin, height - 1 - margin]), SEARCH_HALF)
     last, down = int(np.ceil(max_disparity / scale)), int(np.round(offset_v / scale))
 
     def scan(patches: Patch, small: FloatArray) -> RowSearch:
@@ -490,12 +468,7 @@ def _search(
     return found.disparity * scale, good
 
 
-def _inside(uv: FloatArray, image: FloatImage, margin: int) -> FloatArray:
-    height, width = image.shape
-    return np.clip(uv, margin, [width - 1 - margin, height - 1 - margin])
-
-
-class _LocalPlanes:
+class _Neighbourhoods:
     """The planes in disparity around points, fitted to the points near them."""
 
     def __init__(self, uv: FloatArray, known: FloatArray) -> None:

@@ -40,19 +40,12 @@ MIN_TEXTURE = 1.0
 
 
 class StereoFrame(NamedTuple):
-    """A pair, ready for tracking.
+    """A pair, ready for tracking."""
 
-    Attributes:
-        stamp_ns: Stamp of the pair.
-        image: `(H, W)` uint8, left.
-        left: Left pyramid.
-        right: Right pyramid.
-    """
-
-    stamp_ns: int
-    image: GreyImage
-    left: Pyramid
-    right: Pyramid
+    stamp_ns: int  #: Stamp of the pair.
+    image: GreyImage  #: `(H, W)` uint8, left.
+    left: Pyramid  #: Left pyramid.
+    right: Pyramid  #: Right pyramid.
 
 
 def is_textured(image: Pyramid) -> bool:
@@ -62,31 +55,18 @@ def is_textured(image: Pyramid) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackingResult:
-    """Observations of the active landmarks in a pair, and its pose.
+    """Observations of the active landmarks in a pair, and its pose."""
 
-    Attributes:
-        pose: Left camera in the world.
-        information: `(6, 6)` of the pose given the landmarks.
-        landmarks: The M active landmarks.
-        observations: `(M, 4)` u, v left, u, v right, pixels; NaN where not found.
-        variance: `(M, 2, 3)` uu, uv, vv of the left and right positions, px^2.
-        chi2_per_dof: `(M,)` squared Mahalanobis residual per degree of freedom; NaN where not found.
-        inliers: `(M,)` landmarks that agree with the pose.
-        inlier_count: Their number.
-        trusted: Whether enough landmarks agree on the pose, of all and of those that were found.
-        right_share: Share of the landmarks observed in the left image that are also observed in the right one.
-    """
-
-    pose: Pose
-    information: FloatArray
-    landmarks: Landmarks
-    observations: FloatArray
-    variance: FloatArray
-    chi2_per_dof: FloatArray
-    inliers: Mask
-    inlier_count: int
-    trusted: bool
-    right_share: float
+    pose: Pose  #: Left camera in the world.
+    information: FloatArray  #: `(6, 6)` of the pose given the landmarks.
+    landmarks: Landmarks  #: The M active landmarks.
+    observations: FloatArray  #: `(M, 4)` u, v left, u, v right, pixels; NaN where not found.
+    variance: FloatArray  #: `(M, 2, 3)` uu, uv, vv of the left and right positions, px^2.
+    chi2_per_dof: FloatArray  #: `(M,)` squared Mahalanobis residual per degree of freedom; NaN where not found.
+    inliers: Mask  #: `(M,)` landmarks that agree with the pose.
+    inlier_count: int  #: Their number.
+    trusted: bool  #: Whether enough landmarks agree on the pose, of all and of those that were found.
+    right_share: float  #: Share of the landmarks observed in the left image that are also observed in the right one.
 
 
 class Tracker:

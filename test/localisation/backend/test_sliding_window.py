@@ -122,18 +122,6 @@ def test_the_oldest_keyframe_leaves_with_its_landmarks_and_the_covariance_goes_o
     np.testing.assert_array_equal(landmarks.planes.hosts.positions, positions.repeat(PER_KEYFRAME, axis=0))
 
 
-def test_inactive_landmarks_are_not_tracked_and_still_adjusted() -> None:
-    window, gone = filled(KEYFRAMES), np.arange(5, 25)
-    window.active[gone] = False
-    landmarks = window.landmarks()
-    np.testing.assert_array_equal(landmarks.index, np.setdiff1d(np.arange(KEYFRAMES * PER_KEYFRAME), gone))
-    assert len(landmarks.patches[0].values) == len(landmarks.index) == len(window.newest_observations)
-    np.testing.assert_array_equal(landmarks.last_seen, window.problem.observations[landmarks.index, -1])
-    before = window.problem.uv_inverse_depth[gone]
-    window.adjust(1)
-    assert (window.problem.uv_inverse_depth[gone] != before).any(axis=1).all()
-
-
 def test_shifted_right_observations_are_seen_as_an_offset() -> None:
     offsets, window = [], filled(KEYFRAMES)
     for columns in (0.0, 0.4):

@@ -12,7 +12,7 @@ from sfr_loc_map.localisation.frontend.landmarks import (
     Landmarks,
     Patches,
 )
-from sfr_loc_map.localisation.frontend.patch import LEVELS, LocalPlanes, build_pyramid, cut_patches, templates_of
+from sfr_loc_map.localisation.frontend.patch import LocalPlanes, build_pyramid, cut_patches, templates_of
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
 BLACK = build_pyramid(np.zeros((128, 128), np.uint8))
@@ -44,20 +44,6 @@ def test_points_lie_on_their_rays_at_their_depth_and_infinity_is_no_point() -> N
     in_camera = (marks.points - hosts.positions[0]) @ hosts.rotations[0]
     np.testing.assert_allclose(in_camera[:, 2], [2.0, 10.0, 0.5, np.nan, np.nan])
     np.testing.assert_allclose(in_camera[:3] / in_camera[:3, 2:], rays[:3], atol=1e-12)
-
-
-def test_median_depth_has_a_limit() -> None:
-    assert landmarks(np.array([0.5, 0.2, 0.1])).median_depth == 5.0
-    assert landmarks(np.zeros(3)).median_depth == 1000.0
-    assert Landmarks.none().median_depth == 0.0
-    assert Landmarks.none().points.shape == (0, 3)
-
-
-def test_a_subset_is_a_mask_on_each_array() -> None:
-    part = landmarks(np.array([0.5, 0.2, 0.1])).subset(np.array([True, False, True]))
-    np.testing.assert_array_equal(part.index, [0, 2])
-    np.testing.assert_array_equal(part.planes.inverse_depth, [0.5, 0.1])
-    assert [len(part.patches[level].values) for level in range(LEVELS)] == [2] * LEVELS
 
 
 def test_patches_are_those_of_the_hosts() -> None:

@@ -10,7 +10,6 @@ from scipy.ndimage import correlate1d, gaussian_filter, map_coordinates
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.patch import (
-    BEHIND,
     HALF,
     LEVELS,
     SIDE,
@@ -99,20 +98,6 @@ def test_pixels_around_the_host_pixel_move_as_points_of_the_plane_do(offset_x: f
             np.testing.assert_allclose(warped(h, *pixel), expected, atol=1e-8)
             beside = warped(h, u, v, pixel[0] - u, pixel[1] - v)
             np.testing.assert_allclose(beside, expected, atol=1e-8)
-
-
-def test_derivative_is_that_of_the_warp() -> None:
-    target = Pose(matrix_from_rotvec([0.05, -0.1, 0.2]), HOST.position + np.array([0.3, -0.1, 0.2]))
-    h, step = plane_homographies(target, planes(UV), CAMERA, 0.0)[0], 1e-5
-    by_u = (np.subtract(warped(h, 200 + step, 180.0), warped(h, 200 - step, 180.0))) / (2 * step)
-    by_v = (np.subtract(warped(h, 200.0, 180 + step), warped(h, 200.0, 180 - step))) / (2 * step)
-    np.testing.assert_allclose(around(h, 200.0, 180.0)[2:6], [by_u[0], by_v[0], by_u[1], by_v[1]], atol=1e-7)
-
-
-def test_behind_the_camera() -> None:
-    h = np.diag([1.0, 1.0, -1.0])
-    assert warped(h, 1.0, 1.0) == (BEHIND, BEHIND)
-    assert tuple(around(h, 1.0, 1.0))[2:] == (0.0,) * 6
 
 
 def test_samples_are_bilinear() -> None:

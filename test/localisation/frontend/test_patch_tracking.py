@@ -34,14 +34,6 @@ def test_a_subpixel_shift_is_found_whatever_the_contrast(dx: float, dy: float) -
     assert tracks.correlation[found].min() > 0.99
 
 
-def test_a_shift_that_the_homography_predicts_is_no_shift() -> None:
-    predicted = np.tile(np.array([[1.0, 0.0, 7.3], [0.0, 1.0, -4.6], [0.0, 0.0, 1.0]]), (len(UV), 1, 1))
-    tracks = track(shifted(7.3, -4.6), predicted, max_shift=0.2)
-    found = np.isfinite(tracks.uv[:, 0])
-    assert found.mean() > 0.9
-    np.testing.assert_allclose((tracks.uv - UV)[found], np.tile([7.3, -4.6], (found.sum(), 1)), atol=0.05)
-
-
 def test_a_patch_that_is_rotated_and_scaled_is_found() -> None:
     c, s = 1.1 * np.cos(0.3), 1.1 * np.sin(0.3)
     linear, centre = np.array([[c, -s], [s, c]]), np.array([80.0, 60.0])

@@ -107,18 +107,6 @@ def test_a_known_pose_is_found(size: float) -> None:
     np.testing.assert_allclose(rotvec_from_matrix(found.pose.rotation @ truth.rotation.T), 0.0, atol=1e-3)
 
 
-def test_levels_are_aligned_in_their_own_pixels() -> None:
-    truth = moved(START, np.array([0.03, -0.02, 0.0, 0.0, 0.0, 0.01]))
-
-    def halved(image: np.ndarray) -> np.ndarray:
-        return image.reshape(HEIGHT // 2, 2, WIDTH // 2, 2).mean(axis=(1, 3)).astype(np.float32)
-
-    patches = templates_of(cut_patches(halved(IMAGE), (UV + 0.5) / 2 - 0.5, HALF))
-    found = aligned(ImageLevel(halved(view(truth)), 2.0), patches, planes(), START, 15)
-    np.testing.assert_allclose(found.pose.position, truth.position, atol=4e-3)
-    np.testing.assert_allclose(rotvec_from_matrix(found.pose.rotation), [0.0, 0.0, 0.01], atol=2e-3)
-
-
 def test_too_few_patches_in_view_give_the_start_without_correlation() -> None:
     patches = templates_of(cut_patches(IMAGE.astype(np.float32), UV[:7], HALF))
     found = aligned(ImageLevel(view(START), 1.0), patches, planes(UV[:7]), START, 5)

@@ -38,8 +38,9 @@ def test_disparities_and_slopes_of_a_plane_are_found(a: float, b: float, c: floa
     found = match(right_image(a, b, c))
     assert len(found.uv) > 0.8 * len(UV)
     expected = a + b * found.uv[:, 0] + c * found.uv[:, 1]
-    assert np.percentile(np.abs(found.disparity - expected), 90) < 0.06
-    assert np.abs(found.disparity - expected).max() < 0.3
+    error = np.abs(found.uv[:, 0] - found.right[:, 0] - expected)
+    assert np.percentile(error, 90) < 0.06
+    assert error.max() < 0.3
     np.testing.assert_allclose(np.median(found.slope, axis=0), [b, c], atol=0.006)
 
 
@@ -47,20 +48,6 @@ def test_vertical_disparity_is_measured_around_what_is_known() -> None:
     found = match(right_image(12.0, 0.0, 0.0, rows=2.4), rows=2.0)
     assert len(found.uv) > 0.8 * len(UV)
     assert np.median(found.right[:, 1] - found.uv[:, 1]) == pytest.approx(2.4, abs=0.03)
-
-
-def test_covariance_is_that_of_many_noisy_pairs() -> None:
-    random, sigma, right = np.random.default_rng(1), 2.0, right_image(12.0, 0.0, 0.0)
-    errors: dict[tuple[float, float], list[float]] = {}
-    predicted: dict[tuple[float, float], float] = {}
-    for _ in range(40):
-        found = match(right + random.normal(0, sigma, right.shape))
-        for uv, disparity, covariance in zip(found.uv, found.disparity, found.covariance, strict=True):
-            errors.setdefault(tuple(uv), []).append(disparity)
-            predicted[tuple(uv)] = covariance[0]
-    ratios = [np.var(values) / sigma**2 / predicted[uv] for uv, values in errors.items() if len(values) > 30]
-    # the smoothing of the pyramid leaves a part of the noise of single pixels
-    assert 0.3 < np.median(ratios) < 1.5
 
 
 def test_images_that_differ_give_no_matches() -> None:
@@ -95,19 +82,6 @@ def test_slopes_of_a_plane_are_found_from_none(plane: tuple[float, float, float]
     np.testing.assert_allclose(other, found, atol=2e-4)
 
 
-def test_noise_leaves_what_the_neighbours_say() -> None:
-    """The stronger the noise against the texture, the more the prior counts; between the two no slope overshoots."""
-    plane, start = (12.0, 0.1, 0.0), np.zeros((len(UV), 2))
-    right = moved(TEXTURE, *plane)
-    shares = []
-    for sigma in (0.0, 30.0, 120.0):
-        noise = RANDOM.normal(0, 1, (2, HEIGHT, WIDTH)).astype(np.float32) * np.float32(sigma)
-        shares.append(np.median(slopes(TEXTURE + noise[0], right + noise[1], plane, start)[:, 0]) / plane[1])
-    assert 0.95 < shares[0] < 1.05
-    assert shares[0] > shares[1] > shares[2]
-    assert shares[2] < 0.5
-
-
 def test_a_patch_that_gives_none_keeps_its_slopes() -> None:
     start = np.tile([0.3, -0.2], (4, 1))
     flat = np.full((HEIGHT, WIDTH), 90.0, np.float32)
@@ -140,14 +114,3 @@ def test_the_same_as_a_search_tree(seed: int, points: int, others: int, count: i
     expected, which = (np.reshape(part, (points, count)) for part in cKDTree(support).query(uv, k=count))
     assert np.array_equal(distance, expected)
     assert np.array_equal(index, which)
-
-
-@pytest.mark.parametrize("count", [1, 3, 7])
-def test_equal_points_are_all_found(count: int) -> None:
-    support = np.array([[1.0, 1.0]] * 4 + [[2.0, 1.0]] * 3)
-    distance, index = nearest(np.array([[1.0, 1.0], [9.0, 1.0]]), support, count)
-    assert distance.tolist() == [
-        [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0][:count],
-        [7.0, 7.0, 7.0, 8.0, 8.0, 8.0, 8.0][:count],
-    ]
-    assert all(len(set(row)) == count for row in index.tolist())

@@ -60,14 +60,6 @@ def test_the_guess_that_fits_the_image_best_is_taken(landmarks: Landmarks) -> No
         np.testing.assert_array_equal(found.position, alone.position)
 
 
-def test_a_start_off_by_some_pixels_is_refined_from_afar(landmarks: Landmarks) -> None:
-    truth = camera_motion(3)
-    rotation = matrix_from_rotvec([0.0, 0.02, 0.0]) @ truth.rotation  # 3 px
-    found = TRACKER.refine_from_afar(frame(3), landmarks, Pose(rotation, truth.translation), STRAIGHT)
-    assert found.trusted
-    np.testing.assert_allclose(found.pose.position, truth.translation, atol=0.002)
-
-
 def test_the_offset_of_the_right_camera_is_subtracted(landmarks: Landmarks) -> None:
     straight, shifted = (TRACKER.refine(frame(0), landmarks, STILL, RightOffset(u=u)) for u in (0.0, 0.1))
     difference = straight.observations - shifted.observations
