@@ -9,27 +9,19 @@ import json
 import shutil
 import subprocess
 import tempfile
+import time
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import aiohttp
 import pytest
 
 CHROMIUM = Path("/usr/bin/chromium")
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"),
+    *("--disable-sync", "--disable-component-update", "--disable-dev-shm-usage", "--remote-debugging-port=0"),
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-    "--remote-debugging-port=0",
-]
-START_S = 60.0
+)
 
 
 class Browser:
@@ -52,7 +44,7 @@ class Browser:
         command = [str(CHROMIUM), *FLAGS, f"--user-data-dir={self._profile}", "about:blank"]
         self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         place = self._profile / "DevToolsActivePort"
-        for _ in range(int(START_S / 0.05)):
+        for _ in range(1200):
             if place.exists() and len(lines := place.read_text().split()) == 2:
                 break
             await asyncio.sleep(0.05)
@@ -67,7 +59,7 @@ class Browser:
         await self.set_size(*self._size, mobile=self._mobile)
         return self
 
-    async def __aexit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+    async def __aexit__(self, *_: object) -> None:
         self._reader.cancel()
         await self._session.close()
         self.process.kill()
@@ -91,9 +83,8 @@ class Browser:
         return dict(answer["result"])
 
     async def set_size(self, width: int, height: int, *, mobile: bool = False) -> None:
-        await self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile
-        )
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+        await self.call("Emulation.setDeviceMetricsOverride", **size)
 
     async def set_scheme(self, scheme: str) -> None:
         features = [{"name": "prefers-color-scheme", "value": scheme}]
@@ -108,12 +99,12 @@ class Browser:
         return found["result"].get("value")
 
     async def wait_for(self, expression: str, timeout_s: float = 30.0) -> None:
-        loop = asyncio.get_running_loop()
-        end = loop.time() + timeout_s
-        while not await self.value(
-            f"(() => {{ try {{ return Boolean({expression}); }} catch {{ return false; }} }})()"
-        ):
-            assert loop.time() < end, f"never: {expression}; {self.complaints()}"
+        end, guarded = (
+            time.monotonic() + timeout_s,
+            f"try {{ return Boolean({expression}); }} catch {{ return false; }}",
+        )
+        while not await self.value(f"(() => {{ {guarded} }})()"):
+            assert time.monotonic() < end, f"never: {expression}; {self.complaints()}"
             await asyncio.sleep(0.05)
 
     def complaints(self) -> list[str]:

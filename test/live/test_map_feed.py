@@ -90,10 +90,9 @@ def test_map_has_its_errors_and_the_grid_that_there_is(has_grid: bool) -> None:
 
 def test_broken_grids_are_refused() -> None:
     message = elevation_msg(terrain(), STAMP_NS, "lm")
-    for change in ({"width": 25}, {"point_step": 16}, {"fields": []}, {"height": 10**6}):
+    for name, value in (("width", 25), ("point_step", 16), ("fields", []), ("height", 10**6)):
         broken = sent(message)
-        for name, value in change.items():
-            setattr(broken, name, value)
+        setattr(broken, name, value)
         with pytest.raises(SfrError):
             elevation_from_msg(broken)
     for last in (0.0, 3e38):

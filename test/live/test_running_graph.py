@@ -1,34 +1,41 @@
-"""The page of running nodes: one that hangs, goes on and is killed; a bookmark in the bag of a running `sfr record`."""
+"""The page of running nodes and of a real replay: what is silent or lost is shown, and its end matters to nobody."""
 
 # ruff: noqa: E402 - ROS may be absent
-from __future__ import annotations
-
+import asyncio
 import json
 import re
 import sys
+import time
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from signal import SIGCONT, SIGINT, SIGSTOP
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
+aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
 
+from made_scene import LOC_RIG, write_folder
 from processes import Process, node_process, wait_until
 
+from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import Bag
+from sfr_loc_map.io.image_codec import encode_png
+from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import STALE_AFTER_S
 from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.processes import LivePage
 
+COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.live_page", "--port", "0")
-RECORD = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())", "record")
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(environment.free_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -42,15 +49,17 @@ def asked(url: str, content: Any = None, **headers: str) -> bytes:
         return bytes(answer.read())
 
 
-def monitor_of(url: str) -> dict[str, Any]:
+def address(page: Process) -> str:
+    return wait_until(lambda: (found := re.search(r"live: (\S+)", page.text)) and found[1], "the address")
+
+
+def is_silent(url: str) -> bool:
     nodes = json.loads(asked(url + "state.json"))["live"]["nodes"]
-    return next((node for node in nodes if node["name"] == "monitor_node"), {"stale": True, "age_s": None})
+    return all(node["stale"] for node in nodes if node["name"] == "monitor_node")
 
 
 def bookmarks(bag: Path) -> list[str]:
     """Return the bookmarks that can be read while the recording goes on."""
-    if not list(bag.glob("*.mcap")):
-        return []
     try:
         found = Bag(bag)
         topic = found.find("bookmark", "std_msgs/msg/String")
@@ -59,20 +68,25 @@ def bookmarks(bag: Path) -> list[str]:
         return []
 
 
+@pytest.mark.usefixtures("own_domain")
 def test_silent_monitor_is_shown_and_comes_back_and_a_bookmark_is_recorded(tmp_path: Path) -> None:
     bag = tmp_path / "drive.mcap"
-    with Process(tmp_path / "page", *PAGE) as page, Process(tmp_path / "record", *RECORD, str(bag)) as record:
-        url = wait_until(lambda: (found := re.search(r"live: (\S+)", page.text)) and found[1], "the address")
+    with (
+        Process(tmp_path / "page", *PAGE) as page,
+        Process(tmp_path / "record", *COMMAND, "record", str(bag)) as record,
+    ):
+        url = address(page)
         with node_process(tmp_path, "monitor_node") as monitor:
-            wait_until(lambda: not monitor_of(url)["stale"], "a monitor that is heard")
+            wait_until(lambda: not is_silent(url), "a monitor that is heard")
+            begin = time.monotonic()
             monitor.popen.send_signal(SIGSTOP)
-            silent = wait_until(lambda: (node := monitor_of(url))["stale"] and node, "a monitor that is missed")
-            assert silent["age_s"] >= STALE_AFTER_S
+            wait_until(lambda: is_silent(url), "a monitor that is missed")
+            assert time.monotonic() - begin >= STALE_AFTER_S - 1.0  # since its last word, up to a second before
             monitor.popen.send_signal(SIGCONT)
-            wait_until(lambda: not monitor_of(url)["stale"], "a monitor that is back")
+            wait_until(lambda: not is_silent(url), "a monitor that is back")
             monitor.popen.kill()
             monitor.popen.wait()
-            wait_until(lambda: monitor_of(url)["stale"], "a monitor that is missed for good")
+            wait_until(lambda: is_silent(url), "a monitor that is missed for good")
         record.wait_for("records /bookmark")
         token = re.search(rb'name="command-token" content="([^"]+)"', asked(url))
         assert token is not None
@@ -85,3 +99,53 @@ def test_silent_monitor_is_shown_and_comes_back_and_a_bookmark_is_recorded(tmp_p
         wait_until(marked, "a bookmark in the bag")
         assert record.end(SIGINT) == 0, record.text
     assert set(bookmarks(bag)) == {"a crater"}
+
+
+async def lost_poses(url: str) -> list[bool]:
+    """Return of each pose that the page is sent whether it is lost, once the page has ended."""
+    lost: dict[int, bool] = {}
+    async with aiohttp.ClientSession() as session, session.ws_connect(url + "ws") as channel:
+        async for received in channel:
+            message = json.loads(received.data)
+            if message["type"] == "path":
+                lost = {} if message["whole"] else lost  # as the page does
+                lost |= {row[ROW_FIELDS.index("n")]: bool(row[ROW_FIELDS.index("lost")]) for row in message["rows"]}
+    return [lost[number] for number in sorted(lost)]
+
+
+def test_lost_poses_are_shown_and_the_last_state_is_the_final_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    source, out = write_folder(tmp_path / "source", 12, 1), tmp_path / "out"
+    for side in SIDES:
+        for image in sorted((source / "loc" / side).glob("*.png"))[5:8]:
+            image.write_bytes(encode_png(np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8)))
+    options = ("--start", "truth", "--condition", "frames=3", "--live", "--live-port", "0", "--out", str(out))
+    with Process(tmp_path / "log", *COMMAND, "replay", str(source), *options) as replay, ThreadPoolExecutor(1) as pool:
+        url = address(replay)
+        shown, last = pool.submit(asyncio.run, lost_poses(url)), dict[str, Any]()
+        try:
+            while True:
+                last = json.loads(asked(url + "state.json"))
+                time.sleep(0.03)
+        except OSError:  # nobody serves it any more
+            assert replay.popen.wait(120) == 0, replay.text
+    assert shown.result() == [5 <= number < 8 for number in range(12)]
+    assert last["trajectory"]["lost"] == 3
+    live = last.pop("live")
+    assert live["poses"] == 12
+    assert sum(value**2 for value in live["localisation"]["error_m"]) ** 0.5 < 0.1
+    assert last == json.loads((out / "monitor.json").read_text())
+    report = json.loads((out / "report.json").read_text())
+    for part in ("position_m", "attitude_deg", "heading_deg", "count", "matched"):
+        assert last["trajectory"][part] == report["trajectory"][part]
+    assert (last["map"], last["timing"]) == (report["map"], report["timing"])
+
+
+def test_a_page_that_cannot_start_stops_nobody(capfd: pytest.CaptureFixture[str]) -> None:
+    begin = time.monotonic()
+    with LivePage(("--port", "0", "--host", "198.51.100.1")) as page:
+        wait_until(lambda: "sfr live:" in capfd.readouterr().err, "what the page says of itself")
+        page.run_is_over()
+    assert time.monotonic() - begin < 60.0
