@@ -16,13 +16,12 @@ from sfr_loc_map.api.trajectory import Trajectory
 from sfr_loc_map.config import build, read_config
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import read_text
+from sfr_loc_map.inputs import Task, read_text
 from sfr_loc_map.io.sequence import Source, drive_of, panorama_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.method import OURS, MethodLimits, MethodTask
-from sfr_loc_map.methods.registry import find_method, record_of_ours
+from sfr_loc_map.methods.registry import OURS, MethodLimits, find_method, record_of_ours
 from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.pipeline import offline
 from sfr_loc_map.pipeline.call_stats import CallRecord
@@ -100,11 +99,11 @@ def _steps(source: Source, start: Start, config: Parameters | LocalisationConfig
     with naming(source.path):
         first = _start_pose(source, start)
     if method == OURS:
-        about = record_of_ours(MethodTask.LOCALISE)
+        about = record_of_ours(Task.LOCALISATION)
         parameters = _parameters(LocalisationConfig, config, "localisation")
         runs = offline.localise(sequence, parameters, first)
         return _named(source, ((estimate, record, about) for estimate, record in runs))
-    chosen = find_method(method, MethodTask.LOCALISE, _text(config))
+    chosen = find_method(method, Task.LOCALISATION, _text(config))
     return _named(source, localise_with(chosen, sequence, first.T_ds_rb, MethodLimits()))
 
 
@@ -150,11 +149,11 @@ def map(
         if method == OURS:
             parameters = _parameters(MappingConfig, config, "mapping")
             parameters = replace(parameters, refine_poses=True) if refine_poses else parameters
-            run, about = offline.map_pairs(sequence, parameters), record_of_ours(MethodTask.MAP)
+            run, about = offline.map_pairs(sequence, parameters), record_of_ours(Task.MAPPING)
         else:
             if refine_poses:
                 raise ConfigError(f"refine_poses is of our mapper: leave it out with method {method}")
-            chosen = find_method(method, MethodTask.MAP, _text(config))
+            chosen = find_method(method, Task.MAPPING, _text(config))
             run, about = map_pairs_with(chosen, sequence, MethodLimits())
     for line in run.warnings:
         _warn(line)

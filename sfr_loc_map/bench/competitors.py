@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sfr_loc_map.bench.results import OURS
-from sfr_loc_map.methods.method import Method, MethodTask
-from sfr_loc_map.methods.registry import BUILT_IN, PEERS, find_method, find_peer
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.methods.registry import BUILT_IN, PEERS, Method, find_method, find_peer
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Competitors:
 
 
 def competitors(
-    task: MethodTask, peer_python: Path | None = None, vocabulary: Path | None = None, added: Sequence[str] = ()
+    task: Task, peer_python: Path | None = None, vocabulary: Path | None = None, added: Sequence[str] = ()
 ) -> Competitors:
     """Return the methods to compare.
 

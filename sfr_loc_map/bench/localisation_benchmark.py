@@ -19,7 +19,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -129,7 +129,7 @@ def _one_size(
     rig = replace(rig, T_rb_sb=rig.T_sb_left.inverse())
     given = PassInput(
         lambda: _pairs(sequence, halvings),
-        lambda method: IsolatedLocaliser(method, rig, Transform.identity(), LIMITS, {"rate_hz": rate_hz}),
+        lambda method: IsolatedMethod(method, rig, Transform.identity(), LIMITS, {"rate_hz": rate_hz}),
         _call,
         rate_hz / recorded_hz,
     )
@@ -141,10 +141,10 @@ def _one_size(
     return SizeResult(rig.width, rig.height, None, entries, failed, findings_of(runs))
 
 
-def _call(localiser: IsolatedLocaliser, pair: StereoPair, since_start_s: float) -> tuple[LeftPose, CallUsage, str]:
-    call = localiser.process(pair, {"since_start_s": since_start_s})
-    lost = call.estimate.state is TrackingState.LOST
-    return None if lost else call.estimate.T_ds_rb, call.usage, call.finding
+def _call(localiser: IsolatedMethod, pair: StereoPair, since_start_s: float) -> tuple[LeftPose, CallUsage, str]:
+    estimate, call = localiser.localise(pair, {"since_start_s": since_start_s})
+    lost = estimate.state is TrackingState.LOST
+    return None if lost else estimate.T_ds_rb, call.usage, call.finding
 
 
 def _pairs(sequence: LocSequence, halvings: int) -> Iterator[StereoPair]:

@@ -18,7 +18,8 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.io.sequence import NavSequence
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
-from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.metrics.calls import CallUsage
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +83,8 @@ def _one_size(
     count = search_range(rig, config).count
     given = PassInput(
         lambda: _pairs(sequence, halvings),
-        lambda method: IsolatedMapper(method, rig, LIMITS, {"disparities": count}),
-        lambda mapper, pair, _: mapper.disparity(pair),
+        lambda method: IsolatedMethod(method, rig, None, LIMITS, {"disparities": count}),
+        lambda mapper, pair, _: _disparity(mapper, pair),
     )
     runs, failed = run_passes(methods.configured(asdict(config)), given, repeat, progress)
     truths = [true_disparity(item, sequence.rig, halvings) for item in sequence.pairs()]
@@ -91,6 +92,11 @@ def _one_size(
         name: Entry(mine[0].version, [_figures(run, truths, rig) for run in mine]) for name, mine in runs.items()
     }
     return SizeResult(rig.width, rig.height, count, entries, failed, findings_of(runs))
+
+
+def _disparity(mapper: IsolatedMethod, pair: StereoPair) -> tuple[FloatImage, CallUsage, str]:
+    found, call = mapper.disparity(pair)
+    return found, call.usage, call.finding
 
 
 def _pairs(sequence: NavSequence, halvings: int) -> Iterator[StereoPair]:

@@ -12,16 +12,15 @@ from sfr_loc_map.bench.results import OURS
 from sfr_loc_map.errors import BenchError, MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
-from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
-from sfr_loc_map.methods.method import Method, MethodLimits
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallUsage
 
 Progress = Callable[[str], None]
 """Called with the name of a method after each of its calls."""
 LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 """Of a method in a benchmark; some dense matchers take minutes."""
-M = TypeVar("M", bound=IsolatedLocaliser | IsolatedMapper)
+M = TypeVar("M", bound=IsolatedMethod)
 R = TypeVar("R")
 
 

@@ -75,8 +75,8 @@ def localise(
     """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
     from sfr_loc_map.bench.competitors import competitors
     from sfr_loc_map.bench.localisation_benchmark import BenchmarkSettings, benchmark_localisation
+    from sfr_loc_map.inputs import Task
     from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 
     conditions = tuple(condition or ["distance=5"])
@@ -84,7 +84,7 @@ def localise(
     parameters = read_config(LocalisationConfig, config, "localisation")
     sequence = open_drive(source, remap)
     check_conditions(sequence.ground_truth, conditions, lenient=lenient)
-    methods = competitors(MethodTask.LOCALISE, peer_python, vocabulary, method or ())
+    methods = competitors(Task.LOCALISATION, peer_python, vocabulary, method or ())
     settings = BenchmarkSettings(
         TrajectoryScoreConfig(conditions=conditions, spacing=spacing), repeat, sizes, rate_hz=rate
     )
@@ -109,13 +109,13 @@ def map_(
     """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
     from sfr_loc_map.bench.competitors import competitors
     from sfr_loc_map.bench.mapping_benchmark import benchmark_mapping
+    from sfr_loc_map.inputs import Task
     from sfr_loc_map.mapping.config import MappingConfig
-    from sfr_loc_map.methods.method import MethodTask
 
     check_outputs(json_path, overwrite=overwrite)
     parameters = read_config(MappingConfig, config, "mapping")
     sequence = open_panorama(source, remap)
-    methods = competitors(MethodTask.MAP, peer_python, added=method or ())
+    methods = competitors(Task.MAPPING, peer_python, added=method or ())
     with progress_bar("calls") as bar:
         task = bar.add_task("measuring", total=len(sequence) * len(methods.present) * repeat * sizes)
         result = benchmark_mapping(

@@ -56,9 +56,9 @@ def localise(
 ) -> None:
     """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
     from sfr_loc_map.config import read_config
+    from sfr_loc_map.inputs import Task
     from sfr_loc_map.io.trajectory_file import OUTPUT_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.localisation.config import LocalisationConfig
-    from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.call_stats import save_stats
     from sfr_loc_map.pipeline.offline import localise as localise_with_ours
@@ -73,7 +73,7 @@ def localise(
 
     check_suffix(output, OUTPUT_SUFFIXES)
     check_outputs(*files_written(output), stats, video, overwrite=overwrite, inputs=(source,))
-    theirs = None if under_test.is_ours else under_test.find(MethodTask.LOCALISE)
+    theirs = None if under_test.is_ours else under_test.find(Task.LOCALISATION)
     if theirs is not None and video is not None:
         raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {theirs.name}")
     parameters = read_config(LocalisationConfig, under_test.config if theirs is None else None, "localisation")
@@ -82,7 +82,7 @@ def localise(
     with naming(source):
         first_pose = start_pose(sequence, start)
         if theirs is None:
-            about = record_of_ours(MethodTask.LOCALISE)
+            about = record_of_ours(Task.LOCALISATION)
             with nullcontext(None) if video is None else track_video(video, sequence.rig) as watch:
                 done = _finished(localise_with_ours(sequence, parameters, first_pose, watch), len(sequence))
         else:

@@ -53,9 +53,9 @@ def map_cloud(
 ) -> None:
     """Map up to three stereo pairs, with the same code as the node, or by another method."""
     from sfr_loc_map.config import read_config
+    from sfr_loc_map.inputs import Task
     from sfr_loc_map.io.cloud_file import SUFFIXES, check_cloud_format
     from sfr_loc_map.mapping.config import MappingConfig
-    from sfr_loc_map.methods.method import MethodTask
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.pipeline.call_stats import save_stats
     from sfr_loc_map.pipeline.map_files import MapOutputs, dem_outputs, save_map
@@ -68,7 +68,7 @@ def map_cloud(
     outputs = MapOutputs(output, fuse, *dem_outputs(dem or (), output, parameters.terrain), colour, covariance)
     check_outputs(output, stats, *outputs.more, overwrite=overwrite, inputs=(source,))
     limits = under_test.limits
-    theirs = None if under_test.is_ours else under_test.find(MethodTask.MAP)
+    theirs = None if under_test.is_ours else under_test.find(Task.MAPPING)
     if refine_poses and theirs is not None:
         raise ConfigError(f"'--refine-poses' is of our mapper: leave it out with --method {theirs.name}")
     sequence = open_panorama(source, remap)
@@ -79,7 +79,7 @@ def map_cloud(
             bar.update(task, completed=done)
 
         if theirs is None:
-            run, about = map_pairs(sequence, parameters, progress), record_of_ours(MethodTask.MAP)
+            run, about = map_pairs(sequence, parameters, progress), record_of_ours(Task.MAPPING)
         else:
             run, about = map_pairs_with(theirs, sequence, limits, progress)
     cloud = save_map(run, sequence.rig.fx, outputs)

@@ -13,8 +13,9 @@ import typer
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 
 if TYPE_CHECKING:
+    from sfr_loc_map.inputs import Task
     from sfr_loc_map.io.sequence import LocSequence, NavSequence
-    from sfr_loc_map.methods.method import Method, MethodLimits, MethodTask
+    from sfr_loc_map.methods.registry import Method, MethodLimits
     from sfr_loc_map.metrics.config import Condition
     from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.pipeline.scoring import Correction
@@ -136,12 +137,12 @@ class MethodOptions:
     def limits(self) -> MethodLimits:
         """What a method may take; raises ConfigError if an option is out of range."""
         from sfr_loc_map.config import build
-        from sfr_loc_map.methods.method import MethodLimits
+        from sfr_loc_map.methods.registry import MethodLimits
 
         values = {"call_timeout_s": self.call_timeout, "memory_mb": self.memory_limit}
         return build(MethodLimits, values, origin="'--call-timeout', '--memory-limit'")
 
-    def find(self, task: MethodTask) -> Method:
+    def find(self, task: Task) -> Method:
         """Return the method under test with the text of `--config`; raise MethodError or ConfigError."""
         from sfr_loc_map.inputs import read_text
         from sfr_loc_map.methods.registry import EXTERNAL, find_method

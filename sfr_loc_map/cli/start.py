@@ -50,8 +50,7 @@ def methods(
     overwrite: OverwriteOption = False,
 ) -> None:
     """List the methods under test with their versions; a class or a C library needs no entry here."""
-    from sfr_loc_map.methods.header import header_folder
-    from sfr_loc_map.methods.registry import listed_methods
+    from sfr_loc_map.methods.registry import header_folder, listed_methods
     from sfr_loc_map.metrics.score_json import json_line
     from sfr_loc_map.report.tables import Cell, Column, Table
 

@@ -1,9 +1,7 @@
-from .isolated_localiser import IsolatedLocaliser as IsolatedLocaliser
-from .isolated_mapper import IsolatedMapper as IsolatedMapper
-from .method import Method as Method
-from .method import MethodLimits as MethodLimits
-from .method import MethodTask as MethodTask
+from .isolated_method import IsolatedMethod as IsolatedMethod
 from .protocols import LocaliserProtocol as LocaliserProtocol
 from .protocols import MapperProtocol as MapperProtocol
+from .registry import Method as Method
+from .registry import MethodLimits as MethodLimits
 from .registry import find_method as find_method
 from .registry import listed_methods as listed_methods

@@ -1,20 +1,63 @@
-"""What localisers and mappers under test share: a process of their own, which is started again where it was lost."""
+"""A method under test in a process of its own: whatever it does, each pair has an estimate or a map, lost or empty."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Self
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import isfinite, isnan
+from operator import sub
+from pathlib import Path
+from typing import Any, Self
 
-from sfr_loc_map.errors import MethodError
+import numpy as np
+
+from sfr_loc_map.errors import GeometryError, MethodError
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.methods.method import Method, MethodLimits
-from sfr_loc_map.methods.method_process import Answer, MethodFailureError, MethodProcess
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
+from sfr_loc_map.mapping.disparity.uncertainty import Saturation
+from sfr_loc_map.mapping.mapper import FusedMap, PairMap
+from sfr_loc_map.mapping.multiview.pair_view import PairView
+from sfr_loc_map.mapping.reprojection import CalibrationSigma, cloud_from_disparity
+from sfr_loc_map.methods.method_process import Answer, MethodFailureError, MethodProcess, no_usage
+from sfr_loc_map.methods.registry import Method, MethodLimits
+from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.score import FindingKind, MethodRecord
+
+F = np.float32
+SYMMETRY = 1e-6
+"""Largest asymmetry of a covariance, over its largest element."""
+DISPARITY_SIGMA_PX = F(0.5)
+"""Standard deviation that is assumed of a disparity of a matcher, which states none."""
+NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MethodCall:
+    """What one call of a method under test took, stated and did wrong.
+
+    Attributes:
+        usage: Time and memory of the call; the time is NaN where it did not return.
+        finding: What it did wrong, `KIND: text`; empty for nothing.
+        reason: Why its pose is degraded or lost.
+        statistics: Figures that it states.
+        covariance: Covariance of the pose that it states, None for none.
+        step: `(27,)` uncertainty of the step that it states, None for none.
+    """
+
+    usage: CallUsage = field(default_factory=no_usage)
+    finding: str = ""
+    reason: str = ""
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    covariance: FloatArray | None = None
+    step: FloatArray | None = None
 
 
 class IsolatedMethod:
-    """A method under test.
+    """A method under test; a process that was lost is started again at the next pair, at the last known pose.
 
     Attributes:
         record: Its name, version and kind.
@@ -25,42 +68,31 @@ class IsolatedMethod:
         self,
         method: Method,
         rig: StereoRig,
-        limits: MethodLimits | None,
-        setup: Mapping[str, object] | None,
-        T_ds_rb: Transform,
+        T_ds_rb: Transform | None = None,
+        limits: MethodLimits | None = None,
+        setup: Mapping[str, object] | None = None,
     ) -> None:
         """Start it.
 
         Args:
             method: The method.
-            rig: Rig of the images.
+            rig: Rig of the images; with its extrinsics for a localiser.
+            T_ds_rb: Pose of RB in DS at the first pair.
             limits: What it may take.
             setup: Sent to its adapter besides that.
-            T_ds_rb: Pose of RB in DS at the first pair.
 
         Raises:
             MethodError: If it does not start.
+            GeometryError: If the extrinsics of a localiser's rig are not known.
         """
         self._method, self._rig, self._setup = method, rig, dict(setup or {})
         self._limits, self._starts = limits or MethodLimits(), 0
-        self._process: MethodProcess | None = self._start(T_ds_rb)
-        self.record: MethodRecord = method.record(self._process.version)
-        self.idle_bytes: int | None = self._process.idle_bytes
-
-    def _start(self, T_ds_rb: Transform) -> MethodProcess:
-        self._starts += 1
-        return MethodProcess(self._method, self._rig, self._limits, T_ds_rb, self._setup)
-
-    @property
-    def _is_given_up(self) -> bool:
-        """Whether it was lost and is not started again."""
-        return self._process is None and self._starts > self._limits.restarts
-
-    def _finding(self, error: MethodFailureError | MethodError) -> str:
-        """Return what it did wrong, and forget a process that has ended."""
-        if isinstance(error, MethodError) or error.ended:
-            self._process = None
-        return f"{finding_kind(error)}: {error}"
+        self._T_rb_left = rig.T_rb_left if method.task is Task.LOCALISATION else Transform.identity()
+        self._last, self._complete = T_ds_rb or Transform.identity(), True
+        self._process: MethodProcess | None = None
+        process = self._started()
+        self.record: MethodRecord = method.record(process.version)
+        self.idle_bytes: int | None = process.idle_bytes
 
     @property
     def alive(self) -> bool:
@@ -80,24 +112,223 @@ class IsolatedMethod:
         """End its process."""
         self.close()
 
+    @property
+    def _is_given_up(self) -> bool:
+        return self._process is None and self._starts > self._limits.restarts
 
-def finding_kind(error: MethodFailureError | MethodError) -> FindingKind:
-    """Return what a method did wrong; one that cannot be started has crashed."""
-    return error.kind if isinstance(error, MethodFailureError) else FindingKind.CRASHED
+    def _started(self) -> MethodProcess:
+        """Return its process, started where there is none."""
+        if self._process is None:
+            self._starts += 1
+            self._T_ds_first_left = self._last @ self._T_rb_left
+            self._process = MethodProcess(self._method, self._rig, self._limits, self._last, self._setup)
+        return self._process
+
+    def _failed(self, error: MethodError) -> MethodCall:
+        """Return what it did wrong, and forget a process that has ended; what cannot be started has crashed."""
+        kind = error.kind if isinstance(error, MethodFailureError) else FindingKind.CRASHED
+        lost = not isinstance(error, MethodFailureError) or error.ended
+        if lost:
+            self._process = None
+        again = f"; not started again after {self._starts} starts" if lost and self._is_given_up else ""
+        return MethodCall(finding=f"{kind}: {error}{again}", reason=kind.value)
+
+    # ---- localisers
+
+    def localise(self, pair: StereoPair, order: Mapping[str, object] | None = None) -> tuple[PoseEstimate, MethodCall]:
+        """Return the estimate at one pair, lost where the method gave none that is valid, and what the call did.
+
+        Args:
+            pair: Images of the rig's size.
+            order: Sent to its adapter with the pair.
+        """
+        if self._is_given_up:
+            return self._lost(pair, MethodCall(reason="not started again"))
+        try:
+            answer = self._started().show_and_call(pair, order or {})
+        except MethodError as error:
+            return self._lost(pair, self._failed(error))
+        result = answer.result
+        try:
+            _check_stamp(pair, answer)
+            T_ds_rb = self._pose(result)
+            covariance = _covariance(result.get("covariance"))
+        except MethodFailureError as failure:
+            return self._lost(pair, replace(self._failed(failure), usage=answer.usage))
+        call = replace(_call_of(answer), reason=str(result.get("reason", "")))
+        state = TrackingState(result.get("state", TrackingState.TRACKING))
+        if T_ds_rb is None or state is TrackingState.LOST:
+            return self._lost(pair, call)
+        self._last = T_ds_rb
+        estimate = PoseEstimate(
+            pair.stamp_ns, T_ds_rb, np.full((6, 6), np.nan) if covariance is None else covariance, state
+        )
+        step = result.get("step")
+        return estimate, replace(
+            call, covariance=covariance, step=None if step is None else np.asarray(step, np.float64)
+        )
+
+    def _pose(self, result: Mapping[str, Any]) -> Transform | None:
+        """Return the pose of RB in DS, None where the method does not know it.
+
+        Raises:
+            MethodFailureError: If it is no pose.
+        """
+        by_left = "T_first_left" in result
+        numbers = result["T_first_left" if by_left else "T_ds_rb"]
+        if numbers is None:
+            return None
+        matrix = np.reshape(np.asarray(numbers, np.float64), (4, 4))
+        if not all(map(isfinite, matrix.ravel().tolist())):
+            raise MethodFailureError(FindingKind.NOT_FINITE, "the pose has a number that is not finite", ended=False)
+        try:
+            pose = Transform.from_matrix(matrix)
+        except GeometryError as error:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, str(error), ended=False) from error
+        return self._T_ds_first_left @ pose @ self._T_rb_left.inverse() if by_left else pose
+
+    def _lost(self, pair: StereoPair, call: MethodCall) -> tuple[PoseEstimate, MethodCall]:
+        estimate = PoseEstimate(pair.stamp_ns, self._last, lost_covariance(), TrackingState.LOST)
+        return estimate, replace(call, covariance=lost_covariance())
+
+    # ---- mappers
+
+    def map_pair(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> tuple[PairMap, MethodCall]:
+        """Return the points that one pair sees, none where the method gave no valid ones, and what the call did."""
+        T_lm_left = T_lm_navsb @ self._rig.T_sb_left
+        shown = np.full((self._rig.height, self._rig.width), np.nan, F)
+        cloud, warnings = PointCloud.empty(fused=False), ()
+        try:
+            answer = self._ask(pair, T_lm_navsb, index)
+            disparity = self._disparity(pair)
+            if self._file("cloud").exists():
+                cloud = self._cloud(index)
+            elif disparity is not None:
+                disparity = np.where(disparity > 0.0, disparity, F(np.nan))
+                sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
+                cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
+            shown = shown if disparity is None else disparity
+            call, warnings = _call_of(answer), tuple(answer.result.get("warnings") or ())
+        except MethodError as error:
+            call, self._complete = self._failed(error), False
+        unsaturated = Saturation(np.zeros(shown.shape, np.bool_), np.zeros(shown.shape, np.uint8), 0.0)
+        view, figures = PairView(cloud, shown, T_lm_left, 0.0), call.statistics
+        return (
+            PairMap(pair.stamp_ns, cloud, cloud.sigma, view, unsaturated, NO_CALIBRATION, figures, warnings),
+            call,
+        )
+
+    def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
+        """Return one cloud of the pairs' maps: the method's, or their points side by side where it does not fuse.
+
+        Args:
+            maps: What `map_pair` returned.
+            last: A pair; it is shown, and not used.
+
+        Returns:
+            The map, and what the call did; None where there was none.
+        """
+        call: MethodCall | None = None
+        cloud = PointCloud.concatenate([item.cloud for item in maps])
+        if self._process is not None and self._process.fuses and self._complete:
+            try:
+                answer = self._process.show_and_call(last, {"fuse": True})
+                cloud, call = replace(self._cloud(None), fused=True), _call_of(answer)
+            except MethodError as error:
+                call = self._failed(error)
+        cloud = replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
+        T_lm_left = tuple(item.view.T_lm_left for item in maps)
+        return FusedMap(cloud, cloud.sigma, T_lm_left, {} if call is None else call.statistics), call
+
+    def disparity(self, pair: StereoPair) -> tuple[FloatImage, MethodCall]:
+        """Return the disparities of a pair `(H, W)`, NaN where none, for a comparison of matchers."""
+        try:
+            answer = self._ask(pair, Transform.identity(), 0, {"disparity_only": True})
+            found = self._disparity(pair)
+            if found is None:  # that of the points at their pixels
+                cloud, T_lm_left = self._cloud(0), self._rig.T_sb_left
+                depth = (cloud.xyz.astype(np.float64) - T_lm_left.translation) @ T_lm_left.rotation[:, 2]
+                seen = depth > 0.0
+                found = np.full(pair.left.shape, np.nan, F)
+                found[cloud.v[seen], cloud.u[seen]] = (self._rig.fx * self._rig.baseline_m / depth[seen]).astype(F)
+        except MethodError as error:
+            return np.full(pair.left.shape, np.nan, F), self._failed(error)
+        return found, _call_of(answer)
+
+    def _ask(
+        self, pair: StereoPair, T_lm_navsb: Transform, index: int, more: Mapping[str, object] | None = None
+    ) -> Answer:
+        if self._is_given_up:
+            raise MethodFailureError(FindingKind.CRASHED, "not started again", ended=False)
+        process = self._started()
+        for what in ("cloud", "disparity"):
+            self._file(what).unlink(missing_ok=True)
+        order = {"T_lm_navsb": T_lm_navsb.matrix.ravel().tolist(), "index": index, **(more or {})}
+        answer = process.show_and_call(pair, order)
+        _check_stamp(pair, answer)
+        return answer
+
+    def _file(self, what: str) -> Path:
+        assert self._process is not None
+        return Path(f"{self._process.output}.{what}.npy")
+
+    def _disparity(self, pair: StereoPair) -> FloatImage | None:
+        """Return the disparities of the last answer, None where it has none."""
+        path = self._file("disparity")
+        if not path.exists():
+            return None
+        found: FloatImage = np.load(path)
+        if found.shape != pair.left.shape:
+            text = f"the disparity image is {found.shape}, the left image {pair.left.shape}"
+            raise MethodFailureError(FindingKind.INVALID_RESULT, text, ended=False)
+        if np.isinf(found).any():
+            raise MethodFailureError(FindingKind.NOT_FINITE, "a disparity is infinite", ended=False)
+        return found
+
+    def _cloud(self, index: int | None) -> PointCloud:
+        """Return the points of the last answer, of the pair that was asked for (None: of all)."""
+        try:
+            cloud = PointCloud.from_structured(np.load(self._file("cloud")), fused=False)
+        except (OSError, ValueError, GeometryError) as error:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, f"no cloud: {error}", ended=False) from error
+        if not (np.isfinite(cloud.xyz).all() and np.isfinite(cloud.sigma).all()):
+            raise MethodFailureError(FindingKind.NOT_FINITE, "a point or its sigma is not finite", ended=False)
+        if len(cloud) and not (cloud.u.max() < self._rig.width and cloud.v.max() < self._rig.height):
+            raise MethodFailureError(FindingKind.INVALID_RESULT, "a point names a pixel outside the image", ended=False)
+        return cloud if index is None else replace(cloud, pair=np.full(len(cloud), index, np.uint8))
 
 
-def check_stamp(pair: StereoPair, answer: Answer) -> None:
-    """Check that an answer is one to this pair; an answer without a stamp is.
+def _call_of(answer: Answer) -> MethodCall:
+    finding = f"{FindingKind.LEAKING}: {answer.leaking}" if answer.leaking else ""
+    return MethodCall(answer.usage, finding, statistics=answer.result.get("statistics") or {})
 
-    Raises:
-        MethodFailureError: If it is that to another pair.
-    """
+
+def _check_stamp(pair: StereoPair, answer: Answer) -> None:
+    """Raise `MethodFailureError` if an answer is that to another pair; one without a stamp is to this."""
     stamp_ns = answer.result.get("stamp_ns", pair.stamp_ns)
     if stamp_ns != pair.stamp_ns:
         text = f"answered for stamp {stamp_ns}, asked for {pair.stamp_ns}"
         raise MethodFailureError(FindingKind.WRONG_STAMP, text, ended=False)
 
 
-def leak_finding(answer: Answer) -> str:
-    """Return what is wrong with the memory that the method keeps, `KIND: text`; empty for nothing."""
-    return f"{FindingKind.LEAKING}: {answer.leaking}" if answer.leaking else ""
+def _covariance(numbers: Any) -> FloatArray | None:  # noqa: ANN401 - 36 numbers or None
+    """Return a covariance `(6, 6)`, None where none is stated.
+
+    Raises:
+        MethodFailureError: If it is none.
+    """
+    if numbers is None:
+        return None
+    covariance = np.reshape(np.asarray(numbers, np.float64), (6, 6))
+    values: list[float] = covariance.ravel().tolist()  # loops over a few numbers are faster than arrays of them
+    if not all(map(isfinite, values)):
+        if all(map(isnan, values)):
+            return None
+        raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance has a number that is not finite", ended=False)
+    transposed: list[float] = covariance.T.ravel().tolist()
+    asymmetry = max(map(abs, map(sub, values, transposed)))
+    if min(values[::7]) < 0.0 or asymmetry > SYMMETRY * max(map(abs, values)):
+        raise MethodFailureError(
+            FindingKind.INVALID_RESULT, "the covariance is not symmetric, or a variance is negative", ended=False
+        )
+    return covariance

@@ -24,7 +24,7 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.methods.method import Method, MethodLimits
+from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.score import FindingKind, MethodKind
 
@@ -41,7 +41,7 @@ LEAKS = {10: 100 * MB, 50: 20 * MB}
 not."""
 
 
-class MethodFailureError(Exception):
+class MethodFailureError(MethodError):
     """A call of a method gave no result.
 
     Attributes:

@@ -1,48 +1,82 @@
-"""Which methods there are, and how each is named: a name, `package.module:Class`, `file.py:Class`, `lib:PATH.so`."""
+"""Methods under test: which there are, how each is named and how its process is started.
+
+A name, `package.module:Class`, `file.py:Class` or `lib:PATH.so`.
+"""
 
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 
 from sfr_loc_map import __version__
+from sfr_loc_map.config import param
 from sfr_loc_map.errors import MethodError
-from sfr_loc_map.inputs import hash_path, parse_yaml
-from sfr_loc_map.methods.method import OURS, Method, MethodTask
+from sfr_loc_map.inputs import Task, hash_path, parse_yaml
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 
-GROUPS = {MethodTask.LOCALISE: "sfr_loc_map.localisers", MethodTask.MAP: "sfr_loc_map.mappers"}
+WORKERS = Path(__file__).parent / "workers"
+OURS, EXTERNAL = "sfr", "external"
+GROUPS = {Task.LOCALISATION: "sfr_loc_map.localisers", Task.MAPPING: "sfr_loc_map.mappers"}
 """Groups of entry points by which other packages add methods: `name = package.module:Class`."""
 LIBRARY_PREFIX = "lib:"
-EXTERNAL = "external"
 CLASS_WORKER, LIBRARY_WORKER = "python_class.py", "c_library.py"
-BUILT_IN = {
-    MethodTask.LOCALISE: {
-        OURS: Method(
-            OURS,
-            MethodTask.LOCALISE,
-            MethodKind.BUILT_IN,
-            CLASS_WORKER,
-            "sfr_loc_map.methods.ours:localiser",
-            background=True,
-        ),
-        "opencv": Method("opencv", MethodTask.LOCALISE, MethodKind.BUILT_IN, "opencv_odometry.py"),
-    },
-    MethodTask.MAP: {
-        OURS: Method(OURS, MethodTask.MAP, MethodKind.BUILT_IN, CLASS_WORKER, "sfr_loc_map.methods.ours:mapper"),
-        "sgbm": Method("sgbm", MethodTask.MAP, MethodKind.BUILT_IN, "opencv_sgbm.py"),
-    },
-}
+HEADER = "sfr_candidate.h"
+HEADER_PLACES = ("include", "share/sfr_loc_map/include")
+"""Of the sources, and of what is installed."""
 
 
-ABOUT = {
-    OURS: "this suite's own, the default",
-    "opencv": "corners, optical flow, PnP from pair to pair",
-    "sgbm": "OpenCV's semi-global matching, three-way",
-}
+@dataclass(frozen=True, slots=True)
+class MethodLimits:
+    """What a method may take before its process is ended."""
+
+    call_timeout_s: float = param(120.0, unit="s", doc="Longest time of a call.", low=0.05, high=1e6)
+    start_timeout_s: float = param(900.0, unit="s", doc="Longest time of start and warm-up.", low=0.05, high=1e6)
+    memory_mb: int = param(4000, unit="MB", doc="Resident memory at which it is ended.", low=50, high=10**6)
+    restarts: int = param(3, doc="Times that it is started again after its process was lost.", low=0, high=1000)
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A localiser or mapper that runs in a process of its own.
+
+    Attributes:
+        name: As it was chosen.
+        task: What it does.
+        kind: Where it comes from.
+        worker: Its adapter in `workers/`; an absolute path stands for itself.
+        target: What the adapter loads: `package.module:Class`, the path of a library; empty where it needs none.
+        config: Text of its configuration.
+        background: Whether it continues to work between calls: in a benchmark it runs alone, at the recording's rate.
+        sha256: Hash of the file that it is loaded from; None where it is not one file.
+        about: What it is.
+        python: Interpreter that has it.
+        setup: Sent to its adapter besides the rig.
+    """
+
+    name: str
+    task: Task
+    kind: MethodKind
+    worker: str
+    target: str = ""
+    config: str = ""
+    background: bool = False
+    sha256: str | None = None
+    about: str = ""
+    python: Path = field(default_factory=lambda: Path(sys.executable))
+    setup: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def command(self) -> list[str]:
+        """Return the command that starts its process."""
+        return [str(self.python), str(WORKERS / "loop.py"), str(WORKERS / self.worker)]
+
+    def record(self, version: str | None) -> MethodRecord:
+        """Return what the score says of it."""
+        return MethodRecord(name=self.name, version=version, kind=self.kind, sha256=self.sha256)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,18 +96,40 @@ class Peer:
     needs: tuple[tuple[str, str], ...] = ()
 
 
+def _built_in(name: str, task: Task, worker: str, about: str) -> Method:
+    return Method(name, task, MethodKind.BUILT_IN, worker, about=about)
+
+
+def _ours(task: Task, function: str) -> Method:
+    about, target = "this suite's own, the default", f"sfr_loc_map.methods.ours:{function}"
+    background = task is Task.LOCALISATION
+    return Method(OURS, task, MethodKind.BUILT_IN, CLASS_WORKER, target, background=background, about=about)
+
+
+BUILT_IN = {
+    Task.LOCALISATION: {
+        OURS: _ours(Task.LOCALISATION, "localiser"),
+        "opencv": _built_in(
+            "opencv", Task.LOCALISATION, "opencv_odometry.py", "corners, optical flow, PnP from pair to pair"
+        ),
+    },
+    Task.MAPPING: {
+        OURS: _ours(Task.MAPPING, "mapper"),
+        "sgbm": _built_in("sgbm", Task.MAPPING, "opencv_sgbm.py", "OpenCV's semi-global matching, three-way"),
+    },
+}
 PEERS = {
-    MethodTask.LOCALISE: {
+    Task.LOCALISATION: {
         "orbslam3": Peer(
-            Method("orbslam3", MethodTask.LOCALISE, MethodKind.PEER, "peer_orbslam3.py", background=True),
+            Method("orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", background=True),
             ("pyorbslam3",),
             "pip install pyorbslam3 opencv-python-headless",
             (("vocabulary", "its vocabulary: give --vocab FILE, or 'vocabulary: FILE' in the file of --config"),),
         )
     },
-    MethodTask.MAP: {
+    Task.MAPPING: {
         "pandora": Peer(
-            Method("pandora", MethodTask.MAP, MethodKind.PEER, "peer_pandora.py"),
+            Method("pandora", Task.MAPPING, MethodKind.PEER, "peer_pandora.py"),
             ("pandora", "pandora_plugin_libsgm"),
             "pip install 'pandora[sgm]' opencv-python-headless",
         )
@@ -81,7 +137,7 @@ PEERS = {
 }
 
 
-def find_method(spec: str, task: MethodTask, config: str = "") -> Method:
+def find_method(spec: str, task: Task, config: str = "") -> Method:
     """Return the method that a text names.
 
     Args:
@@ -97,12 +153,16 @@ def find_method(spec: str, task: MethodTask, config: str = "") -> Method:
     if spec in PEERS[task]:
         return _configured_peer(PEERS[task][spec], config)
     if spec.startswith(LIBRARY_PREFIX):
-        return _library(spec, task, config)
+        path = Path(spec.removeprefix(LIBRARY_PREFIX)).resolve()
+        if not path.is_file():
+            raise MethodError(f"method '{spec}': there is no library '{path}', build it (docs/candidates.md)")
+        library = (LIBRARY_WORKER, str(path), config)
+        return Method(spec, task, MethodKind.LIBRARY, *library, background=True, sha256=hash_path(path))
     target = next((entry.value for entry in _entry_points(task) if entry.name == spec), spec)
     if ":" not in target:
         names = ", ".join((*BUILT_IN[task], *PEERS[task], *(entry.name for entry in _entry_points(task))))
         raise MethodError(
-            f"no method '{spec}' to {task}: give one of {names}, package.module:Class or lib:PATH.so (sfr methods)"
+            f"no method '{spec}' for {task}: give one of {names}, package.module:Class or lib:PATH.so (sfr methods)"
         )
     place = Path(target.rpartition(":")[0])
     sha256 = hash_path(place) if place.suffix == ".py" and place.is_file() else None
@@ -111,16 +171,7 @@ def find_method(spec: str, task: MethodTask, config: str = "") -> Method:
     return Method(spec, task, MethodKind.PYTHON, CLASS_WORKER, target, config, background=True, sha256=sha256)
 
 
-def _library(spec: str, task: MethodTask, config: str) -> Method:
-    path = Path(spec.removeprefix(LIBRARY_PREFIX)).resolve()
-    if not path.is_file():
-        raise MethodError(f"method '{spec}': there is no library '{path}', build it (docs/candidates.md)")
-    return Method(
-        spec, task, MethodKind.LIBRARY, LIBRARY_WORKER, str(path), config, background=True, sha256=hash_path(path)
-    )
-
-
-def _entry_points(task: MethodTask) -> list[metadata.EntryPoint]:
+def _entry_points(task: Task) -> list[metadata.EntryPoint]:
     """Return the methods that other packages add; no name of ours can be taken."""
     found = metadata.entry_points(group=GROUPS[task])
     return [entry for entry in found if entry.name not in BUILT_IN[task] and entry.name not in PEERS[task]]
@@ -141,12 +192,7 @@ def _configured_peer(peer: Peer, config: str) -> Method:
 
 
 def find_peer(peer: Peer, python: Path | None, files: dict[str, object]) -> tuple[Method | None, str]:
-    """Return a peer's method, or None and the reason why it cannot be run.
-
-    Args:
-        peer: The peer.
-        python: Interpreter that may have it.
-        files: Files that it needs, by name.
+    """Return a peer's method with an interpreter and files by name, or None and the reason why it cannot be run.
 
     Raises:
         MethodError: If `python` is not an interpreter.
@@ -185,44 +231,29 @@ def lacks(python: Path | None, module: str, install: str) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class ListedMethod:
-    """A row of `sfr methods`.
+    """A row of `sfr methods`."""
 
-    Attributes:
-        task: What it does.
-        name: What `--method` takes.
-        version: Its version, None where that is not known without starting it.
-        kind: Where it comes from.
-        about: What it is, or why it cannot be run.
-    """
-
-    task: MethodTask
-    name: str
-    version: str | None
+    task: Task
+    name: str  # what `--method` takes
+    version: str | None  # None where that is not known without starting it
     kind: MethodKind
-    about: str
+    about: str  # what it is, or why it cannot be run
 
 
 def listed_methods(python: Path | None = None) -> Iterator[ListedMethod]:
-    """Yield the methods that have a name.
-
-    Args:
-        python: Interpreter in which peers are looked for.
-    """
-    for task in MethodTask:
+    """Yield the methods that have a name; peers are looked for in an interpreter."""
+    for task in Task:
         for name, method in BUILT_IN[task].items():
             version = __version__ if name == OURS else _version_of("opencv-python-headless")
-            yield ListedMethod(task, name, version, method.kind, ABOUT[name])
-        yield from (_listed_peer(task, name, peer, python) for name, peer in PEERS[task].items())
+            yield ListedMethod(task, name, version, method.kind, method.about)
+        for name, peer in PEERS[task].items():
+            missing = next((text for module in peer.modules if (text := lacks(python, module, peer.install))), None)
+            version = None if missing or python is None else _version_of(peer.modules[0], python)
+            needs = "; ".join(f"needs {what}" for _, what in peer.needs)
+            yield ListedMethod(task, name, version, peer.method.kind, missing or needs)
         for entry in _entry_points(task):
             stated = None if entry.dist is None else entry.dist.version
             yield ListedMethod(task, entry.name, stated, MethodKind.PYTHON, entry.value)
-
-
-def _listed_peer(task: MethodTask, name: str, peer: Peer, python: Path | None) -> ListedMethod:
-    missing = next((text for module in peer.modules if (text := lacks(python, module, peer.install))), None)
-    version = None if missing or python is None else _version_of(peer.modules[0], python)
-    needs = "; ".join(f"needs {what}" for _, what in peer.needs)
-    return ListedMethod(task, name, version, peer.method.kind, missing or needs)
 
 
 def _version_of(package: str, python: Path | None = None) -> str | None:
@@ -236,6 +267,19 @@ def _version_of(package: str, python: Path | None = None) -> str | None:
     return done.stdout.strip() or None
 
 
-def record_of_ours(task: MethodTask) -> MethodRecord:
+def record_of_ours(task: Task) -> MethodRecord:
     """Return what the score says of the suite's own method."""
     return BUILT_IN[task][OURS].record(__version__)
+
+
+def header_folder() -> Path:
+    """Return the folder of the header of candidates in C, of the sources or of the installation of this module.
+
+    Raises:
+        MethodError: If it is not there.
+    """
+    for parent in Path(__file__).resolve().parents[2:]:
+        for place in HEADER_PLACES:
+            if (parent / place / HEADER).is_file():
+                return parent / place
+    raise MethodError(f"{HEADER} is not installed beside '{Path(__file__).parents[1]}': install the package again")

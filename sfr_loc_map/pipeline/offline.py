@@ -31,9 +31,8 @@ from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
-from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
-from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
-from sfr_loc_map.methods.method import Method, MethodLimits
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import MethodRecord
@@ -144,12 +143,12 @@ def localise_with(
     """
     first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
     step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
-    with IsolatedLocaliser(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}) as localiser:
+    with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}) as localiser:
         for pair in sequence.pairs():
-            call = localiser.process(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
+            estimate, call = localiser.localise(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
             about = (call.statistics, call.covariance, call.reason, call.step, call.finding)
-            record = CallRecord.of(pair.stamp_ns, call.usage, call.estimate.state.value, *about)
-            yield call.estimate, record, localiser.record
+            record = CallRecord.of(pair.stamp_ns, call.usage, estimate.state.value, *about)
+            yield estimate, record, localiser.record
 
 
 def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
@@ -294,9 +293,9 @@ def map_pairs_with(
     maps: list[PairMap] = []
     records: list[CallRecord] = []
     searched = search_range(sequence.rig, MappingConfig()).count
-    with IsolatedMapper(method, sequence.rig, limits, {"disparities": searched}) as mapper:
+    with IsolatedMethod(method, sequence.rig, limits=limits, setup={"disparities": searched}) as mapper:
         for index, item in enumerate(sequence.pairs()):
-            done, call = mapper.process(item.pair, item.T_lm_navsb, index)
+            done, call = mapper.map_pair(item.pair, item.T_lm_navsb, index)
             stamp_ns = item.pair.stamp_ns
             maps.append(done)
             mapped = CallRecord.of(stamp_ns, call.usage, MappingState.MAPPED, done.statistics, finding=call.finding)

@@ -13,12 +13,12 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud, save_points
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.methods.method import MethodTask
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.cloud_error import truths_of
@@ -240,7 +240,7 @@ def score_replay(
     if (cloud := _scored_cloud(source, result)) is not None:
         place = files.cloud if result.points is None else files.points
         inputs = replace(inputs, cloud=place, map_truth=source.path)
-    task = MethodTask.MAP if drive is None else MethodTask.LOCALISE
+    task = Task.MAPPING if drive is None else Task.LOCALISATION
     run = Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task))
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)

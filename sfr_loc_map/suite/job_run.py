@@ -17,13 +17,13 @@ import yaml
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.method import MethodLimits, MethodTask
-from sfr_loc_map.methods.registry import record_of_ours
+from sfr_loc_map.methods.registry import MethodLimits, record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits, verdicts
@@ -74,10 +74,10 @@ def _localise(job: Job, path: Path, scratch: Path) -> Score:
     if source.loc is None:
         raise InputError(f"no drive in '{job.source.path}': give a source that has one")
     section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
-    method = chosen_method(section, MethodTask.LOCALISE)
+    method = chosen_method(section, Task.LOCALISATION)
     if method is None:
         results = list(localise(source.loc, build(LocalisationConfig, section), start))
-        about = record_of_ours(MethodTask.LOCALISE)
+        about = record_of_ours(Task.LOCALISATION)
     else:
         done = list(localise_with(method, source.loc, start.T_ds_rb, MethodLimits()))
         results, about = [(result, record) for result, record, _ in done], done[-1][2]
@@ -92,7 +92,7 @@ def _map(job: Job, path: Path, scratch: Path) -> Score:
     if source.nav is None:
         raise InputError(f"no mapping pairs in '{job.source.path}': give a source that has them")
     section = _section(job, "mapping")
-    method, about = chosen_method(section, MethodTask.MAP), record_of_ours(MethodTask.MAP)
+    method, about = chosen_method(section, Task.MAPPING), record_of_ours(Task.MAPPING)
     if method is None:
         run = map_pairs(source.nav, build(MappingConfig, section))
     else:

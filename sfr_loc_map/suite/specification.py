@@ -33,11 +33,10 @@ from typing import Any
 
 from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.inputs import read_text
+from sfr_loc_map.inputs import Task, read_text
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.method import OURS, Method, MethodTask
-from sfr_loc_map.methods.registry import LIBRARY_PREFIX, find_method
+from sfr_loc_map.methods.registry import LIBRARY_PREFIX, OURS, Method, find_method
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.simulation.faults import parse_fault
@@ -47,7 +46,7 @@ from sfr_loc_map.suite.sources import is_remote
 SECTIONS = {"localisation": LocalisationConfig, "mapping": MappingConfig}
 METHOD_KEYS = ("method", "method_config", "method_sha256")
 """Keys beside the parameters of a part: the method, the file with its configuration; the last is added here."""
-METHOD_TASKS = {"localisation": MethodTask.LOCALISE, "mapping": MethodTask.MAP}
+METHOD_TASKS = {"localisation": Task.LOCALISATION, "mapping": Task.MAPPING}
 LISTS = ("sources", "perturb", "tasks", "conditions")
 
 
@@ -239,7 +238,7 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
     return changed
 
 
-def _method(values: Mapping[str, object], task: MethodTask, folder: Path) -> dict[str, object]:
+def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str, object]:
     """Return what a job keeps of a method: whole paths, the text of its configuration, the hash of its file."""
     spec, text = str(values["method"]), ""
     place, _, name = spec.rpartition(":")
@@ -258,7 +257,7 @@ def _method(values: Mapping[str, object], task: MethodTask, folder: Path) -> dic
     return dict(zip(METHOD_KEYS, (spec, text, find_method(spec, task, text).sha256 or ""), strict=True))
 
 
-def chosen_method(section: Mapping[str, object], task: MethodTask) -> Method | None:
+def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
     """Return the method of a part of a configuration, None where it is ours.
 
     Raises:

@@ -24,13 +24,13 @@ from sfr_loc_map.cli.main import main
 from sfr_loc_map.errors import BenchError, MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import load_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.methods import registry
-from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
-from sfr_loc_map.methods.method import WORKERS, Method, MethodTask
-from sfr_loc_map.methods.registry import lacks
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.registry import WORKERS, Method, lacks
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import MethodKind
@@ -70,17 +70,17 @@ def made_method(
     path = folder / f"{name}.py"
     path.write_text(METHOD.format(start=start, prepare=prepare), encoding="utf-8")
     # an absolute path stands for itself
-    return Method(name, MethodTask.LOCALISE, MethodKind.PEER, str(path), background=background)
+    return Method(name, Task.LOCALISATION, MethodKind.PEER, str(path), background=background)
 
 
-def called(localiser: IsolatedLocaliser, pair: StereoPair, since_start_s: float) -> tuple[Any, CallUsage, str]:
-    call = localiser.process(pair, {"since_start_s": since_start_s})
+def called(localiser: IsolatedMethod, pair: StereoPair, since_start_s: float) -> tuple[Any, CallUsage, str]:
+    _, call = localiser.localise(pair, {"since_start_s": since_start_s})
     return call.statistics, call.usage, call.finding
 
 
-def given(count: int, rate_scale: float = 1.0, call: Any = called) -> PassInput[IsolatedLocaliser, Any]:
-    def start(method: Method) -> IsolatedLocaliser:
-        return IsolatedLocaliser(method, LOC_RIG, Transform.identity(), LIMITS)
+def given(count: int, rate_scale: float = 1.0, call: Any = called) -> PassInput[IsolatedMethod, Any]:
+    def start(method: Method) -> IsolatedMethod:
+        return IsolatedMethod(method, LOC_RIG, Transform.identity(), LIMITS)
 
     return PassInput(lambda: map(loc_pair, range(count)), start, call, rate_scale)
 
@@ -116,7 +116,7 @@ def test_localise_gives_the_accuracy_of_the_suite(
 ) -> None:
     sequence = open_source(drive).loc
     assert sequence is not None
-    ours = Competitors(competitors(MethodTask.LOCALISE).present[:1], {})
+    ours = Competitors(competitors(Task.LOCALISATION).present[:1], {})
     result = benchmark_localisation(sequence, LocalisationConfig(), ours, BenchmarkSettings(SCORE, repeat=2))
     entry = result.sizes[0].entries["ours"]
     estimate = tmp_path / "estimate.csv"
@@ -232,8 +232,8 @@ def test_ours_must_run(drive: Path, tmp_path: Path) -> None:
 
 def test_missing_methods_are_named(tmp_path: Path) -> None:
     here = Path(sys.executable)
-    assert "pip install pyorbslam3" in competitors(MethodTask.LOCALISE).missing["orbslam3"]
-    assert "not installed in" in competitors(MethodTask.MAP, here).missing["pandora"]
+    assert "pip install pyorbslam3" in competitors(Task.LOCALISATION).missing["orbslam3"]
+    assert "not installed in" in competitors(Task.MAPPING, here).missing["pandora"]
     assert lacks(here, "json", "") is None
     with pytest.raises(MethodError, match="give a Python interpreter"):
         lacks(tmp_path / "none", "json", "")
@@ -242,10 +242,10 @@ def test_missing_methods_are_named(tmp_path: Path) -> None:
 def test_vocabulary_is_asked_for_where_the_wheel_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "lacks", lambda *_: None)
     here = Path(sys.executable)
-    assert "--vocab" in competitors(MethodTask.LOCALISE, here).missing["orbslam3"]
-    assert "no vocabulary" in competitors(MethodTask.LOCALISE, here, tmp_path / "none.txt").missing["orbslam3"]
+    assert "--vocab" in competitors(Task.LOCALISATION, here).missing["orbslam3"]
+    assert "no vocabulary" in competitors(Task.LOCALISATION, here, tmp_path / "none.txt").missing["orbslam3"]
     (tmp_path / "vocabulary.txt").touch()
-    found = competitors(MethodTask.LOCALISE, here, tmp_path / "vocabulary.txt")
+    found = competitors(Task.LOCALISATION, here, tmp_path / "vocabulary.txt")
     assert [method.name for method in found.present if method.background] == ["ours", "orbslam3"]
 
 

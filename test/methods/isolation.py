@@ -1,6 +1,6 @@
 """What isolation costs beside the timed call, at 1 MP: `python test/methods/isolation.py [PAIRS]`.
 
-The wall time of `IsolatedLocaliser.process` minus the time of the call by the clock of the method's process, and the
+The wall time of `IsolatedMethod.localise` minus the time of the call by the clock of the method's process, and the
 processor time of both. Between the calls images are decoded, as in a run; the method itself does nothing, or works
 for 20 ms on 32 MB, so that all that the next pair needs has left the caches.
 """
@@ -19,8 +19,8 @@ import psutil
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
-from sfr_loc_map.methods.method import MethodTask
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.registry import find_method
 
 METHODS = """
@@ -49,14 +49,14 @@ RIG = StereoRig(1024, 1024, 800.0, 800.0, 511.5, 511.5, 0.3, Transform.identity(
 def measure(spec: str, encoded: list[np.ndarray], pairs: int) -> None:
     """Print the costs with one method."""
     outside, own = [], 0.0
-    with IsolatedLocaliser(find_method(spec, MethodTask.LOCALISE), RIG, Transform.identity()) as localiser:
+    with IsolatedMethod(find_method(spec, Task.LOCALISATION), RIG, Transform.identity()) as localiser:
         child = psutil.Process(localiser._process._process.pid)
         before = child.cpu_times()
         for number in range(pairs):
             images = [cv2.imdecode(encoded[(number + side) % len(encoded)], cv2.IMREAD_GRAYSCALE) for side in (0, 1)]
             pair = StereoPair(number, *images)
             begin, begin_own = time.perf_counter(), time.process_time()
-            call = localiser.process(pair)
+            _, call = localiser.localise(pair)
             outside.append(1e3 * (time.perf_counter() - begin - call.usage.processing_time_s))
             own += 1e3 * (time.process_time() - begin_own)
             assert not call.finding, call.finding

@@ -16,16 +16,16 @@ from sfr_loc_map import __version__
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import load_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.methods import registry
-from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser, LocaliserCall
-from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
-from sfr_loc_map.methods.method import MethodTask
+from sfr_loc_map.methods.isolated_method import IsolatedMethod, MethodCall
 from sfr_loc_map.methods.protocols import LocaliserProtocol, MapperProtocol
 from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
@@ -71,10 +71,9 @@ class Nothing:
 """
 
 
-def calls(spec: str, config: str, count: int, start: Transform | None = None) -> list[LocaliserCall]:
-    method = find_method(spec, MethodTask.LOCALISE, config)
-    with IsolatedLocaliser(method, LOC_RIG, start or true_pose(0)) as localiser:
-        return [localiser.process(loc_pair(number)) for number in range(count)]
+def calls(spec: str, config: str, count: int) -> list[tuple[PoseEstimate, MethodCall]]:
+    with IsolatedMethod(find_method(spec, Task.LOCALISATION, config), LOC_RIG, true_pose(0)) as localiser:
+        return [localiser.localise(loc_pair(number)) for number in range(count)]
 
 
 def test_ours_are_what_the_protocols_say() -> None:
@@ -91,21 +90,21 @@ def test_ours_gives_the_same_bits_in_a_process_of_its_own(drive: Path) -> None:
     sequence = open_source(drive).loc
     assert sequence is not None
     known = list(localise(sequence, LocalisationConfig(), true_pose(0)))
-    for (estimate, record), call in zip(known, calls("sfr", "", 12), strict=True):
-        np.testing.assert_array_equal(call.estimate.T_ds_rb.matrix, estimate.T_ds_rb.matrix)
+    for (estimate, record), (theirs, call) in zip(known, calls("sfr", "", 12), strict=True):
+        np.testing.assert_array_equal(theirs.T_ds_rb.matrix, estimate.T_ds_rb.matrix)
         np.testing.assert_array_equal(call.covariance, estimate.covariance)
         np.testing.assert_array_equal(call.step, record.step)
-        assert call.estimate.state is estimate.state
+        assert theirs.state is estimate.state
         assert {k: v for k, v in call.statistics.items() if "stage" not in k} == estimate.statistics.as_dict()
 
 
 def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     made = calls(f"{tmp_path}/classes.py:Odd", "matrix transform none wrong raise nan matrix", 7)
-    assert [call.estimate.state.value for call in made] == [
+    assert [estimate.state.value for estimate, _ in made] == [
         "tracking", "tracking", "lost", "lost", "lost", "lost", "tracking"
     ]  # fmt: skip
-    assert [call.finding for call in made] == [
+    assert [call.finding for _, call in made] == [
         "",
         "",
         "",
@@ -115,24 +114,24 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
         "",
     ]
     moved = true_pose(0) @ Transform(np.eye(3), np.array([0.0, 2.0, 0.0]))
-    np.testing.assert_allclose(made[1].estimate.T_ds_rb.matrix, moved.matrix, atol=1e-12)
-    assert made[1].covariance is None
-    assert made[0].statistics == {"mood": 3.0}
+    np.testing.assert_allclose(made[1][0].T_ds_rb.matrix, moved.matrix, atol=1e-12)
+    assert made[1][1].covariance is None
+    assert made[0][1].statistics == {"mood": 3.0}
     with pytest.raises(MethodError, match="has no method 'process'"):
         calls(f"{tmp_path}/classes.py:Nothing", "", 0)
 
 
 def test_images_stay_as_long_as_they_are_held(tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
-    assert [call.finding for call in calls(f"{tmp_path}/classes.py:Holder", "", 24)] == [""] * 24
+    assert [call.finding for _, call in calls(f"{tmp_path}/classes.py:Holder", "", 24)] == [""] * 24
 
 
 def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) -> None:
     (tmp_path / "matchers.py").write_text(CLASSES)
-    with IsolatedMapper(find_method(f"{tmp_path}/matchers.py:Flat", MethodTask.MAP), NAV_RIG) as mapper:
+    with IsolatedMethod(find_method(f"{tmp_path}/matchers.py:Flat", Task.MAPPING), NAV_RIG) as mapper:
         item = nav_pair(0)
-        first, call = mapper.process(item.pair, item.T_lm_navsb, 0)
-        second, _ = mapper.process(item.pair, item.T_lm_navsb, 1)
+        first, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
+        second, _ = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
     assert not call.finding
     assert len(first.cloud) == NAV_RIG.width * NAV_RIG.height
     assert len(second.cloud) == 0
@@ -142,14 +141,14 @@ def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) 
 
 def test_the_example_in_c_localises_and_maps(example: Path) -> None:
     made = calls(f"lib:{example}", "", 12)
-    assert not any(call.finding for call in made)
-    error = np.linalg.norm(made[-1].estimate.T_ds_rb.translation - true_pose(11).translation)
+    assert not any(call.finding for _, call in made)
+    error = np.linalg.norm(made[-1][0].T_ds_rb.translation - true_pose(11).translation)
     assert error < 0.1  # of 0.28 m, by some 30 corners of a small image
     with pytest.raises(MethodError, match="max_disparity is 2: must be 4 to 1023"):
         calls(f"lib:{example}", "max_disparity: 2", 0)
     item = nav_pair(0)
-    with IsolatedMapper(find_method(f"lib:{example}", MethodTask.MAP), NAV_RIG) as mapper:
-        found, call = mapper.process(item.pair, item.T_lm_navsb, 0)
+    with IsolatedMethod(find_method(f"lib:{example}", Task.MAPPING), NAV_RIG) as mapper:
+        found, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
     assert not call.finding
     assert item.truth is not None
     errors = np.linalg.norm(found.cloud.xyz - item.truth[found.cloud.v, found.cloud.u], axis=1)
@@ -161,10 +160,10 @@ def test_isolation_costs_little_outside_the_timed_call(faulty: Path) -> None:
     rig = StereoRig(1024, 1024, 800.0, 800.0, 511.5, 511.5, 0.3, Transform.identity())
     images = np.random.default_rng(0).integers(0, 255, (2, 1024, 1024)).astype(np.uint8)
     outside, inside = [], []
-    with IsolatedLocaliser(find_method(f"lib:{faulty}", MethodTask.LOCALISE), rig, Transform.identity()) as localiser:
+    with IsolatedMethod(find_method(f"lib:{faulty}", Task.LOCALISATION), rig, Transform.identity()) as localiser:
         for number in range(100):
             begin = time.perf_counter()
-            call = localiser.process(StereoPair(number, images[0], images[1]))
+            _, call = localiser.localise(StereoPair(number, images[0], images[1]))
             inside.append(call.usage.processing_time_s)
             outside.append(time.perf_counter() - begin - inside[-1])
     assert min(outside) < 0.001
@@ -172,17 +171,18 @@ def test_isolation_costs_little_outside_the_timed_call(faulty: Path) -> None:
 
 
 def test_names_are_looked_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sfr: Sfr) -> None:
-    entry = metadata.EntryPoint("theirs", "package.module:Theirs", "sfr_loc_map.localisers")
-    ours = replace_name(entry, "sfr")
+    entry, ours = (
+        metadata.EntryPoint(name, "package.module:Theirs", "sfr_loc_map.localisers") for name in ("theirs", "sfr")
+    )
     monkeypatch.setattr(registry.metadata, "entry_points", lambda group: [entry, ours] if "localisers" in group else [])
-    assert find_method("theirs", MethodTask.LOCALISE).target == "package.module:Theirs"
-    assert find_method("sfr", MethodTask.LOCALISE).target == "sfr_loc_map.methods.ours:localiser"
-    with pytest.raises(MethodError, match="no method 'none' to localise: give one of sfr, opencv, orbslam3, theirs"):
-        find_method("none", MethodTask.LOCALISE)
+    assert find_method("theirs", Task.LOCALISATION).target == "package.module:Theirs"
+    assert find_method("sfr", Task.LOCALISATION).target == "sfr_loc_map.methods.ours:localiser"
+    with pytest.raises(MethodError, match="no method 'none' for localisation: give one of sfr, opencv, orbslam3, th"):
+        find_method("none", Task.LOCALISATION)
     with pytest.raises(MethodError, match="there is no file"):
-        find_method("none.py:Class", MethodTask.LOCALISE)
+        find_method("none.py:Class", Task.LOCALISATION)
     with pytest.raises(MethodError, match="give --peer-python"):
-        find_method("pandora", MethodTask.MAP)
+        find_method("pandora", Task.MAPPING)
     listed = sfr("methods")
     assert listed.code == 0
     for word in ("sfr", "opencv", "orbslam3", "theirs", "sgbm", "pandora", __version__):
@@ -190,10 +190,6 @@ def test_names_are_looked_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sf
     assert (Path(sfr("methods", "--include-dir").out.strip()) / "sfr_candidate.h").is_file()
     for method in ("external", "none"):
         assert sfr("localise", tmp_path, "-o", tmp_path / "out.csv", "--method", method).code == 2
-
-
-def replace_name(entry: metadata.EntryPoint, name: str) -> metadata.EntryPoint:
-    return metadata.EntryPoint(name, entry.value, entry.group)
 
 
 def test_header_and_examples_are_installed() -> None:

@@ -18,11 +18,11 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser, LocaliserCall
-from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
-from sfr_loc_map.methods.method import MethodLimits, MethodTask
-from sfr_loc_map.methods.registry import find_method
+from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.methods.isolated_method import IsolatedMethod, MethodCall
+from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.metrics.calls import CallUsage
 
 Build = Callable[..., Path]
@@ -32,14 +32,14 @@ PAIRS = [loc_pair(index) for index in range(4)]
 
 def calls(
     library: Path, config: str, count: int = 4, limits: MethodLimits = LIMITS, start: Transform | None = None
-) -> list[LocaliserCall]:
-    method = find_method(f"lib:{library}", MethodTask.LOCALISE, config)
-    with IsolatedLocaliser(method, LOC_RIG, start or true_pose(0), limits) as localiser:
-        return [localiser.process(replace(PAIRS[n % 4], stamp_ns=PAIRS[0].stamp_ns + n)) for n in range(count)]
+) -> list[tuple[PoseEstimate, MethodCall]]:
+    method = find_method(f"lib:{library}", Task.LOCALISATION, config)
+    with IsolatedMethod(method, LOC_RIG, start or true_pose(0), limits) as localiser:
+        return [localiser.localise(replace(PAIRS[n % 4], stamp_ns=PAIRS[0].stamp_ns + n)) for n in range(count)]
 
 
-def states(made: list[LocaliserCall]) -> list[str]:
-    return [call.estimate.state.value for call in made]
+def states(made: list[tuple[PoseEstimate, MethodCall]]) -> list[str]:
+    return [estimate.state.value for estimate, _ in made]
 
 
 FIRST = str(PAIRS[0].stamp_ns)[:-3]
@@ -68,28 +68,28 @@ FIRST = str(PAIRS[0].stamp_ns)[:-3]
 )
 def test_a_faulty_call_is_named_and_the_next_pairs_have_poses(faulty: Path, config: str, findings: list[str]) -> None:
     made = calls(faulty, config, len(findings))
-    for number, (call, finding) in enumerate(zip(made, findings, strict=True)):
+    for number, ((estimate, call), finding) in enumerate(zip(made, findings, strict=True)):
         assert call.finding.startswith(finding)
         assert bool(call.finding) == bool(finding)
         assert call.reason == finding.partition(":")[0]
-        assert call.estimate.state.value == ("lost" if finding else "tracking")
-        assert call.estimate.stamp_ns == PAIRS[0].stamp_ns + number
-        assert (call.estimate.covariance[0, 0] == 9999.0) == bool(finding)
+        assert estimate.state.value == ("lost" if finding else "tracking")
+        assert estimate.stamp_ns == PAIRS[0].stamp_ns + number
+        assert (estimate.covariance[0, 0] == 9999.0) == bool(finding)
         # also after a new start the last known pose is kept
-        np.testing.assert_allclose(call.estimate.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
+        np.testing.assert_allclose(estimate.T_ds_rb.matrix, true_pose(0).matrix, atol=1e-12)
 
 
 def test_after_too_many_crashes_it_is_not_started_again(faulty: Path) -> None:
     made = calls(faulty, "crash", 6, replace(LIMITS, restarts=2))
     assert states(made) == ["lost"] * 6
-    assert [call.finding.partition(":")[0] for call in made] == ["crashed"] * 3 + [""] * 3
-    assert made[2].finding.endswith("not started again after 3 starts")
-    assert np.isnan([call.usage.processing_time_s for call in made]).all()
+    assert [call.finding.partition(":")[0] for _, call in made] == ["crashed"] * 3 + [""] * 3
+    assert made[2][1].finding.endswith("not started again after 3 starts")
+    assert np.isnan([call.usage.processing_time_s for _, call in made]).all()
 
 
 def test_a_leak_is_named_before_the_limit_ends_it(faulty: Path) -> None:
     made = calls(faulty, "leak", 14)  # 30 MB a pair; at 400 MB it is ended
-    found = [call.finding for call in made]
+    found = [call.finding for _, call in made]
     leaking = [number for number, text in enumerate(found) if text.startswith("leaking: keeps 30")]
     ended = [number for number, text in enumerate(found) if text.startswith("out of memory: has 4")]
     assert leaking == [10]
@@ -102,8 +102,8 @@ def test_a_lost_candidate_is_no_finding_and_its_covariance_is_that_of_ds(faulty:
     turned = Transform(matrix_from_rotvec([0.0, 0.0, np.pi / 2]), np.zeros(3))
     made = calls(faulty, "ok lost", 3, start=turned)
     assert states(made) == ["tracking", "lost", "tracking"]
-    assert not any(call.finding for call in made)
-    variances = np.diag(made[0].estimate.covariance)
+    assert not any(call.finding for _, call in made)
+    variances = np.diag(made[0][0].covariance)
     np.testing.assert_allclose(variances, [0.02, 0.01, 0.03, 0.05, 0.04, 0.06])  # x is the candidate's y
 
 
@@ -131,9 +131,9 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
     ],
 )
 def test_points_are_checked(faulty: Path, config: str, finding: str) -> None:
-    with IsolatedMapper(find_method(f"lib:{faulty}", MethodTask.MAP, config), NAV_RIG, LIMITS) as mapper:
+    with IsolatedMethod(find_method(f"lib:{faulty}", Task.MAPPING, config), NAV_RIG, limits=LIMITS) as mapper:
         item = nav_pair(1)
-        made, call = mapper.process(item.pair, item.T_lm_navsb, 1)
+        made, call = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
         fused, fusion = mapper.fuse([made], item.pair)
     assert call.finding == finding
     assert len(made.cloud) == len(fused.cloud) == (0 if finding else 1)
@@ -172,17 +172,17 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
 def test_the_others_go_on_in_a_benchmark(faulty: Path, build: Build, drive: Path) -> None:
     other = build(Path(__file__).parent / "faulty_candidate.c", name="libold.so", options=("-fPIC", "-shared"))
     specs = [f"lib:{faulty}", f"lib:{other}"]
-    good, bad = find_method(specs[0], MethodTask.LOCALISE), find_method(specs[1], MethodTask.LOCALISE, "ok ok ok crash")
+    good, bad = find_method(specs[0], Task.LOCALISATION), find_method(specs[1], Task.LOCALISATION, "ok ok ok crash")
     sequence = open_source(drive).loc
     assert sequence is not None
 
-    def called(localiser: IsolatedLocaliser, pair: StereoPair, since_start_s: float) -> tuple[None, CallUsage, str]:
-        call = localiser.process(pair)
+    def called(localiser: IsolatedMethod, pair: StereoPair, since_start_s: float) -> tuple[None, CallUsage, str]:
+        _, call = localiser.localise(pair)
         return None, call.usage, call.finding
 
     given = PassInput(
         sequence.pairs,
-        lambda method: IsolatedLocaliser(method, sequence.rig, Transform.identity(), replace(LIMITS, restarts=0)),
+        lambda method: IsolatedMethod(method, sequence.rig, Transform.identity(), replace(LIMITS, restarts=0)),
         called,
     )
     done = run_pass([replace(bad, background=False), replace(good, background=False)], given)

@@ -214,4 +214,4 @@ def _rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def open_method(setup: Mapping[str, Any]) -> Library:
     """Return the method of a setup."""
-    return LibraryMapper(setup) if setup["task"] == "map" else LibraryLocaliser(setup)
+    return LibraryMapper(setup) if setup["task"] == "mapping" else LibraryLocaliser(setup)

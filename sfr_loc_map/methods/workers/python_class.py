@@ -170,4 +170,4 @@ def _described(answer: object) -> str:
 
 def open_method(setup: Mapping[str, Any]) -> PythonClass:
     """Return the method of a setup."""
-    return PythonMapper(setup) if setup["task"] == "map" else PythonLocaliser(setup)
+    return PythonMapper(setup) if setup["task"] == "mapping" else PythonLocaliser(setup)
