@@ -126,8 +126,7 @@ def live(
             title = namespace or "live"
             stack.enter_context(RosFeed(hub, namespace))
         else:
-            from sfr_loc_map.live.player import Player
-            from sfr_loc_map.live.recording import open_recording
+            from sfr_loc_map.live.playback import Player, open_recording
 
             recording, (parsed, _) = open_recording(source, truth), JudgeOptions(limits, condition).read()
             title = recording.title

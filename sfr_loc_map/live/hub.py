@@ -7,7 +7,6 @@ queue up to a bound, beyond which the oldest is dropped and counted.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from threading import Lock
@@ -92,16 +91,10 @@ class Hub:
         self._waiting: deque[Update] = deque()
         self._newest: dict[tuple[type[Media], str], Media] = {}
         self._wanted: frozenset[View] = frozenset()
-        self._wake: Callable[[], None] = lambda: None
-
-    def on_arrival(self, wake: Callable[[], None]) -> None:
-        """Call something when records arrive where none waited; it must return at once."""
-        self._wake = wake
 
     def put(self, update: Update) -> None:
         """Give a record; returns at once."""
         with self._lock:
-            was_empty = not self._waiting and not self._newest
             if isinstance(update, Media):
                 key = (type(update), update.topic)
                 self.replaced += key in self._newest
@@ -111,8 +104,6 @@ class Hub:
                     self._waiting.popleft()
                     self.dropped += 1
                 self._waiting.append(update)
-        if was_empty:
-            self._wake()
         if self._also is not None:
             self._also.put(update)
 

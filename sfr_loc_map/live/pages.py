@@ -22,8 +22,7 @@ from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live.hub import Hub
 from sfr_loc_map.live.path import ROW_FIELDS
-from sfr_loc_map.live.report_view import ReportView
-from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.state import LiveState, ReportView
 from sfr_loc_map.live.updates import (
     CloudSample,
     ElevationSample,
@@ -91,7 +90,7 @@ class Pages:
     Attributes:
         report_text: Message of the latest report, empty before the first.
         nodes_text: Message of the nodes.
-        frames: Newest image, cloud, map and tracks by topic: view, number among those of its topic, bytes.
+        frames: Newest image, cloud, map and tracks by topic, each with its bytes.
         epoch: Counts the restarts of a player.
     """
 
@@ -100,7 +99,7 @@ class Pages:
         self.state = state
         self.pages: list[Page] = []
         self.report_text = self.nodes_text = ""
-        self.frames: dict[str, tuple[View, int, bytes]] = {}
+        self.frames: dict[str, tuple[Media, bytes]] = {}
         self.epoch = 0
         self.is_over = False
         self._hub = hub
@@ -112,8 +111,12 @@ class Pages:
     def note(self, update: Update) -> None:
         """Note a record that the state has taken in."""
         if isinstance(update, Media) and update.topic in self.state.media:
-            _, number, _ = self.frames.get(update.topic, (update.view, 0, b""))
-            self.frames[update.topic] = update.view, number + 1, frame_of(update)
+            before, _ = self.frames.get(update.topic, (None, b""))
+            for page in self.pages:
+                page.replaced += (
+                    before is not None and update.view in page.views and page.sent.get(update.topic) is not before
+                )
+            self.frames[update.topic] = update, frame_of(update)
         elif isinstance(update, TimeLine) and update.restarted:
             self.epoch += 1
             self.frames.clear()
@@ -151,7 +154,7 @@ class Pages:
         if not isinstance(content, dict):
             return
         if content.get("type") == "want" and isinstance(content.get("views"), list):
-            page.want(frozenset(view for view in View if view.value in content["views"]))
+            page.views = frozenset(view for view in View if view.value in content["views"])
             self._want()
         elif content.get("type") == "ping":
             sent_ms = content.get("sent_ms")
@@ -184,6 +187,7 @@ class Page:
     Attributes:
         news: Set where there may be something new for it.
         pong: Answer to its last request for the time, empty once sent.
+        sent: Image, cloud, map and tracks that it was sent last, by topic; the topic that was sent last is the last.
         replaced: Images and clouds that were not sent, as a newer one came.
         waiting: Tells how many bytes wait for the network.
     """
@@ -208,14 +212,7 @@ class Page:
         self._report = self._nodes = ""
         self._version = self._epoch = -1
         self._next_row = self._next_call = 0
-        self._sent: dict[str, tuple[int, int]] = {}
-        self._frames_sent = 0
-
-    def want(self, views: frozenset[View]) -> None:
-        """Look at other things; what has not been looked at is no newer one that was left out."""
-        self.views = views
-        looked_at = {topic for topic, (view, _, _) in self._all.frames.items() if view in views}
-        self._sent = {topic: sent for topic, sent in self._sent.items() if topic in looked_at}
+        self.sent: dict[str, Media] = {}
 
     async def send_all(self, server: dict[str, Any]) -> None:
         """Greet the page and send what is new, until it is cut off.
@@ -273,23 +270,24 @@ class Page:
             yield pong
 
     def _waiting_topic(self) -> str | None:
-        """Return the topic whose newest frame has not been sent, of several the one that was sent longest ago."""
-        frames, nothing = self._all.frames, (0, 0)
-        new = [
-            topic
-            for topic, (view, number, _) in frames.items()
-            if view in self.views and number != self._sent.get(topic, nothing)[0]
-        ]
-        return min(new, key=lambda topic: self._sent.get(topic, nothing)[1], default=None)
+        """Return a topic whose newest frame it looks at and has not been sent, the one that was sent longest ago."""
+        frames = self._all.frames
+        order = (
+            *(topic for topic in frames if topic not in self.sent),
+            *(topic for topic in self.sent if topic in frames),
+        )
+        newest = ((topic, frames[topic][0]) for topic in order)
+        return next(
+            (topic for topic, item in newest if item.view in self.views and self.sent.get(topic) is not item), None
+        )
 
     async def _send(self, text: str) -> None:
         self._credit -= len(text)
         await asyncio.wait_for(self._channel.send_str(text), SEND_TIMEOUT_S)
 
     async def _send_frame(self, topic: str) -> None:
-        (_, number, data), (before, _) = self._all.frames[topic], self._sent.get(topic, (0, 0))
-        self.replaced += max(number - before - 1, 0) if before else 0
-        self._frames_sent += 1
-        self._sent[topic] = number, self._frames_sent
+        media, data = self._all.frames[topic]
+        self.sent.pop(topic, None)
+        self.sent[topic] = media
         self._credit -= len(data)
         await asyncio.wait_for(self._channel.send_bytes(data), SEND_TIMEOUT_S)

@@ -58,10 +58,8 @@ SHUTDOWN_S = 1.0
 """Time for requests under way when the server ends: a page that keeps its connection open keeps nobody."""
 LAST_MESSAGE_S = 0.1
 """Time for the last message to the pages."""
-PERIOD_S = 0.1
-"""Longest time between two looks at what is stale."""
-COALESCE_S = 0.01
-"""Records within this time are sent together."""
+TICK_S, PERIOD_S = 0.01, 0.1
+"""Time between two looks at what has come, longest time between two looks at what is stale."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +97,6 @@ class LiveServer:
         self._files["index.html"] = self._files["index.html"].replace(TOKEN_MARK, self._command_token.encode())
         self._pages = Pages(self.state, hub)
         self._begin_s = time.time()
-        self._arrived = asyncio.Event()
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """Serve until the task is cancelled; `ready` is called with the address once the page can be opened.
@@ -107,13 +104,7 @@ class LiveServer:
         Raises:
             NodeError: If the port cannot be listened on.
         """
-        loop, config = asyncio.get_running_loop(), self._config
-
-        def wake() -> None:
-            with suppress(RuntimeError):  # the loop has ended
-                loop.call_soon_threadsafe(self._arrived.set)
-
-        self._hub.on_arrival(wake)
+        config = self._config
         logger = logging.getLogger("sfr_loc_map.live")
         logger.addFilter(_is_fault)
         options: dict[str, Any] = {"access_log": None, "handle_signals": False, "logger": logger}
@@ -136,15 +127,16 @@ class LiveServer:
             query = f"?token={config.token}" if config.token else ""
             self.url = f"http://{name}:{runner.addresses[0][1]}/{query}"
             ready(self.url)
+            told_s = 0.0
             while True:
-                with suppress(TimeoutError):
-                    await asyncio.wait_for(self._arrived.wait(), PERIOD_S)
-                self._arrived.clear()
-                for update in self._hub.take():
+                updates, now_s = self._hub.take(), time.time()
+                for update in updates:
                     if self.state.apply(update):
                         self._pages.note(update)
-                self._pages.tell(time.time())
-                await asyncio.sleep(COALESCE_S)
+                if updates or not 0.0 <= now_s - told_s < PERIOD_S:
+                    told_s = now_s
+                    self._pages.tell(now_s)
+                await asyncio.sleep(TICK_S)
         finally:
             if self._hub.operator is not None:
                 self._hub.operator.close()

@@ -27,7 +27,7 @@ import numpy as np
 import psutil
 from browser import Browser
 
-from sfr_loc_map.live.report_view import ReportView
+from sfr_loc_map.live.state import ReportView
 
 ROOT = Path(__file__).resolve().parents[2]
 SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")

@@ -269,7 +269,7 @@ def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
         pages = Pages(LiveState(), Hub())
         page = Page(pages, channel, 100_000.0, clock=lambda: now[0])
         pages.join(page)
-        page.want(frozenset(View))
+        page.views = frozenset(View)
         sender = asyncio.create_task(page.send_all({}))
         for number in range(200):  # ten seconds of 20 images a second, 20 kB each: four times the budget
             now[0] = number * 0.05

@@ -21,8 +21,7 @@ from sfr_loc_map.io.bag_messages import odometry
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.live.hub import Action, Command, Hub
-from sfr_loc_map.live.player import Player
-from sfr_loc_map.live.recording import open_recording
+from sfr_loc_map.live.playback import Player, open_recording
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample, TimeLine, View
 from sfr_loc_map.metrics.config import ScoreConfig
