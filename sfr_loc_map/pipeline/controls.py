@@ -90,12 +90,14 @@ class Controls:
             "right": self.step,
             "left": lambda: self.seek(self.position_s - SEEK_STEP_S),
             "f": lambda: self.seek(self.position_s + SEEK_STEP_S),
-            "up": lambda: self._scale(RATE_STEP),
-            "down": lambda: self._scale(1.0 / RATE_STEP),
-            "l": self._toggle_loop,
             "q": self.stop,
         }
-        actions.get(name, lambda: None)()
+        if name in ("up", "down"):
+            self.rate *= RATE_STEP if name == "up" else 1.0 / RATE_STEP
+        elif name == "l":
+            self.loop = not self.loop
+        else:
+            actions.get(name, lambda: None)()
 
     @property
     def interrupted(self) -> bool:
@@ -106,12 +108,6 @@ class Controls:
     def held(self) -> bool:
         """Whether nothing is to be published now."""
         return self.paused and not self.steps
-
-    def _scale(self, factor: float) -> None:
-        self.rate *= factor
-
-    def _toggle_loop(self) -> None:
-        self.loop = not self.loop
 
 
 ARROWS = {b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left"}

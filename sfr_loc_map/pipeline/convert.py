@@ -9,12 +9,11 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.atomic import atomic_path
@@ -26,6 +25,10 @@ from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, format_of_name, save_trajectory
 from sfr_loc_map.simulation.faults import Fault
 from sfr_loc_map.simulation.perturber import Perturber
+
+SourceWriter = BagWriter | FolderWriter | KittiWriter | EurocWriter
+Event = tuple[int, bool, Callable[..., None], tuple[Any, ...]]
+"""Stamp, whether it is a pair, what writes it, and of what."""
 
 
 class Layout(StrEnum):
@@ -50,39 +53,6 @@ class ConvertOptions:
     zstd: bool = False
     truth_grid_m: float | None = None
     layout: Layout | None = None
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether nothing is asked for that only bags have."""
-        return self.jpeg_quality is None and not self.zstd and self.truth_grid_m is None
-
-
-class SourceWriter(Protocol):
-    """What takes the parts of a source: a bag or a folder being written."""
-
-    def write_loc_rig(self, rig: StereoRig) -> None:
-        """Take the rig of the drive."""
-        ...
-
-    def write_nav_rig(self, rig: StereoRig) -> None:
-        """Take the rig of the mapping pairs."""
-        ...
-
-    def write_loc_pair(self, pair: StereoPair) -> None:
-        """Take a pair of the drive."""
-        ...
-
-    def write_nav_pair(self, nav: PosedStereoPair) -> None:
-        """Take a mapping pair."""
-        ...
-
-    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
-        """Take a true pose."""
-        ...
-
-
-Event = tuple[int, Callable[[], None], bool]
-"""Stamp, what writes it, whether it is a pair."""
 
 
 def convert(
@@ -109,9 +79,16 @@ def convert(
     if destination.exists() and not destination.is_dir():
         raise OutputError(f"cannot write '{destination}': a file is there; remove it or choose another name")
     if options.layout is not None:
-        source = _drive_alone(source, options.layout)
+        if source.loc is None:
+            raise OutputError(f"'{source.path}' has no drive: the layout of {options.layout} holds nothing else")
+        source = replace(source, nav=None)
+    count = 0
     with atomic_path(destination) as temporary, _writer(temporary, source, options) as writer:
-        return _copy(source, writer, progress)
+        for _, is_pair, write, values in heapq.merge(*_streams(source, writer), key=lambda event: event[0]):
+            write(*values)
+            count += is_pair
+            progress(count)
+    return count
 
 
 def is_trajectory(path: Path) -> bool:
@@ -125,12 +102,9 @@ def holds_trajectory(path: Path) -> bool:
 
 
 def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
-    """Write a trajectory: as csv, TUM, KITTI or EuRoC by the ending, otherwise to a bag or a folder.
+    """Write a trajectory, and return the number of poses: csv, TUM, KITTI or EuRoC by the ending, or a bag or a folder.
 
     The topic of a bag is `ground_truth/odometry`.
-
-    Returns:
-        The number of poses.
 
     Raises:
         OutputError: If the output cannot be written.
@@ -141,8 +115,8 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     elif destination.suffix in STORAGE_BY_SUFFIX:
         storage = STORAGE_BY_SUFFIX[destination.suffix]
         with atomic_path(destination) as temporary, BagWriter(temporary, storage) as writer:
-            for _, write, _ in _truth_events(trajectory, writer):
-                write()
+            for _, _, write, values in _truth_events(trajectory, writer):
+                write(*values)
     else:
         with atomic_path(destination) as temporary:
             temporary.mkdir()
@@ -150,64 +124,42 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     return len(trajectory)
 
 
-def _drive_alone(source: Source, layout: Layout) -> Source:
-    if source.loc is None:
-        raise OutputError(f"'{source.path}' has no drive: the layout of {layout} holds nothing else")
-    return replace(source, nav=None)
-
-
 def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractContextManager[SourceWriter]:
-    storage = STORAGE_BY_SUFFIX.get(path.suffix)
-    if storage is not None and options.layout is None:
-        return BagWriter(
-            path,
-            storage,
-            jpeg_quality=options.jpeg_quality,
-            zstd=options.zstd,
-            truth_grid_m=options.truth_grid_m,
-        )
+    storage, layout = STORAGE_BY_SUFFIX.get(path.suffix), options.layout
+    if storage is not None and layout is None:
+        quality, grid_m = options.jpeg_quality, options.truth_grid_m
+        return BagWriter(path, storage, jpeg_quality=quality, zstd=options.zstd, truth_grid_m=grid_m)
     if storage is not None:
-        raise OutputError(f"'{path.name}' is the name of a bag: '--to {options.layout}' writes a folder")
-    if not options.is_exact:
+        raise OutputError(f"'{path.name}' is the name of a bag: '--to {layout}' writes a folder")
+    if replace(options, layout=None) != ConvertOptions():
         raise OutputError(f"'{path.name}' will be a data set folder, which is exact: JPEG, zstd and grid are for bags")
-    if options.layout is Layout.KITTI:
+    if layout is Layout.KITTI:
         return KittiWriter(path)
-    if options.layout is Layout.EUROC:
+    if layout is Layout.EUROC:
         return EurocWriter(path)
     return FolderWriter(path, loc=source.loc is not None, nav=source.nav is not None)
 
 
-def _copy(source: Source, writer: SourceWriter, progress: Callable[[int], None]) -> int:
-    count = 0
-    streams = []
-    if source.loc is not None:
-        writer.write_loc_rig(source.loc.rig)
-        if source.loc.ground_truth is not None:
-            streams.append(_truth_events(source.loc.ground_truth, writer))
-        streams.append(_loc_events(source.loc.pairs(), writer))
-    if source.nav is not None:
-        writer.write_nav_rig(source.nav.rig)
-        streams.append(_nav_events(source.nav.pairs(), writer))
-    for _, write, is_pair in heapq.merge(*streams, key=lambda event: event[0]):
-        write()
-        count += is_pair
-        progress(count)
-    return count
-
-
-def _loc_events(pairs: Iterator[StereoPair], writer: SourceWriter) -> Iterator[Event]:
-    for pair in pairs:
-        yield pair.stamp_ns, lambda pair=pair: writer.write_loc_pair(pair), True  # type: ignore[misc]
-
-
-def _nav_events(pairs: Iterator[PosedStereoPair], writer: SourceWriter) -> Iterator[Event]:
-    for nav in pairs:
-        yield nav.pair.stamp_ns, lambda nav=nav: writer.write_nav_pair(nav), True  # type: ignore[misc]
+def _streams(source: Source, writer: SourceWriter) -> list[Iterator[Event]]:
+    """Write the rigs; return what is to be written then, each stream in the order of its stamps."""
+    streams: list[Iterator[Event]] = []
+    if (loc := source.loc) is not None:
+        writer.write_loc_rig(loc.rig)
+        if loc.ground_truth is not None:
+            streams.append(_truth_events(loc.ground_truth, writer))
+        streams.append((pair.stamp_ns, True, writer.write_loc_pair, (pair,)) for pair in loc.pairs())
+    if (nav := source.nav) is not None:
+        writer.write_nav_rig(nav.rig)
+        streams.append((item.pair.stamp_ns, True, writer.write_nav_pair, (item,)) for item in nav.pairs())
+    return streams
 
 
 def _truth_events(truth: Trajectory, writer: SourceWriter) -> Iterator[Event]:
-    for i, stamp_ns in enumerate(truth.stamps_ns.tolist()):
-        yield stamp_ns, lambda i=i, s=stamp_ns: writer.write_truth(s, truth.positions[i], truth.quats_xyzw[i]), False  # type: ignore[misc]
+    for pose in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
+        yield pose[0], False, writer.write_truth, pose
+
+
+# ---- faults
 
 
 def perturb(
@@ -217,7 +169,7 @@ def perturb(
     seed: int = 0,
     progress: Callable[[int], None] = lambda _: None,
 ) -> int:
-    """Write a source with injected faults; the ground truth stays that of the source.
+    """Write a source with injected faults as a bag or a folder; the ground truth stays that of the source.
 
     Args:
         source: The source without faults.
@@ -237,12 +189,7 @@ def perturb(
 
 
 def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
-    """Return a source with injected faults, made as it is read; the ground truth stays that of the source.
-
-    Args:
-        source: The source without faults; itself where there is no fault.
-        faults: Applied in this order to the drive and to the mapping pairs.
-        seed: Seed of which pairs are affected.
+    """Return a source with injected faults, made as it is read; itself where there is none.
 
     Raises:
         InputError: If the faults leave no pair.
@@ -257,26 +204,34 @@ def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
     return Source(source.path, source.format, loc, nav)
 
 
-class FaultyLoc:
-    """A drive with injected faults; a `LocSequence` with the ground truth of the drive without."""
+class _Faulty:
+    """Pairs with injected faults; the same seed affects the same ones."""
 
-    def __init__(self, inner: LocSequence, faults: Sequence[Fault], seed: int) -> None:
-        """Choose the affected pairs; the same seed affects the same ones."""
-        self._inner, self._perturber = inner, Perturber(faults, seed, len(inner), inner.rig)
+    def __init__(self, inner: LocSequence | NavSequence, faults: Sequence[Fault], seed: int) -> None:
+        self._perturber = Perturber(faults, seed, len(inner), inner.rig)
 
     @property
     def rig(self) -> StereoRig:
         """The rig of the faulty calibration."""
         return self._perturber.rig
 
+    def __len__(self) -> int:
+        """Return the number of pairs that are left."""
+        return int(np.count_nonzero(self._perturber.kept))
+
+
+class FaultyLoc(_Faulty):
+    """A drive with injected faults; a `LocSequence` with the ground truth of the drive without."""
+
+    def __init__(self, inner: LocSequence, faults: Sequence[Fault], seed: int) -> None:
+        """Choose the affected pairs."""
+        super().__init__(inner, faults, seed)
+        self._inner = inner
+
     @property
     def ground_truth(self) -> Trajectory | None:
         """Ground truth of the drive."""
         return self._inner.ground_truth
-
-    def __len__(self) -> int:
-        """Return the number of pairs that are left."""
-        return int(np.count_nonzero(self._perturber.kept))
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs with their faults."""
@@ -284,21 +239,13 @@ class FaultyLoc:
             yield pair
 
 
-class FaultyNav:
+class FaultyNav(_Faulty):
     """Mapping pairs with injected faults; a `NavSequence` with the poses and the truth of the pairs without."""
 
     def __init__(self, inner: NavSequence, faults: Sequence[Fault], seed: int) -> None:
-        """Choose the affected pairs; the same seed affects the same ones."""
-        self._inner, self._perturber = inner, Perturber(faults, seed, len(inner), inner.rig)
-
-    @property
-    def rig(self) -> StereoRig:
-        """The rig of the faulty calibration."""
-        return self._perturber.rig
-
-    def __len__(self) -> int:
-        """Return the number of pairs that are left."""
-        return int(np.count_nonzero(self._perturber.kept))
+        """Choose the affected pairs."""
+        super().__init__(inner, faults, seed)
+        self._inner = inner
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs with their faults."""

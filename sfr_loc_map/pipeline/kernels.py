@@ -1,10 +1,10 @@
-"""Compiles the kernels of a part before they are needed, as `make demo` does beside the installation.
+"""Loads the kernels of a part; where they are not compiled yet, a process of its own compiles them first.
 
     python -m sfr_loc_map.pipeline.kernels localisation mapping terrain metrics
 
-Each part takes up to a minute of one core the first time, a few seconds to load later. Parts may be compiled in
-processes side by side. Nothing has to be compiled in advance: what needs kernels has this run when it starts
-(`load_kernels`).
+The compiler takes some 300 MB, and a process does not give them back: in a first run after an installation they would
+be scored as memory of the localiser or the mapper. So a compilation that begins here is refused, this module is run
+beside, and what it left in the cache is loaded. Each part takes up to a minute of one core the first time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,11 @@ from sfr_loc_map.errors import ConfigError
 COMPILE = "numba:compile"
 """Event of numba: a kernel is compiled; none for one that is loaded from the cache."""
 PERIOD_S = 5.0
+POLL_S = 0.1
+SIGNAL_S = 1.0
+"""How long after a signal has ended the compiling process this one may still learn of it."""
 Say = Callable[[str], None]
+_ONE_AT_A_TIME = threading.Lock()
 
 
 def _localisation() -> None:
@@ -65,26 +69,8 @@ PARTS: Mapping[str, Callable[[], None]] = {
 }
 
 
-@contextmanager
-def announce_compilation(say: Say, clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
-    """Say that kernels are compiled within the `with` block, every 5 s how many, and how long it took; else nothing.
-
-    Args:
-        say: Called with each line, in the thread that compiles.
-        clock: Seconds, going forward.
-    """
-    progress = _Progress(say, clock)
-    with event.install_listener(COMPILE, progress):
-        yield
-    if progress.count:
-        say(f"{progress.count} kernels compiled in {progress.elapsed_s:.0f} s; later starts load them")
-
-
 def compile_kernels(parts: list[str]) -> None:
     """Compile the kernels of parts, or load those that are compiled.
-
-    Args:
-        parts: Some of `PARTS`.
 
     Raises:
         ConfigError: If another part is named.
@@ -96,55 +82,17 @@ def compile_kernels(parts: list[str]) -> None:
         PARTS[part]()
 
 
-class _Progress(event.Listener):
-    """Counts the kernels that are compiled."""
-
-    def __init__(self, say: Say, clock: Callable[[], float]) -> None:
-        self.count = 0
-        self._say, self._clock = say, clock
-        self._begin = self._last = 0.0
-
-    @property
-    def elapsed_s(self) -> float:
-        return self._clock() - self._begin
-
-    def on_start(self, event: event.Event) -> None:
-        if not self._begin:
-            self._begin = self._last = self._clock()
-            self._say("compiles its kernels, once after an installation: this takes about a minute")
-
-    def on_end(self, event: event.Event) -> None:
-        self.count += 1
-        if self._clock() - self._last > PERIOD_S:
-            self._last = self._clock()
-            self._say(f"{self.count} kernels compiled, {self.elapsed_s:.0f} s")
-
-
-if __name__ == "__main__":
-    end_with_parent(signal.SIGTERM)  # who waits for the kernels is not outlived
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it goes to the whole terminal: no traceback beside the one who waits
-    with announce_compilation(lambda line: print(line, flush=True)):
-        compile_kernels(sys.argv[1:])
-
-
-_ONE_AT_A_TIME = threading.Lock()
-POLL_S = 0.1
-SIGNAL_S = 1.0
-"""How long after a signal has ended the compiling process this one may still learn of it."""
-
-
-def say_on_stderr(line: str) -> None:
-    """Write a line to standard error."""
-    print(line, file=sys.stderr, flush=True)
-
-
-def load_kernels(part: str, say: Say = say_on_stderr, is_wanted: Callable[[], bool] | None = None) -> None:
+def load_kernels(
+    part: str,
+    say: Say = lambda line: print(line, file=sys.stderr, flush=True),
+    is_wanted: Callable[[], bool] | None = None,
+) -> None:
     """Load all kernels of a part, so that no later call pays for it.
 
     SIGINT and SIGTERM, where Python handles them, take effect when that is done.
 
     Args:
-        part: One of `compile_kernels.PARTS`.
+        part: One of `PARTS`.
         say: Called with each line of progress where kernels are compiled.
         is_wanted: Becomes false where the program is to end and no exception says so, as in a ROS node. Where it is
             given, the handlers of signals are left as they are.
@@ -152,8 +100,70 @@ def load_kernels(part: str, say: Say = say_on_stderr, is_wanted: Callable[[], bo
     Raises:
         KeyboardInterrupt: If kernels had to be compiled, and are wanted no more.
     """
-    with _signals_deferred() if is_wanted is None else nullcontext(is_wanted) as goes_on:
-        _load(part, say, goes_on)
+
+    def refuse() -> None:
+        raise _NotCompiledError
+
+    def end_when_unwanted() -> None:
+        if not goes_on():
+            raise KeyboardInterrupt
+
+    with _signals_deferred() if is_wanted is None else nullcontext(is_wanted) as goes_on, _ONE_AT_A_TIME:
+        with event.install_listener(COMPILE, _Listener(refuse)):  # it hears all threads
+            try:
+                PARTS[part]()
+                return
+            except _NotCompiledError:  # refused all the while: other threads of the part have not ended yet
+                _compile_beside(part, say, goes_on)
+        guard = event.install_listener(COMPILE, _Listener(end_when_unwanted))
+        with guard, announce_compilation(say):  # of what could not be kept: the cache may be read-only
+            PARTS[part]()
+
+
+class _NotCompiledError(Exception):
+    """A kernel is not in the cache."""
+
+
+class _Listener(event.Listener):
+    """Calls a function before each compilation, which an exception of it ends, and another one after it."""
+
+    def __init__(self, before: Callable[[], None], after: Callable[[], None] = lambda: None) -> None:
+        self._before, self._after = before, after
+
+    def on_start(self, event: event.Event) -> None:
+        self._before()
+
+    def on_end(self, event: event.Event) -> None:
+        self._after()
+
+
+@contextmanager
+def announce_compilation(say: Say, clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
+    """Say that kernels are compiled within the `with` block, every 5 s how many, and how long it took; else nothing.
+
+    Args:
+        say: Called with each line, in the thread that compiles.
+        clock: Seconds, going forward.
+    """
+    count, begin, last = 0, 0.0, 0.0
+
+    def before() -> None:
+        nonlocal begin, last
+        if not begin:
+            begin = last = clock()
+            say("compiles its kernels, once after an installation: this takes about a minute")
+
+    def after() -> None:
+        nonlocal count, last
+        count += 1
+        if clock() - last > PERIOD_S:
+            last = clock()
+            say(f"{count} kernels compiled, {last - begin:.0f} s")
+
+    with event.install_listener(COMPILE, _Listener(before, after)):
+        yield
+    if count:
+        say(f"{count} kernels compiled in {clock() - begin:.0f} s; later starts load them")
 
 
 @contextmanager
@@ -164,16 +174,12 @@ def _signals_deferred() -> Iterator[Callable[[], bool]]:
     kernel that is not loaded (SIGSEGV).
     """
     received: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-
     before: dict[int, Callable[[int, FrameType | None], Any]] = {}
     if threading.current_thread() is threading.main_thread():  # no other may set handlers, or runs them
         for number in (signal.SIGINT, signal.SIGTERM):
             if callable(handler := signal.getsignal(number)):
                 before[number] = handler
-                signal.signal(number, note)
+                signal.signal(number, lambda number, frame: received.append(number))
     try:
         yield lambda: not received
     finally:
@@ -183,47 +189,6 @@ def _signals_deferred() -> Iterator[Callable[[], bool]]:
             before[received[0]](received[0], None)
 
 
-def _load(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
-    with _ONE_AT_A_TIME:  # the listeners hear all threads
-        with event.install_listener(COMPILE, _Refusal()):
-            try:
-                PARTS[part]()
-                return
-            except _NotCompiledError:  # refused all the while: other threads of the part have not ended yet
-                _compile_beside(part, say, is_wanted)
-        guard = event.install_listener(COMPILE, _EndWhenUnwanted(is_wanted))
-        with guard, announce_compilation(say):  # of what could not be kept: the cache may be read-only
-            PARTS[part]()
-
-
-class _NotCompiledError(Exception):
-    """A kernel is not in the cache."""
-
-
-class _Refusal(event.Listener):
-    """Ends each compilation before it begins."""
-
-    def on_start(self, event: event.Event) -> None:
-        raise _NotCompiledError
-
-    def on_end(self, event: event.Event) -> None:
-        pass
-
-
-class _EndWhenUnwanted(event.Listener):
-    """Ends a compilation that nobody waits for any more."""
-
-    def __init__(self, is_wanted: Callable[[], bool]) -> None:
-        self._is_wanted = is_wanted
-
-    def on_start(self, event: event.Event) -> None:
-        if not self._is_wanted():
-            raise KeyboardInterrupt
-
-    def on_end(self, event: event.Event) -> None:
-        pass
-
-
 def _compile_beside(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
     """Compile in a process that ends with this one; pass on what it says.
 
@@ -231,11 +196,16 @@ def _compile_beside(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
         KeyboardInterrupt: If the kernels are wanted no more.
     """
     command = [sys.executable, "-P", "-m", "sfr_loc_map.pipeline.kernels", part]
-    environment = child_environment()
-    with subprocess.Popen(
-        command, env=environment, text=True, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE
-    ) as child:
-        threading.Thread(target=_end_when_unwanted, args=(child, is_wanted), daemon=True).start()
+    pipes: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, env=child_environment(), text=True, **pipes) as child:
+
+        def end_when_unwanted() -> None:
+            while child.poll() is None:
+                if not is_wanted():
+                    child.terminate()
+                time.sleep(POLL_S)
+
+        threading.Thread(target=end_when_unwanted, daemon=True).start()
         for line in child.stdout or ():
             say(line.rstrip())
     end = time.monotonic() + (SIGNAL_S if child.returncode < 0 else 0.0)
@@ -247,8 +217,8 @@ def _compile_beside(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
         say(f"the process that compiles ended with exit code {child.returncode}: the kernels are compiled here")
 
 
-def _end_when_unwanted(child: subprocess.Popen[str], is_wanted: Callable[[], bool]) -> None:
-    while child.poll() is None:
-        if not is_wanted():
-            child.terminate()
-        time.sleep(POLL_S)
+if __name__ == "__main__":
+    end_with_parent(signal.SIGTERM)  # who waits for the kernels is not outlived
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it goes to the whole terminal: no traceback beside the one who waits
+    with announce_compilation(lambda line: print(line, flush=True)):
+        compile_kernels(sys.argv[1:])

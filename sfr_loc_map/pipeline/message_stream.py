@@ -1,4 +1,4 @@
-"""A source as a stream of serialised messages, in the order in which they are to be published.
+"""A source as a stream of serialised messages in the order of their publication, and when each is due. ROS-free.
 
 Messages of a bag are passed on byte by byte. Those of other sources are made as for a bag that is written.
 """
@@ -8,15 +8,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, TYPESTORE, Bag
-from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TYPESTORE, Bag
+from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.pipeline.controls import Controls
 
 POSE_TOPIC = "nav/pose"
@@ -47,23 +46,25 @@ class Message:
 
 
 def topics_of(source: Source, remap: Mapping[str, str]) -> dict[str, str]:
-    """Return the topics that `messages_of` publishes: types by relative name.
+    """Return the topics that `messages_of` publishes: types by relative name; camera_info first.
 
     Raises:
         InputError: If the source is broken.
     """
-    if source.format == "bag":
-        bag = Bag(source.path, remap)
-        found = [bag.find(name, *_types(name)) for name in _names(source)]
-        return {topic.name: topic.msgtype for topic in found if topic is not None}
-    images = {f"{task}/{side}/image_rect": IMAGE for task in _tasks(source) for side in SIDES}
-    infos = {f"{task}/{side}/camera_info": CAMERA_INFO for task in _tasks(source) for side in SIDES}
-    others: dict[str, str] = {}
-    if source.loc is not None and source.loc.ground_truth is not None:
-        others[TRUTH_TOPIC] = "nav_msgs/msg/Odometry"
+    tasks = [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
+    cameras = [f"{task}/{side}" for task in tasks for side in SIDES]
+    topics = {f"{camera}/camera_info": CAMERA_INFO for camera in cameras}
+    topics |= {f"{camera}/image_rect": IMAGE for camera in cameras}
+    is_bag = source.format == "bag"
+    if source.loc is not None and (is_bag or source.loc.ground_truth is not None):
+        topics[TRUTH_TOPIC] = ODOMETRY
     if source.nav is not None:
-        others |= {POSE_TOPIC: "geometry_msgs/msg/PoseStamped", POINTS_TOPIC: "sensor_msgs/msg/PointCloud2"}
-    return images | infos | others
+        topics |= {POSE_TOPIC: POSE, POINTS_TOPIC: POINTS}
+    if not is_bag:
+        return topics
+    bag = Bag(source.path, remap)
+    found = [bag.find(name, *((IMAGE, COMPRESSED) if kind == IMAGE else ())) for name, kind in topics.items()]
+    return {topic.name: topic.msgtype for topic in found if topic is not None}
 
 
 def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
@@ -77,12 +78,59 @@ def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
         InputError: If the source is broken.
     """
     if source.format == "bag":
-        yield from _bag_messages(source.path, remap, _names(source))
+        yield from _bag_messages(source, remap)
         return
-    if source.loc is not None:
-        yield from _loc_messages(source.loc)
-    if source.nav is not None:
-        yield from _nav_messages(source.nav)
+    if (loc := source.loc) is not None:
+        truth, done = loc.ground_truth or Trajectory.empty(), 0
+        stamps = truth.stamps_ns.tolist()
+
+        def true_pose(index: int) -> Message:
+            pose = bag_messages.odometry(stamps[index], truth.positions[index], truth.quats_xyzw[index])
+            return _message(TRUTH_TOPIC, stamps[index], pose)
+
+        for pair in loc.pairs():
+            while done < len(stamps) and stamps[done] <= pair.stamp_ns:
+                yield true_pose(done)
+                done += 1
+            yield from _pair_messages("loc", loc.rig, pair)
+        for index in range(done, len(stamps)):
+            yield true_pose(index)
+    if (nav := source.nav) is not None:
+        for item in nav.pairs():
+            stamp_ns = item.pair.stamp_ns
+            yield _message(POSE_TOPIC, stamp_ns, bag_messages.pose(stamp_ns, item.T_lm_navsb))
+            if item.truth is not None:
+                yield _message(POINTS_TOPIC, stamp_ns, bag_messages.points(stamp_ns, item.truth, None))
+            yield from _pair_messages("nav", nav.rig, item.pair)
+
+
+def _bag_messages(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
+    bag, names = Bag(source.path, remap), list(topics_of(source, remap))
+    names = [name.removesuffix("/compressed") for name in names]
+    infos = {name for name in names if name.endswith("camera_info")}
+    for item in bag.raw_messages(sorted(infos)):
+        if item[0] in infos:
+            infos.remove(item[0])
+            yield Message(*item)
+        if not infos:
+            break
+    for item in bag.raw_messages(names):
+        yield Message(*item)
+
+
+def _pair_messages(task: str, rig: StereoRig, pair: StereoPair) -> Iterator[Message]:
+    stamp_ns = pair.stamp_ns
+    for side in SIDES:
+        info = bag_messages.camera_info(stamp_ns, rig, task, side)
+        yield _message(f"{task}/{side}/camera_info", stamp_ns, info)
+    for side in SIDES:
+        image = bag_messages.image(stamp_ns, getattr(pair, side), task, side)
+        yield _message(f"{task}/{side}/image_rect", stamp_ns, image)
+
+
+def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN401 - types are made at run time
+    raw = bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
+    return Message(topic, message.__msgtype__, stamp_ns, raw)
 
 
 def start_at(
@@ -121,91 +169,11 @@ def end_of(source: Source) -> float:
     return max(ends)
 
 
-def _tasks(source: Source) -> list[str]:
-    return [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
-
-
-def _names(source: Source) -> list[str]:
-    """Return the topics of a bag that are played; camera_info first."""
-    names = [f"{task}/{side}/camera_info" for task in _tasks(source) for side in SIDES]
-    names += [f"{task}/{side}/image_rect" for task in _tasks(source) for side in SIDES]
-    if source.loc is not None:
-        names.append(TRUTH_TOPIC)
-    if source.nav is not None:
-        names += [POSE_TOPIC, POINTS_TOPIC]
-    return names
-
-
-def _types(name: str) -> tuple[str, ...]:
-    return (IMAGE, COMPRESSED) if name.endswith("image_rect") else ()
-
-
-def _bag_messages(path: Path, remap: Mapping[str, str], names: list[str]) -> Iterator[Message]:
-    bag = Bag(path, remap)
-    infos = {name for name in names if name.endswith("camera_info")}
-    for item in bag.raw_messages(sorted(infos)):
-        if item[0] in infos:
-            infos.remove(item[0])
-            yield Message(*item)
-        if not infos:
-            break
-    for item in bag.raw_messages(names):
-        yield Message(*item)
-
-
-def _loc_messages(sequence: LocSequence) -> Iterator[Message]:
-    truth = sequence.ground_truth or Trajectory.empty()
-    stamps = truth.stamps_ns.tolist()
-    done = 0
-    for pair in sequence.pairs():
-        while done < len(stamps) and stamps[done] <= pair.stamp_ns:
-            yield _true_pose(truth, done)
-            done += 1
-        yield from _pair_messages("loc", sequence.rig, pair)
-    for index in range(done, len(stamps)):
-        yield _true_pose(truth, index)
-
-
-def _nav_messages(sequence: NavSequence) -> Iterator[Message]:
-    for item in sequence.pairs():
-        stamp_ns = item.pair.stamp_ns
-        yield _message(POSE_TOPIC, stamp_ns, bag_messages.pose(stamp_ns, item.T_lm_navsb))
-        if item.truth is not None:
-            yield _message(POINTS_TOPIC, stamp_ns, bag_messages.points(stamp_ns, item.truth, None))
-        yield from _pair_messages("nav", sequence.rig, item.pair)
-
-
-def _pair_messages(task: str, rig: StereoRig, pair: StereoPair) -> Iterator[Message]:
-    stamp_ns = pair.stamp_ns
-    for side in SIDES:
-        info = bag_messages.camera_info(stamp_ns, rig, task, side)
-        yield _message(f"{task}/{side}/camera_info", stamp_ns, info)
-    for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):
-        image = bag_messages.image(stamp_ns, pixels, task, side)
-        yield _message(f"{task}/{side}/image_rect", stamp_ns, image)
-
-
-def _true_pose(truth: Trajectory, index: int) -> Message:
-    stamp_ns = int(truth.stamps_ns[index])
-    odometry = bag_messages.odometry(stamp_ns, truth.positions[index], truth.quats_xyzw[index])
-    return _message(TRUTH_TOPIC, stamp_ns, odometry)
-
-
-def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN401 - types are made at run time
-    raw = bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
-    return Message(topic, message.__msgtype__, stamp_ns, raw)
-
-
 class Pacer:
     """Says when a message is due; each task starts with its first message, and again after a pause."""
 
     def __init__(self, controls: Controls, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin.
-
-        Args:
-            controls: Their rate is used.
-            clock: Monotonic seconds.
-        """
+        """Begin; the rate is that of the controls."""
         self._controls, self._clock = controls, clock
         self._rate = controls.rate
         self._origins: dict[str, tuple[float, int]] = {}

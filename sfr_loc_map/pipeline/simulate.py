@@ -17,8 +17,8 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import yaml
@@ -44,15 +44,8 @@ PARTS_SUFFIX = ".parts"
 ORPHAN_CHECK_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Job:
-    """One file, or one ground truth with its mask, to render.
-
-    Attributes:
-        task: Whose rig it is.
-        frame: Number of the pair.
-        what: `left`, `right` or `truth`.
-    """
+class Job(NamedTuple):
+    """One image (`left`, `right`), or one ground truth with its mask (`truth`), to render for the rig of a task."""
 
     task: Task
     frame: int
@@ -105,11 +98,8 @@ def simulate(
 
 def can_continue(config: SimulationConfig, out: Path) -> bool:
     """Tell whether a folder holds an unfinished run with these settings."""
-    try:
-        same = build(SimulationConfig, load_yaml(out / SETTINGS)) == config
-    except ConfigError:
-        return False
-    return same and not all((folder / "pairs.csv").exists() for folder in task_folders(Plan.make(config), out).values())
+    folders = task_folders(Plan.make(config), out).values()
+    return _is_of(config, out) and not all((folder / "pairs.csv").exists() for folder in folders)
 
 
 def task_folders(plan: Plan, out: Path) -> dict[Task, Path]:
@@ -124,10 +114,18 @@ def settings_text(config: SimulationConfig) -> str:
     return yaml.safe_dump(flat, sort_keys=False, width=120)
 
 
+def _is_of(config: SimulationConfig, out: Path) -> bool:
+    try:
+        return build(SimulationConfig, load_yaml(out / SETTINGS)) == config
+    except ConfigError:
+        return False
+
+
 def _simulate_folder(plan: Plan, out: Path, workers: int, progress: Callable[[int, int], None]) -> int:
     folders = task_folders(plan, out)
     _claim(plan.config, out)
-    jobs = _jobs(plan)
+    whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
+    jobs = [Job(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
     for job in jobs:
         for file in job.files(folders[job.task]):
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -142,20 +140,10 @@ def _simulate_folder(plan: Plan, out: Path, workers: int, progress: Callable[[in
     return sum(plan.count(task) for task in folders)
 
 
-def _jobs(plan: Plan) -> list[Job]:
-    whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
-    return [Job(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
-
-
 def _claim(config: SimulationConfig, out: Path) -> None:
     """Take an absent or empty folder, or one of the same settings."""
-    settings = out / SETTINGS
-    if settings.exists():
-        try:
-            same = build(SimulationConfig, load_yaml(settings)) == config
-        except ConfigError:
-            same = False
-        if not same:
+    if (out / SETTINGS).exists():
+        if not _is_of(config, out):
             raise OutputError(f"'{out}' holds a simulation with other settings: remove it or choose another name")
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -164,7 +152,7 @@ def _claim(config: SimulationConfig, out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the folder '{out}': {error.strerror}") from error
-    _write(settings, settings_text(config).encode())
+    _write(out / SETTINGS, settings_text(config).encode())
 
 
 def _render(plan: Plan, out: Path, jobs: list[Job], workers: int, progress: Callable[[int], None]) -> None:
@@ -198,20 +186,19 @@ _worker: tuple[World, dict[Task, Path]] | None = None
 
 
 def _prepare(text: str, out: Path, parent: int | None) -> None:
-    """Build the scene in a worker process."""
+    """Build the scene in a worker process, which ends when its parent was killed."""
     global _worker
+
+    def exit_with_parent() -> None:
+        while os.getppid() == parent:
+            time.sleep(ORPHAN_CHECK_S)
+        os._exit(1)
+
     if parent is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        threading.Thread(target=_exit_with, args=(parent,), daemon=True).start()
+        threading.Thread(target=exit_with_parent, daemon=True).start()
     plan = Plan.make(build(SimulationConfig, yaml.safe_load(text)))
     _worker = World(plan), task_folders(plan, out)
-
-
-def _exit_with(parent: int) -> None:
-    """End this process when its parent was killed, so that no worker outlives a killed run."""
-    while os.getppid() == parent:
-        time.sleep(ORPHAN_CHECK_S)
-    os._exit(1)
 
 
 def _run(job: Job) -> None:
