@@ -130,13 +130,15 @@ def associate(
         quats, est = np.concatenate((quats, turned)), np.concatenate((est, alone))
         order = np.argsort(stamps, kind="stable")
         stamps, positions, quats, est = stamps[order], positions[order], quats[order], est[order]
+    both = estimate.stamps_ns, truth.stamps_ns
+    unordered = [int(np.count_nonzero(each[1:] < np.maximum.accumulate(each)[:-1])) for each in both]
     counts = AssociationCounts(
         estimate_poses=len(estimate),
         truth_poses=len(truth),
         estimate_duplicates=len(estimate) - len(est_rows),
         truth_duplicates=len(truth) - len(gt_rows),
-        estimate_unordered=count_unordered(estimate.stamps_ns),
-        truth_unordered=count_unordered(truth.stamps_ns),
+        estimate_unordered=unordered[0],
+        truth_unordered=unordered[1],
         exact=int(np.count_nonzero(difference == 0)),
         near=int(np.count_nonzero(difference)),
         interpolated=len(gaps),
@@ -156,11 +158,6 @@ def unique_rows(stamps_ns: IntArray) -> Rows:
         ordered = stamps_ns[order]
         return np.asarray(order[np.append(ordered[1:] != ordered[:-1], True)])
     return np.arange(len(stamps_ns), dtype=np.intp)
-
-
-def count_unordered(stamps_ns: IntArray) -> int:
-    """Return how many stamps are earlier than one before them."""
-    return int(np.count_nonzero(stamps_ns[1:] < np.maximum.accumulate(stamps_ns)[:-1]))
 
 
 def decide_mode(est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> AssociationMode:

@@ -61,7 +61,9 @@ class PairedDifference:
     other: float | None  #: The same of the other score.
     difference: float | None  #: Other less first: below zero the other is better.
     ci95: Interval | None  #: 95 % interval of the difference.
-    outcome: Annotated[Outcome, Key("verdict")]  #: What it says; `no difference shown` if it holds zero.
+    outcome: Annotated[Outcome, Key("verdict")] = (
+        Outcome.NOT_ENOUGH_DATA
+    )  #: What it says; `no difference shown` if it holds zero.
     p: float | None = None  #: Probability of such a difference by chance, by the same scatter; None without one.
     p_corrected: float | None = None  #: The same corrected for the number of comparisons (Holm).
 
@@ -165,22 +167,22 @@ def _condition_pairs(part: SubTrajectoryRows, other: SubTrajectoryRows, name: st
     starts, ends = np.asarray(part.start_frame)[mine], np.asarray(part.end_frame)[mine]
     inside = np.searchsorted(starts, ends, side="left") - np.arange(len(starts))
     overlap = float(np.maximum(inside, 1).mean())  # starts within one sub-trajectory
-    head = PairedDifference(
-        name=name,
-        condition=part.condition,
-        figure="",
-        count=len(common),
-        left_out=(len(spans[0]) - len(common), len(spans[1]) - len(common)),
-        first=None,
-        other=None,
-        difference=None,
-        ci95=None,
-        outcome=Outcome.NOT_ENOUGH_DATA,
-    )
-    return [
-        _with_difference(replace(head, figure=figure), a[:, columns], b[:, columns], overlap)
-        for figure, columns in FIGURES.items()
-    ]
+    pairs = []
+    for figure, columns in FIGURES.items():
+        pair = PairedDifference(
+            name=name,
+            condition=part.condition,
+            figure=figure,
+            count=len(common),
+            left_out=(len(spans[0]) - len(common), len(spans[1]) - len(common)),
+            first=None,
+            other=None,
+            difference=None,
+            ci95=None,
+            outcome=Outcome.NOT_ENOUGH_DATA,
+        )
+        pairs.append(_with_difference(pair, a[:, columns], b[:, columns], overlap))
+    return pairs
 
 
 def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
@@ -199,8 +201,9 @@ def _with_difference(pair: PairedDifference, a: FloatArray, b: FloatArray, overl
     share = (1.0 - 1.0 / independent) * blocks_share(overlap, float(block))
     freedom = max(independent - 1.0, MIN_FREEDOM)
     sigma = float(WIDENING * scatter / np.sqrt(share))
-    half = student_quantile(0.975, freedom) * sigma + _PRECISION
-    p = 2.0 * student_share(-max(abs(difference) - _PRECISION, 0.0) / sigma, freedom) if sigma > 0.0 else None
+    half, p = student_quantile(0.975, freedom) * sigma + _PRECISION, None
+    if sigma > 0.0:
+        p = 2.0 * student_share(-max(abs(difference) - _PRECISION, 0.0) / sigma, freedom)
     outcome = Outcome.BETTER if difference < 0 else Outcome.WORSE
     outcome = Outcome.NO_DIFFERENCE if abs(difference) <= half else outcome
     return replace(pair, ci95=(difference - half, difference + half), outcome=outcome, p=p)

@@ -232,8 +232,7 @@ class Alignment(StrEnum):
     """How the estimate is aligned with the truth before it is compared."""
 
     NONE = "none"
-    ORIGIN = "origin"
-    """By the first pose: `T_gt(0) inv(T_est(0))`."""
+    ORIGIN = "origin"  #: By the first pose: `T_gt(0) inv(T_est(0))`.
     SE3 = "se3"
     """By the rotation and translation of least squares of the positions (Umeyama 1991)."""
     SIM3 = "sim3"
@@ -440,45 +439,28 @@ class TargetScore:
 class MethodKind(StrEnum):
     """How a method under test is reached."""
 
-    BUILT_IN = "built-in"
-    """A part of this suite."""
-    PEER = "peer"
-    """Known to this suite, installed by the user in an interpreter of its own."""
-    PYTHON = "python"
-    """A Python class."""
-    LIBRARY = "library"
-    """A C library behind the ABI of `sfr_candidate.h`."""
-    EXTERNAL = "external"
-    """A ROS node that was not started from this suite's code."""
+    BUILT_IN = "built-in"  #: A part of this suite.
+    PEER = "peer"  #: Known to this suite, installed by the user in an interpreter of its own.
+    PYTHON = "python"  #: A Python class.
+    LIBRARY = "library"  #: A C library behind the ABI of `sfr_candidate.h`.
+    EXTERNAL = "external"  #: A ROS node that was not started from this suite's code.
 
 
 class FindingKind(StrEnum):
     """What a method did wrong in a call."""
 
-    CRASHED = "crashed"
-    """Its process ended."""
-    HANGING = "hanging"
-    """It did not return in time and was ended."""
-    OUT_OF_MEMORY = "out of memory"
-    """It exceeded the memory that it may have and was ended."""
-    LEAKING = "leaking"
-    """The memory that it keeps after a call grows from call to call."""
-    RAISED = "raised"
-    """It raised an error or reported a failure."""
-    NOT_FINITE = "not finite"
-    """A number of its result is NaN or infinite."""
-    WRONG_STAMP = "wrong stamp"
-    """Its result is that of another pair."""
-    MISSING = "missing answer"
-    """An external node did not answer a pair."""
-    LATE = "late answer"
-    """An external node answered after its time to answer."""
-    DOUBLED = "doubled answer"
-    """An external node answered a pair again."""
-    OTHER_FRAME = "another frame"
-    """An answer of an external node names other frames."""
-    INVALID_RESULT = "invalid result"
-    """Its result has another type, size or meaning than agreed."""
+    CRASHED = "crashed"  #: Its process ended.
+    HANGING = "hanging"  #: It did not return in time and was ended.
+    OUT_OF_MEMORY = "out of memory"  #: It exceeded the memory that it may have and was ended.
+    LEAKING = "leaking"  #: The memory that it keeps after a call grows from call to call.
+    RAISED = "raised"  #: It raised an error or reported a failure.
+    NOT_FINITE = "not finite"  #: A number of its result is NaN or infinite.
+    WRONG_STAMP = "wrong stamp"  #: Its result is that of another pair.
+    MISSING = "missing answer"  #: An external node did not answer a pair.
+    LATE = "late answer"  #: An external node answered after its time to answer.
+    DOUBLED = "doubled answer"  #: An external node answered a pair again.
+    OTHER_FRAME = "another frame"  #: An answer of an external node names other frames.
+    INVALID_RESULT = "invalid result"  #: Its result has another type, size or meaning than agreed.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sfr_loc_map.metrics.association import bracketed, count_unordered, decide_mode, match_stamps, unique_rows
+from sfr_loc_map.metrics.association import bracketed, decide_mode, match_stamps, unique_rows
 from sfr_loc_map.metrics.config import AssociationMode
 
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
@@ -36,8 +36,6 @@ def test_of_one_stamp_the_last_counts(stamps: list[int]) -> None:
     rows = unique_rows(np.array(stamps, np.int64))
     last = {stamp: row for row, stamp in enumerate(stamps)}
     assert rows.tolist() == [last[stamp] for stamp in sorted(last)]
-    late = [k for k in range(len(stamps)) if k and stamps[k] < max(stamps[:k])]
-    assert count_unordered(np.array(stamps, np.int64)) == len(late)
 
 
 def test_estimates_between_true_poses_are_bracketed() -> None:

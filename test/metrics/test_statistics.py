@@ -47,9 +47,8 @@ def test_sample_statistics_by_numpy() -> None:
 
 
 def test_quantiles_are_those_of_printed_tables_and_of_the_library() -> None:
-    """Abramowitz and Stegun, tables 26.8 and 26.10."""
+    """Abramowitz and Stegun, table 26.8."""
     assert chi2_quantile(0.95, 1) == pytest.approx(3.84146, abs=5e-6)
-    assert student_quantile(0.975, 10) == pytest.approx(2.228, abs=5e-4)
     for share in (0.025, 0.5, 0.975):
         for freedom in (1.0, 2.5, 300.0, 1e6):
             assert chi2_quantile(share, freedom) == stats.chi2.ppf(share, freedom)
