@@ -13,14 +13,15 @@ import json
 import os
 import re
 import stat
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import GeometryError, InputError
 
 if TYPE_CHECKING:  # messages and short files do without it
     import numpy as np
@@ -82,6 +83,16 @@ class Task(StrEnum):
     def rig(self) -> str:
         """Prefix of its image topics and name of its part of a data set: `loc` or `nav`."""
         return "loc" if self is Task.LOCALISATION else "nav"
+
+
+@contextmanager
+def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
+    """Turn what is raised for a broken input into an `InputError` in one line: WHERE: what is wrong; ADVICE."""
+    try:
+        yield
+    except (OSError, ValueError, ArithmeticError, LookupError, TypeError, yaml.YAMLError, GeometryError) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise InputError(f"{where}: {reason}; {advice}") from error
 
 
 def special_kind(mode: int) -> str:

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from sfr_loc_map.errors import ConfigError, GeometryError, InputError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import check_extrinsics
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
-from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json
+from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json, refusing
 from sfr_loc_map.io.bag_files import is_unfinished, reader_paths
 from sfr_loc_map.io.bag_readers import BagReader, reader_of
 from sfr_loc_map.io.text_table import check_order
@@ -259,10 +259,8 @@ def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
         rows.append((position.x, position.y, position.z, quat.x, quat.y, quat.z, quat.w))
         covariances.append(message.pose.covariance)
     values = np.array(rows, np.float64).reshape(-1, 7)
-    try:
+    with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
         trajectory = Trajectory(np.array(stamps, np.int64), values[:, :3].copy(), values[:, 3:].copy())
-    except GeometryError as error:
-        raise InputError(f"'{topic.bag_name}' of bag '{bag.path}': {error}") from error
     return trajectory, np.array(covariances, np.float64).reshape(-1, 6, 6)
 
 
@@ -291,10 +289,8 @@ def read_extrinsics(bag: Bag) -> Transform | None:
         frames = FrameTree()
         for _, _, message in bag.messages([topic]):
             for item in message.transforms:
-                try:
+                with refusing(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}'", "record it again"):
                     pose = pose_of(item.transform.translation, item.transform.rotation)
-                except GeometryError as error:
-                    raise InputError(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}': {error}") from error
                 frames.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
         found = frames.find(RB_FRAME, LOCSB_FRAME)
         if found is not None:
@@ -305,14 +301,13 @@ def read_extrinsics(bag: Bag) -> Transform | None:
     message = bag.first([Topic(CONFIGURATION, names[0], STRING)]).get(CONFIGURATION)
     if message is None:
         return None
-    try:
+    with refusing(f"'{names[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", "leave the topic out"):
         values = parse_json(message.data)
+        if not isinstance(values, dict):
+            raise TypeError("an object is needed")
         translation, quat = (values.get(f"T_rb_locsb.{name}", []) for name in ("translation_m", "quat_xyzw"))
         if not any(quat):  # not given
             return None
         transform = Transform.from_quat(np.array(translation, np.float64), np.array(quat, np.float64))
         check_extrinsics(transform.translation)
-    except (GeometryError, ValueError, TypeError, AttributeError) as error:
-        where = f"'{names[0]}' of bag '{bag.path}'"
-        raise InputError(f"{where}: T_rb_locsb cannot be read: {error}; leave the topic out") from error
     return transform

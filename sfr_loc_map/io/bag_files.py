@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import check_regular
+from sfr_loc_map.inputs import check_regular, refusing
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_MAGIC = b"#ROSBAG"
@@ -41,12 +41,8 @@ def reader_paths(path: Path) -> list[Path]:
         raise InputError(f"there is no bag '{path}': give its folder or its .mcap, .db3 or .bag file")
     files = _storage_files(path) if path.is_dir() else [path]
     for file in files:
-        try:
+        with refusing(f"bag '{file}' cannot be read", "give a .mcap, .db3 or .bag file"):
             check_regular(file)
-        except OSError as error:
-            raise InputError(
-                f"bag '{file}' cannot be read: {error.strerror}; give a .mcap, .db3 or .bag file"
-            ) from error
         if file.suffix == ".db3":
             check_database(file)
     if not path.is_dir() or (path / "metadata.yaml").exists():

@@ -11,11 +11,11 @@ from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 
-from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, Task
+from sfr_loc_map.inputs import SIDES, Task, refusing
 from sfr_loc_map.io.bag import (
     CAMERA_INFO,
     COMPRESSED,
@@ -161,12 +161,9 @@ class BagNavSequence(_BagPairs):
         self._poses: dict[int, Transform] = {}
         topic = _require(bag, "nav/pose", POSE)
         for _, stamp_ns, message in bag.messages([topic]):
-            try:
+            where = f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}"
+            with refusing(where, "correct or leave out the pair"):
                 self._poses[stamp_ns] = pose_of(message.pose.position, message.pose.orientation)
-            except GeometryError as error:
-                raise InputError(
-                    f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}: {error}; correct or leave out the pair"
-                ) from error
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp."""

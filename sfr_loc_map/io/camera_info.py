@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, Side
+from sfr_loc_map.inputs import SIDES, Side, refusing
 
 TOLERANCE = 1e-6
 """How far a coefficient may be from that of a rectified camera (pixels for P and K, without unit for R and D)."""
@@ -83,10 +83,8 @@ def rig_from_projections(
             f"{where}: P[3] of the {names[1]} camera is {p_right[3]:g}, so the baseline is {-shift / (fx or 1.0):g} m: "
             f"it must be -fx * baseline < 0; are left and right swapped?"
         )
-    try:
+    with refusing(where, "correct the calibration"):
         return StereoRig(*size, fx, fy, cx, cy, baseline_from_projection(fx, shift) if fx else 0.0, T_rb_sb)
-    except GeometryError as error:
-        raise InputError(f"{where}: {error}; correct the calibration") from error
 
 
 def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | None = None) -> StereoRig:  # noqa: ANN401

@@ -18,15 +18,13 @@ from typing import IO, Annotated, Literal
 
 import msgspec
 import numpy as np
-import yaml
 
-from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import parse_yaml
+from sfr_loc_map.inputs import parse_yaml, refusing
 from sfr_loc_map.io.image_codec import encode_png
 from sfr_loc_map.io.image_files import ImageFileSequence, pairs_of, whole_pairs
 from sfr_loc_map.io.rectification import CalibratedCamera, rectified_pair
@@ -69,7 +67,7 @@ class _SensorYaml(msgspec.Struct):
 
 
 def _load_camera(path: Path) -> CalibratedCamera:
-    try:
+    with refusing(f"'{path}' is not a sensor.yaml of an EuRoC camera"):
         content = parse_yaml("\n".join(line for line in read_lines(path) if line[:1] != "%"))
         camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML takes 1e-5 for a text
         fx, fy, cx, cy = camera.intrinsics
@@ -77,10 +75,6 @@ def _load_camera(path: Path) -> CalibratedCamera:
         check_distortion(camera.distortion_coefficients)
         pose = Transform.from_matrix(np.array(camera.T_BS.data).reshape(4, 4))
         check_extrinsics(pose.translation)
-    except GeometryError as error:
-        raise InputError(f"'{path}': {error}; correct the file") from error
-    except (yaml.YAMLError, ValueError) as error:
-        raise InputError(f"'{path}' is not a sensor.yaml of an EuRoC camera: {' '.join(str(error).split())}") from error
     k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     return CalibratedCamera(camera.resolution, k, np.array(camera.distortion_coefficients), pose)
 
@@ -89,11 +83,8 @@ def _load_list(path: Path) -> dict[int, Path]:
     files = {}
     for number, line in enumerate(read_lines(path), start=1):
         stamp, _, name = line.partition(",")
-        try:
+        with refusing(f"'{path}' entry {number}"):
             files[parse_stamp_ns(stamp)] = path.parent / "data" / name.strip()
-        except ValueError as error:
-            where = f"'{path}' entry {number}"
-            raise InputError(f"{where}: stamp '{stamp[:40]}' is not whole nanoseconds") from error
     check_order(list(files), f"'{path}'", strict=True)
     return files
 

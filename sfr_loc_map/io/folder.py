@@ -9,8 +9,6 @@ A folder with both tasks holds the two as `loc/` and `nav/`.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,13 +26,13 @@ from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import parse_json, read_bytes, read_text
+from sfr_loc_map.inputs import parse_json, read_bytes, read_table, read_text, refusing
 from sfr_loc_map.io.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.camera_info import message_baseline
 from sfr_loc_map.io.image_codec import checked_points, encode_png
 from sfr_loc_map.io.image_files import ImageFiles, ImageFileSequence, ImagePair, read_pair, whole_pairs
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.text_table import check_order, parse_number, parse_stamp_ns, read_data
+from sfr_loc_map.io.text_table import check_order, parse_number, parse_stamp_ns
 from sfr_loc_map.io.trajectory_file import CSV_HEADER, csv_row, load_trajectory
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
@@ -83,10 +81,8 @@ def open_folder(path: Path) -> Source:
 
 
 def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
-    try:
+    with refusing(f"cannot read truth '{path}'", "a .npy file is needed"):
         points = parse_npy(read_bytes(path, 24 * rig.height * rig.width + 2 * MAX_HEADER))
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read truth '{path}': {error}; a .npy file is needed") from error
     if points.shape != (rig.height, rig.width, 3) or points.dtype.newbyteorder("=") != np.float32:
         raise InputError(
             f"truth '{path}' is {points.dtype} {points.shape}: float32 ({rig.height}, {rig.width}, 3) is needed"
@@ -103,11 +99,9 @@ def _load_truth(path: Path) -> Trajectory | None:
 
 
 def _read_rows(path: Path) -> list[list[str]]:
-    try:
-        text = read_data(path, "a data set folder needs its pairs.csv").decode("utf-8-sig")
-        rows = [[word.strip() for word in row] for row in csv.reader(io.StringIO(text, newline=""))]
-    except (ValueError, csv.Error) as error:
-        raise InputError(f"cannot read '{path}': {error}; a data set folder needs its pairs.csv") from error
+    with refusing(f"cannot read '{path}'", "a data set folder needs its pairs.csv"):
+        text = read_table(path).decode("utf-8-sig")
+        rows = [[word.strip() for word in line.split(",")] for line in text.splitlines()]
     if not rows or not rows[0]:
         raise InputError(f"'{path}' is empty: a header {','.join(LOC_COLUMNS)} and a line for each pair are needed")
     return rows
@@ -137,17 +131,12 @@ def _load_pairs(folder: Path) -> tuple[list[ImagePair], int]:
 
 
 def _entry(folder: Path, where: str, row: dict[str, str]) -> ImagePair:
-    try:
-        stamp = parse_stamp_ns(row["stamp_ns"])
-    except ValueError as error:
-        raise InputError(f"{where}: stamp '{row['stamp_ns']}' is not whole nanoseconds") from error
     pose = None
-    if NAV_COLUMNS[3] in row:
-        try:
+    with refusing(where, "correct or leave out the pair"):
+        stamp = parse_stamp_ns(row["stamp_ns"])
+        if NAV_COLUMNS[3] in row:
             numbers = [parse_number(row[name]) for name in NAV_COLUMNS[3:]]
             pose = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
-        except (ValueError, GeometryError) as error:
-            raise InputError(f"{where}: {error}; correct or leave out the pair") from error
     truth = folder / row[TRUTH_COLUMN] if row.get(TRUTH_COLUMN) else None
     return ImagePair(stamp, folder / row["left"], folder / row["right"], pose, truth)
 
@@ -171,13 +160,11 @@ def load_rig(path: Path) -> StereoRig:
     Raises:
         InputError: If it is missing, not JSON, or a value is missing, unknown or of the wrong type; names them.
     """
-    try:
-        content = parse_json(read_text(path))
-    except OSError as error:
-        raise InputError(f"cannot read '{path}': {error.strerror}; a data set folder needs its rig.json") from error
-    except ValueError as error:
-        raise InputError(f"'{path}' is not valid JSON: {error}; correct the file") from error
-    try:
+    with refusing(f"cannot read '{path}'", "a data set folder needs its rig.json"):
+        text = read_text(path)
+    with refusing(f"'{path}' is not valid JSON"):
+        content = parse_json(text)
+    with refusing(f"'{path}'"):
         rig = msgspec.convert(content, _RigFile)
         fx, skew, cx, low, fy, cy, *last = rig.k
         if (skew, low, *last) != (0, 0, 0, 0, 1):
@@ -186,8 +173,6 @@ def load_rig(path: Path) -> StereoRig:
         if rig.T_rb_locsb is not None:
             pose = Transform.from_quat(rig.T_rb_locsb.translation_m, rig.T_rb_locsb.quat_xyzw)
         return message_baseline(StereoRig(rig.width, rig.height, fx, fy, cx, cy, rig.baseline_m, pose))
-    except (msgspec.ValidationError, GeometryError) as error:
-        raise InputError(f"'{path}': {error}; correct the file") from error
 
 
 def rig_json(rig: StereoRig) -> str:

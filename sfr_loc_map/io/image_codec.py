@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import GeometryError, InputError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, check_image_size
-from sfr_loc_map.inputs import MAX_IMAGE_BYTES, NS_PER_S, read_bytes
+from sfr_loc_map.inputs import MAX_IMAGE_BYTES, NS_PER_S, read_bytes, refusing
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8"
@@ -39,15 +39,10 @@ BAYER = {
 LUMA = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
 """Encodings of a luma and half a colour a pixel: which of the two samples is the luma."""
 ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
-    "mono8": (np.uint8, 1),
-    "8UC1": (np.uint8, 1),
-    "mono16": (np.uint16, 1),
-    "16UC1": (np.uint16, 1),
-    "rgb8": (np.uint8, 3),
-    "bgr8": (np.uint8, 3),
-    "8UC3": (np.uint8, 3),
-    "rgba8": (np.uint8, 4),
-    "bgra8": (np.uint8, 4),
+    **dict.fromkeys(("mono8", "8UC1"), (np.uint8, 1)),
+    **dict.fromkeys(("mono16", "16UC1"), (np.uint16, 1)),
+    **dict.fromkeys(("rgb8", "bgr8", "8UC3"), (np.uint8, 3)),
+    **dict.fromkeys(("rgba8", "bgra8"), (np.uint8, 4)),
     **{f"bayer_{order}8": (np.uint8, 1) for order in BAYER},
     **{f"bayer_{order}16": (np.uint16, 1) for order in BAYER},
     **dict.fromkeys(LUMA, (np.uint8, 2)),
@@ -81,10 +76,8 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImag
 
 def read_grey(path: Path) -> GreyImage:
     """Read an image file as 8-bit grey `(H, W)`."""
-    try:
+    with refusing(f"cannot read image '{path}'", "check the list of pairs"):
         data = read_bytes(path, MAX_IMAGE_BYTES)
-    except OSError as error:
-        raise InputError(f"cannot read image '{path}': {error.strerror}; check the list of pairs") from error
     try:
         return decode_grey(data)
     except InputError as error:
@@ -109,7 +102,8 @@ def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
             f"it is {size[0]} x {size[1]} in colour or 16 bits: up to {MAX_DECODED_BYTES} bytes are decoded"
         )
     if raw.startswith(JPEG_MAGIC):
-        return _decode_jpeg(raw)
+        with refusing("its JPEG data is broken", "restore the original"):
+            return np.ascontiguousarray(simplejpeg.decode_jpeg(raw, "GRAY", strict=True)[:, :, 0])
     if raw.startswith(PNG_MAGIC):
         raw = _critical_chunks(raw)
     return grey8(_decode_by_opencv(raw))
@@ -216,13 +210,6 @@ def _decode_by_opencv(raw: bytes) -> NDArray[Any]:
     if image is None:
         raise InputError("its data is broken; restore the original")
     return np.asarray(image)
-
-
-def _decode_jpeg(raw: bytes) -> GreyImage:
-    try:
-        return np.ascontiguousarray(simplejpeg.decode_jpeg(raw, "GRAY", strict=True)[:, :, 0])
-    except ValueError as error:
-        raise InputError(f"its JPEG data is broken ({error}); restore the original") from error
 
 
 def _critical_chunks(raw: bytes) -> bytes:

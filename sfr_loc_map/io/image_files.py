@@ -12,6 +12,7 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.image_codec import read_grey
 from sfr_loc_map.io.text_table import parse_stamp_ns
 
@@ -65,10 +66,8 @@ def stamped_files(folder: Path, prefix: str, suffix: str) -> dict[int, Path]:
     files: dict[int, Path] = {}
     for file in folder.iterdir():
         if file.name.startswith(prefix) and file.name.endswith(suffix):
-            try:
+            with refusing(f"image '{file}'", "rename or remove it"):
                 stamp = parse_stamp_ns(file.name[len(prefix) : len(file.name) - len(suffix)])
-            except ValueError as error:
-                raise InputError(f"image '{file}' is not named by whole nanoseconds: rename or remove it") from error
             if stamp in files:
                 raise InputError(f"images '{files[stamp]}' and '{file}' have one stamp: remove one")
             files[stamp] = file

@@ -19,12 +19,12 @@ from types import TracebackType
 
 import numpy as np
 
-from sfr_loc_map.errors import GeometryError, InputError, OutputError
+from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S, refusing
 from sfr_loc_map.io.camera_info import projection, rig_from_projections
 from sfr_loc_map.io.image_codec import encode_png, read_grey
 from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, whole_pairs
@@ -88,10 +88,8 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
     if len(rows) != len(stamps):
         raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one for each is needed")
     T_cam0_left = Transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))
-    try:
+    with refusing(f"'{file}'"):
         matrices = [Transform.from_matrix(row.reshape(3, 4)) for row in rows]
-    except GeometryError as error:
-        raise InputError(f"'{file}': {error}; correct the file") from error
     poses = [T_cam0_left.inverse() @ pose @ T_cam0_left for pose in matrices]
     start, T_left_sb = rig.T_sb_left @ poses[0].inverse(), rig.T_sb_left.inverse()
     return Trajectory.from_poses((stamp, start @ pose @ T_left_sb) for stamp, pose in zip(stamps, poses, strict=True))

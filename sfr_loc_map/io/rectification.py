@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.inputs import SIDES, refusing
 from sfr_loc_map.io.camera_info import baseline_from_projection, rig_from_camera_info
 
 Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
@@ -190,13 +190,11 @@ def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -
 def _rig_in_body(
     name: str, camera: CalibratedCamera, k: FloatArray, baseline_m: float, T_body_left: Transform
 ) -> StereoRig:
-    try:
+    with refusing(f"{name}: the cameras cannot be rectified", "correct the calibration"):
         fx, fy, cx, cy = (float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
         rig = StereoRig(*camera.size, fx, fy, cx, cy, baseline_m)
         T_rb_sb = T_body_left @ rig.T_sb_left.inverse()
         return replace(rig, T_rb_sb=Transform.from_quat(T_rb_sb.translation, T_rb_sb.quat_xyzw))
-    except GeometryError as error:
-        raise InputError(f"{name}: the cameras cannot be rectified: {error}; correct the calibration") from error
 
 
 def _remapped(image: GreyImage, maps: Sequence[Any]) -> GreyImage:

@@ -9,10 +9,15 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.folder import is_folder, open_folder
-from sfr_loc_map.io.katwijk import is_katwijk, open_katwijk
 from sfr_loc_map.io.kitti import is_kitti, open_kitti
-from sfr_loc_map.io.lusnar import is_lusnar, open_lusnar
-from sfr_loc_map.io.madmax import is_madmax, open_madmax
+from sfr_loc_map.io.rover_data_sets import (
+    is_katwijk,
+    is_lusnar,
+    is_madmax,
+    open_katwijk,
+    open_lusnar,
+    open_madmax,
+)
 from sfr_loc_map.io.sequence import Source
 
 Remap = Mapping[str, str] | None

@@ -10,18 +10,19 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from decimal import ROUND_HALF_EVEN, Decimal
+from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, read_table
+from sfr_loc_map.inputs import NS_PER_S, read_table, refusing
 
 MAX_NUMBER_LENGTH = 400
 STAMP_LIMIT = 2**63
@@ -32,21 +33,35 @@ _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 
 
 def parse_stamp_ns(text: str) -> int:
-    """Return whole nanoseconds; spaces around them are allowed."""
-    if not _WHOLE.fullmatch(text.strip(" \t")):
-        raise ValueError("it is not a whole number of 64 bits")
-    return _fitting(int(text))
+    """Return whole nanoseconds; spaces around them are allowed.
+
+    Raises:
+        ValueError: If it is not a whole number of 64 bits.
+    """
+    if _WHOLE.fullmatch(text.strip(" \t")) and -STAMP_LIMIT <= int(text) < STAMP_LIMIT:
+        return int(text)
+    raise ValueError(f"stamp '{text[:40]}' is not whole nanoseconds of 64 bits")
 
 
 def parse_seconds(text: str) -> int:
-    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even)."""
-    text = text.strip(" \t")
-    if not _is_decimal(text):
-        raise ValueError("it is not a decimal number")
-    whole, _, fraction = text.partition(".")
-    if whole.isdigit() and len(fraction) <= 9 and (fraction or "0").isdigit():
-        return _fitting(int(whole) * NS_PER_S + int(fraction.ljust(9, "0")))
-    return _fitting(int(Decimal(text).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN)))
+    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even).
+
+    Raises:
+        ValueError: If it is not a finite decimal number, or does not fit 64 bit.
+    """
+    word = text.strip(" \t")
+    whole, _, fraction = word.partition(".")
+    if 0 < len(whole) <= 10 and len(fraction) <= 9 and (whole + fraction).isdecimal() and word.isascii():
+        stamp = int(whole) * NS_PER_S + int(fraction.ljust(9, "0"))  # the form that nearly all have
+        if stamp < STAMP_LIMIT:
+            return stamp
+    elif _is_decimal(word):
+        with suppress(InvalidOperation):
+            stamp = int(Decimal(word).scaleb(9).quantize(Decimal(1), ROUND_HALF_EVEN))
+            if -STAMP_LIMIT <= stamp < STAMP_LIMIT:
+                return stamp
+    hint = " (are these nanoseconds?)" if word.isdigit() else ""
+    raise ValueError(f"stamp '{word[:40]}' is not a number of seconds{hint}")
 
 
 def seconds_text(stamp_ns: int) -> str:
@@ -73,10 +88,8 @@ def parse_number(text: str) -> float:
 
 def numbers_of(words: Sequence[str], count: int, where: str) -> list[float]:
     """Return `count` finite numbers."""
-    try:
+    with refusing(where):
         values = [parse_number(word) for word in words]
-    except ValueError as error:
-        raise InputError(f"{where}: {error}; correct the file") from error
     if len(values) != count:
         raise InputError(f"{where}: {count} finite numbers are needed, found '{' '.join(words)[:60]}'")
     return values
@@ -96,19 +109,15 @@ def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
 
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file that are not empty and no comment (`#`)."""
-    try:
-        lines = read_data(path).decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as error:
-        raise InputError(f"cannot read '{path}': {error}; the data set needs it") from error
+    with refusing(f"cannot read '{path}'", "the data set needs it"):
+        lines = read_table(path).decode("utf-8-sig").splitlines()
     return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
 
 def read_data(path: Path, needed: str = "the data set needs it") -> bytes:
     """Return the content of a text file."""
-    try:
+    with refusing(f"cannot read '{path}'", needed):
         return read_table(path)
-    except OSError as error:
-        raise InputError(f"cannot read '{path}': {error.strerror or error}; {needed}") from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,10 +150,7 @@ class Table:
             if not near[row]:
                 problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
             raise InputError(f"{self.name} line {self.lines[row]}: {problem}; correct or leave out the line")
-        try:
-            return Trajectory(self.stamps_ns, positions.copy(), quats_xyzw.copy())
-        except GeometryError as error:
-            raise InputError(f"{self.name}: {error}") from error
+        return Trajectory(self.stamps_ns, positions.copy(), quats_xyzw.copy())
 
 
 def parse_table(
@@ -201,7 +207,7 @@ def parse_table(
             if len(cells) < width or (len(cells) > width and not more):
                 raise ValueError(f"{len(cells)} columns found where {width} ({form}) are needed")
             if stamp is not None and stamp_at is not None:
-                _check_stamp(cells[stamp_at], stamp)
+                stamp(cells[stamp_at])
             for column in columns:
                 parse_number(cells[column])
         except ValueError as error:
@@ -209,21 +215,5 @@ def parse_table(
     raise InputError(f"{name} cannot be read as a table of {form}")
 
 
-def _check_stamp(text: str, stamp: Callable[[str], int]) -> None:
-    try:
-        stamp(text)
-    except (ValueError, ArithmeticError) as error:
-        kind = "whole nanoseconds"
-        if stamp is parse_seconds:
-            kind = f"a number of seconds{' (are these nanoseconds?)' if text.isdigit() else ''}"
-        raise ValueError(f"stamp '{text[:40]}' is not {kind}") from error
-
-
 def _is_decimal(text: str) -> bool:
     return len(text) <= MAX_NUMBER_LENGTH and _DECIMAL.fullmatch(text) is not None
-
-
-def _fitting(stamp_ns: int) -> int:
-    if not -STAMP_LIMIT <= stamp_ns < STAMP_LIMIT:
-        raise ValueError("the stamp does not fit 64 bit")
-    return stamp_ns

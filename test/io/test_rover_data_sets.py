@@ -24,8 +24,8 @@ from scipy.io import savemat
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.io.katwijk import _load_struct, load_cameras
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.rover_data_sets import _load_struct, load_cameras
 from sfr_loc_map.io.sequence import LocSequence
 
 
@@ -97,7 +97,7 @@ def test_madmax_pairs_by_stamp_and_needs_its_calibration(tmp_path: Path) -> None
     assert source.loc is not None
     assert (len(source.loc), source.left_out) == (1, 1)
     (run / "img_rect_left" / "img_rect_left_1.5.png").write_bytes(b"")
-    with pytest.raises(InputError, match="not named by whole nanoseconds"):
+    with pytest.raises(InputError, match=r"is not whole nanoseconds.*; rename or remove it"):
         open_source(run)
     (run / "img_rect_left" / "img_rect_left_1.5.png").unlink()
     (tmp_path / "calibration" / "camera_rect_left_info.txt").unlink()
