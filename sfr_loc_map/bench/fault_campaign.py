@@ -18,8 +18,7 @@ from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.pipeline.convert import FaultyLoc
 from sfr_loc_map.pipeline.offline import localise, start_pose
-from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.simulation.random_faults import random_faults
+from sfr_loc_map.simulation.faults import parse_fault, random_faults
 
 CLEAN = "none"
 """Stands for a drive without faults."""

@@ -35,7 +35,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.trajectory_file import trajectory_text
 from sfr_loc_map.pipeline.convert import ConvertOptions, convert
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.plan import Plan
+from sfr_loc_map.simulation.drive import Plan
 from sfr_loc_map.simulation.renderer import require_tracer
 from sfr_loc_map.simulation.world import World
 

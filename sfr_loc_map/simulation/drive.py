@@ -1,4 +1,7 @@
-"""Trajectory of the rover: straight lines, arcs, point turns, stops, with slip and vibration."""
+"""The rover and its drive: its pose on the ground, where its cameras are and when; RB is x forward, y left, z up [3.2].
+
+A path is made of straight lines, arcs, point turns and stops, with slip and vibration.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,98 @@ import numpy as np
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.simulation.config import DriveConfig
-from sfr_loc_map.simulation.rover import settle_on_terrain
-from sfr_loc_map.simulation.terrain import Terrain
+from sfr_loc_map.inputs import NS_PER_S, Task
+from sfr_loc_map.simulation.config import CamerasConfig, DriveConfig, SimulationConfig
+from sfr_loc_map.simulation.terrain import Mesh, Terrain
+
+GROUND_HEIGHT_RB_M = -0.540
+"""Height of the ground plane in RB when deployed on flat ground [3.2.1]."""
+MAST_XY_RB_M = (0.451, 0.317)
+"""Base of the mast (DMA) and the pan axis in RB [3.2.2, 3.2.6]."""
+TILT_AXIS_Z_RB_M = 0.594
+"""Height of the tilt axis in RB [3.2.6]."""
+TILT_AXIS_X_RB_M = 0.451
+"""Place of the tilt axis along RB x at pan 0 [3.2.6]."""
+WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
+"""Positions of the six wheels in RB, metres (size of a fetch rover; the document gives none)."""
+WHEEL_RADIUS_M = 0.18
+HALF_WIDTH_M = 0.70
+_ROLLING = np.linspace(-0.75, 0.75, 7) * WHEEL_RADIUS_M
+_SPACING_M = 0.02
+
+
+def mast_head_in_rb(pan_rad: float, tilt_rad: float) -> Transform:
+    """Return `T_rb_head`: the mast head, origin where the tilt axis meets the pan axis' x-z plane [3.2.6].
+
+    Args:
+        pan_rad: About z of RB, positive to the left; carries the tilt axis.
+        tilt_rad: About the tilt axis (y of RB at pan 0); positive turns the view down, as a right-handed turn about
+            +y does.
+    """
+    pan: FloatArray = matrix_from_rotvec([0.0, 0.0, pan_rad])
+    tilt: FloatArray = matrix_from_rotvec([0.0, tilt_rad, 0.0])
+    return Transform(pan @ tilt, np.array([TILT_AXIS_X_RB_M, MAST_XY_RB_M[1], TILT_AXIS_Z_RB_M]))
+
+
+def settle_on_terrain(
+    terrain: Terrain, x: FloatArray, y: FloatArray, heading: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return position and attitude of RB with all wheels on the ground.
+
+    Each wheel touches where its rim first meets the ground; a rocker-bogie suspension averages the wheels, so the
+    body is parallel to the least-squares plane through the six wheel centres.
+
+    Args:
+        terrain: The ground.
+        x: `(N,)` metres, DS, of the RB origin.
+        y: `(N,)` metres, DS.
+        heading: `(N,)` radians, from east to north.
+
+    Returns:
+        Origins of RB `(N, 3)`, metres, DS, and rotations `(N, 3, 3)` that take components in RB to DS.
+    """
+    c, s = np.cos(heading), np.sin(heading)
+    wx = x[:, None] + c[:, None] * WHEELS_RB_M[:, 0] - s[:, None] * WHEELS_RB_M[:, 1]
+    wy = y[:, None] + s[:, None] * WHEELS_RB_M[:, 0] + c[:, None] * WHEELS_RB_M[:, 1]
+    px = (wx[..., None] + c[:, None, None] * _ROLLING).ravel()
+    py = (wy[..., None] + s[:, None, None] * _ROLLING).ravel()
+    ground = terrain.height(px, py, np.full(len(px), _SPACING_M)).reshape(*wx.shape, len(_ROLLING))
+    centres = (ground + np.sqrt(WHEEL_RADIUS_M**2 - _ROLLING**2)).max(axis=2)
+    design = np.column_stack((np.ones(len(WHEELS_RB_M)), WHEELS_RB_M))
+    plane = centres @ np.linalg.pinv(design).T
+    forward = np.stack((c, s, plane[:, 1]), axis=-1)
+    left = np.stack((-s, c, plane[:, 2]), axis=-1)
+    up = np.cross(forward, left)
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    rotation = np.stack((forward, np.cross(up, forward), up), axis=-1)
+    # The plane of the wheels' centres passes below the origin along z of RB, not along the plumb line.
+    foot = np.stack((x, y, plane[:, 0]), axis=-1)
+    height = (-GROUND_HEIGHT_RB_M - WHEEL_RADIUS_M) / up[:, 2]
+    return foot + np.stack((np.zeros_like(x), np.zeros_like(x), height), axis=-1), rotation
+
+
+def rover_mesh() -> Mesh:
+    """Return a rover of boxes in RB that casts the shadow: deck, wheels, mast and mast head."""
+    mast_x, mast_y = MAST_XY_RB_M
+    boxes = [((-0.65, -0.45, -0.20), (0.55, 0.45, 0.10)), ((-0.75, -0.60, 0.10), (0.45, 0.60, 0.14))]
+    boxes.append(((mast_x - 0.04, mast_y - 0.04, 0.10), (mast_x + 0.04, mast_y + 0.04, TILT_AXIS_Z_RB_M)))
+    boxes.append(((mast_x - 0.08, mast_y - 0.18, TILT_AXIS_Z_RB_M), (mast_x + 0.08, mast_y + 0.18, 0.75)))
+    low, high = GROUND_HEIGHT_RB_M, GROUND_HEIGHT_RB_M + 2 * WHEEL_RADIUS_M
+    for x, y in WHEELS_RB_M:
+        boxes.append(((x - 0.15, y - 0.07, low + 0.01), (x + 0.15, y + 0.07, high)))
+    return Mesh.join([_box(np.array(a), np.array(b)) for a, b in boxes])
+
+
+def _box(low: FloatArray, high: FloatArray) -> Mesh:
+    corners = np.array([[(low, high)[(k >> a) & 1][a] for a in range(3)] for k in range(8)], np.float32)
+    faces = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+    triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))], np.int32)
+    return Mesh(corners, np.zeros_like(corners), triangles, np.zeros(len(triangles), np.int32))
+
 
 STEP_S = 0.05
 """Time between the states of the trajectory; poses between are interpolated."""
@@ -35,25 +126,15 @@ class _Leg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """Trajectory of the rover.
+    """Trajectory of the rover."""
 
-    Attributes:
-        times_s: `(N,)` float64, seconds from the start.
-        origins: `(N, 3)` float64, metres, DS.
-        headings: `(N,)` float64, radians, not wrapped.
-        rotations: `(N, 3, 3)` float64, RB to DS.
-        moving: `(N,)` float64, 1 where the wheels turn.
-        vibration: `(M, 4)` float64, standard normal values at `VIBRATION_HZ`.
-        config: Settings.
-    """
-
-    times_s: FloatArray
-    origins: FloatArray
-    headings: FloatArray
-    rotations: FloatArray
-    moving: FloatArray
-    vibration: FloatArray
-    config: DriveConfig
+    times_s: FloatArray  #: `(N,)` float64, seconds from the start.
+    origins: FloatArray  #: `(N, 3)` float64, metres, DS.
+    headings: FloatArray  #: `(N,)` float64, radians, not wrapped.
+    rotations: FloatArray  #: `(N, 3, 3)` float64, RB to DS.
+    moving: FloatArray  #: `(N,)` float64, 1 where the wheels turn.
+    vibration: FloatArray  #: `(M, 4)` float64, standard normal values at `VIBRATION_HZ`.
+    config: DriveConfig  #: Settings.
 
     @property
     def duration_s(self) -> float:
@@ -228,3 +309,103 @@ def _orthonormal(matrix: FloatArray) -> FloatArray:
     """Return the rotation nearest to a blend of two near rotations."""
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ vt)
+
+
+PATH_STEP_M = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """Where the cameras are and when, without the scene: quick to make."""
+
+    config: SimulationConfig  #: Settings.
+    terrain: Terrain  #: The ground.
+    drive: Drive  #: Trajectory of the rover.
+    #: The local map frame: below RB at the start of the drive, on the ground, x along the heading, z up.
+    T_ds_lm: Transform
+
+    @classmethod
+    def make(cls, config: SimulationConfig) -> Plan:
+        """Return the plan of a configuration.
+
+        Raises:
+            ConfigError: If pans and tilts do not match, nothing is enabled, or the path or the distortion is wrong.
+        """
+        if len(config.panorama.pan_deg) != len(config.panorama.tilt_deg):
+            raise ConfigError(
+                f"panorama has {len(config.panorama.pan_deg)} pans and {len(config.panorama.tilt_deg)} tilts: "
+                "give as many of both"
+            )
+        if not (config.drive.enabled or config.panorama.enabled):
+            raise ConfigError("neither drive nor panorama is enabled: enable at least one")
+        if len(config.sensor.distortion) != 4:
+            raise ConfigError(f"sensor.distortion has {len(config.sensor.distortion)} numbers: k1 k2 p1 p2 are needed")
+        terrain = Terrain.make(config.seed, config.terrain, config.ground)
+        drive = make_drive(config.seed, config.drive, terrain)
+        start = drive.pose(0.0)
+        x, y = start.translation[:2]
+        ground = terrain.height(np.array([x]), np.array([y]), np.array([0.02]))[0]
+        heading = math.atan2(start.rotation[1, 0], start.rotation[0, 0])
+        T_ds_lm = Transform(matrix_from_rotvec([0.0, 0.0, heading]), np.array([x, y, ground]))
+        return cls(config, terrain, drive, T_ds_lm)
+
+    def rig(self, task: Task) -> StereoRig:
+        """Return the rectified rig of a task; that of localisation has its extrinsics in RB."""
+        mapping = task is Task.MAPPING
+        cameras = self.config.nav if mapping else self.config.loc
+        centre = (0.5 * (cameras.width - 1), 0.5 * (cameras.height - 1))
+        T_rb_sb = None if mapping else rig_extrinsics(cameras)
+        focal = cameras.focal_px
+        return StereoRig(cameras.width, cameras.height, focal, focal, *centre, cameras.baseline_m, T_rb_sb)
+
+    def count(self, task: Task) -> int:
+        """Return the number of pairs of a task."""
+        if task is Task.MAPPING:
+            return len(self.config.panorama.pan_deg) if self.config.panorama.enabled else 0
+        return self.drive.count if self.config.drive.enabled else 0
+
+    def stamp_ns(self, task: Task, frame: int) -> int:
+        """Return the stamp of a pair: the middle of its exposure."""
+        period = self.config.panorama.period_s if task is Task.MAPPING else self.config.drive.period_s
+        return self.config.start_stamp_ns + round(frame * period * NS_PER_S)
+
+    def rover_pose(self, task: Task, frame: int, delay_s: float = 0.0) -> Transform:
+        """Return `T_ds_rb` of a pair, or shortly before or after its stamp."""
+        return self.drive.pose(0.0 if task is Task.MAPPING else frame * self.config.drive.period_s + delay_s)
+
+    def rig_pose(self, task: Task, frame: int, delay_s: float = 0.0) -> Transform:
+        """Return `T_ds_locsb` or `T_ds_navsb` of a pair, or shortly before or after its stamp."""
+        if task is Task.MAPPING:
+            panorama = self.config.panorama
+            pan, tilt = math.radians(panorama.pan_deg[frame]), math.radians(panorama.tilt_deg[frame])
+            return self.rover_pose(task, frame) @ mast_head_in_rb(pan, tilt) @ rig_extrinsics(self.config.nav)
+        return self.rover_pose(task, frame, delay_s) @ rig_extrinsics(self.config.loc)
+
+    def lm_pose(self, frame: int) -> Transform:
+        """Return `T_lm_navsb` of a mapping pair."""
+        return self.T_ds_lm.inverse() @ self.rig_pose(Task.MAPPING, frame)
+
+    def trajectory(self) -> Trajectory:
+        """Return the true poses of RB in DS at the stamps of the localisation pairs."""
+        task, period = Task.LOCALISATION, self.config.drive.period_s
+        return Trajectory.from_poses(
+            (self.stamp_ns(task, k), self.drive.pose(k * period)) for k in range(self.count(task))
+        )
+
+    def path(self) -> FloatArray:
+        """Return positions of the rover `(P, 2)`, metres, DS, some 0.3 m apart."""
+        if not self.config.drive.enabled:
+            return self.drive.origins[:1, :2].copy()
+        end_s = (self.count(Task.LOCALISATION) - 1) * self.config.drive.period_s
+        last = min(len(self.drive.origins) - 1, math.ceil(end_s / STEP_S))
+        positions = self.drive.origins[: last + 1, :2]
+        travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))))
+        picks = np.searchsorted(travelled, np.arange(0.0, travelled[-1] + PATH_STEP_M, PATH_STEP_M))
+        return np.asarray(positions[np.unique(np.minimum(picks, last))].copy())
+
+
+def rig_extrinsics(cameras: CamerasConfig) -> Transform:
+    """Return the pose of a stereo rig on its carrier (RB or mast head)."""
+    angles = (cameras.roll_deg, cameras.pitch_deg, cameras.yaw_deg)
+    about_x, about_y, about_z = (matrix_from_rotvec(math.radians(a) * np.eye(3)[k]) for k, a in enumerate(angles))
+    return Transform(about_z @ about_y @ about_x, np.array([cameras.x_m, cameras.y_m, cameras.z_m]))

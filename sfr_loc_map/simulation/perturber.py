@@ -1,20 +1,30 @@
-"""Applies injected faults to a sequence of stereo pairs."""
+"""Applies injected faults to a sequence of stereo pairs: to single images, to the view, to stamps and calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import Mask
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.simulation.faults import RIG_KINDS, Fault, FaultKind
-from sfr_loc_map.simulation.image_faults import IMAGE_FAULTS, ROTATION_AXES, Moment, rotated, with_noise
-from sfr_loc_map.simulation.view_faults import VIEW_FAULTS, faulty_view
+from sfr_loc_map.simulation.faults import IMAGE_KINDS, RIG_KINDS, ROTATION_AXES, Fault, FaultKind
 
+READ_NOISE = 1.0
+"""Noise of a camera that is left when no light comes in, grey levels."""
+BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
+"""Depth of the own body, of a crossing object and of the ground in the own shadow, baselines."""
+TEXTURE_CONTRAST = 30.0
+"""Standard deviation of the texture of body and object, grey levels."""
+SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
+SPOT_RADIUS = 0.04
+"""Typical radius of a spot of dirt, as a share of the image's width."""
 ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.CLOCK)
 """Kinds that affect all pairs."""
 EPISODES = (FaultKind.FADE, FaultKind.OBJECT)
@@ -22,6 +32,14 @@ EPISODES = (FaultKind.FADE, FaultKind.OBJECT)
 DRIFT_PAIRS = 100.0
 UNAFFECTED = -1
 LAST_STAMP_NS = 2**63 - 1
+
+
+class Moment(NamedTuple):
+    """One affected pair."""
+
+    progress: float  #: How much of its burst is over, 0 .. 1.
+    spot: FloatArray  #: `(2,)` random point, as shares of width and height.
+    rng: np.random.Generator  #: Generator of this pair.
 
 
 class Perturber:
@@ -76,12 +94,6 @@ class Perturber:
         """Return a pair as each fault finds it, then as it is delivered.
 
         A fault that shows old images shows them as it found them: with the faults before it, which they had then.
-
-        Args:
-            index: Number of the pair.
-            pair: The pair without faults.
-            previous: The same of the last new pair; empty at the first.
-            following: The next pair.
         """
         stages = [pair]
         for number, fault in enumerate(self._faults):
@@ -106,16 +118,49 @@ class Perturber:
         rng = np.random.default_rng([self._seed, number, index])
         moment = Moment((index - first + 0.5) / fault.burst, rng.random(2), rng)
         if fault.kind in (FaultKind.LATE, FaultKind.CLOCK):
-            return _late(pair, fault, following)
-        if fault.kind in (FaultKind.YAW, FaultKind.PITCH, FaultKind.ROLL, FaultKind.DRIFT):
+            stamp_ns = pair.stamp_ns + round(fault.amount * NS_PER_S)
+            if fault.kind is FaultKind.LATE:
+                stamp_ns = min(stamp_ns, following.stamp_ns - 1 if following is not None else LAST_STAMP_NS)
+            return replace(pair, stamp_ns=stamp_ns)
+        if fault.kind in ROTATION_AXES:
             share = (index - fault.start) / DRIFT_PAIRS if fault.kind is FaultKind.DRIFT else 1.0
             angle_deg = fault.amount * max(share, 0.0)
             return replace(pair, right=rotated(pair.right, fault.kind, angle_deg, self._true_rig))
-        if fault.kind in VIEW_FAULTS:
-            return faulty_view(pair, fault, moment, self._true_rig, [self._seed, number, self._count])
-        if fault.kind in IMAGE_FAULTS:
-            return _degraded(pair, fault, moment)
-        return _mixed_up(pair, previous, fault, moment)
+        if fault.kind in (FaultKind.REPEATED, FaultKind.SWAPPED, FaultKind.IDENTICAL):
+            if fault.kind is FaultKind.REPEATED:
+                return pair if previous is None else replace(previous, stamp_ns=pair.stamp_ns)
+            other = pair.left if fault.kind is FaultKind.IDENTICAL else pair.right
+            return StereoPair(pair.stamp_ns, other if fault.kind is FaultKind.SWAPPED else pair.left, pair.left)
+        if fault.kind in VIEW_FAULTS:  # its look is the same for all pairs of a drive
+            fixed = np.random.default_rng([self._seed, number, self._count])
+            left, right = VIEW_FAULTS[fault.kind](pair, fault.amount, moment, self._true_rig, fixed)
+        elif fault.kind in IMAGE_KINDS:
+            left, right = pair.left, pair.right
+            if fault.camera != "right":
+                left = degraded(left, fault.kind, fault.amount, moment)
+            if fault.camera != "left":
+                right = degraded(right, fault.kind, fault.amount, moment)
+        elif previous is None:
+            return pair
+        else:
+            left, right = (
+                _old(fault, new, old, moment) for new, old in ((pair.left, previous.left), (pair.right, previous.right))
+            )
+        return StereoPair(
+            pair.stamp_ns,
+            pair.left if fault.camera == "right" else left,
+            pair.right if fault.camera == "left" else right,
+        )
+
+
+def _old(fault: Fault, new: GreyImage, old: GreyImage, moment: Moment) -> GreyImage:
+    """Return an image that is frozen or torn: all of it, or its lower part, is that of a pair before."""
+    if fault.kind is FaultKind.FROZEN:
+        return with_noise(old.astype(np.float32), fault.amount, moment.rng)
+    if fault.kind is FaultKind.TORN:
+        rows = round((1.0 - fault.amount) * len(new))
+        return np.vstack((new[:rows], old[rows:]))
+    return new
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
@@ -146,41 +191,6 @@ def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[
     return starts
 
 
-def _late(pair: StereoPair, fault: Fault, following: StereoPair | None) -> StereoPair:
-    stamp_ns = pair.stamp_ns + round(fault.amount * NS_PER_S)
-    if fault.kind is FaultKind.LATE:
-        stamp_ns = min(stamp_ns, following.stamp_ns - 1 if following is not None else LAST_STAMP_NS)
-    return replace(pair, stamp_ns=stamp_ns)
-
-
-def _degraded(pair: StereoPair, fault: Fault, moment: Moment) -> StereoPair:
-    degrade = IMAGE_FAULTS[fault.kind]
-    left = pair.left if fault.camera == "right" else degrade(pair.left, fault.amount, moment)
-    right = pair.right if fault.camera == "left" else degrade(pair.right, fault.amount, moment)
-    return StereoPair(pair.stamp_ns, left, right)
-
-
-def _mixed_up(pair: StereoPair, previous: StereoPair | None, fault: Fault, moment: Moment) -> StereoPair:
-    """Return a pair with images of another camera or of a pair before."""
-    left, right = pair.left, pair.right
-    if fault.kind is FaultKind.SWAPPED:
-        left, right = right, left
-    elif fault.kind is FaultKind.IDENTICAL:
-        right = left
-    elif previous is not None:
-        if fault.kind is FaultKind.REPEATED:
-            return StereoPair(pair.stamp_ns, previous.left, previous.right)
-        olds = (previous.left, previous.right)
-        if fault.kind is FaultKind.FROZEN:
-            both = [with_noise(old.astype(np.float32), fault.amount, moment.rng) for old in olds]
-        else:
-            rows = round((1.0 - fault.amount) * len(left))
-            both = [np.vstack((new[:rows], old[rows:])) for new, old in zip((left, right), olds, strict=True)]
-        left = left if fault.camera == "right" else both[0]
-        right = right if fault.camera == "left" else both[1]
-    return StereoPair(pair.stamp_ns, left, right)
-
-
 def _with_next(pairs: Iterable[StereoPair]) -> Iterator[tuple[StereoPair, StereoPair | None]]:
     iterator = iter(pairs)
     current = next(iterator, None)
@@ -188,3 +198,144 @@ def _with_next(pairs: Iterable[StereoPair]) -> Iterator[tuple[StereoPair, Stereo
         following = next(iterator, None)
         yield current, following
         current = following
+
+
+def with_noise(grey: FloatImage, sigma: float, rng: np.random.Generator) -> GreyImage:
+    """Return grey levels `(H, W)` with Gaussian noise, rounded and clipped."""
+    noisy = grey + sigma * rng.standard_normal(grey.shape, np.float32)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def degraded(image: GreyImage, kind: FaultKind, amount: float, moment: Moment) -> GreyImage:
+    """Return an image `(H, W)` with a fault of `IMAGE_KINDS`."""
+    if kind in (FaultKind.BLACK, FaultKind.START):
+        return np.zeros_like(image)
+    if kind is FaultKind.BLURRED:
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), max(amount, 1e-3)), np.uint8)
+    grey = image.astype(np.float32)
+    if kind is FaultKind.EXPOSURE:
+        return with_noise(amount * grey, 0.0, moment.rng)
+    if kind is FaultKind.NOISY:
+        return with_noise(grey, amount, moment.rng)
+    if kind is FaultKind.FADE:  # darker to the middle of the burst, where it is black, and brighter again
+        return with_noise(abs(2.0 * moment.progress - 1.0) * grey, READ_NOISE, moment.rng)
+    if kind is FaultKind.SATURATION:  # brighter until the brightest share of the image is clipped
+        white = max(float(np.quantile(image, 1.0 - amount)), 1.0)
+        return with_noise(255.0 / white * grey, READ_NOISE, moment.rng)
+    height, width = image.shape  # blinded: glare around a point
+    y, x = np.mgrid[:height, :width]
+    r = np.hypot(x - moment.spot[0] * width, y - moment.spot[1] * height) / max(0.5 * amount * width, 1e-6)
+    glare = (255.0 * np.minimum(1.2, 1.2 / np.maximum(r, 1e-3) ** 3)).astype(np.float32)
+    return with_noise(grey + glare, 0.0, moment.rng)
+
+
+def rotated(image: GreyImage, kind: FaultKind, angle_deg: float, rig: StereoRig) -> GreyImage:
+    """Return the image of a camera that is rotated against its calibration (the homography `K R K^-1`)."""
+    vector = np.zeros(3)
+    sign = 1.0 if kind is FaultKind.ROLL else -1.0
+    vector[ROTATION_AXES[kind]] = sign * np.radians(angle_deg)
+    K = rig.camera_matrix
+    homography = K @ matrix_from_rotvec(vector).T @ np.linalg.inv(K)
+    size = (rig.width, rig.height)
+    return np.asarray(cv2.warpPerspective(image, homography, size, flags=cv2.INTER_CUBIC), np.uint8)
+
+
+def _with_body(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
+    """Cover the bottom of both images by a textured plane."""
+    disparity = rig.fx / BODY_DEPTH
+    texture = _texture(rig.height, rig.width + int(disparity) + 2, pair.left, fixed)
+    cover = np.zeros((rig.height, rig.width), np.float32)
+    cover[rig.height - round(amount * rig.height) :] = 1.0
+    seen = (texture[:, : rig.width], _moved(texture, -disparity)[:, : rig.width])
+    left, right = (
+        _covered(image, view, cover, moment) for image, view in zip((pair.left, pair.right), seen, strict=True)
+    )
+    return left, right
+
+
+def _with_object(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
+    """Cover an ellipse that moves from the left edge of the images to the right one, at a constant depth."""
+    side = np.sqrt(amount * 4.0 / np.pi)
+    width, height = side * rig.width, side * rig.height
+    texture = _texture(rig.height, rig.width, pair.left, fixed)
+    centre = moment.progress * (rig.width + width) - 0.5 * width
+    v, u = np.mgrid[: rig.height, : rig.width].astype(np.float32)
+    row = (0.3 + 0.4 * fixed.random()) * rig.height
+    views = []
+    for image, x in zip((pair.left, pair.right), (centre, centre - rig.fx / OBJECT_DEPTH), strict=True):
+        inside = ((u - x) / (0.5 * width + 1e-6)) ** 2 + ((v - row) / (0.5 * height + 1e-6)) ** 2 < 1.0
+        texture_here = _moved(texture, x - 0.5 * rig.width)
+        views.append(_covered(image, texture_here, inside.astype(np.float32), moment))
+    return views[0], views[1]
+
+
+def _with_dirt(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
+    """Darken blurred spots, others in each image."""
+    left, right = (
+        _darkened(image, _spots(rig, amount, fixed), DIRT_BRIGHTNESS, moment.rng) for image in (pair.left, pair.right)
+    )
+    return left, right
+
+
+def _with_shadow(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
+    """Darken a rectangle at the bottom, with a penumbra; in the right image where ground of a usual depth has it."""
+    side = np.sqrt(amount)
+    width, height = round(min(side, 0.9) * rig.width), round(amount / min(side, 0.9) * rig.height)
+    first = round(fixed.random() * (rig.width - width))
+    shade = np.zeros((rig.height, rig.width), np.float32)
+    shade[rig.height - min(height, rig.height) :, first : first + width] = 1.0
+    shade = cv2.GaussianBlur(shade, (0, 0), 0.01 * rig.width).astype(np.float32)
+    right_shade = _moved(shade, -rig.fx / SHADOW_DEPTH)
+    left, right = (
+        _darkened(image, mask, SHADOW_BRIGHTNESS, moment.rng)
+        for image, mask in zip((pair.left, pair.right), (shade, right_shade), strict=True)
+    )
+    return left, right
+
+
+Views = tuple[GreyImage, GreyImage]
+"""Left and right image."""
+VIEW_FAULTS: dict[FaultKind, Callable[[StereoPair, float, Moment, StereoRig, np.random.Generator], Views]] = {
+    FaultKind.BODY: _with_body,
+    FaultKind.OBJECT: _with_object,
+    FaultKind.DIRT: _with_dirt,
+    FaultKind.SHADOW: _with_shadow,
+}
+"""Each takes the pair, the amount, the moment, the true rig and a generator that is the same for all pairs."""
+
+
+def _texture(height: int, width: int, like: GreyImage, fixed: np.random.Generator) -> FloatImage:
+    """Return a texture of coarse and fine grains, about as bright as an image."""
+    noise = fixed.standard_normal((2, height, width), np.float32)
+    grains = [cv2.GaussianBlur(layer, (0, 0), sigma) for layer, sigma in zip(noise, (1.0, 4.0), strict=True)]
+    total = sum(layer / max(float(layer.std()), 1e-6) for layer in grains)
+    bright = float(np.clip(like.mean(), 60.0, 190.0))
+    return np.asarray(bright + TEXTURE_CONTRAST / np.sqrt(2.0) * total, np.float32)
+
+
+def _moved(image: FloatImage, columns: float) -> FloatImage:
+    """Return an image moved to the right by a part of a pixel too, mirrored at its edges."""
+    height, width = image.shape
+    transform = np.array([[1.0, 0.0, columns], [0.0, 1.0, 0.0]])
+    flags, border = cv2.INTER_CUBIC, cv2.BORDER_REFLECT
+    return np.asarray(cv2.warpAffine(image, transform, (width, height), flags=flags, borderMode=border), np.float32)
+
+
+def _spots(rig: StereoRig, amount: float, fixed: np.random.Generator) -> FloatImage:
+    """Return how much dirt covers each pixel, 0 .. 1: blurred spots on a share of the image."""
+    cover = np.zeros((rig.height, rig.width), np.uint8)
+    while cover.mean() < amount:
+        centre = (round(fixed.random() * rig.width), round(fixed.random() * rig.height))
+        radius = max(1, round(SPOT_RADIUS * (0.5 + fixed.random()) * rig.width))
+        cv2.circle(cover, centre, radius, 1, -1)
+    return np.asarray(cv2.GaussianBlur(cover.astype(np.float32), (0, 0), 0.25 * SPOT_RADIUS * rig.width), np.float32)
+
+
+def _covered(image: GreyImage, view: FloatImage, cover: FloatImage, moment: Moment) -> GreyImage:
+    """Return the image with another view where it is covered; only there the noise is new."""
+    new = with_noise(view, READ_NOISE, moment.rng)
+    return np.where(cover > 0.5, new, image).astype(np.uint8)
+
+
+def _darkened(image: GreyImage, shade: FloatImage, brightness: float, rng: np.random.Generator) -> GreyImage:
+    return with_noise(image * (1.0 - (1.0 - brightness) * shade), 0.0, rng)

@@ -1,4 +1,4 @@
-"""Images and exact ground truth of a scene by ray tracing."""
+"""Rays through the pixels of an image and towards the sun, and what they hit: exact, by ray tracing."""
 
 from __future__ import annotations
 
@@ -14,8 +14,94 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.mesh import Mesh
-from sfr_loc_map.simulation.rays import SKY, Hits
+from sfr_loc_map.simulation.noise import hash2, mix, unit
+from sfr_loc_map.simulation.terrain import Mesh
+
+SKY, GROUND = -2, -1
+"""Object that a ray hits, if it is not the rock of that number."""
+
+
+class Hits(NamedTuple):
+    """Hits of N rays."""
+
+    points: FloatArray  #: `(N, 3)` float64, metres, DS; undefined for the sky.
+    normals: FloatArray  #: `(N, 3)` float64, unit, smooth.
+    objects: NDArray[np.int32]  #: `(N,)` int32, -2 for the sky, -1 for the ground, else the number of a rock.
+    ranges: FloatArray  #: `(N,)` float64, metres.
+
+
+class Camera(NamedTuple):
+    """A pinhole camera as kernels take it."""
+
+    rotation: FloatArray  #: `(3, 3)` optical frame to DS.
+    centre: FloatArray  #: `(3,)` metres, DS.
+    fx: float  #: Focal length along rows, pixels.
+    fy: float  #: Focal length along columns, pixels.
+    cx: float  #: Principal point, pixels.
+    cy: float  #: Principal point, pixels.
+
+    @classmethod
+    def of(cls, rig: StereoRig, T_ds_cam: Transform) -> Camera:
+        """Return a camera of a rig at a pose of its optical frame."""
+        rotation, centre = np.ascontiguousarray(T_ds_cam.rotation), np.ascontiguousarray(T_ds_cam.translation)
+        return cls(rotation, centre, float(rig.fx), float(rig.fy), float(rig.cx), float(rig.cy))
+
+
+@jit
+def pixel_rays(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return unit rays `(N, 3)` in DS through pixels `(N,)`."""
+    out = np.empty((len(u), 3))
+    rotation = camera.rotation
+    for n in range(len(u)):
+        x, y = (u[n] - camera.cx) / camera.fx, (v[n] - camera.cy) / camera.fy
+        length = 1.0 / np.sqrt(x * x + y * y + 1.0)
+        for k in range(3):
+            out[n, k] = (rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2]) * length
+    return out
+
+
+def sample_offsets(samples: int) -> FloatArray:
+    """Return the offsets of samples within a pixel and within the exposure.
+
+    Returns:
+        `(S, 3)`: column and row offset and time, all in [-0.5, 0.5), with mean zero: the additive sequence of the
+        plastic number in two dimensions, so that a few samples cover the pixel evenly.
+    """
+    k = np.arange(samples)
+    root = 1.32471795724474602596
+    offset = np.mod(0.5 + np.outer(k + 1, (1 / root, 1 / root**2)), 1.0)
+    table = np.column_stack((offset, (k + 0.5) / samples))
+    return np.asarray(table - table.mean(axis=0))
+
+
+def sun_rays(sun: FloatArray, radius_rad: float, count: int, key: np.uint32) -> NDArray[np.float32]:
+    """Return directions `(N, 3)` towards points of the sun's disc, evenly spread, the same for the same key."""
+    side = np.cross(sun, (0.0, 0.0, 1.0) if abs(sun[2]) < 0.99 else (1.0, 0.0, 0.0))
+    side /= np.linalg.norm(side)
+    out = np.empty((count, 3), np.float32)
+    _disc(sun, side, np.cross(sun, side), radius_rad, key, out)
+    return out
+
+
+@jit
+def _disc(
+    sun: FloatArray, side: FloatArray, up: FloatArray, radius: float, key: np.uint32, out: NDArray[np.float32]
+) -> None:
+    for n in range(len(out)):
+        h = hash2(n, 17, key)
+        r, angle = radius * np.sqrt(unit(h)), 6.283185307179586 * unit(mix(h))
+        a, b = r * np.cos(angle), r * np.sin(angle)
+        for k in range(3):
+            out[n, k] = sun[k] + a * side[k] + b * up[k]
+
+
+def camera_pose(T_ds_sb: Transform, rig: StereoRig, right: bool) -> Transform:
+    """Return `T_ds_cam` of the left or right optical frame, from the pose of the stereo rig."""
+    T_ds_left = T_ds_sb @ rig.T_sb_left
+    if not right:
+        return T_ds_left
+    return T_ds_left @ Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
+
 
 BAND_RAYS = 1 << 17
 """Rays traced at once: few enough to stay in the processor's cache."""
@@ -44,17 +130,11 @@ def require_tracer() -> None:
 
 
 class FirstHits(NamedTuple):
-    """First hits of N rays as the ray tracer returns them.
+    """First hits of N rays as the ray tracer returns them."""
 
-    Attributes:
-        triangles: `(N,)` int32, index of the triangle; -1 for none.
-        us: `(N,)` float32, barycentric coordinate of the second corner.
-        vs: `(N,)` float32, barycentric coordinate of the third corner.
-    """
-
-    triangles: NDArray[np.int32]
-    us: Float32s
-    vs: Float32s
+    triangles: NDArray[np.int32]  #: `(N,)` int32, index of the triangle; -1 for none.
+    us: Float32s  #: `(N,)` float32, barycentric coordinate of the second corner.
+    vs: Float32s  #: `(N,)` float32, barycentric coordinate of the third corner.
 
 
 class Tracer:
@@ -143,15 +223,10 @@ def _intersect_planes(origin: FloatArray, rays: FloatArray, first: FirstHits, me
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Occluder:
-    """Something that moves and casts a shadow but is not visible.
+    """Something that moves and casts a shadow but is not visible."""
 
-    Attributes:
-        tracer: Its shape in its own frame.
-        T_ds_own: Its pose.
-    """
-
-    tracer: Tracer
-    T_ds_own: Transform
+    tracer: Tracer  #: Its shape in its own frame.
+    T_ds_own: Transform  #: Its pose.
 
 
 def trace_shadow_rays(tracer: Tracer, hits: Hits, suns: Float32s, occluder: Occluder | None = None) -> Float32s:
@@ -196,23 +271,14 @@ def _facing_sun(hits: Hits, suns: Float32s, sunward: IntArray, starts: Float32s)
 
 
 class View(NamedTuple):
-    """An ideal image as kernels take it; the principal point is its centre.
+    """An ideal image as kernels take it; the principal point is its centre."""
 
-    Attributes:
-        T_cam_ds: `(4, 4)` DS to the optical frame.
-        centre: `(3,)` optical centre, metres, DS.
-        fx: Focal length along rows, pixels.
-        fy: Focal length along columns, pixels.
-        half_width: Pixels.
-        half_height: Pixels.
-    """
-
-    T_cam_ds: FloatArray
-    centre: FloatArray
-    fx: float
-    fy: float
-    half_width: float
-    half_height: float
+    T_cam_ds: FloatArray  #: `(4, 4)` DS to the optical frame.
+    centre: FloatArray  #: `(3,)` optical centre, metres, DS.
+    fx: float  #: Focal length along rows, pixels.
+    fy: float  #: Focal length along columns, pixels.
+    half_width: float  #: Pixels.
+    half_height: float  #: Pixels.
 
 
 def occlusion_mask(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoRig) -> Mask:

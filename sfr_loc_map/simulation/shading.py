@@ -1,7 +1,6 @@
-"""Shading: reflectance, fine relief and light, evaluated where a ray hits.
+"""Appearance of what rays hit: texture of the ground, pebbles, rocks, and its light.
 
-Everything is a function of position in DS, and every octave fades out before it is finer than a pixel's footprint, so
-near ground is sharp and far ground does not flicker.
+Loops over positions have no branches and no calls that are not inlined where they shall become vector code.
 """
 
 from __future__ import annotations
@@ -12,14 +11,219 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.appearance import Light, ShadingParameters, Surface, reflect
-from sfr_loc_map.simulation.ground import GroundHits, GroundTexture, fade_of, ground_texture, plates
-from sfr_loc_map.simulation.noise import mix, unit, value3
-from sfr_loc_map.simulation.pebbles import PebbleCache, PebbleField, pebble_cache, pebbles
-from sfr_loc_map.simulation.rays import GROUND, SKY, Hits
-from sfr_loc_map.simulation.terrain import smooth_step
+from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig
+from sfr_loc_map.simulation.noise import hash2, mix, unit, value2, value3
+from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
+from sfr_loc_map.simulation.rocks import PebbleCache, PebbleField, ShadowDirection, pebble_cache, pebbles
+from sfr_loc_map.simulation.terrain import MaterialShares, Terrain, materials, smooth_step
+
+UNMESHED_M = 0.12
+UNMESHED_PER_RANGE = 0.03
+"""Waves shorter than this, or than this share of the range, are too fine for the triangles of the ground."""
+GRAIN_M = 0.045
+OCTAVES = 9
+LONGEST_M = 3.1
+_FINE, _PLATE = np.uint32(102), np.uint32(104)
+
+
+class GroundHits(NamedTuple):
+    """Ray hits of the ground that are shaded together; each array is `(N,)` float64 if not said otherwise."""
+
+    ray: IntArray  #: int64, index of the ray.
+    x: FloatArray  #: Metres, DS.
+    y: FloatArray  #: Metres, DS.
+    range: FloatArray  #: Metres.
+    footprint: FloatArray  #: Size of a pixel on the ground, metres.
+
+
+class GroundTexture(NamedTuple):
+    """Materials and fine structure of positions; each array is `(N,)` float64."""
+
+    sand: FloatArray  #: Share of sand.
+    gravel: FloatArray  #: Share of gravel.
+    rock: FloatArray  #: Share of bare rock.
+    tone: FloatArray  #: Logarithm of the reflectance over the mean.
+    slope_x: FloatArray  #: Slope of the fine structure to the east.
+    slope_y: FloatArray  #: Slope of the fine structure to the north.
+    grain: FloatArray  #: Coarseness.
+
+
+@jit_inline
+def fade_of(length: float, footprint: float) -> float:
+    """Return how much of a wave a pixel shows: none under 1.4 footprints, all over 3.4.
+
+    Args:
+        length: Wavelength, metres.
+        footprint: Size of a pixel on the ground, metres.
+    """
+    return min(max((length / footprint - 1.4) * 0.5, 0.0), 1.0)
+
+
+@jit
+def ground_texture(
+    count: int, hits: GroundHits, bump: float, shares: MaterialShares, seed: np.uint32, out: GroundTexture
+) -> None:
+    """Write materials, tone and slopes of the fine structure: octaves from 3 m down to the footprint.
+
+    Waves too short for the triangles of the ground show as slopes; those shorter than `GRAIN_M` are grains. The slopes
+    are the gradient of the tone rotated by a right angle: if they followed the tone, each bright spot would have a side
+    that faces the left camera, and as dusty ground looks brighter at grazing views, the two cameras would see the
+    texture shifted against each other by some 0.02 px.
+
+    Args:
+        count: Number of hits in use.
+        hits: Where the ground was hit.
+        bump: Strength of the fine relief.
+        shares: Shares of materials.
+        seed: Seed of the ground.
+        out: Texture of the hits.
+    """
+    x, y, ranges, footprints = hits.x, hits.y, hits.range, hits.footprint
+    tone, sx, sy, grain = out.tone, out.slope_x, out.slope_y, out.grain
+    for n in range(count):
+        out.sand[n], out.gravel[n], out.rock[n] = materials(x[n], y[n], shares, seed)
+    finest = np.inf
+    for n in range(count):
+        tone[n], sx[n], sy[n] = 0.0, 0.0, 0.0
+        grain[n] = 0.5 * out.sand[n] + out.gravel[n] + 0.65 * out.rock[n]
+        finest = min(finest, footprints[n])
+    length, c, s = LONGEST_M, 1.0, 0.0
+    for k in range(OCTAVES):
+        if fade_of(length, finest) <= 0.0:
+            break
+        key = seed ^ _FINE ^ np.uint32(k)
+        cc, ss, shift = c / length, s / length, 0.37 * k
+        low, high = (0.03, 0.11) if length < UNMESHED_M else (0.07, 0.0)
+        smooth, rough = (0.11, 0.0) if length > GRAIN_M else (0.17, 0.26)
+        for n in range(count):
+            fade = fade_of(length, footprints[n])
+            v, gx, gy = value2(cc * x[n] + ss * y[n] + shift, cc * y[n] - ss * x[n], key)
+            tone[n] += fade * v * (smooth + rough * grain[n])
+            unmeshed = length < max(UNMESHED_M, UNMESHED_PER_RANGE * ranges[n])
+            slope = fade * bump * (low + high * grain[n]) if unmeshed else 0.0
+            sx[n] -= slope * (s * gx + c * gy)
+            sy[n] += slope * (c * gx - s * gy)
+        c, s = 0.8 * c - 0.6 * s, 0.6 * c + 0.8 * s
+        length *= 0.46
+
+
+@jit
+def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float, float, float]:
+    """Return the darkness of cracks between plates of bare rock and the tilt of the plate: a warped Voronoi pattern.
+
+    Args:
+        x: Metres, DS.
+        y: Metres, DS.
+        footprint: Size of a pixel on the ground, metres.
+        seed: Seed of the ground.
+
+    Returns:
+        Darkness 0 to 1, slopes by x and y.
+    """
+    cell = 0.42
+    wx = x / cell + 0.35 * value2(x * 2.1, y * 2.1, seed ^ _PLATE)[0]
+    wy = y / cell + 0.35 * value2(x * 2.1 + 7.0, y * 2.1, seed ^ _PLATE)[0]
+    jag, shift, _ = value2(x * 17.0 + 3.0 * y, y * 17.0 - 3.0 * x, seed ^ _PLATE)
+    wx, wy = wx + 0.045 * jag, wy + 0.02 * shift
+    i0, j0 = math.floor(wx), math.floor(wy)
+    first, second, best = 9.0, 9.0, np.uint32(0)
+    for i in range(i0 - 1, i0 + 2):
+        for j in range(j0 - 1, j0 + 2):
+            h = hash2(i, j, seed ^ _PLATE)
+            dx, dy = i + unit(h) - wx, j + unit(mix(h)) - wy
+            d = dx * dx + dy * dy
+            if d < first:
+                second, first, best = first, d, h
+            elif d < second:
+                second = d
+    edge = (math.sqrt(second) - math.sqrt(first)) * cell
+    width = 0.009 * (1.0 + 0.8 * jag)
+    crack = (1.0 - smooth_step(0.3 * width, width + footprint, edge)) * min(1.0, width / footprint)
+    tilt = mix(best ^ np.uint32(5))
+    return crack, 0.16 * (unit(tilt) - 0.5), 0.16 * (unit(mix(tilt)) - 0.5)
+
+
+class Surface(NamedTuple):
+    """Appearance of ground and rocks."""
+
+    albedo: float  #: Mean reflectance of the ground.
+    contrast: float  #: Strength of the changes of reflectance.
+    bump: float  #: Strength of the fine relief.
+    pebbles: float  #: Fill of gravel with pebbles.
+    lunar: float  #: Share of Lommel-Seeliger against Lambert reflection.
+    rock_albedo: float  #: Mean reflectance of rocks.
+
+
+class Light(NamedTuple):
+    """Sun, sky and air."""
+
+    sun_x: float  #: Unit vector towards the sun, DS.
+    sun_y: float  #: Unit vector towards the sun, DS.
+    sun_z: float  #: Unit vector towards the sun, DS.
+    shadow: ShadowDirection  #: Where shadows fall.
+    sky: float  #: Light of the sky on level ground, the overhead sun being 1.
+    sky_grey: float  #: Brightness of the sky above the horizon.
+    haze_m: float  #: Distance at which haze has taken 63 % of the contrast.
+    gain: float  #: Factor that gives level mean ground in the sun a brightness of 1.
+    target: float  #: Brightness of level mean ground in the image, as a share of the full range.
+
+
+class ShadingParameters(NamedTuple):
+    """All parameters of the shading."""
+
+    surface: Surface  #: Appearance of ground and rocks.
+    light: Light  #: Sun, sky and air.
+    shares: MaterialShares  #: Shares of materials.
+    seed: np.uint32  #: Seed of the ground.
+
+
+def surface_parameters(ground: GroundConfig, rocks: RockConfig) -> Surface:
+    """Return the appearance of a configuration."""
+    return Surface(
+        float(ground.albedo),
+        float(ground.contrast),
+        float(ground.bump),
+        float(ground.pebbles),
+        float(ground.lunar),
+        float(rocks.albedo),
+    )
+
+
+def shading_parameters(
+    surface: Surface, config: LightConfig, sun: FloatArray, target: float, terrain: Terrain
+) -> ShadingParameters:
+    """Return the parameters of the shading.
+
+    Args:
+        surface: Appearance of ground and rocks.
+        config: Settings of the light.
+        sun: `(3,)` unit vector towards the sun, DS.
+        target: Brightness of level mean ground in the image, as a share of the full range.
+        terrain: The ground.
+    """
+    level = reflect(sun[2], 0.5, surface.lunar) * sun[2] + config.sky
+    x, y, z = (float(value) for value in sun)
+    light = Light(
+        x,
+        y,
+        z,
+        ShadowDirection.of(sun),
+        float(config.sky),
+        float(config.sky_grey),
+        float(config.haze_m),
+        float(1.0 / (surface.albedo * level)),
+        float(target),
+    )
+    return ShadingParameters(surface, light, terrain.parameters.shares, terrain.parameters.seed)
+
+
+@jit_inline
+def reflect(mu0: float, mu: float, lunar: float) -> float:
+    """Lunar-Lambert reflection over the cosine of incidence: `2 L / (mu0 + mu) + 1 - L` (McEwen 1991)."""
+    return 2.0 * lunar / (mu0 + mu + 1e-6) + 1.0 - lunar
+
 
 RUN = 1024
 """Rays shaded at once: their numbers stay in the processor's first cache."""
@@ -131,17 +335,7 @@ def _brightness(
     lit: float,
     parameters: ShadingParameters,
 ) -> float:
-    """Return the brightness of a surface in the light of sun and sky, through the haze.
-
-    Args:
-        normal: Of any length.
-        mu: Cosine of emission.
-        distance: Metres.
-        albedo: Reflectance, times the brightness wanted of level mean ground.
-        sunlit: Share of the sun that pebbles leave.
-        lit: Share of the sun that solids leave.
-        parameters: Reflection and light.
-    """
+    """Return the brightness of a surface in the light of sun and sky, through the haze."""
     light = parameters.light
     length = 1.0 / math.sqrt(normal.x * normal.x + normal.y * normal.y + normal.z * normal.z)
     nx, ny, nz = normal.x * length, normal.y * length, normal.z * length

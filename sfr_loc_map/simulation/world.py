@@ -10,23 +10,26 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, PointImage
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.simulation.appearance import shading_parameters, surface_parameters
-from sfr_loc_map.simulation.mesh import Mesh, ground_mesh
+from sfr_loc_map.simulation.drive import HALF_WIDTH_M, Plan, rover_mesh
 from sfr_loc_map.simulation.noise import sub_seed
-from sfr_loc_map.simulation.plan import Plan
-from sfr_loc_map.simulation.rays import SKY, Camera, camera_pose, pixel_rays, sample_offsets, sun_rays
 from sfr_loc_map.simulation.renderer import (
     BAND_RAYS,
+    SKY,
+    Camera,
     Occluder,
     Tracer,
+    camera_pose,
     occlusion_mask,
+    pixel_rays,
+    sample_offsets,
+    sun_rays,
     trace_primary_rays,
     trace_shadow_rays,
 )
 from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh
-from sfr_loc_map.simulation.rover import HALF_WIDTH_M, rover_mesh
 from sfr_loc_map.simulation.sensor import TASK_SEEDS, Sensor
-from sfr_loc_map.simulation.shading import shade
+from sfr_loc_map.simulation.shading import shade, shading_parameters, surface_parameters
+from sfr_loc_map.simulation.terrain import Mesh, ground_mesh
 
 
 class MaskBit(IntFlag):

@@ -23,8 +23,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.simulation.random_faults import AMOUNTS, random_faults
+from sfr_loc_map.simulation.faults import AMOUNTS, parse_fault, random_faults
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=2",), spacing=1)
 SIGMA_M = 0.01

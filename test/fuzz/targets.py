@@ -78,7 +78,7 @@ def plan_simulation(path: Path) -> None:
     from sfr_loc_map.cli.simulate import _flat
     from sfr_loc_map.config import build, load_yaml
     from sfr_loc_map.simulation.config import SimulationConfig
-    from sfr_loc_map.simulation.plan import Plan
+    from sfr_loc_map.simulation.drive import Plan
 
     Plan.make(build(SimulationConfig, _flat(load_yaml(path)), origin=str(path)))
 

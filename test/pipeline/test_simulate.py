@@ -17,8 +17,8 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.pipeline.convert import perturb
 from sfr_loc_map.pipeline.simulate import SETTINGS, settings_text, simulate
 from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.drive import Plan
 from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.simulation.plan import Plan
 
 pytestmark = pytest.mark.slow
 

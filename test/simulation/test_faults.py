@@ -39,17 +39,6 @@ def test_wrong_text_is_refused(text: str) -> None:
         parse_fault(text)
 
 
-def test_dropped_pairs_are_missing_in_bursts_and_never_the_first() -> None:
-    left = perturbed("dropped:share=0.3,burst=4,start=5")
-    assert len(left) == COUNT - round(0.3 * 35)
-    assert set(range(5)) <= set(left)
-
-
-def test_same_seed_affects_the_same_pairs() -> None:
-    assert list(perturbed("dropped:share=0.5")) == list(perturbed("dropped:share=0.5"))
-    assert list(perturbed("dropped:share=0.5")) != list(perturbed("dropped:share=0.5", seed=2))
-
-
 def test_repeated_swapped_black() -> None:
     source = list(pairs())
     for k, pair in perturbed("repeated:share=1").items():
@@ -175,23 +164,11 @@ def test_torn_and_frozen_images_come_from_a_pair_before() -> None:
     assert noise.std() == pytest.approx(2.0, rel=0.1)
 
 
-def test_start_is_black_for_its_pairs_alone() -> None:
-    assert [bool(pair.left.any()) for pair in perturbed("start:amount=3").values()] == [False] * 3 + [True] * 37
-    right = perturbed("start:amount=3,camera=right")
-    assert right[0].left.any()
-    assert not right[0].right.any()
-
-
 def test_fade_turns_black_and_back() -> None:
     means = np.array([pair.left.mean() for pair in perturbed_constant("fade:burst=9,share=0.1")])
     first = int(np.flatnonzero(means < 119)[0])
     assert means[first : first + 9] == pytest.approx(120.0 * np.abs(np.arange(9) - 4) / 4.5, abs=1.5)
     assert (means[first + 9 :] == 120).all()
-
-
-def test_saturation_clips_its_share() -> None:
-    bright = perturbed("saturation:share=1,amount=0.4,start=0")[0]
-    assert (bright.left == 255).mean() == pytest.approx(0.4, abs=0.05)
 
 
 def test_identical_and_drift() -> None:

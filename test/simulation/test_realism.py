@@ -11,7 +11,7 @@ from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.plan import Plan
+from sfr_loc_map.simulation.drive import Plan
 from sfr_loc_map.simulation.world import World
 
 pytest.importorskip("embreex")

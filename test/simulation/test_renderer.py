@@ -1,6 +1,8 @@
-"""Rays against analytic planes: hits, normals, shadow rays and occlusion."""
+"""Rays against analytic planes: hits, normals, occlusion, and shadows where the sun puts them."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
@@ -9,16 +11,24 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.simulation.mesh import Mesh
-from sfr_loc_map.simulation.rays import GROUND, SKY, Camera, Hits, camera_pose, pixel_rays
+from sfr_loc_map.simulation.drive import rover_mesh
 from sfr_loc_map.simulation.renderer import (
+    GROUND,
+    SKY,
+    Camera,
     FirstHits,
+    Hits,
+    Occluder,
     Tracer,
     _intersect_planes,
+    camera_pose,
     occlusion_mask,
+    pixel_rays,
+    sun_rays,
     trace_primary_rays,
     trace_shadow_rays,
 )
+from sfr_loc_map.simulation.terrain import Mesh
 
 RIG = StereoRig(64, 48, 50.0, 55.0, 31.5, 23.5, 0.2)
 
@@ -56,18 +66,6 @@ def test_intersection_is_exact_on_the_plane_of_the_triangle() -> None:
     assert np.abs(hits.points[:, 2]).max() < 1e-12
     assert np.allclose(hits.normals, normal, atol=1e-7)
     assert (hits.objects == GROUND).all()
-
-
-def test_smooth_normals_are_blended_by_barycentric_coordinates() -> None:
-    mesh = slope(0.0)[0]
-    corners = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1)], np.float32)
-    first = FirstHits(np.zeros(1, np.int32), np.full(1, 0.25, np.float32), np.full(1, 0.5, np.float32))
-    hits = Hits(np.empty((1, 3)), np.empty((1, 3)), np.empty(1, np.int32), np.empty(1))
-    _intersect_planes(
-        np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, -1.0]]), first, mesh._replace(normals=corners), hits
-    )
-    blend = np.array([0.25, 0.25, 0.5])  # corners weigh 1 - u - v, u, v
-    assert hits.normals[0] == pytest.approx(blend / np.linalg.norm(blend), abs=1e-7)
 
 
 def test_pixel_rays_are_unit_and_project_back_to_their_pixels() -> None:
@@ -108,16 +106,6 @@ def test_first_hits_lie_on_an_analytic_slope(sloped: tuple[Tracer, FloatArray]) 
     assert (up.objects[-rays @ normal > 0.1] == SKY).all()
 
 
-def test_light_reaches_the_side_of_a_plane_that_faces_it(sloped: tuple[Tracer, FloatArray]) -> None:
-    tracer, normal = sloped
-    rays = downward()
-    hits = trace_primary_rays(tracer, np.array([0.4, 0.1, 3.0]), rays)
-    side = np.cross(normal, [0.0, 1.0, 0.0])
-    for angle, lit in ((0.05, 1.0), (-0.05, 0.0)):
-        sun = np.tile((side * np.cos(angle) + normal * np.sin(angle)).astype(np.float32), (len(rays), 1))
-        assert (trace_shadow_rays(tracer, hits, sun) == lit).all()
-
-
 def test_occlusion_is_that_of_a_plate_before_a_wall() -> None:
     """A plate at 1 m hides of a wall at 2 m what lies on the lines from the right camera through it."""
     pytest.importorskip("embreex")
@@ -141,3 +129,45 @@ def test_occlusion_is_that_of_a_plate_before_a_wall() -> None:
     assert clear.sum() > 20
     assert mask[behind | outside].all()
     assert not mask[clear].any()
+
+
+pytest.importorskip("embreex")
+
+
+def floor_with_wall() -> Mesh:
+    """A level floor of 20 m and a wall of 1 m height at x = 0."""
+    floor = [(-10, -10, 0), (10, -10, 0), (10, 10, 0), (-10, 10, 0)]
+    wall = [(0, -10, 0), (0, 10, 0), (0, 10, 1), (0, -10, 1)]
+    vertices = np.array(floor + wall, np.float32)
+    normals = np.array([(0, 0, 1)] * 4 + [(1, 0, 0)] * 4, np.float32)
+    triangles = np.array([(0, 1, 2), (0, 2, 3), (4, 5, 6), (4, 6, 7)], np.int32)
+    return Mesh(vertices, normals, triangles, np.full(4, -1, np.int32))
+
+
+def lit_along_x(elevation_deg: float, occluder: Occluder | None = None) -> tuple[np.ndarray, np.ndarray]:
+    tracer = Tracer(floor_with_wall())
+    x = np.linspace(-8.0, -0.02, 1597)
+    rays = np.column_stack((x, np.full(len(x), 0.3), np.full(len(x), -5.0)))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    hits = trace_primary_rays(tracer, np.array([0.0, 0.0, 5.0]), rays)
+    angle = math.radians(elevation_deg)
+    suns = sun_rays(np.array([math.cos(angle), 0.0, math.sin(angle)]), 0.0, len(x), np.uint32(1))
+    return hits.points[:, 0], trace_shadow_rays(tracer, hits, suns, occluder)
+
+
+@pytest.mark.parametrize("elevation", [20.0, 45.0, 70.0])
+def test_shadow_of_a_wall_has_the_length_of_its_height_over_the_tangent(elevation: float) -> None:
+    x, lit = lit_along_x(elevation)
+    floor = x < -0.05
+    shadow = -x[floor & (lit == 0)].min()
+    assert shadow == pytest.approx(1.0 / math.tan(math.radians(elevation)), abs=0.02)
+
+
+def test_rover_casts_a_shadow_but_is_not_seen() -> None:
+    rover = Occluder(Tracer(rover_mesh()), Transform(np.eye(3), np.array([-4.0, 0.0, 0.54])))
+    x, lit = lit_along_x(80.0, rover)
+    _, free = lit_along_x(80.0)
+    under = (x > -4.5) & (x < -3.7)
+    assert (free[under] == 1).all()
+    assert (lit[under] == 0).mean() > 0.9
+    assert np.array_equal(lit[x > -2.5], free[x > -2.5])

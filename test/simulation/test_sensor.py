@@ -19,18 +19,6 @@ def sensor(**changes: object) -> Sensor:
     return Sensor(7, Task.LOCALISATION, build(SensorConfig, {**PLAIN, **changes}), RIG)
 
 
-def test_plain_sensor_only_converts() -> None:
-    assert (sensor().image(HALF, 0, 0) == 128).all()
-    assert (sensor().image(3 * HALF, 0, 0) == 255).all()
-
-
-def test_noise_has_the_configured_strength() -> None:
-    image = sensor(read_noise_grey=3.0).image(HALF, 0, 0).astype(float)
-    assert image.std() == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.03)
-    photons = sensor(full_well=5000.0).image(HALF, 0, 0).astype(float)
-    assert photons.std() == pytest.approx(255 * np.sqrt(0.5 / 5000), rel=0.05)
-
-
 def test_same_frame_and_camera_same_bytes_others_differ() -> None:
     noisy = {"read_noise_grey": 2.0, "full_well": 9000.0, "gain_step": 0.1}
     first = sensor(**noisy).image(HALF, 3, 1)
@@ -44,25 +32,6 @@ def test_exposure_steps_are_common_to_both_cameras() -> None:
     means = np.array([[stepped.image(HALF, f, c).mean() for c in (0, 1)] for f in range(12)])
     assert np.array_equal(means[:, 0], means[:, 1])
     assert np.log(means[:, 0]).std() == pytest.approx(0.2, rel=0.6)
-
-
-def test_hot_pixels_stay_where_they_are() -> None:
-    hot = sensor(hot_pixels=0.01)
-    first, second = hot.image(HALF, 0, 0) == 255, hot.image(0.3 * HALF, 9, 0) == 255
-    assert np.array_equal(first, second)
-    assert first.mean() == pytest.approx(0.01, rel=0.4)
-
-
-def test_vignetting_is_the_cosine_to_the_fourth_power() -> None:
-    image = sensor(vignetting=1.0, adc_bits=16).image(HALF, 0, 0)
-    angle = np.arctan(np.hypot(79.5, 59.5) / 120.0)
-    assert image[0, 0] == pytest.approx(127.5 * np.cos(angle) ** 4, abs=1)
-    assert image[60, 80] == 128 or image[60, 80] == 127
-
-
-def test_fine_converter_with_few_bits_makes_few_levels() -> None:
-    ramp = np.tile(np.linspace(0, 1, 160, dtype=np.float32), (120, 1))
-    assert len(np.unique(sensor(adc_bits=4).image(ramp, 0, 0))) == 16
 
 
 def test_rectification_undoes_the_distortion() -> None:

@@ -1,14 +1,30 @@
 """Appearance depends on position alone, and light obeys the laws of reflection and haze."""
 
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.simulation.appearance import ShadingParameters, reflect, shading_parameters, surface_parameters
 from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig, TerrainConfig
-from sfr_loc_map.simulation.rays import GROUND, SKY, Hits
-from sfr_loc_map.simulation.shading import RUN, Vector, _brightness, _bumped, _sky, shade
-from sfr_loc_map.simulation.terrain import Terrain
+from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
+from sfr_loc_map.simulation.shading import (
+    RUN,
+    GroundHits,
+    GroundTexture,
+    ShadingParameters,
+    Vector,
+    _brightness,
+    _bumped,
+    fade_of,
+    ground_texture,
+    plates,
+    reflect,
+    shade,
+    shading_parameters,
+    surface_parameters,
+)
+from sfr_loc_map.simulation.terrain import MaterialShares, Terrain
 
 SUN = np.array([0.6, 0.0, 0.8])
 
@@ -56,18 +72,6 @@ def test_brightness_does_not_depend_on_the_rest_of_the_batch(
         assert brightness(points[n : n + 1], objects[n : n + 1], camera)[0] == together[n]
 
 
-def test_far_ground_is_smooth_and_near_ground_is_not(scene: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
-    """Waves and pebbles finer than a pixel fade out, so that a small step changes little from afar."""
-    points, objects, _ = scene
-    ground = np.full(len(objects), GROUND, np.int32)
-    step = np.array([0.004, 0.0, 0.0])
-    change = []
-    for height in (1.2, 60.0):
-        camera = np.array([0.0, 0.0, height])
-        change.append(np.abs(brightness(points + step, ground, camera) - brightness(points, ground, camera)).mean())
-    assert change[0] > 20 * change[1]
-
-
 def test_level_mean_ground_has_the_wanted_grey(scene: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     """Without contrast, pebbles or fine relief only the law of reflection is left."""
     points, _, camera = scene
@@ -107,17 +111,53 @@ def test_haze_takes_the_contrast_exponentially() -> None:
     assert one == pytest.approx(far + (near - far) * np.exp(-1.0), rel=1e-5)
 
 
-def test_sky_is_brightest_at_the_horizon_and_lights_shadows() -> None:
-    light = parameters().light
-    greys = [_sky(rise, light) for rise in (0.0, 0.1, 0.5, 1.0)]
-    assert greys == sorted(greys, reverse=True)
-    assert _sky(-0.3, light) == greys[0]
-    shadows = [grey(np.array([x, 0.0, np.sqrt(1 - x * x)]), sun=0.0, sky=0.35) for x in (0.0, 0.7)]
-    assert shadows[0] > shadows[1] > 0
-
-
 def test_bump_along_the_normal_changes_nothing() -> None:
     normal = np.array([0.0, 0.6, 0.8])
     assert _bumped(normal, Vector(*(2.0 * normal))) == pytest.approx(normal, abs=1e-12)
     tangent = np.array([0.1, 0.08, -0.06])
     assert _bumped(normal, Vector(*tangent)) == pytest.approx(normal - tangent, abs=1e-12)
+
+
+SHARES, SEED = MaterialShares(0.5, 0.2), np.uint32(4)
+RNG = np.random.default_rng(6)
+X, Y = RNG.uniform(-20, 20, (2, 400))
+
+
+def texture(x: np.ndarray, y: np.ndarray, footprint: float, bump: float = 1.0) -> GroundTexture:
+    count = len(x)
+    hits = GroundHits(np.arange(count), x.copy(), y.copy(), np.full(count, 3.0), np.full(count, footprint))
+    out = GroundTexture(*(np.empty(count) for _ in GroundTexture._fields))
+    ground_texture(count, hits, bump, SHARES, SEED, out)
+    return out
+
+
+def test_texture_of_a_position_does_not_depend_on_the_others() -> None:
+    together = texture(X, Y, 0.002)
+    for n in range(0, 400, 40):
+        alone = texture(X[n : n + 1], Y[n : n + 1], 0.002)
+        assert [values[0] for values in alone] == [values[n] for values in together]
+
+
+def test_slopes_are_a_gradient_rotated_by_a_right_angle() -> None:
+    """Such a field has curl but no divergence (the coarseness that weighs it changes slowly)."""
+    step = 1e-5
+    east, west = (texture(X + sign * step, Y, 0.002) for sign in (1.0, -1.0))
+    north, south = (texture(X, Y + sign * step, 0.002) for sign in (1.0, -1.0))
+    divergence = east.slope_x - west.slope_x + north.slope_y - south.slope_y
+    curl = east.slope_y - west.slope_y - north.slope_x + south.slope_x
+    assert divergence.std() < 0.1 * curl.std()
+
+
+def test_waves_fade_between_one_and_a_half_and_three_and_a_half_footprints() -> None:
+    assert [fade_of(length, 1.0) for length in (1.0, 1.4, 2.4, 3.4, 9.0)] == pytest.approx([0.0, 0.0, 0.5, 1.0, 1.0])
+    assert texture(X, Y, 0.4).tone.std() < texture(X, Y, 0.002).tone.std()
+
+
+def test_plates_are_tilted_constantly_and_dark_at_their_cracks() -> None:
+    found = np.array([plates(x, y, 0.002, SEED) for x, y in zip(X, Y, strict=True)])
+    assert found[:, 0].min() >= 0.0
+    assert found[:, 0].max() <= 1.0
+    assert 0.005 < (found[:, 0] > 0.5).mean() < 0.3
+    assert np.abs(found[:, 1:]).max() <= 0.08
+    moved = np.array([plates(x + 1e-4, y, 0.002, SEED) for x, y in zip(X, Y, strict=True)])
+    assert (moved[:, 1] == found[:, 1]).mean() > 0.98

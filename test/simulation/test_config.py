@@ -10,7 +10,7 @@ from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.plan import Plan
+from sfr_loc_map.simulation.drive import Plan
 
 FOLDER = Path(__file__).resolve().parents[2] / "config" / "simulation"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
@@ -18,11 +18,6 @@ NAMES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 def plan(name: str) -> Plan:
     return Plan.make(build(SimulationConfig, load_yaml(FOLDER / f"{name}.yaml"), origin=name))
-
-
-def test_all_scenarios_are_there() -> None:
-    wanted = {"flat", "rolling", "rocky", "crater_rim", "low_sun", "point_turn", "stop_and_go", "long_drive"}
-    assert wanted | {"mapping_panorama", "sample"} == set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -36,11 +31,6 @@ def test_scenario_makes_pairs(name: str) -> None:
 def test_long_drive_is_longer_than_100_m() -> None:
     positions = plan("long_drive").trajectory().positions
     assert np.linalg.norm(np.diff(positions, axis=0), axis=1).sum() > 100.0
-
-
-def test_stop_and_go_stands_still_for_many_pairs() -> None:
-    steps = np.linalg.norm(np.diff(plan("stop_and_go").trajectory().positions, axis=0), axis=1)
-    assert (steps < 1e-9).sum() > 40
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.plan import Plan
-from sfr_loc_map.simulation.rays import sample_offsets
+from sfr_loc_map.simulation.drive import Plan
+from sfr_loc_map.simulation.renderer import sample_offsets
 from sfr_loc_map.simulation.world import MaskBit, World
 
 pytestmark = pytest.mark.slow
@@ -55,11 +55,6 @@ def test_truth_lies_on_the_ground_it_was_made_from(world: World) -> None:
     assert (error > -0.05).mean() > 0.99  # rocks stand out, nothing is below
 
 
-def test_sky_is_not_a_number_and_marked(world: World) -> None:
-    truth, mask = world.truth(0)
-    assert np.array_equal(np.isnan(truth[..., 0]), (mask & MaskBit.SKY) > 0)
-
-
 def shift_between(world: World) -> FloatArray:
     """Gradient-weighted (Lucas-Kanade) shift along rows and columns, pixels, between the left image and the right one
     warped by the truth."""
@@ -85,12 +80,6 @@ def shift_between(world: World) -> FloatArray:
 
 def test_right_image_shows_the_truth_where_it_says(world: World) -> None:
     assert np.abs(shift_between(world)).max() < 0.02
-
-
-def test_without_rocks_nothing_is_shifted(config: Callable[..., SimulationConfig]) -> None:
-    """No outlines: what is left is the ground itself, which must look the same from both places."""
-    bare = config(panorama__enabled=True, drive__enabled=False, rocks__cover=0.0, **QUIET)
-    assert np.abs(shift_between(World(Plan.make(bare)))).max() < 0.005
 
 
 def test_samples_are_centred_on_pixel_and_exposure() -> None:

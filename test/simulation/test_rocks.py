@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.simulation.pebbles import PebbleCover, PebbleField, ShadowDirection, pebble_cache, pebbles
+from sfr_loc_map.simulation.rocks import PebbleCover, PebbleField, ShadowDirection, pebble_cache, pebbles
 
 SUN = np.array([0.8, 0.0, 0.6])
 FIELD = PebbleField(1.0, 1.0, ShadowDirection.of(SUN), np.uint32(7))
@@ -42,17 +42,6 @@ def test_result_does_not_depend_on_what_the_cache_holds() -> None:
     for (x, y), expected in zip(at, together, strict=True):
         assert pebbles(x, y, FINE_M, 0.8, FIELD, pebble_cache()) == expected
     assert covers(0.8, at[::-1])[::-1] == together
-
-
-def test_a_pebble_of_thin_ground_is_there_on_full_ground_too() -> None:
-    """Filling the ground adds pebbles and moves none: what is fully covered stays covered."""
-    at = positions()
-    thin, full = np.array(covers(0.3, at)), np.array(covers(1.0, at))
-    assert (full[:, 0] >= thin[:, 0] - 1e-12).all()
-
-
-def test_pebbles_finer_than_a_pixel_fade_out() -> None:
-    assert all(cover == PebbleCover(0.0, 0.0, 0.0, 0.0, 0.0) for cover in covers(1.0, positions(100), footprint=0.5))
 
 
 def test_shadows_lie_on_the_side_away_from_the_sun() -> None:
