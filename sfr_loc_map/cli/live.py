@@ -18,7 +18,6 @@ from sfr_loc_map.errors import ConfigError, InterruptedRunError, MissingExtraErr
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
-    from sfr_loc_map.live.hub import Hub
     from sfr_loc_map.live.server import LiveConfig
     from sfr_loc_map.nodes.processes import LivePage
 
@@ -117,6 +116,7 @@ def live(
         if given := next((name for name, value in options.items() if value), ""):
             raise ConfigError(f"'--{given}' is of a recording: give SRC, or leave it out (the monitor has its own)")
         require_ros("live")
+    view_of = _foxglove_view() if foxglove else None
     for_foxglove = Hub() if foxglove else None
     hub, config = Hub(for_foxglove), _page_config(host, port, token) if not terminal else None
     with ExitStack() as stack:
@@ -131,8 +131,8 @@ def live(
             recording, (parsed, _) = open_recording(source, truth), JudgeOptions(limits, condition).read()
             title = recording.title
             stack.enter_context(Player(hub, recording, score_config(condition, {}), parsed, rate))
-        if for_foxglove is not None:
-            view = stack.enter_context(_foxglove_view(for_foxglove, foxglove_port, title))
+        if for_foxglove is not None and view_of is not None:
+            view = stack.enter_context(view_of(for_foxglove, foxglove_port, title))
             print(f"foxglove: {view.url}", flush=True)
         if config is not None:
             from sfr_loc_map.live.server import LiveServer, serve_until_signal
@@ -156,9 +156,9 @@ def _page_config(host: str, port: int, token: str) -> LiveConfig:
     return build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
 
 
-def _foxglove_view(hub: Hub, port: int, title: str) -> FoxgloveView:
+def _foxglove_view() -> type[FoxgloveView]:
     try:
         from sfr_loc_map.live.foxglove import FoxgloveView
     except ImportError as error:
         raise MissingExtraError(f"--foxglove needs its SDK ({error}): pip install 'sfr_loc_map[foxglove]'") from error
-    return FoxgloveView(hub, port, title)
+    return FoxgloveView

@@ -71,21 +71,20 @@ class LiveConfig:
     token: str = param("", doc="Word that each request must have; needed where other hosts are let in.")
     bytes_per_s: float = param(2e6, unit="B/s", doc="Budget of images and clouds for each page.", low=1e4, high=1e9)
 
+    def __post_init__(self) -> None:
+        """Check that others need a token; ConfigError if there is none, or a short one."""
+        token = self.token
+        if not token and not _is_loopback(self.host):
+            raise ConfigError(f"'{self.host}' lets other hosts in: give --token, {MIN_TOKEN} letters or more")
+        if token and (len(token) < MIN_TOKEN or not token.isascii() or not token.isprintable()):
+            raise ConfigError(f"--token must have at least {MIN_TOKEN} printable ASCII letters")
+
 
 class LiveServer:
     """Shows a run, at `url` once it is served. All methods but the constructor run in one event loop."""
 
     def __init__(self, config: LiveConfig, hub: Hub, title: str = "") -> None:
-        """Read the page; the title may be a namespace or the name of a bag.
-
-        Raises:
-            ConfigError: If other hosts are let in without a token.
-        """
-        token = config.token
-        if not token and not _is_loopback(config.host):
-            raise ConfigError(f"'{config.host}' lets other hosts in: give --token, {MIN_TOKEN} letters or more")
-        if token and (len(token) < MIN_TOKEN or not token.isascii() or not token.isprintable()):
-            raise ConfigError(f"--token must have at least {MIN_TOKEN} printable ASCII letters")
+        """Read the page; the title may be a namespace or the name of a bag."""
         self.state = LiveState()
         self.url = ""
         self._config, self._hub, self._title = config, hub, title
