@@ -21,7 +21,7 @@ PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 CAMPAIGN := PYTHONPATH=test/scenes $(BIN)/python test/campaign
 SOURCES := $(shell find sfr_loc_map -name '*.py' -o -name '*.xml' -o -name '*.html') setup.py setup.cfg package.xml $(wildcard config/*.yaml launch_scripts/*.py scripts/*)
 
-.PHONY: help demo sample test test-fast faults soak rate example-candidate fuzz suite-chaos live-soak live-screen monitor-soak test-kilted lint types config format check docs figures traceability docs-test clean
+.PHONY: help demo sample test test-fast faults soak rate example-candidate fuzz random-faults disparity-accuracy suite-chaos live-soak live-screen monitor-soak test-kilted lint types config format check docs figures traceability docs-test clean
 
 help:  ## Show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -61,6 +61,12 @@ example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on
 
 fuzz: $(COMPILED)  ## Feed 2000 mutated files and messages to all readers (SEED=N); what fails is kept in out/fuzz
 	PYTHONPATH=. $(BIN)/python test/fuzz --seed $(SEED)
+
+random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wrong without saying so (SEED=N)
+	PYTHONPATH=. $(BIN)/python test/localisation/random_faults.py 100 $(SEED) sample/sample.mcap
+
+disparity-accuracy: $(COMPILED)  ## Disparities of ours and of OpenCV against the true ones of the sample
+	PYTHONPATH=. $(BIN)/python test/mapping/disparity_accuracy.py sample/sample.mcap
 
 suite-chaos: $(COMPILED)  ## Run a suite on a Dask cluster whose processes are killed at random; some ten minutes
 	$(BIN)/python test/suite/chaos.py

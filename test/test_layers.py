@@ -15,7 +15,7 @@ FLOORS = (
     {"io", "localisation", "mapping", "metrics", "simulation"},
     {"methods", "report"},
     {"pipeline"},
-    {"bench", "live", "suite"},
+    {"live", "suite"},
     {"nodes"},
     {"cli", "api"},
 )

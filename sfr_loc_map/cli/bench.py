@@ -1,15 +1,13 @@
-"""`sfr bench`: benchmarks beside other tools, on the same input, in the same run."""
+"""`sfr bench`: methods beside each other on the same input in the same run, and ours on data with injected faults."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from sfr_loc_map.cli import bench_faults
-from sfr_loc_map.cli.app import examples
-from sfr_loc_map.cli.bench_common import app, present
+from sfr_loc_map.cli.app import App, examples, help_without_command
 from sfr_loc_map.cli.options import (
     ConditionOption,
     ConfigOption,
@@ -18,15 +16,19 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
+    complete_faults,
     complete_methods,
     open_drive,
     open_panorama,
+    words,
 )
-from sfr_loc_map.cli.output import check_outputs, progress_bar
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show, write_text
 from sfr_loc_map.cli.verdict import check_conditions
 from sfr_loc_map.config import read_config
+from sfr_loc_map.errors import FailedVerdictError, InputError
 
-assert bench_faults  # its import adds `sfr bench faults`
+app = App(help="Methods beside each other: same input, same run, own processes. Ours with injected faults.")
+app.callback(invoke_without_command=True)(help_without_command)
 
 PeerPythonOption = Annotated[
     Path | None,
@@ -42,9 +44,6 @@ AddedOption = Annotated[
     ),
 ]
 RepeatOption = Annotated[int, typer.Option("--repeat", min=1, metavar="N", help="Passes; medians are shown.")]
-SizesOption = Annotated[
-    int, typer.Option("--sizes", min=1, max=5, metavar="N", help="Image sizes, each half of the one before.")
-]
 SpacingOption = Annotated[int, typer.Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")]
 
 
@@ -59,7 +58,6 @@ def localise(
     condition: ConditionOption = None,
     spacing: SpacingOption = 10,
     repeat: RepeatOption = 3,
-    sizes: SizesOption = 1,
     rate: Annotated[
         float | None,
         typer.Option(
@@ -73,75 +71,158 @@ def localise(
     remap: RemapOption = None,
 ) -> None:
     """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
-    from sfr_loc_map.bench.competitors import competitors
-    from sfr_loc_map.bench.localisation_benchmark import BenchmarkSettings, benchmark_localisation
     from sfr_loc_map.inputs import Task
     from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.methods.comparison import compare_localisers, methods_to_compare
     from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+    from sfr_loc_map.pipeline.offline import start_pose
 
-    conditions = tuple(condition or ["distance=5"])
+    scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
     check_outputs(json_path, overwrite=overwrite)
     parameters = read_config(LocalisationConfig, config, "localisation")
     sequence = open_drive(source, remap)
-    check_conditions(sequence.ground_truth, conditions, lenient=lenient)
-    methods = competitors(Task.LOCALISATION, peer_python, vocabulary, method or ())
-    settings = BenchmarkSettings(
-        TrajectoryScoreConfig(conditions=conditions, spacing=spacing), repeat, sizes, rate_hz=rate
-    )
+    check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
+    methods, missing = methods_to_compare(Task.LOCALISATION, peer_python, vocabulary, method or ())
+    start = start_pose(sequence, "identity" if sequence.ground_truth is None else "truth").T_ds_rb
     with progress_bar("calls") as bar:
-        task = bar.add_task("measuring", total=len(sequence) * len(methods.present) * repeat * sizes)
-        result = benchmark_localisation(sequence, parameters, methods, settings, lambda name: bar.advance(task))
-    present({"source": str(source)} | result.to_json(), json_path)
+        shown = bar.add_task("measuring", total=len(sequence) * len(methods) * repeat)
+        result = compare_localisers(
+            sequence,
+            start,
+            methods,
+            parameters,
+            scoring,
+            repeat=repeat,
+            rate_hz=rate,
+            progress=lambda: bar.advance(shown),
+        )
+    _present({"source": str(source), **result, "missing": missing}, json_path)
 
 
-@app.command(name="map", epilog=examples("sfr bench map data/ --sizes 2 --json bench.json"))
+@app.command(name="map", epilog=examples("sfr bench map data/ --json bench.json"))
 def map_(
     source: SourceArgument,
     peer_python: PeerPythonOption = None,
     method: AddedOption = None,
     repeat: RepeatOption = 3,
-    sizes: SizesOption = 1,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
     """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
-    from sfr_loc_map.bench.competitors import competitors
-    from sfr_loc_map.bench.mapping_benchmark import benchmark_mapping
     from sfr_loc_map.inputs import Task
     from sfr_loc_map.mapping.config import MappingConfig
+    from sfr_loc_map.methods.comparison import compare_mappers, methods_to_compare
 
     check_outputs(json_path, overwrite=overwrite)
     parameters = read_config(MappingConfig, config, "mapping")
     sequence = open_panorama(source, remap)
-    methods = competitors(Task.MAPPING, peer_python, added=method or ())
+    methods, missing = methods_to_compare(Task.MAPPING, peer_python, added=method or ())
     with progress_bar("calls") as bar:
-        task = bar.add_task("measuring", total=len(sequence) * len(methods.present) * repeat * sizes)
-        result = benchmark_mapping(
-            sequence, parameters, methods, repeat=repeat, sizes=sizes, progress=lambda name: bar.advance(task)
-        )
-    present({"source": str(source)} | result.to_json(), json_path)
+        shown = bar.add_task("measuring", total=len(sequence) * len(methods) * repeat)
+        result = compare_mappers(sequence, methods, parameters, repeat=repeat, progress=lambda: bar.advance(shown))
+    _present({"source": str(source), **result, "missing": missing}, json_path)
 
 
-@app.command(epilog=examples("sfr bench score --poses 100000 --no-all-pairs"))
-def score(
-    poses: Annotated[int, typer.Option(min=200, metavar="N", help="Poses of the synthetic drive.")] = 1_000_000,
-    peer_python: PeerPythonOption = None,
-    repeat: RepeatOption = 1,
-    all_pairs: Annotated[
-        bool, typer.Option("--all-pairs/--no-all-pairs", help="Run evo's slow form, every start, as well.")
-    ] = True,
+@app.command(
+    epilog=examples(
+        "sfr bench faults data/ --fault torn+noisy --json faults.json",
+        "sfr bench faults --map data/ --markdown faults.md",
+    )
+)
+def faults(
+    source: SourceArgument,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fault",
+            metavar="KIND[:...]",
+            autocompletion=complete_faults,
+            help="As for sfr perturb, several joined by +; repeatable. By default common faults.",
+        ),
+    ] = None,
+    maps: Annotated[bool, typer.Option("--map", help="The mapper instead, on the mapping pairs.")] = False,
+    condition: Annotated[
+        str,
+        typer.Option(
+            "--condition",
+            metavar="distance=M|time=S|frames=N",
+            autocompletion=words("distance=", "time=", "frames="),
+            help="End of a sub-trajectory.",
+        ),
+    ] = "distance=5",
+    spacing: SpacingOption = 10,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed that selects the affected pairs.")] = 0,
     json_path: JsonOption = None,
+    markdown_path: Annotated[
+        Path | None, typer.Option("--markdown", metavar="F.md", help="The tables as Markdown.")
+    ] = None,
     overwrite: OverwriteOption = False,
+    lenient: LenientOption = False,
+    config: ConfigOption = None,
+    remap: RemapOption = None,
 ) -> None:
-    """Our trajectory score against evo (evo_rpe), reading of the files included."""
-    from sfr_loc_map.bench.score_benchmark import benchmark_score
+    """Localiser or mapper on data with faults: errors beside stated sigmas; exit 1 if one is wrong and does not say so.
 
-    check_outputs(json_path, overwrite=overwrite)
-    with progress_bar("commands") as bar:
-        task = bar.add_task("measuring", total=None)
-        result = benchmark_score(
-            poses, peer_python, repeat=repeat, all_pairs=all_pairs, progress=lambda name: bar.advance(task)
+    Faults that affect some pairs of a drive affect all pairs of a map, unless their text says otherwise.
+    """
+    from sfr_loc_map.localisation.config import LocalisationConfig
+    from sfr_loc_map.mapping.config import MappingConfig
+    from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+    from sfr_loc_map.suite.fault_benchmark import (
+        FAULTS,
+        LIMIT_SHARE,
+        MAP_FAULTS,
+        benchmark_faults,
+        benchmark_map_faults,
+        silent_faults,
+    )
+
+    check_outputs(json_path, markdown_path, overwrite=overwrite, inputs=[source])
+    wanted = tuple(fault or (MAP_FAULTS if maps else FAULTS))
+    with progress_bar("faults") as bar:
+        shown = bar.add_task("mapping" if maps else "localising", total=len(wanted) + 1)
+        if maps:
+            mapper = read_config(MappingConfig, config, "mapping")
+            panorama = open_panorama(source, remap)
+            result = benchmark_map_faults(panorama, wanted, mapper, seed, lambda: bar.advance(shown))
+        else:
+            localiser, drive = read_config(LocalisationConfig, config, "localisation"), open_drive(source, remap)
+            if drive.ground_truth is None:
+                raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
+            check_conditions(drive.ground_truth, (condition,), lenient=lenient)
+            scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
+            result = benchmark_faults(drive, wanted, localiser, scoring, seed, lambda: bar.advance(shown))
+    _present({"source": str(source)} | result, json_path, markdown_path)
+    silent = silent_faults(result)
+    if silent and maps:
+        raise FailedVerdictError(
+            f"wrong maps without a warning, more than {LIMIT_SHARE:.1%} of the points beyond 5 times their "
+            f"stated 3 sigma: {', '.join(silent)}"
         )
-    present(result.to_json(), json_path)
+    if silent:
+        more = f" and {len(silent) - 5} more" if len(silent) > 5 else ""
+        named = ", ".join(silent[:5]) + more
+        raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {named}")
+
+
+def _present(result: dict[str, Any], json_path: str | None, markdown_path: Path | None = None) -> None:
+    """Print tables, reference methods left out and failures; write JSON and Markdown; `--json -` prints JSON alone."""
+    from sfr_loc_map.metrics.score_json import json_line
+    from sfr_loc_map.report.benchmark_tables import benchmark_tables
+    from sfr_loc_map.report.tables import to_markdown
+
+    tables = benchmark_tables(result)
+    if markdown_path is not None:
+        write_text(to_markdown(tables), markdown_path)
+    show(json_line(result), json_path, tables)
+    if json_path == STANDARD_OUTPUT:
+        return
+    for name, reason in result["missing"].items():
+        say(f"left out: {name}: {reason}")
+    for name, reason in result.get("failed", {}).items():
+        say(f"failed: {name}: {reason}")
+    for name, texts in result.get("findings", {}).items():
+        more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
+        say(f"found: {name}: {texts[0]}{more}")

@@ -13,7 +13,6 @@ import pytest
 from cli_result import Sfr
 from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 
-from sfr_loc_map.bench.passes import PassInput, run_pass
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
@@ -21,9 +20,9 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.methods.comparison import PassInput, run_pass
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
-from sfr_loc_map.metrics.calls import CallUsage
 
 Build = Callable[..., Path]
 LIMITS = MethodLimits(call_timeout_s=0.5, memory_mb=400)
@@ -176,16 +175,15 @@ def test_the_others_go_on_in_a_benchmark(faulty: Path, build: Build, drive: Path
     sequence = open_source(drive).loc
     assert sequence is not None
 
-    def called(localiser: IsolatedMethod, pair: StereoPair, since_start_s: float) -> tuple[None, CallUsage, str]:
-        _, call = localiser.localise(pair)
-        return None, call.usage, call.finding
+    def called(localiser: IsolatedMethod, pair: StereoPair, *_: float) -> tuple[None, MethodCall]:
+        return None, localiser.localise(pair)[1]
 
     given = PassInput(
         sequence.pairs,
         lambda method: IsolatedMethod(method, sequence.rig, Transform.identity(), replace(LIMITS, restarts=0)),
         called,
     )
-    done = run_pass([replace(bad, background=False), replace(good, background=False)], given)
-    assert list(done.runs) == [specs[0]]
-    assert len(done.runs[specs[0]].seconds) == 12
-    assert "crashed: has ended by SIGABRT" in done.failed[specs[1]]
+    runs, failed = run_pass([replace(bad, background=False), replace(good, background=False)], given)
+    assert list(runs) == [specs[0]]
+    assert len(runs[specs[0]].seconds) == 12
+    assert "crashed: has ended by SIGABRT" in failed[specs[1]]

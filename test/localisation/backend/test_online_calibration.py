@@ -6,7 +6,6 @@ import pytest
 from loc_drive import drive, run
 from made_scene import LOC_RIG, PERIOD_NS, START_NS, true_pose
 
-from sfr_loc_map.bench.honesty import error_and_sigma
 from sfr_loc_map.geometry.camera import Poses, StereoCamera
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.backend.bundle_adjustment import Adjustment, BundleProblem, Prior, adjust
@@ -15,6 +14,7 @@ from sfr_loc_map.localisation.estimate import StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.perturber import Perturber
+from sfr_loc_map.suite.fault_benchmark import error_and_sigma
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 WINDOW = 5

@@ -1,4 +1,4 @@
-"""The benchmark of faults: what it counts and calls silent, and that the localiser survives the faults."""
+"""The benchmarks of faults: what they count and call silent, and that localiser and mapper survive the faults."""
 
 from __future__ import annotations
 
@@ -9,35 +9,39 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_scene import NAV_RIG, nav_pair, write_folder
 
-from sfr_loc_map.bench.fault_benchmark import fault_figures, jump_sigmas
-from sfr_loc_map.bench.fault_campaign import DrivePart, plan_drives
-from sfr_loc_map.bench.honesty import Honesty, stated_errors
-from sfr_loc_map.cli.bench_faults import _judge
 from sfr_loc_map.cli.main import main
-from sfr_loc_map.errors import FailedVerdictError
-from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
+from sfr_loc_map.mapping.config import CalibrationUncertainty, MappingConfig
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.simulation.faults import AMOUNTS, parse_fault, random_faults
+from sfr_loc_map.suite.fault_benchmark import (
+    Honesty,
+    _of_all_pairs,
+    fault_figures,
+    jump_sigmas,
+    map_fault_figures,
+    silent_faults,
+    stated_errors,
+)
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=2",), spacing=1)
 SIGMA_M = 0.01
+NONE = CalibrationUncertainty(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def at(x: float) -> Transform:
     return Transform(np.eye(3), np.array([x, 0.0, 0.0]))
 
 
-def drive(errors_m: list[float], covariance: FloatArray | None = None) -> tuple[list[PoseEstimate], Trajectory]:
+def drive(errors_m: list[float]) -> tuple[list[PoseEstimate], Trajectory]:
     """A drive of 1 m a pair, its estimates too far forward by the errors."""
-    covariance = np.eye(6) * SIGMA_M**2 / 3 if covariance is None else covariance
     truth = Trajectory.from_poses((k, at(float(k))) for k in range(len(errors_m)))
-    poses = [at(k + error) for k, error in enumerate(errors_m)]
+    poses, covariance = [at(k + error) for k, error in enumerate(errors_m)], np.eye(6) * SIGMA_M**2 / 3
     return [PoseEstimate(k, pose, covariance, TrackingState.TRACKING) for k, pose in enumerate(poses)], truth
 
 
@@ -45,8 +49,8 @@ def test_a_jump_is_measured_in_stated_sigmas() -> None:
     estimates, truth = drive([0.0, 0.0, 0.04, 0.04, 0.04])
     assert jump_sigmas(estimates, truth) == pytest.approx([0.0, 4.0, 0.0, 0.0])
     figures = fault_figures(estimates, truth, SCORING)
-    assert (figures.pairs, figures.lost, figures.silent_jumps) == (5, 0, 1)
-    assert figures.largest_jump_sigma == pytest.approx(4.0)
+    assert (figures["pairs"], figures["lost"], figures["silent_jumps"]) == (5, 0, 1)
+    assert figures["largest_jump_sigma"] == pytest.approx(4.0)
 
 
 def test_lost_pairs_are_counted_and_are_no_jumps() -> None:
@@ -57,7 +61,7 @@ def test_lost_pairs_are_counted_and_are_no_jumps() -> None:
         for e in estimates
     ]
     figures = fault_figures(reported, truth, SCORING)
-    assert (figures.lost, figures.longest_lost, figures.silent_jumps) == (3, 2, 0)
+    assert (figures["lost"], figures["longest_lost"], figures["silent_jumps"]) == (3, 2, 0)
 
 
 def test_an_error_beyond_five_times_the_stated_3_sigma_is_silent_where_it_is_called_tracking() -> None:
@@ -82,58 +86,15 @@ def test_attitude_is_judged_as_well() -> None:
     assert stated.honesty is Honesty.SILENT
 
 
-def test_silent_faults_end_with_exit_1_and_their_names() -> None:
-    _judge([])
-    with pytest.raises(FailedVerdictError, match="body"):
-        _judge(["body"])
-
-
-def test_random_faults_are_those_of_the_seed_and_can_be_read() -> None:
-    texts = [random_faults(np.random.default_rng([5, k]), 40) for k in range(200)]
-    assert texts == [random_faults(np.random.default_rng([5, k]), 40) for k in range(200)]
-    assert texts[0] != random_faults(np.random.default_rng([6, 0]), 40)
-    kinds = {parse_fault(part).kind for text in texts for part in text.split("+")}
-    assert kinds == set(AMOUNTS)
-
-
-def test_campaign_plans_all_sources_clean_and_parts_of_them_with_faults(long_drive: Path) -> None:
-    sequence = open_source(long_drive, {}).loc
-    assert sequence is not None
-    plans = plan_drives({"a": sequence, "b": sequence}, 7, 3, 12)
-    assert [plan.faults for plan in plans[:2]] == ["none", "none"]
-    assert [plan.pairs for plan in plans] == [30, 30, *[12] * 7]
-    assert all(0 <= plan.first <= 18 for plan in plans)
-    assert plans == plan_drives({"a": sequence, "b": sequence}, 7, 3, 12)
-    part = DrivePart(sequence, 5, 12)
-    assert len(list(part.pairs())) == 12
-    assert part.ground_truth.stamps_ns[0] == next(part.pairs()).stamp_ns
+def test_silent_faults_are_named() -> None:
+    entries = {name: {"honesty": name} for name in ("silent", "said", "stated")}
+    assert silent_faults({"entries": entries}) == ["silent"]
 
 
 @pytest.mark.slow
-def test_campaign_reports_each_drive(
-    long_drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "campaign.json"
-    arguments = ["bench", "faults", long_drive, "--random", 3, "--pairs", 10, "--seed", 1, "--json", out]
-    monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
-    code = main()
-    result = json.loads(out.read_text())
-    assert code == (1 if result["entries"]["with faults"]["silent"] else 0)
-    assert result["entries"]["clean"]["stated"] == 1
-    assert result["entries"]["with faults"]["drives"] == 3
-    drives = result["drives"]
-    assert len(drives) == 4
-    assert [max(d["position_ratio"] or 0, d["attitude_ratio"] or 0) for d in drives] == sorted(
-        (max(d["position_ratio"] or 0, d["attitude_ratio"] or 0) for d in drives), reverse=True
-    )
-    assert "4 of 4 drives" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_benchmark_has_the_drive_without_and_with_each_fault(
-    long_drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_benchmark_has_the_drive_without_and_with_each_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out, page = tmp_path / "faults.json", tmp_path / "faults.md"
+    long_drive = write_folder(tmp_path / "long", 30, 0)
     faults = (
         "black:camera=left,start=4",
         "blinded:share=0.3,camera=left,start=4",
@@ -159,3 +120,58 @@ def test_benchmark_has_the_drive_without_and_with_each_fault(
         assert abs(entry["vertical_offset_px"]) < 0.1, name
         if not name.startswith("repeated"):  # there the rover moves unseen
             assert entry["position_m"] < 0.02, name
+
+
+def test_faults_of_images_affect_all_pairs_unless_their_text_says_otherwise() -> None:
+    assert [(f.share, f.start) for f in map(_of_all_pairs, ("noisy", "torn:share=0.5", "black:start=2"))] == [
+        (1.0, 0),
+        (0.5, 1),
+        (1.0, 2),
+    ]
+
+
+def test_errors_are_over_the_stated_three_sigma_and_pairs_that_are_refused_keep_the_truth_in_its_place() -> None:
+    pairs = [nav_pair(index) for index in range(3)]
+    right = map_fault_figures(pairs, NAV_RIG, NAV_RIG, MappingConfig())
+    assert (right["pairs"], right["refused"]) == (3, 0)
+    assert right["beyond_share"] == 0.0
+    flat = pairs[0].pair.left * 0 + 90
+    broken = [replace(pairs[0], pair=StereoPair(pairs[0].pair.stamp_ns, flat, flat)), *pairs[1:]]
+    figures = map_fault_figures(broken, NAV_RIG, NAV_RIG, MappingConfig())
+    assert (figures["pairs"], figures["refused"], figures["honesty"]) == (2, 1, "said")
+    assert figures["mean_error_m"] == pytest.approx(right["mean_error_m"], rel=0.3)
+    assert figures["coverage"] == pytest.approx(right["coverage"] * 2 / 3, rel=0.1)
+
+
+def test_a_pose_that_is_not_that_of_the_pair_is_beyond_its_sigma() -> None:
+    item = nav_pair(0)
+    moved = Transform(item.T_lm_navsb.rotation, item.T_lm_navsb.translation + np.array([1.0, 0.0, 0.0]))
+    figures = map_fault_figures([replace(item, T_lm_navsb=moved)], NAV_RIG, NAV_RIG, MappingConfig(calibration=NONE))
+    assert figures["mean_error_m"] == pytest.approx(1.0, abs=0.05)
+    assert figures["largest_ratio"] > figures["ratio_p99"] > figures["median_ratio"] > 5.0
+    assert figures["honesty"] == "silent"
+
+
+def test_the_command_writes_figures_of_each_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, path = write_folder(tmp_path / "source", 0, 2), tmp_path / "f.json"
+    arguments = [
+        "bench",
+        "faults",
+        "--map",
+        str(source),
+        "--fault",
+        "identical",
+        "--fault",
+        "noisy",
+        "--json",
+        str(path),
+    ]
+    monkeypatch.setattr(sys, "argv", ["sfr", *arguments])
+    assert main() == 0
+    result = json.loads(path.read_text())
+    assert result["kind"] == "map-faults"
+    assert list(result["entries"]) == ["none", "identical", "noisy"]
+    assert (result["entries"]["identical"]["refused"], result["entries"]["identical"]["honesty"]) == (2, "said")
+    assert "beyond 5 times" in capsys.readouterr().out

@@ -1,1 +1,0 @@
-"""Commands that a benchmark of scores starts as scripts."""

@@ -1,0 +1,124 @@
+"""The tables of a comparison of methods and of a benchmark of faults, made from its JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sfr_loc_map.report.tables import (
+    DEGREE,
+    MIB,
+    MILLIMETRE,
+    MILLISECOND,
+    NONE,
+    PERCENT,
+    PIXEL,
+    Cell,
+    Column,
+    Row,
+    Table,
+    Unit,
+)
+
+Figure = tuple[str, Unit, str]
+"""Heading without the unit, unit that it is shown in, keys that lead to it within an entry."""
+COSTS: tuple[Figure, ...] = (
+    ("p50", MILLISECOND, "time_s/p50"),
+    ("p95", MILLISECOND, "time_s/p95"),
+    ("max", MILLISECOND, "time_s/max"),
+    ("peak", MIB, "memory_bytes/peak"),
+)
+MAPS: tuple[Figure, ...] = (
+    ("points", NONE, "points"),
+    ("coverage", PERCENT, "accuracy/coverage"),
+    ("point error mean", MILLIMETRE, "accuracy/mean"),
+    ("mean + 3 sigma", MILLIMETRE, "accuracy/mean_plus_3sigma"),
+)
+FAULTS: tuple[Figure, ...] = (
+    ("pairs", NONE, "pairs"),
+    ("position", MILLIMETRE, "position_m"),
+    ("heading", DEGREE, "heading_deg"),
+    ("tracking", NONE, "tracking"),
+    ("degraded", NONE, "degraded"),
+    ("lost", NONE, "lost"),
+    ("position error / 3 sigma", NONE, "position_ratio"),
+    ("attitude error / 3 sigma", NONE, "attitude_ratio"),
+    ("beyond 5 times", PERCENT, "beyond_share"),
+    ("vertical disparity", PIXEL, "vertical_offset_px"),
+    ("disparity bias", PIXEL, "disparity_offset_px"),
+)
+MAP_FAULTS: tuple[Figure, ...] = (
+    ("pairs", NONE, "pairs"),
+    ("refused", NONE, "refused"),
+    ("coverage", NONE, "coverage"),
+    ("mean error", MILLIMETRE, "mean_error_m"),
+    ("median sigma", MILLIMETRE, "median_sigma_m"),
+    ("error / 3 sigma, median", NONE, "median_ratio"),
+    ("99 %", NONE, "ratio_p99"),
+    ("largest", NONE, "largest_ratio"),
+    ("beyond 5 times", PERCENT, "beyond_share"),
+)
+
+
+def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
+    """Return the tables of a benchmark of any kind."""
+    if result["kind"] == "faults":
+        title = f"Localisation with faults, {result['condition']}: mean + 3 sigma; largest errors of tracking pairs"
+        return [_table("faults", title, result, FAULTS, word="honesty")]
+    if result["kind"] == "map-faults":
+        title = (
+            f"Maps with faults: points, and their errors over the stated 3 sigma; true points to {result['to_m']:g} m"
+        )
+        return [_table("map-faults", title, result, MAP_FAULTS, word="honesty")]
+    if result["kind"] == "localise":
+        kinds = (
+            ("position", MILLIMETRE, "position_m"),
+            ("attitude", DEGREE, "attitude_deg"),
+            ("heading", DEGREE, "heading_deg"),
+        )
+        errors = [
+            (f"{condition} {name}", unit, f"accuracy/{condition}/{key}")
+            for condition in result["conditions"]
+            for name, unit, key in kinds
+        ]
+        title = "Localisation: mean + 3 sigma; host times"
+        return [_table("localise", title, result, (*errors, ("lost", NONE, "lost"), *COSTS))]
+    title = f"Maps of single pairs, {result['disparities']} disparities; host times"
+    tables = [_table("map", title, result, (*MAPS, *COSTS))]
+    bins = result["entries"]["ours"].get("accuracy", {}).get("by_range_m", {})
+    by_range = [
+        (f"{name} {title}", MILLIMETRE, f"accuracy/by_range_m/{name}/{key}")
+        for name, item in bins.items()
+        if item["count"]
+        for title, key in (("mean", "mean"), ("mean + 3 sigma", "mean_plus_3sigma"))
+    ]
+    return [*tables, _table("map-range", "Point error by range", result, by_range)] if by_range else tables
+
+
+def _table(
+    name: str, title: str, result: Mapping[str, Any], figures: tuple[Figure, ...] | list[Figure], word: str = "version"
+) -> Table:
+    """Return a table with a row for each entry, then one for each ratio of ours to another.
+
+    Args:
+        name: Its name.
+        title: Its title.
+        result: JSON with `entries` and, optionally, `ratios`.
+        figures: Columns.
+        word: Key of the word that stands beside the name of an entry.
+    """
+    rows: list[Row] = []
+    for entry, values in result["entries"].items():
+        cells = [_cell(values, place, unit) for _, unit, place in figures]
+        rows.append((Cell.head(entry), Cell(str(values.get(word, ""))), *cells))
+    for other, values in result.get("ratios", {}).items():
+        rows.append((Cell.head(f"ours / {other}"), Cell(""), *(_cell(values, place, NONE) for *_, place in figures)))
+    heads = (Column("", words=True), Column("", words=True))
+    return Table(name, title, (*heads, *(Column(heading, unit) for heading, unit, _ in figures)), tuple(rows))
+
+
+def _cell(entry: Mapping[str, Any], place: str, unit: Unit) -> Cell:
+    value: Any = entry
+    for key in place.split("/"):
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return Cell.number(value, unit=unit, undefined="")

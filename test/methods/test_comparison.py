@@ -1,0 +1,210 @@
+"""Methods beside each other from end to end on tiny sources, and methods that are missing or fail."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_scene import LOC_RIG, loc_pair, write_folder
+
+from sfr_loc_map.cli.main import main
+from sfr_loc_map.errors import BenchError, MethodError
+from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.methods import registry
+from sfr_loc_map.methods.comparison import (
+    LIMITS,
+    OURS,
+    PassInput,
+    compare_localisers,
+    medians,
+    methods_to_compare,
+    ratios,
+    run_pass,
+)
+from sfr_loc_map.methods.isolated_method import IsolatedMethod, MethodCall
+from sfr_loc_map.methods.registry import Method, lacks
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import MethodKind
+from sfr_loc_map.pipeline.offline import start_pose
+
+SCORING = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
+METHOD = """
+import os, sys
+class MadeMethod:
+    version = "7"
+    def __init__(self, setup):
+        print("noise on standard output")
+        {start}
+    def prepare(self, left, right, order):
+        {prepare}
+        return lambda: (int(left.sum()), int(right.sum()))
+    def report(self, answer, order):
+        numbers = [*answer, order["since_start_s"]]
+        return {{"T_ds_rb": None, "statistics": dict(zip(("left", "right", "since_start_s"), numbers))}}
+open_method = MadeMethod
+"""
+
+
+@pytest.fixture(autouse=True)
+def this_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let methods, which run as scripts, import the package under test: of an installed one no kernel is compiled."""
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_folder(tmp_path_factory.mktemp("comparison") / "drive", 12, 0)
+
+
+def sfr(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["sfr", *map(str, arguments)])
+    return main()
+
+
+def made_method(
+    folder: Path, name: str = "made", *, start: str = "pass", prepare: str = "pass", background: bool = False
+) -> Method:
+    path = folder / f"{name}.py"
+    path.write_text(METHOD.format(start=start, prepare=prepare), encoding="utf-8")
+    # an absolute path stands for itself
+    return Method(name, Task.LOCALISATION, MethodKind.PEER, str(path), background=background)
+
+
+def called(localiser: IsolatedMethod, pair: StereoPair, number: int, since_start_s: float) -> tuple[Any, MethodCall]:
+    _, call = localiser.localise(pair, {"since_start_s": since_start_s})
+    return call.statistics, call
+
+
+def given(count: int, rate_scale: float = 1.0, call: Any = called) -> PassInput[StereoPair, Any]:
+    def start(method: Method) -> IsolatedMethod:
+        return IsolatedMethod(method, LOC_RIG, Transform.identity(), LIMITS)
+
+    return PassInput(lambda: map(loc_pair, range(count)), start, call, rate_scale)
+
+
+@pytest.mark.slow
+def test_localise_shows_ours_and_opencv_with_the_accuracy_of_the_score(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, estimate, scored = (tmp_path / name for name in ("bench.json", "estimate.csv", "score.json"))
+    options = ("--condition", "frames=3", "--spacing", 2)
+    assert sfr(monkeypatch, "bench", "localise", drive, "--repeat", 2, *options, "--json", out) == 0
+    printed = capsys.readouterr().out
+    assert "left out: orbslam3: not looked for: give --peer-python" in printed
+    assert "host times" in printed
+    result = json.loads(out.read_text())
+    for name, metres in (("ours", 0.01), ("opencv", 0.1)):
+        entry = result["entries"][name]
+        assert entry["calls"] == 12
+        assert 0 < entry["accuracy"]["frames=3"]["position_m"] < metres
+        assert 0 < entry["time_s"]["p50"] <= entry["time_s"]["p95"] <= entry["time_s"]["max"]
+        assert 20e6 < entry["memory_bytes"]["peak"] < 1e9
+        assert (entry["lost"], len(entry["runs"])) == (0, 2)
+    ours, other = result["entries"]["ours"], result["entries"]["opencv"]
+    assert ours["runs"][0]["accuracy"] == ours["runs"][1]["accuracy"]
+    assert result["ratios"]["opencv"]["time_s"]["p50"] == pytest.approx(ours["time_s"]["p50"] / other["time_s"]["p50"])
+    assert sfr(monkeypatch, "localise", drive, "-o", estimate, "--start", "truth") == 0
+    assert sfr(monkeypatch, "score", estimate, drive, *options, "--json", scored) == 0
+    score = json.loads(scored.read_text())["trajectory"]
+    for name in ("position_m", "attitude_deg", "heading_deg"):
+        figure = score[name]["mean_plus_3sigma"]
+        assert ours["accuracy"]["frames=3"][name] == pytest.approx(figure, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_map_shows_ours_and_sgbm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, out = write_folder(tmp_path / "panorama", 0, 2), tmp_path / "bench.json"
+    assert sfr(monkeypatch, "bench", "map", source, "--repeat", 1, "--json", out) == 0
+    result = json.loads(out.read_text())
+    ours, sgbm = result["entries"]["ours"], result["entries"]["sgbm"]
+    assert set(result["missing"]) == {"pandora"}
+    assert ours["calls"] == sgbm["calls"] == 2
+    assert min(ours["accuracy"]["coverage"], sgbm["accuracy"]["coverage"]) > 0.7
+    assert ours["accuracy"]["mean"] < sgbm["accuracy"]["mean"]
+    assert set(ours["accuracy"]["by_range_m"]) == set(sgbm["accuracy"]["by_range_m"])
+
+
+def test_bench_alone_shows_its_help(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert sfr(monkeypatch, "bench") == 0
+    assert "localise" in capsys.readouterr().out
+
+
+def test_images_arrive_and_output_of_a_method_is_ignored(tmp_path: Path) -> None:
+    runs, _ = run_pass([made_method(tmp_path)], given(3))
+    assert runs["made"].version == "7"
+    for index, report in enumerate(runs["made"].results):
+        pair = loc_pair(index)
+        sums = {"left": int(pair.left.sum()), "right": int(pair.right.sum())}
+        assert report == sums | {"since_start_s": pytest.approx(0.1 * index)}
+
+
+def test_background_methods_get_their_pairs_at_the_rate(tmp_path: Path) -> None:
+    method, times = made_method(tmp_path, background=True), []
+
+    def timed(*arguments: Any) -> tuple[Any, MethodCall]:
+        times.append(time.monotonic())
+        return called(*arguments)
+
+    run_pass([method], given(5, 0.5, timed))
+    assert 0.7 < times[-1] - times[0] < 3.0  # four steps of 0.1 s at half the rate
+
+
+@pytest.mark.parametrize(
+    ("start", "prepare", "words"),
+    [
+        ("raise ValueError('no vocabulary')", "pass", "has ended with 1: ValueError: no vocabulary"),
+        ("pass", "if order['since_start_s'] > 0.1: sys.exit('out of memory')", "has ended with 1: out of memory"),
+    ],
+)
+def test_a_method_that_fails_is_named_and_the_others_go_on(
+    tmp_path: Path, start: str, prepare: str, words: str
+) -> None:
+    bad = made_method(tmp_path, start=start, prepare=prepare)
+    runs, failed = run_pass([bad, made_method(tmp_path, "good")], given(4))
+    assert set(failed) == {"made"}
+    assert words in failed["made"]
+    assert len(runs["good"].seconds) == 4
+
+
+def test_ours_must_run(drive: Path, tmp_path: Path) -> None:
+    sequence = open_source(drive).loc
+    assert sequence is not None
+    broken = replace(made_method(tmp_path, start="sys.exit('broken')"), name=OURS)
+    start = start_pose(sequence, "truth").T_ds_rb
+    with pytest.raises(BenchError, match="ours has ended with 1: broken"):
+        compare_localisers(sequence, start, [broken], LocalisationConfig(), SCORING)
+
+
+def test_missing_methods_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here, vocabulary = Path(sys.executable), tmp_path / "vocabulary.txt"
+    assert "pip install pyorbslam3" in methods_to_compare(Task.LOCALISATION)[1]["orbslam3"]
+    assert "not installed in" in methods_to_compare(Task.MAPPING, here)[1]["pandora"]
+    with pytest.raises(MethodError, match="give a Python interpreter"):
+        lacks(tmp_path / "none", "json", "")
+    monkeypatch.setattr(registry, "lacks", lambda *_: None)
+    assert "--vocab" in methods_to_compare(Task.LOCALISATION, here)[1]["orbslam3"]
+    assert "no vocabulary" in methods_to_compare(Task.LOCALISATION, here, vocabulary)[1]["orbslam3"]
+    vocabulary.touch()
+    found, _ = methods_to_compare(Task.LOCALISATION, here, vocabulary)
+    assert [method.name for method in found if method.background] == ["ours", "orbslam3"]
+
+
+def test_medians_and_ratios_of_nested_figures() -> None:
+    runs = [
+        {"a": {"x": 1.0, "y": None}, "n": 3, "parts": {"far": {"x": 4.0}}},
+        {"a": {"x": 5.0, "y": 7.0}, "n": 4, "parts": {}},
+        {"a": {"x": 2.0, "y": None}, "n": 9, "parts": {"far": {"x": 6.0}}},
+    ]
+    assert medians(runs) == {"a": {"x": 2.0, "y": 7.0}, "n": 4.0, "parts": {"far": {"x": 5.0}}}
+    ours = {"t": {"p50": 2.0, "p95": 3.0}, "bias": -0.1, "zero": 1.0, "none": None, "mine": 1.0}
+    theirs = {"t": {"p50": 8.0, "p95": 2.0}, "bias": 0.2, "zero": 0.0, "none": 1.0}
+    assert ratios(ours, theirs) == {"t": {"p50": 0.25, "p95": 1.5}, "bias": 0.5, "zero": None}
