@@ -6,32 +6,24 @@ from many independent drives. The result is kept in docs/measurements.md.
 
 import itertools
 import sys
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-sys.path.insert(0, str(Path(__file__).parent))
-
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 
 STEP_M = 0.1
-DISTANCE_M = 5.0
 FIGURES = ("position_m", "attitude_deg", "heading_deg")
-LAWS = {
-    "white steps": {"bias": 0.0, "memory": 0.0},
-    "biased steps": {"bias": 0.002, "memory": 0.0},
-    "steps with memory": {"bias": 0.0, "memory": 0.9},
-}
+LAWS = {"white steps": (0.0, 0.0), "biased steps": (0.002, 0.0), "steps with memory": (0.0, 0.9)}
+"""Bias of a step, m, and how much of the error before it keeps."""
 
 
-def run(
-    rng: np.random.Generator, frames: int, bias: float, memory: float, curved: bool
-) -> tuple[Trajectory, Trajectory]:
-    """One drive: truth and estimate."""
+def run(rng: np.random.Generator, frames: int, spacing: int, law: str, curved: bool) -> ScoredTrajectory:
+    """The score of one drive over 5 m."""
+    bias, memory = LAWS[law]
     yaw = np.sin(np.arange(frames) / 40.0) if curved else np.zeros(frames)
     true = Rotation.from_rotvec(np.column_stack((0 * yaw, 0 * yaw, yaw)))
     moves = true.apply(np.tile([STEP_M, 0.0, 0.0], (frames, 1)))
@@ -39,19 +31,18 @@ def run(
     for k in range(1, frames):
         noise[k] = memory * noise[k - 1] + np.sqrt(1 - memory**2) * noise[k]
     turned = Rotation.from_rotvec(np.cumsum(noise[:, 3:], axis=0))
-    estimated = turned.apply(moves * (1 + bias / STEP_M) + noise[:, :3])
+    estimated = np.cumsum(turned.apply(moves * (1 + bias / STEP_M) + noise[:, :3]), axis=0)
     stamps = np.arange(frames) * 100_000_000
     truth = Trajectory(stamps, np.cumsum(moves, axis=0), true.as_quat())
-    return truth, Trajectory(stamps, np.cumsum(estimated, axis=0), (turned * true).as_quat())
+    estimates = Estimates.of(Trajectory(stamps, estimated, (turned * true).as_quat()))
+    return score_trajectory(estimates, truth, TrajectoryScoreConfig(spacing=spacing))
 
 
-def true_values(rng: np.random.Generator, frames: int, law: str, curved: bool) -> dict[str, float]:
-    """Figures over the sub-trajectories of very many drives."""
-    config = TrajectoryScoreConfig(conditions=(f"distance={DISTANCE_M}",), spacing=10)
-    errors = []
+def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, seed: int = 0) -> dict[str, float]:
+    """Share of runs whose interval holds the true value, for each figure; NaN where there is no interval."""
+    rng, frames, errors = np.random.default_rng(seed), round(length_m / STEP_M) + 1, []
     for _ in range(max(300, 120_000 // frames)):
-        truth, estimate = run(rng, frames, **LAWS[law], curved=curved)
-        details = score_trajectory(Estimates.of(estimate), truth, config).details
+        details = run(rng, frames, 10, law, curved).details
         assert details is not None
         found = details.sub_trajectories[0]
         columns = (found.x_m, found.y_m, found.z_m, found.attitude_deg, found.heading_deg)
@@ -59,19 +50,9 @@ def true_values(rng: np.random.Generator, frames: int, law: str, curved: bool) -
     pooled = np.concatenate(errors)
     mean, sigma = pooled.mean(axis=0), pooled.std(axis=0)
     values = (np.linalg.norm(mean[:3]) + 3 * np.linalg.norm(sigma[:3]), *(np.abs(mean[3:]) + 3 * sigma[3:]))
-    return dict(zip(FIGURES, map(float, values), strict=True))
-
-
-def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, seed: int = 0) -> dict[str, float]:
-    """Share of runs whose interval holds the true value, for each figure; NaN where there is no interval."""
-    rng = np.random.default_rng(seed)
-    config = TrajectoryScoreConfig(conditions=(f"distance={DISTANCE_M}",), spacing=spacing)
-    frames = round(length_m / STEP_M) + 1
-    target = true_values(rng, frames, law, curved)
-    held: dict[str, list[bool]] = {name: [] for name in FIGURES}
+    target, held = dict(zip(FIGURES, map(float, values), strict=True)), {name: [] for name in FIGURES}
     for _ in range(runs):
-        truth, estimate = run(rng, frames, **LAWS[law], curved=curved)
-        got = score_trajectory(Estimates.of(estimate), truth, config).score.first
+        got = run(rng, frames, spacing, law, curved).score.first
         for name in FIGURES:
             interval = getattr(got, name).mean_plus_3sigma_ci95
             if interval is not None:
@@ -80,17 +61,9 @@ def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, s
 
 
 if __name__ == "__main__":
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
-    seeds = itertools.count(1)
-    print("| length, m | spacing | steps | path | " + " | ".join(FIGURES) + " |")
-    print("|---" * 7 + "|")
-    for length in (15.0, 30.0, 60.0, 200.0):
-        for spacing in (1, 10):
-            for law in LAWS:
-                for curved in (False, True):
-                    shares = coverage(count, length, spacing, law, curved, seed=next(seeds))
-                    words = " | ".join(f"{100 * shares[name]:.0f} %" for name in FIGURES)
-                    print(
-                        f"| {length:g} | {spacing} | {law} | {'curved' if curved else 'straight'} | {words} |",
-                        flush=True,
-                    )
+    cases = itertools.product((15.0, 30.0, 60.0, 200.0), (1, 10), LAWS, (False, True))
+    print("| length, m | spacing | steps | path | " + " | ".join(FIGURES) + " |\n" + "|---" * 7 + "|")
+    for seed, (length, spacing, law, curved) in enumerate(cases, 1):
+        shares = coverage(int(sys.argv[1]) if len(sys.argv) > 1 else 300, length, spacing, law, curved, seed)
+        words = " | ".join(f"{100 * shares[name]:.0f} %" for name in FIGURES)
+        print(f"| {length:g} | {spacing} | {law} | {'curved' if curved else 'straight'} | {words} |", flush=True)

@@ -42,9 +42,8 @@ def drive(frames: int) -> tuple[Estimates, Trajectory]:
     covariance[:, [0, 6, 11, 15, 18, 20]] = 1e-6 * np.arange(1, frames + 1)[:, None]
     lost = np.zeros(frames, np.bool_)
     lost[frames // 2 : frames // 2 + 3] = True
-    return Estimates.of(Trajectory(stamps, truth + wander, quats), lost, covariance=covariance), Trajectory(
-        stamps, truth, quats
-    )
+    estimates = Estimates.of(Trajectory(stamps, truth + wander, quats), lost, covariance=covariance)
+    return estimates, Trajectory(stamps, truth, quats)
 
 
 def calls(frames: int, pairs: int) -> Calls:
@@ -75,39 +74,27 @@ def cloud(side: int, pairs: int) -> tuple[PointCloud, list[PairTruth]]:
     for number in range(pairs):
         sigma = 0.1 * xyz[:, 2] ** 2 / (rig.fx * rig.baseline_m)
         moved = xyz * (1 + sigma * rng.standard_normal(count) / xyz[:, 2])[:, None]
-        parts.append(
-            PointCloud(
-                moved.astype(np.float32),
-                sigma.astype(np.float32),
-                np.zeros(count, np.float32),
-                columns.astype(np.uint16),
-                rows.astype(np.uint16),
-                np.full(count, number, np.uint8),
-                fused=False,
-            )
-        )
+        pixels = columns.astype(np.uint16), rows.astype(np.uint16), np.full(count, number, np.uint8)
+        floats = moved.astype(np.float32), sigma.astype(np.float32), np.zeros(count, np.float32)
+        parts.append(PointCloud(*floats, *pixels, fused=False))
     return PointCloud.concatenate(parts), truths
 
 
 @cache
-def whole_score(frames: int = 300, side: int = 96, pairs: int = 2, conditions: int = 2) -> Score:
+def whole_score(frames: int = 300, side: int = 96, pairs: int = 2) -> Score:
     """A score with every part: trajectory, map, calls, verdicts of all three kinds, provenance with a hostile path."""
-    named = (*(f"distance={value}" for value in (5, 2, 10, 20, 1)[: conditions - 1]), "distance=500")
-    estimates, truth = drive(frames)
-    points, truths = cloud(side, pairs)
+    config = TrajectoryScoreConfig(conditions=("distance=5", "distance=500"))
+    made = Provenance(
+        version="0.1.0",
+        inputs={"estimate": InputFile(path=HOSTILE, sha256="0" * 64)},
+        configuration={"unknown": None},
+        time="2024-02-29T12:00:00+00:00",
+    )
     return build_score(
-        Score(
-            verdicts=(),
-            provenance=Provenance(
-                version="0.1.0",
-                inputs={"estimate": InputFile(path=HOSTILE, sha256="0" * 64)},
-                configuration={"unknown": None},
-                time="2024-02-29T12:00:00+00:00",
-            ),
-        ),
+        Score(verdicts=(), provenance=made),
         parse_limits(LIMITS, "test"),
-        trajectory=score_trajectory(estimates, truth, TrajectoryScoreConfig(conditions=named)),
-        map=score_map(points, truths, MapScoreConfig()),
+        trajectory=score_trajectory(*drive(frames), config),
+        map=score_map(*cloud(side, pairs), MapScoreConfig()),
         calls=[score_calls(calls(frames, pairs))],
     )
 

@@ -1,5 +1,6 @@
 import html
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -11,10 +12,12 @@ from typing import Any
 import pytest
 from made_scores import HOSTILE, dig, json_of, whole_score
 
+import sfr_loc_map.report
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.report.page import load_score, render_page, write_page
+from sfr_loc_map.report.plots import PALETTE, Plot, axis, band, line, to_figure
 from sfr_loc_map.report.tables import MILLIMETRE, number
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -30,31 +33,24 @@ OF_THE_BROWSER = "not an origin"
 
 
 class Elements(HTMLParser):
-    """All elements of a page with their attributes, and what scripts hold."""
+    """All elements of a page with their attributes, what scripts hold, and value and text of the cells by key."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.found: list[tuple[str, dict[str, str]]] = [("", {})]
         self.scripts: list[str] = []
         self.cells: dict[str, tuple[str, str]] = {}
-        self._cell = ""
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        attributes = dict(attrs)
-        self.found.append((tag, attributes))
-        self._cell = (attributes.get("data-key") or "") if tag == "td" else ""
-        if self._cell:
-            self.cells[self._cell] = (attributes.get("data-value") or "", "")
-
-    def handle_endtag(self, tag: str) -> None:
-        self._cell = ""
+        self.found.append((tag, {name: value or "" for name, value in attrs}))
 
     def handle_data(self, data: str) -> None:
-        if self.found and self.found[-1][0] == "script":
+        tag, attributes = self.found[-1]
+        if tag == "script":
             self.scripts.append(data)
-        if self._cell:
-            self.cells[self._cell] = (self.cells[self._cell][0], data)
+        if tag == "td" and "data-key" in attributes:
+            self.cells.setdefault(attributes["data-key"], (attributes.get("data-value", ""), data))
 
 
 def hostile_score() -> Score:
@@ -108,13 +104,12 @@ def test_verdicts_have_word_and_sign(page: str) -> None:
 def test_nothing_is_loaded_from_elsewhere(page: str) -> None:
     elements = Elements(page)
     loading = {"src", "href", "srcset", "data", "action", "poster", "background", "xlink:href"}
-    assert [(tag, a) for tag, a in elements.found if loading & a.keys() and (a.get("href") or "")[:1] != "#"] == []
+    assert [(tag, a) for tag, a in elements.found if loading & a.keys() and a.get("href", "")[:1] != "#"] == []
     assert {tag for tag, _ in elements.found} & {"link", "iframe", "object", "embed", "base", "img"} == set()
     style = re.search(r"<style>(.*?)</style>", page, re.S)
     assert style is not None
     assert not re.search(r"url\(|@import", style[1])
     policy = next(a["content"] for tag, a in elements.found if a.get("http-equiv") == "Content-Security-Policy")
-    assert policy is not None
     assert policy.startswith("default-src 'none'")
     assert "connect-src" not in policy
     assert not re.search(r"https?://", page)
@@ -136,32 +131,35 @@ def test_all_figures_are_there_with_units_on_their_axes(page: str) -> None:
             assert re.search(r", (m|mm|deg|s|px|MiB)$", title) or title == "number of calls", (plot["name"], title)
 
 
-def test_marks_lead_back_to_the_frames_and_exact_stamps(page: str) -> None:
-    rows = json_of(whole_score())["details"]["trajectory"]["sub_trajectories"][0]
-    plot = next(plot for plot in specs_of(page) if plot["name"] == "position")
-    marked = plot["data"][0]
+def test_figures_show_the_values_of_the_score(page: str) -> None:
+    plain, plots = json_of(whole_score()), {plot["name"]: plot for plot in specs_of(page)}
+    rows, marked = plain["details"]["trajectory"]["sub_trajectories"][0], plots["position"]["data"][0]
     names = ("start_frame", "end_frame", "start_stamp_ns", "end_stamp_ns")
     wanted = [[a, b, str(c), str(d)] for a, b, c, d in zip(*(rows[name] for name in names), strict=True)]
-    assert [item[1:] for item in marked["customdata"]] == wanted
+    assert [item[1:] for item in marked["customdata"]] == wanted, "a mark leads back to frames and exact stamps"
     assert wanted[0][2] == "1700000000123456789"
-    sizes = [(x * x + y * y + z * z) ** 0.5 for x, y, z in zip(rows["x_m"], rows["y_m"], rows["z_m"], strict=True)]
+    sizes = [math.hypot(*vector) for vector in zip(rows["x_m"], rows["y_m"], rows["z_m"], strict=True)]
     assert marked["y"] == pytest.approx([size * 1e3 for size in sizes], rel=1e-5)
-
-
-def test_bars_of_the_growth_end_at_the_bounds_of_the_interval(page: str) -> None:
-    plot = next(plot for plot in specs_of(page) if plot["name"] == "growth")
-    bars = next(trace for trace in plot["data"] if trace["name"] == "95 % interval of it")
-    figure = json_of(whole_score())["trajectory"]["conditions"][0]["position_m"]
+    bars = next(trace for trace in plots["growth"]["data"] if trace["name"] == "95 % interval of it")
+    bounds = [1e3 * bound for bound in plain["trajectory"]["conditions"][0]["position_m"]["mean_plus_3sigma_ci95"]]
     (value,), (above,), (below,) = bars["y"], bars["error_y"]["array"], bars["error_y"]["arrayminus"]
-    bounds = [value - below, value + above]
-    assert bounds == pytest.approx([1e3 * bound for bound in figure["mean_plus_3sigma_ci95"]], rel=1e-5)
+    assert [value - below, value + above] == pytest.approx(bounds, rel=1e-5)
+    laws = (trace for trace in plots["over-range"]["data"] if trace["name"].startswith("law"))
+    law = next(trace for trace in laws if trace["text"][0] == "1 px ")
+    assert law["y"] == pytest.approx([1e3 * r * r / (96 * 0.8 * 0.25) for r in law["x"]], rel=1e-4)
 
 
-def test_law_of_triangulation_goes_through_its_values(page: str) -> None:
-    plot = next(plot for plot in specs_of(page) if plot["name"] == "over-range")
-    law = next(trace for trace in plot["data"] if trace["name"].startswith("law") and trace["text"][0] == "1 px ")
-    focal, baseline = 96 * 0.8, 0.25
-    assert law["y"] == pytest.approx([1e3 * r * r / (focal * baseline) for r in law["x"]], rel=1e-4)
+def test_figures_outside_the_page_have_the_colours_of_its_light_theme() -> None:
+    script = (Path(sfr_loc_map.report.__file__).parent / "templates" / "page.js").read_text(encoding="utf-8")
+    light = script.partition("light: {")[2].partition("}")[0]
+    colours = {name.strip('"'): value for name, value in re.findall(r'("?[\w-]+"?): "([^"]+)"', light)}
+    assert {name: value for name, value in PALETTE.items() if name != "sequential"} == colours
+    data = [line("a", ([0.0, 1.0], [2.0, None]), "@one"), band("b", [0.0, 1.0], 0.0, 1.0, "@one-soft")]
+    figure = to_figure(Plot("p", "Title", "", data, {"xaxis": axis("x, m"), "shapes": [{"line": {"color": "@bad"}}]}))
+    assert (figure.data[0].line.color, figure.data[0].y) == (PALETTE["one"], (2.0, None))
+    assert figure.data[1].fillcolor == PALETTE["one-soft"]
+    assert figure.layout.shapes[0].line.color == PALETTE["bad"]
+    assert figure.layout.title.text == "Title"
 
 
 def test_hostile_texts_stay_texts(page: str) -> None:
@@ -175,16 +173,13 @@ def test_hostile_texts_stay_texts(page: str) -> None:
 
 
 def test_undefined_numbers_are_never_shown_as_nan(tmp_path: Path) -> None:
-    content = json_of(whole_score())
-    for figure in ("mean", "sigma", "mean_plus_3sigma"):
-        content["trajectory"]["conditions"][0]["position_m"][figure] = float("nan")
-    path = tmp_path / "score.json"
+    content, path = json_of(whole_score()), tmp_path / "score.json"
+    content["trajectory"]["conditions"][0]["position_m"] |= dict.fromkeys(("mean", "mean_plus_3sigma"), math.nan)
     path.write_text(json.dumps(content))
     text = render_page(load_score(path))
     tables = text[: text.index("<script")]
     assert not re.search(r"\bnan\b", tables, re.I)
     assert ">not enough data</td>" in tables
-    specs_of(text)
 
 
 @pytest.mark.parametrize("part", ["trajectory", "map", "timing", "memory", "details", "provenance"])
@@ -246,12 +241,8 @@ def test_page_opens_in_a_browser_in_its_theme(page: str, tmp_path: Path) -> None
     assert root is not None
     assert f'data-figures="{count}/{count}"' in root[0], log
     assert 'data-theme="dark"' in root[0]
-    bad = [
-        line
-        for line in log.splitlines()
-        if "CONSOLE" in line and re.search("error|refused|violat|not defined", line, re.I)
-    ]
-    assert bad == []
+    console = [text for text in log.splitlines() if "CONSOLE" in text]
+    assert not [text for text in console if re.search("error|refused|violat|not defined", text, re.I)]
     assert [url for url in requested(tmp_path / "net.json") if not url.startswith(("file:", "data:", "blob:"))] == []
 
 
