@@ -63,6 +63,15 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 LOCALISATION_NODE, MAPPING_NODE = "localisation_node", "mapping_node"
 LEVELS = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}
 LOST = np.eye(6) * LOST_VARIANCE
+TICK_S = 0.05
+REPORT_PERIOD_S, TIME_LINE_PERIOD_S = 1.0, 0.25
+IMAGES_BUDGET_S = 0.03
+"""Of each tick, for images that are behind: figures do not wait for them."""
+SHOWN_WITHIN_S = 0.3
+"""Images farther behind than this are passed over, but for the last of each camera."""
+MOST_WAITING = 2000
+"""Records that may wait in the hub while the player is ahead."""
+NO_HEALTH = "as recorded; its health was not"
 Moment = tuple[float, Update]
 """Place, seconds since the begin of its task; the time of receipt is filled in when it is played."""
 Frame = tuple[float, str, int, GreyImage]
@@ -330,17 +339,6 @@ def _stamp_of(status: Status) -> int | None:
     """
     call = call_of(status.values) if status.kind is StatusKind.CALL else None
     return None if call is None else call.record.stamp_ns
-
-
-TICK_S = 0.05
-REPORT_PERIOD_S, TIME_LINE_PERIOD_S = 1.0, 0.25
-IMAGES_BUDGET_S = 0.03
-"""Of each tick, for images that are behind: figures do not wait for them."""
-SHOWN_WITHIN_S = 0.3
-"""Images farther behind than this are passed over, but for the last of each camera."""
-MOST_WAITING = 2000
-"""Records that may wait in the hub while the player is ahead."""
-NO_HEALTH = "as recorded; its health was not"
 
 
 class Player:

@@ -176,21 +176,7 @@ class LiveState:
         """Take a record in and return True; one that makes no sense is noted as a problem."""
         try:
             self._heard_s = max(self._heard_s, _time_of(update))
-            match update:
-                case Report():
-                    self._add_report(update)
-                case PoseSample():
-                    self._add_pose(update)
-                case Status():
-                    self._add_status(update)
-                case Sampled():
-                    self._add_sampled(update)
-                case GraphView():
-                    self._add_graph(update)
-                case TimeLine():
-                    self._add_time_line(update)
-                case _:
-                    self._add_media(update)
+            self._take_in(update)
         except (SfrError, ValueError, OverflowError) as error:
             self.problems.append(one_line(str(error)))
             return False
@@ -215,7 +201,7 @@ class LiveState:
         return {
             "schema": "sfr-live/1",
             "time_s": now_s,
-            "stale": self.is_stale(now_s),
+            "stale": LOCALISATION in self.silent(now_s),
             "overall": shown["overall"],
             "tables": shown["tables"],
             "report_age_s": None if report is None else round(now_s - report.received_s, 3),
@@ -232,11 +218,6 @@ class LiveState:
     def moment(self, now_s: float) -> float:
         """Return the moment by which ages are told: while a player stands still, so does its time."""
         return now_s if self.time_line is None or self.time_line.playing else min(now_s, self._heard_s)
-
-    def is_stale(self, now_s: float) -> bool:
-        """Tell whether no pose comes any more although there were some."""
-        topic = self.topics.get(LOCALISATION)
-        return topic is not None and topic.is_stale(self.moment(now_s))
 
     def silent(self, now_s: float) -> frozenset[str]:
         """Return the names of nodes and topics that are silent."""
@@ -255,53 +236,49 @@ class LiveState:
             self.nodes[name] = NodeView(name)
         return self.nodes.get(name)
 
-    def _add_report(self, update: Report) -> None:
-        self._note_topic(REPORT, None, update.received_s)
-        self.report = ReportView.read(update.text, update.received_s)
-        self.path.condition = self.report.condition or self.path.condition
-        self.path.spacing = self.report.spacing or self.path.spacing
-
-    def _add_pose(self, update: PoseSample) -> None:
-        self._note_topic(LOCALISATION if update.track is Track.ESTIMATE else TRUTH, update.stamp_ns, update.received_s)
-        self.path.add(update, self._published.get(update.stamp_ns))
-
-    def _add_status(self, update: Status) -> None:
-        node = self._node(update.node)
-        if node is None:
-            return
-        node.add(update)
-        if update.kind is StatusKind.CALL and (call := _call_to_plain(self._call_count, update)) is not None:
-            self.calls.append(call)
-            self._call_count += 1
-
-    def _add_sampled(self, update: Sampled) -> None:
-        self._note_topic(update.topic, update.stamp_ns, update.published_s)
-        self._published[update.stamp_ns] = update.published_s
-        if len(self._published) > MAX_STAMPS:
-            self._published.popitem(last=False)
-
-    def _add_media(self, update: Media) -> None:
-        before = self.media.get(update.topic)
-        if before is None and len(self.media) >= MAX_TOPICS:
-            return
-        is_new = before is None or before.stamp_ns != update.stamp_ns
-        if is_new and isinstance(update, CloudSample | ElevationSample):
-            self._note_topic(update.topic, update.stamp_ns, update.published_s)
-        self.media[update.topic] = update
-
-    def _add_graph(self, update: GraphView) -> None:
-        self.lost = dict(update.lost)
-        for name in update.nodes:
-            self._node(name)
-        for name, node in self.nodes.items():
-            node.in_graph = name in update.nodes
-
-    def _add_time_line(self, update: TimeLine) -> None:
-        self.time_line = update
-        if update.restarted:
-            self.path.restart()
-            self.calls.clear()
-            self.report = None
+    def _take_in(self, update: Update) -> None:
+        match update:
+            case Report():
+                self._note_topic(REPORT, None, update.received_s)
+                self.report = ReportView.read(update.text, update.received_s)
+                self.path.condition = self.report.condition or self.path.condition
+                self.path.spacing = self.report.spacing or self.path.spacing
+            case PoseSample():
+                topic = LOCALISATION if update.track is Track.ESTIMATE else TRUTH
+                self._note_topic(topic, update.stamp_ns, update.received_s)
+                self.path.add(update, self._published.get(update.stamp_ns))
+            case Status():
+                if (node := self._node(update.node)) is None:
+                    return
+                node.add(update)
+                if update.kind is StatusKind.CALL and (call := _call_to_plain(self._call_count, update)) is not None:
+                    self.calls.append(call)
+                    self._call_count += 1
+            case Sampled():
+                self._note_topic(update.topic, update.stamp_ns, update.published_s)
+                self._published[update.stamp_ns] = update.published_s
+                if len(self._published) > MAX_STAMPS:
+                    self._published.popitem(last=False)
+            case GraphView():
+                self.lost = dict(update.lost)
+                for name in update.nodes:
+                    self._node(name)
+                for name, node in self.nodes.items():
+                    node.in_graph = name in update.nodes
+            case TimeLine():
+                self.time_line = update
+                if update.restarted:
+                    self.path.restart()
+                    self.calls.clear()
+                    self.report = None
+            case _:
+                before = self.media.get(update.topic)
+                if before is None and len(self.media) >= MAX_TOPICS:
+                    return
+                is_new = before is None or before.stamp_ns != update.stamp_ns
+                if is_new and isinstance(update, CloudSample | ElevationSample):
+                    self._note_topic(update.topic, update.stamp_ns, update.published_s)
+                self.media[update.topic] = update
 
 
 def _call_to_plain(n: int, status: Status) -> dict[str, Any] | None:

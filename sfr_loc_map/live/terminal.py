@@ -9,7 +9,6 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from threading import Thread
 from typing import Any
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
@@ -18,7 +17,6 @@ from rich.live import Live
 from rich.table import Table as Grid
 from rich.text import Text
 
-from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.state import LiveState
@@ -41,7 +39,7 @@ class Terminal:
         self.state = LiveState()
         self._hub, self._title = hub, title
         self._console = console or Console(highlight=False)
-        self._ended, self._answer = False, ""
+        self._ended = False
 
     def show(self) -> None:
         """Draw until q is pressed.
@@ -88,7 +86,7 @@ class Terminal:
             state = "playing" if line["playing"] else "at its end" if line["at_s"] >= line["end_s"] else "paused"
             words += f"{line['at_s']:.1f} of {line['end_s']:.1f} s, {state}   q ends, space pauses, left and right 5 s"
         layout = Layout()
-        foot = Text(f"{words}  {self._answer}", "reverse", no_wrap=True, overflow="ellipsis")
+        foot = Text(words, "reverse", no_wrap=True, overflow="ellipsis")
         layout.split_column(Layout(body), Layout(foot, size=1))
         return layout
 
@@ -101,20 +99,10 @@ class Terminal:
         if key in ("q", "Q"):
             self._ended = True
         elif place is not None and key == " ":
-            self._run(Command(Action.PAUSE if place.playing else Action.PLAY))
+            self._hub.run(Command(Action.PAUSE if place.playing else Action.PLAY))
         elif place is not None and key in ("left", "right"):
             step = SEEK_STEP_S if key == "right" else -SEEK_STEP_S
-            self._run(Command(Action.SEEK, at_s=min(max(place.at_s + step, 0.0), place.end_s)))
-
-    def _run(self, command: Command) -> None:
-        def carry_out() -> None:
-            try:
-                self._hub.run(command)
-                self._answer = ""
-            except SfrError as error:
-                self._answer = one_line(str(error))
-
-        Thread(target=carry_out, daemon=True).start()
+            self._hub.run(Command(Action.SEEK, at_s=min(max(place.at_s + step, 0.0), place.end_s)))
 
 
 @contextmanager

@@ -206,7 +206,7 @@ def test_player_pauses_jumps_back_and_ends(source: Path, out: Path) -> None:
         assert state.path.rows[-1].n == 10
         assert state.report is not None
         assert state.report.content["trajectory"]["estimate_poses"] == 11
-        assert not state.is_stale(time.time() + 100.0), "a player that stands still makes nothing stale"
+        assert not state.live_to_plain(time.time() + 100.0)["stale"], "a player that stands still makes nothing stale"
         player.run(Command(Action.PLAY))
         until(at_end)
         assert state.report.content == final
