@@ -111,11 +111,9 @@ class Bag:
         return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
 
     def find(self, name: str, *msgtypes: str) -> Topic | None:
-        """Return the topic of a relative name, within any one namespace, or None.
+        """Return the topic of a relative name of one of some types, within any one namespace, or None.
 
-        Args:
-            name: Relative name of the suite; for images without `/compressed`.
-            msgtypes: Types it may have. With `COMPRESSED` among them, `name/compressed` is looked for too.
+        With `COMPRESSED` among the types, `name/compressed` is looked for too.
         """
         found = self.matches(name)
         if not found and COMPRESSED in msgtypes:
@@ -134,25 +132,18 @@ class Bag:
         return Topic(f"{name}/compressed" if msgtype == COMPRESSED else name, found[0], msgtype)
 
     def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
-        """Yield the messages of some of the suite's topics in the order of recording, as they are.
+        """Yield relative name, type, stamp and bytes of messages on some of the suite's topics, as `stream`.
 
-        Args:
-            names: Relative names (`loc/left/image_rect`, also found as `.../compressed`); those that the bag does not
-                have are passed over.
-
-        Yields:
-            Relative name (with `/compressed` where it is), type, stamp as in `stream`, and serialised message (CDR).
+        Images are also found, and named, as `.../compressed`; topics that the bag does not have are passed over.
         """
         found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith("image_rect") else ())) for name in names]
         for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
             yield topic.name, topic.msgtype, stamp_ns, raw
 
     def stream(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, bytes]]:
-        """Yield the messages of topics in the order of recording, as they are.
+        """Yield topic, stamp and serialised message (CDR) in the order of recording.
 
-        Yields:
-            The topic, the header's stamp (time of recording where the type has no header) in nanoseconds, and the
-            serialised message (CDR).
+        The stamp is the header's, or the time of recording where the type has no header, nanoseconds.
         """
         by_name = {topic.bag_name: topic for topic in topics}
         with self._reading() as readers:
@@ -265,12 +256,7 @@ def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
 
 
 def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
-    """Read the poses of an odometry topic by its relative name; None if the bag has none.
-
-    Args:
-        bag: The bag.
-        name: `ground_truth/odometry` or `localisation/odometry`, within any one namespace.
-    """
+    """Read the poses of an odometry topic by its relative name, within any one namespace; None if there are none."""
     topic = bag.find(name, ODOMETRY)
     if topic is None:
         return None

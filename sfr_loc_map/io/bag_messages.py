@@ -74,12 +74,9 @@ def odometry(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> Any:
 
 
 def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> Any:  # noqa: ANN401
-    """Return `(H, W, 3)` points in LM as an organised sensor_msgs/PointCloud2.
+    """Return `(H, W, 3)` points in LM, NaN where none, as an organised sensor_msgs/PointCloud2.
 
-    Args:
-        stamp_ns: The pair's stamp.
-        truth: Metres, NaN where none.
-        grid_m: Points are rounded to multiples of it, a power of two; None: exact.
+    They are rounded to multiples of `grid_m`, a power of two, unless that is None.
     """
     if grid_m is not None:
         if not (grid_m > 0 and math.frexp(grid_m)[0] == 0.5):

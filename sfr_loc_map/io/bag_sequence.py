@@ -180,12 +180,7 @@ class BagNavSequence(_BagPairs):
 
 
 def open_bag(path: Path, remap: Mapping[str, str] | None = None) -> Source:
-    """Open a bag as a source.
-
-    Args:
-        path: Folder of the bag, or a .mcap, .db3 or .bag file.
-        remap: New names of topics by the names in the bag.
-    """
+    """Open a bag (a folder, or a .mcap, .db3 or .bag file) as a source; `remap` has new names of topics by the old."""
     bag = Bag(path, remap)
     kinds = {task: _image_name(bag, task.rig) for task in Task}
     if not any(kinds.values()):

@@ -266,12 +266,7 @@ class BagRecorder:
     """
 
     def __init__(self, path: Path, *, zstd: bool = False) -> None:
-        """Prepare a bag.
-
-        Args:
-            path: Folder of the bag; must not exist.
-            zstd: Whether chunks are compressed.
-        """
+        """Prepare a bag in a folder that must not exist, its chunks compressed or not."""
         if path.exists():
             raise OutputError(f"cannot record to '{path}': it exists; choose another name")
         self.path = path
@@ -309,17 +304,9 @@ class BagRecorder:
                 raise
 
     def add_topic(self, name: str, msgtype: str, definition: str, type_hash: str, offers: Sequence[Qos]) -> Any:  # noqa: ANN401
-        """Add a topic.
+        """Add a topic and return what `write` takes.
 
-        Args:
-            name: With leading slash.
-            msgtype: As `sensor_msgs/msg/Image`.
-            definition: Text of the type and those within it, as mcap has it; may be empty.
-            type_hash: RIHS01 of the type.
-            offers: Quality of service of its publishers.
-
-        Returns:
-            What `write` takes.
+        `definition` is the text of the type and those within it, as mcap has it, or empty; `type_hash` its RIHS01.
         """
         return self._writer.add_connection(
             name, msgtype, msgdef=definition, rihs01=type_hash, offered_qos_profiles=offers

@@ -62,15 +62,9 @@ def rig_from_projections(
     names: tuple[str, str] = SIDES,
     T_rb_sb: Transform | None = None,
 ) -> StereoRig:
-    """Return the rig of two rectified cameras.
+    """Return the rig of two rectified cameras of one size (width, height).
 
-    Args:
-        p_left: `(12,)` projection matrix of the left camera, row-major.
-        p_right: `(12,)` of the right one, in the same frame.
-        size: Width and height of the images, pixels.
-        where: What they come from, for messages.
-        names: What the two are called there.
-        T_rb_sb: Pose of SB in RB, where known.
+    Their projection matrices `(12,)`, row-major, are of one frame. Messages say where they come from and their names.
     """
     if not np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE:
         raise InputError(
@@ -88,14 +82,7 @@ def rig_from_projections(
 
 
 def rig_from_camera_info(left: Any, right: Any, name: str, T_rb_sb: Transform | None = None) -> StereoRig:  # noqa: ANN401
-    """Return the rig that two sensor_msgs/CameraInfo describe.
-
-    Args:
-        left: That of the left camera.
-        right: That of the right camera.
-        name: What they belong to, for messages (`loc`, `nav`).
-        T_rb_sb: Pose of SB in RB, where known.
-    """
+    """Return the rig that two sensor_msgs/CameraInfo of `loc` or `nav` describe."""
     for side, info in zip(SIDES, (left, right), strict=True):
         _check_rectified(f"{name}/{side}", info)
     if (left.width, left.height) != (right.width, right.height):

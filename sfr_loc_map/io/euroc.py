@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import msgspec
 import numpy as np
@@ -26,7 +25,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import parse_yaml, refusing
 from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.io.image_files import ImageFileSequence, pairs_of, whole_pairs
+from sfr_loc_map.io.image_files import ImageFileSequence, TableWriter, pairs_of, whole_pairs
 from sfr_loc_map.io.rectification import CalibratedCamera, rectified_pair
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.text_table import check_order, parse_stamp_ns, read_data, read_lines
@@ -98,30 +97,16 @@ def load_body_truth(path: Path) -> Trajectory | None:
     return truth if len(truth) else None
 
 
-class EurocWriter:
+class EurocWriter(TableWriter):
     """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
 
-    def __init__(self, path: Path) -> None:
-        """Prepare a folder, made when the block begins."""
-        self._path = path
-        self._folder = path / "mav0"
-        self._tables: dict[str, IO[str]] = {}
-        self._has_body = True
-        self._told = False
+    _has_body, _told = True, False
 
-    def __enter__(self) -> EurocWriter:
-        """Make the folder."""
-        self._path.mkdir(exist_ok=True)
+    def __enter__(self) -> Self:
+        """Make the folders."""
         for name in CAMERAS:
-            (self._folder / name / "data").mkdir(parents=True, exist_ok=True)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close all tables."""
-        for stream in self._tables.values():
-            stream.close()
+            (self._path / "mav0" / name / "data").mkdir(parents=True, exist_ok=True)
+        return super().__enter__()
 
     def write_loc_rig(self, rig: StereoRig) -> None:
         """Write the two cameras; comes before the first pair and the truth."""
@@ -130,7 +115,7 @@ class EurocWriter:
         T_left_right = Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
         for name, pose in zip(CAMERAS, (T_body_left, T_body_left @ T_left_right), strict=True):
             numbers = ", ".join(map(repr, pose.matrix.reshape(-1).tolist()))
-            (self._folder / name / "sensor.yaml").write_text(
+            (self._path / "mav0" / name / "sensor.yaml").write_text(
                 f"%YAML:1.0\nsensor_type: camera\ncomment: rectified camera {name}\n"
                 f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{numbers}]\n"
                 f"resolution: [{rig.width}, {rig.height}]\ncamera_model: pinhole\n"
@@ -146,8 +131,8 @@ class EurocWriter:
         """Write a pair of the drive."""
         for name, image in zip(CAMERAS, (pair.left, pair.right), strict=True):
             file = f"{pair.stamp_ns}.png"
-            (self._folder / name / "data" / file).write_bytes(encode_png(image))
-            self._append(name, LIST_HEADER, f"{pair.stamp_ns},{file}")
+            (self._path / "mav0" / name / "data" / file).write_bytes(encode_png(image))
+            self.append(f"mav0/{name}/data.csv", f"{pair.stamp_ns},{file}", LIST_HEADER)
 
     def write_nav_pair(self, nav: PosedStereoPair) -> None:
         """Leave out a mapping pair."""
@@ -158,13 +143,7 @@ class EurocWriter:
             if not self._told:
                 _log.warning("the truth is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
             self._told = True
-            return
-        x, y, z, w = quat_xyzw.tolist()
-        self._append(TRUTH, EUROC_HEADER, ",".join([str(stamp_ns), *map(repr, (*position.tolist(), w, x, y, z))]))
-
-    def _append(self, name: str, header: str, row: str) -> None:
-        if name not in self._tables:
-            (self._folder / name).mkdir(exist_ok=True)
-            self._tables[name] = (self._folder / name / "data.csv").open("w", encoding="ascii", newline="\n")
-            self._tables[name].write(header + "\n")
-        self._tables[name].write(row + "\n")
+        else:
+            x, y, z, w = quat_xyzw.tolist()
+            row = ",".join([str(stamp_ns), *map(repr, (*position.tolist(), w, x, y, z))])
+            self.append(f"mav0/{TRUTH}/data.csv", row, EUROC_HEADER)

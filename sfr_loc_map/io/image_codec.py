@@ -55,12 +55,9 @@ MAX_DECODED_BYTES = 2**27
 
 
 def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr") -> GreyImage:
-    """Return an image as 8-bit grey.
+    """Return an image `(H, W)` or `(H, W, 1 | 3 | 4)` of 8 or 16 bits as 8-bit grey.
 
-    Args:
-        image: `(H, W)` or `(H, W, 1 | 3 | 4)`, uint8 or uint16 (0 .. 65535 becomes 0 .. 255, rounded; colour becomes
-            luma after ITU-R BT.601, alpha is left out).
-        order: Order of the colours.
+    0 .. 65535 becomes 0 .. 255, rounded; colour becomes luma after ITU-R BT.601, alpha is left out.
     """
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
@@ -235,12 +232,7 @@ def _critical_chunks(raw: bytes) -> bytes:
 
 
 def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  # noqa: ANN401 - a PointCloud2 of any library
-    """Return an organised sensor_msgs/PointCloud2 as `(H, W, 3)` float32, metres.
-
-    Args:
-        message: The message.
-        size: Width and height of the images of the pair.
-    """
+    """Return an organised sensor_msgs/PointCloud2 of a size (width, height) as `(H, W, 3)` float32, metres."""
     offsets = {field.name: int(field.offset) for field in message.fields if int(field.datatype) == 7}
     shape, step, row = (int(message.height), int(message.width)), int(message.point_step), int(message.row_step)
     size_ok = (shape[1], shape[0]) == size and row >= step * shape[1] and len(message.data) >= row * shape[0]

@@ -6,6 +6,8 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
@@ -33,12 +35,7 @@ class ImagePair:
 
 
 def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], int]:
-    """Return the pairs both images of which are there, and how many are not; warn of those in one line.
-
-    Args:
-        entries: At least one pair.
-        name: What lists them, for messages.
-    """
+    """Return the pairs both images of which are there, and how many are not; warn of those in one line."""
     missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
     if not missing:
         return list(entries), 0
@@ -130,3 +127,33 @@ class ImageFileSequence(ImageFiles):
         for entry in self.entries:
             pair = read_pair(entry, self.rig)
             yield pair if self.rectify is None else StereoPair(pair.stamp_ns, *self.rectify(pair.left, pair.right))
+
+
+class TableWriter:
+    """A folder of images and tables that is being written; a context manager. Tables grow line by line."""
+
+    def __init__(self, path: Path) -> None:
+        """Prepare a folder, made when the block begins."""
+        self._path = path
+        self._tables: dict[Path, IO[str]] = {}
+
+    def __enter__(self) -> Self:
+        """Make the folder."""
+        self._path.mkdir(exist_ok=True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close all tables."""
+        for stream in self._tables.values():
+            stream.close()
+
+    def append(self, name: str, row: str, header: str = "") -> None:
+        """Write a row of the table of a name in the folder, after its header if it is the first."""
+        path = self._path / name
+        if path not in self._tables:
+            path.parent.mkdir(exist_ok=True)
+            self._tables[path] = path.open("w", encoding="utf-8", newline="\n")
+            self._tables[path].write(header + "\n" if header else "")
+        self._tables[path].write(row + "\n")

@@ -24,10 +24,10 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.inputs import NS_PER_S, refusing
+from sfr_loc_map.inputs import NS_PER_S, SIDES, refusing
 from sfr_loc_map.io.camera_info import projection, rig_from_projections
 from sfr_loc_map.io.image_codec import encode_png, read_grey
-from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, whole_pairs
+from sfr_loc_map.io.image_files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.text_table import check_order, numbers_of, parse_table, read_data, read_lines, seconds_text
 from sfr_loc_map.io.trajectory_file import read_times
@@ -74,11 +74,7 @@ def open_kitti(path: Path) -> Source:
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:
     """Return the poses of RB: `T_sb_left inv(T_0_first) T_0_i inv(T_sb_left)`, of the left camera used.
 
-    Args:
-        path: Folder of the sequence.
-        stamps: Stamps of the pairs.
-        rig: Its rig.
-        offset_m: Place of the left camera used along x of camera 0.
+    That camera is `offset_m` along x of camera 0.
     """
     files = [path / "poses.txt", path.parent.parent / "poses" / f"{path.resolve().name}.txt"]
     file = next((file for file in files if file.is_file()), None)
@@ -95,37 +91,29 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
     return Trajectory.from_poses((stamp, start @ pose @ T_left_sb) for stamp, pose in zip(stamps, poses, strict=True))
 
 
-class KittiWriter:
+class KittiWriter(TableWriter):
     """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
 
     def __init__(self, path: Path) -> None:
         """Prepare a folder, made when the block begins."""
-        self._path = path
+        super().__init__(path)
         self._rig: StereoRig | None = None
         self._stamps_ns: list[int] = []
         self._truth: list[tuple[int, Transform]] = []
 
-    def __enter__(self) -> KittiWriter:
-        """Make the folder."""
-        for name in (".", "image_0", "image_1"):
-            (self._path / name).mkdir(exist_ok=True)
-        return self
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write the tables, unless something was raised."""
-        if error is None:
-            times = "".join(f"{seconds_text(stamp)}\n" for stamp in self._stamps_ns)
-            (self._path / "times.txt").write_text(times, encoding="ascii")
-            self._write_poses()
+        """Write the poses, unless something was raised, and close all tables."""
+        if error is None and self._truth and self._rig is not None:
+            self._write_poses(self._rig)
+        super().__exit__(kind, error, trace)
 
     def write_loc_rig(self, rig: StereoRig) -> None:
         """Write the calibration."""
         self._rig = rig
-        sides = enumerate((projection(rig, "left"), projection(rig, "right")))
-        lines = [f"P{number}: {' '.join(map(repr, matrix.tolist()))}\n" for number, matrix in sides]
-        (self._path / "calib.txt").write_text("".join(lines), encoding="ascii")
+        for number, side in enumerate(SIDES):
+            self.append("calib.txt", f"P{number}: {' '.join(map(repr, projection(rig, side).tolist()))}")
 
     def write_nav_rig(self, rig: StereoRig) -> None:
         """Leave out the rig of mapping pairs."""
@@ -135,8 +123,10 @@ class KittiWriter:
         if pair.stamp_ns < 0:
             raise OutputError(f"stamp {pair.stamp_ns} ns is negative: the times of KITTI begin at 0")
         for name, image in (("image_0", pair.left), ("image_1", pair.right)):
+            (self._path / name).mkdir(exist_ok=True)
             (self._path / name / f"{len(self._stamps_ns):06d}.png").write_bytes(encode_png(image))
         self._stamps_ns.append(pair.stamp_ns)
+        self.append("times.txt", seconds_text(pair.stamp_ns))
 
     def write_nav_pair(self, nav: PosedStereoPair) -> None:
         """Leave out a mapping pair."""
@@ -145,32 +135,24 @@ class KittiWriter:
         """Take a true pose of RB in DS."""
         self._truth.append((stamp_ns, Transform.from_quat(position, quat_xyzw)))
 
-    def _write_poses(self) -> None:
-        if not self._truth or self._rig is None:
-            return
-        if self._rig.T_rb_sb is None:
+    def _write_poses(self, rig: StereoRig) -> None:
+        if rig.T_rb_sb is None:
             _log.warning("poses.txt is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
             return
         poses = poses_at(self._stamps_ns, self._truth)
         if poses is None:
             _log.warning("poses.txt is left out: it needs a true pose at every image, the truth does not cover them")
             return
-        T_rb_left = self._rig.T_rb_left
-        T_first_ds = (poses[0] @ T_rb_left).inverse()
-        rows = [(T_first_ds @ pose @ T_rb_left).matrix[:3].reshape(-1).tolist() for pose in poses]
-        text = "".join(f"{' '.join(map(repr, row))}\n" for row in rows)
-        (self._path / "poses.txt").write_text(text, encoding="ascii")
+        T_first_ds = (poses[0] @ rig.T_rb_left).inverse()
+        for pose in poses:
+            matrix = (T_first_ds @ pose @ rig.T_rb_left).matrix[:3]
+            self.append("poses.txt", " ".join(map(repr, matrix.reshape(-1).tolist())))
 
 
 def poses_at(stamps_ns: Sequence[int], poses: Sequence[tuple[int, Transform]]) -> list[Transform] | None:
     """Return the pose at each stamp: that of the same stamp, else between neighbours at most 1 s apart.
 
-    Args:
-        stamps_ns: Stamps, in order.
-        poses: Stamps and poses, in order.
-
-    Returns:
-        One pose a stamp; None where one cannot be had.
+    Both are in the order of stamps. None if one cannot be had.
     """
     found = []
     known = np.array([stamp for stamp, _ in poses], np.int64)

@@ -120,13 +120,9 @@ class StereoRectifier:
 def rectified_rig(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None, T_rb_sb: Transform | None = None
 ) -> tuple[StereoRig, StereoRectifier]:
-    """Return the rig that two raw cameras have after rectification, and what rectifies their images.
+    """Return the rig that the raw cameras of two sensor_msgs/CameraInfo have once rectified, and what rectifies them.
 
-    Args:
-        infos: sensor_msgs/CameraInfo of the left and the right camera.
-        name: What they belong to, for messages (`loc`, `nav`).
-        before: A rectifier, which is returned if it is of these cameras: maps are made once.
-        T_rb_sb: Pose of SB in RB, where known.
+    That is the rectifier `before` if it is of these cameras: maps are made once. `name` is `loc` or `nav`.
     """
     left, right = (RawCamera.of(f"{name}/{side}", info) for side, info in zip(SIDES, infos, strict=True))
     rig = rig_from_camera_info(left.rectified_info, right.rectified_info, name, T_rb_sb)

@@ -45,11 +45,8 @@ READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
 def open_source(path: Path, remap: Remap = None) -> Source:
     """Open a source of any format that is read.
 
-    Nothing is held open: each pass over the pairs opens and closes its files itself.
-
-    Args:
-        path: A data set folder, a bag, or a sequence of another data set (`READERS`).
-        remap: New names of topics by the names in the bag.
+    Nothing is held open: each pass over the pairs opens and closes its files itself. `remap` has new names of topics by
+    the names in a bag.
 
     Raises:
         InputError: If there is nothing, nothing that is known, or it is broken.

@@ -129,11 +129,7 @@ def load_trajectory(path: Path) -> Trajectory:
 
 
 def read_trajectory_file(path: Path, role: str = "estimate") -> LoadedTrajectory:
-    """Read a trajectory in any format.
-
-    Args:
-        path: The file.
-        role: `estimate` or `truth`: which of a result of evo is wanted.
+    """Read a trajectory in any format; of a result of evo the `estimate` or the `truth`, as `role` says.
 
     Raises:
         InputError: If it cannot be read, or a line is no pose; names the line.
@@ -289,12 +285,8 @@ def files_written(path: Path) -> tuple[Path, ...]:
 def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat | None = None) -> None:
     """Write a trajectory; KITTI poses with their stamps beside them as `NAME.times.txt`.
 
-    Numbers are written in the shortest form that reads back to the same bits.
-
-    Args:
-        path: The file.
-        trajectory: The poses.
-        kind: Format; None: by the name (.txt and .tum, .kitti, .euroc.csv, otherwise csv).
+    Numbers are written in the shortest form that reads back to the same bits. Without a `kind` the name tells it (.txt
+    and .tum, .kitti, .euroc.csv, otherwise csv).
 
     Raises:
         OutputError: If it cannot be written.
@@ -343,11 +335,7 @@ def evo_result_bytes(
 ) -> bytes:
     """Return a result as evo reads it (`evo_res`).
 
-    Args:
-        info: Title, label, `ref_name`, `est_name`.
-        stats: Statistics by name.
-        arrays: Arrays by name, as `error_array`.
-        poses: Texts of trajectories by name with `.tum` at its end.
+    `info` has title, label, `ref_name` and `est_name`; arrays are named as `error_array`, texts of poses `NAME.tum`.
     """
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
