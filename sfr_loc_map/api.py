@@ -1,0 +1,691 @@
+"""The suite from Python: `import sfr_loc_map as sfr`; the same calls as the commands make (docs/python.md).
+
+Every public name stands in `sfr_loc_map` itself.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Self, TypedDict, TypeVar, Unpack, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.config import build, read_config
+from sfr_loc_map.errors import ConfigError, InputError, MissingExtraError, naming
+from sfr_loc_map.geometry import cloud as cloud_base
+from sfr_loc_map.geometry import trajectory as trajectory_base
+from sfr_loc_map.geometry.pose_convention import PoseConvention
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S, Task, hash_arrays, printable, read_text
+from sfr_loc_map.io import registry, sequence
+from sfr_loc_map.io.atomic import atomic_path
+from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud, save_cloud
+from sfr_loc_map.io.sequence import drive_of, panorama_of
+from sfr_loc_map.io.trajectory_file import TrajectoryFormat, read_times, read_trajectory_file, save_trajectory
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.methods.registry import OURS, MethodLimits, find_method, record_of_ours
+from sfr_loc_map.metrics import score as score_base
+from sfr_loc_map.metrics.config import AlignedErrorConfig, aligned_error_config, score_config
+from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
+from sfr_loc_map.metrics.score import MethodRecord
+from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.pipeline import offline
+from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, save_stats, stats_of
+from sfr_loc_map.pipeline.scoring import (
+    Correction,
+    Run,
+    ScoredCloud,
+    ScoreInputs,
+    converted_run,
+    load_drive,
+    load_map_truth,
+    load_run,
+    said_fused,
+    save_evo_result,
+    score_run,
+)
+from sfr_loc_map.report.page import figures_of, load_score, overall_of, write_page
+from sfr_loc_map.report.path_figure import curves_of, path_figure
+from sfr_loc_map.report.plots import to_figure
+from sfr_loc_map.report.score_tables import score_markdown, summary_tables
+from sfr_loc_map.report.tables import UNKNOWN, to_html
+
+if TYPE_CHECKING:
+    import pandas
+    from plotly.graph_objects import Figure
+
+C = TypeVar("C")
+PathLike = str | os.PathLike[str]
+SourceLike = PathLike | sequence.Source
+Start = str | Transform | StartPose
+"""Where a drive starts: `identity`, `truth`, or a pose of RB in DS."""
+Parameters = PathLike | Mapping[str, object]
+"""Parameters: a YAML file, or values by name (`{"max_features": 300}`)."""
+Estimate = PathLike | trajectory_base.Trajectory | cloud_base.PointCloud
+Truth = PathLike | trajectory_base.Trajectory | sequence.Source
+Step = tuple[PoseEstimate, CallRecord, MethodRecord]
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Trajectory(trajectory_base.Trajectory):
+    """Poses of RB in DS at stamps: `stamps_ns` `(N,)`, `positions` `(N, 3)` m, `quats_xyzw` `(N, 4)` as in ROS.
+
+    Iterating gives `(stamp_ns, pose)`.
+
+    Attributes:
+        records: The calls that gave the poses: time, memory, state, covariance; empty for poses from elsewhere.
+        method: Whose poses these are, None where nobody has said so.
+    """
+
+    records: tuple[CallRecord, ...] = ()
+    method: MethodRecord | None = None
+
+    @classmethod
+    def of(
+        cls,
+        poses: trajectory_base.Trajectory,
+        records: Iterable[CallRecord] = (),
+        method: MethodRecord | None = None,
+    ) -> Self:
+        """Return poses with the calls that gave them."""
+        return cls(poses.stamps_ns, poses.positions, poses.quats_xyzw, tuple(records), method)
+
+    @classmethod
+    def from_estimates(cls, estimates: Iterable[PoseEstimate]) -> Self:
+        """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` give them."""
+        return cls.from_poses((item.stamp_ns, item.T_ds_rb) for item in estimates)
+
+    @classmethod
+    def load(cls, path: PathLike) -> Self:
+        """Read a trajectory file; the format is detected: csv of the suite, TUM, KITTI, EuRoC, result of evo."""
+        return cls.of(read_trajectory_file(Path(path)).trajectory)
+
+    @classmethod
+    def from_csv(cls, path: PathLike) -> Self:
+        """Read a csv of the suite, as `sfr localise` writes it."""
+        return cls._of_file(path, TrajectoryFormat.CSV)
+
+    @classmethod
+    def from_tum(cls, path: PathLike) -> Self:
+        """Read a TUM file: `t x y z qx qy qz qw`, t in seconds."""
+        return cls._of_file(path, TrajectoryFormat.TUM)
+
+    @classmethod
+    def from_kitti(cls, path: PathLike, times: PathLike | None = None) -> Self:
+        """Read KITTI poses: twelve numbers a line, of the left camera; here with x forward, y left, z up.
+
+        Args:
+            path: The poses.
+            times: Seconds of each pose, one a line; None: `NAME.times.txt` or `times.txt` beside the poses, otherwise
+                the numbers of the lines, 1 s apart.
+        """
+        found = cls._of_file(path, TrajectoryFormat.KITTI)
+        return found if times is None else replace(found, stamps_ns=read_times(Path(times), len(found)))
+
+    @classmethod
+    def from_euroc(cls, path: PathLike) -> Self:
+        """Read a EuRoC csv: nanoseconds, position, quaternion scalar first."""
+        return cls._of_file(path, TrajectoryFormat.EUROC)
+
+    @classmethod
+    def from_evo(cls, path: PathLike, role: str = "estimate") -> Self:
+        """Read the estimate or the `truth` of a result of evo that holds its trajectories."""
+        return cls._of_file(path, TrajectoryFormat.EVO, role)
+
+    def to_csv(self, path: PathLike) -> None:
+        """Write a csv of the suite."""
+        save_trajectory(Path(path), self, TrajectoryFormat.CSV)
+
+    def to_tum(self, path: PathLike) -> None:
+        """Write a TUM file."""
+        save_trajectory(Path(path), self, TrajectoryFormat.TUM)
+
+    def to_kitti(self, path: PathLike) -> None:
+        """Write KITTI poses, and their stamps beside them as `NAME.times.txt`."""
+        save_trajectory(Path(path), self, TrajectoryFormat.KITTI)
+
+    def to_euroc(self, path: PathLike) -> None:
+        """Write a EuRoC csv."""
+        save_trajectory(Path(path), self, TrajectoryFormat.EUROC)
+
+    def to_evo(self, path: PathLike, truth: trajectory_base.Trajectory, align: str = "se3") -> None:
+        """Write the APE of the positions as a result of evo (zip), for `evo_res`.
+
+        Args:
+            path: The zip file.
+            truth: True poses.
+            align: Alignment with the truth: `none`, `origin`, `se3`, `sim3`.
+        """
+        config = build(AlignedErrorConfig, {"align": align}, origin="align")
+        save_evo_result(Path(path), self, truth, config, {"est_name": "estimate", "ref_name": "truth"})
+
+    def to_stats(self, path: PathLike) -> None:
+        """Write one row a call (time, memory, state, covariance) as `sfr localise --stats` does."""
+        if not self.records:
+            raise ConfigError("these poses have no calls: to_stats() is for what sfr.localise gives")
+        save_stats(Path(path), self.records, self.method)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas table: one row a pose, indexed by `stamp_ns`; of our own poses with `state` and `reason`."""
+        columns = np.hstack((self.positions, self.quats_xyzw)).T
+        frame = _data_frame(dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), columns, strict=True)))
+        frame.index = self.stamps_ns
+        frame.index.name = "stamp_ns"
+        if self.records:
+            frame["state"] = [record.state for record in self.records]
+            frame["reason"] = [record.reason for record in self.records]
+        return frame
+
+    def plot(self, truth: trajectory_base.Trajectory | None = None, align: str = "none") -> Figure:
+        """Return the path as a plotly figure, as `sfr plot` draws it.
+
+        Args:
+            truth: True poses; then also the distance to them.
+            align: Alignment with the truth: `none`, `origin`, `se3`, `sim3`.
+        """
+        config = build(AlignedErrorConfig, {"align": align}, origin="align")
+        return path_figure(curves_of({"estimate": self}, truth, config))
+
+    def __iter__(self) -> Iterator[tuple[int, Transform]]:
+        """Yield stamp (ns) and pose `T_ds_rb` of each pose."""
+        for index, stamp_ns in enumerate(self.stamps_ns.tolist()):
+            yield stamp_ns, self.pose(index)
+
+    @property
+    def length_m(self) -> float:
+        """Length of the path, m."""
+        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the earliest to the latest pose, s."""
+        return float(np.ptp(self.stamps_ns)) / NS_PER_S if len(self) else 0.0
+
+    @property
+    def states(self) -> dict[str, int]:
+        """Number of poses by the state of the call; empty for poses from elsewhere."""
+        return dict(Counter(record.state for record in self.records))
+
+    @classmethod
+    def _of_file(cls, path: PathLike, kind: TrajectoryFormat, role: str = "estimate") -> Self:
+        loaded = read_trajectory_file(Path(path), role)
+        if loaded.format is not kind:
+            raise InputError(f"{loaded.text}: this is not {kind}; Trajectory.load() reads every format")
+        return cls.of(loaded.trajectory)
+
+    def __repr__(self) -> str:
+        """Return how many poses, how long, and what is wrong with them."""
+        return f"Trajectory({', '.join(self._facts().values())})"
+
+    def _repr_html_(self) -> str:
+        return _facts_html("Trajectory", self._facts())
+
+    def _facts(self) -> dict[str, str]:
+        facts = {"poses": f"{len(self)} poses", "duration": f"{self.duration_s:.1f} s"}
+        facts["path"] = f"{self.length_m:.2f} m"
+        if self.records:
+            facts["states"] = ", ".join(f"{count} {state}" for state, count in self.states.items())
+        return facts
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointCloud(cloud_base.PointCloud):
+    """Points in LM: `xyz` `(N, 3)` m, `sigma` `(N,)` m, `intensity`, and the pixel `u`, `v` and `pair` they come from.
+
+    Attributes:
+        records: The calls that gave the points: time, memory; empty for points from elsewhere.
+        method: Whose points these are, None where nobody has said so.
+    """
+
+    records: tuple[CallRecord, ...] = ()
+    method: MethodRecord | None = None
+
+    @classmethod
+    def of(
+        cls, points: cloud_base.PointCloud, records: Iterable[CallRecord] = (), method: MethodRecord | None = None
+    ) -> Self:
+        """Return points with the calls that gave them."""
+        given = {item.name: getattr(points, item.name) for item in fields(cloud_base.PointCloud)}
+        return cls(**given, records=tuple(records), method=method)
+
+    @classmethod
+    def load(cls, path: PathLike) -> Self:
+        """Read a cloud file of the suite: .ply, .pcd or .npz."""
+        loaded = load_cloud(Path(path))
+        if loaded.cloud is None:
+            raise InputError(f"'{path}' has points without pixels (u, v, pair): give the path itself to sfr.score")
+        return cls.of(loaded.cloud)
+
+    def save(self, path: PathLike) -> None:
+        """Write the cloud: .ply, .pcd or .npz."""
+        save_cloud(Path(path), self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a pandas table: one row a point."""
+        records = self.to_structured()
+        return _data_frame({name: records[name] for name in cloud_base.FIELD_TYPES})
+
+    def __repr__(self) -> str:
+        """Return how many points there are, and where."""
+        return f"PointCloud({', '.join(self._facts().values())})"
+
+    def _repr_html_(self) -> str:
+        return _facts_html("PointCloud", self._facts())
+
+    def _facts(self) -> dict[str, str]:
+        facts = {"points": f"{len(self)} points"}
+        if len(self):
+            low, high = self.xyz.min(axis=0), self.xyz.max(axis=0)
+            facts["extent"] = " x ".join(f"{side:.1f}" for side in (high - low).tolist()) + " m"
+            facts["sigma"] = f"median sigma {np.median(self.sigma):.2g} m"
+        if self.fused is not None:
+            facts["fused"] = "fused" if self.fused else "not fused"
+        return facts
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Source(sequence.Source):
+    """An opened data set folder, ROS bag, KITTI or EuRoC sequence.
+
+    `source.loc` is the drive and `source.nav` the mapping pairs, None where the source has none: `len(source.loc)`,
+    `source.loc.rig`, `for pair in source.loc.pairs()`.
+    """
+
+    @property
+    def truth(self) -> Trajectory | None:
+        """True poses of RB in DS, None where the source has none."""
+        found = None if self.loc is None else self.loc.ground_truth
+        return None if found is None or not len(found) else Trajectory.of(found)
+
+    def __repr__(self) -> str:
+        """Return path, format and what there is."""
+        return f"Source({str(self.path)!r}, {', '.join(self._facts())})"
+
+    def _repr_html_(self) -> str:
+        return _facts_html("Source", {"path": str(self.path), "holds": ", ".join(self._facts())})
+
+    def _facts(self) -> list[str]:
+        facts = [self.format]
+        if self.loc is not None:
+            facts.append(f"{len(self.loc)} localisation pairs")
+            facts.append("with truth" if self.truth is not None else "without truth")
+        if self.nav is not None:
+            facts.append(f"{len(self.nav)} mapping pairs")
+        return facts
+
+
+class Score(score_base.Score):
+    """Figures and verdicts of an estimate: the fields are those of the JSON (docs/metrics.md)."""
+
+    @classmethod
+    def of(cls, score: score_base.Score) -> Self:
+        """Return a score with what can be done with it."""
+        return cls(**{item.name: getattr(score, item.name) for item in fields(score_base.Score)})
+
+    @classmethod
+    def load(cls, path: PathLike) -> Self:
+        """Read the JSON of a score."""
+        return cls.of(load_score(Path(path)))
+
+    @property
+    def verdict(self) -> str:
+        """Verdict over all limits: `pass`, `fail`, `not enough data`; `no verdict` without limits."""
+        return overall_of(self).state
+
+    @property
+    def verdict_text(self) -> str:
+        """The same in a sentence."""
+        return overall_of(self).text
+
+    def to_json(self) -> str:
+        """Return the JSON (`sfr-score/1`), the same as of `sfr score --json`."""
+        return to_json(self)
+
+    def save(self, path: PathLike) -> None:
+        """Write the JSON."""
+        text = self.to_json()
+        with atomic_path(Path(path)) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+    def report(self, path: PathLike) -> None:
+        """Write the report page, the same as of `sfr score --html`."""
+        write_page(self, Path(path))
+
+    def to_markdown(self) -> str:
+        """Return all tables as Markdown."""
+        return score_markdown(self)
+
+    @property
+    def plots(self) -> tuple[str, ...]:
+        """Names of the figures that `plot` can draw."""
+        return tuple(plot.name for plot in figures_of(self))
+
+    def plot(self, name: str | None = None) -> Figure:
+        """Return a figure of the report as a plotly figure, which a notebook shows.
+
+        Args:
+            name: One of `plots`; None for the first: the trajectory from above, or the map.
+        """
+        plots = {plot.name: plot for plot in figures_of(self)}
+        if not plots or (name is not None and name not in plots):
+            raise ConfigError(f"this score has no figure '{name or 'at all'}': it has {', '.join(plots) or 'none'}")
+        return to_figure(plots[name] if name is not None else next(iter(plots.values())))
+
+    def __repr__(self) -> str:
+        """Return verdict and first figures."""
+        texts = [self.verdict]
+        if self.trajectory is not None:
+            first = self.trajectory.first
+            value = first.position_m.mean_plus_3sigma
+            shown = UNKNOWN if value is None else f"{value:.4g} m"
+            texts.append(f"position {shown} (mean + 3 sigma) over {first.condition}")
+        if self.map is not None and self.map.errors is not None:
+            value = self.map.errors.point_error_m.mean_plus_3sigma
+            texts.append(f"map points {UNKNOWN if value is None else f'{value:.4g} m'} (mean + 3 sigma)")
+        return f"Score({', '.join(texts)})"
+
+    def _repr_html_(self) -> str:
+        return f"<b>{self.verdict}</b>" + "".join(to_html(table) for table in summary_tables(self))
+
+
+def open(source: SourceLike, remap: Mapping[str, str] | None = None) -> Source:
+    """Open a source: the format is detected.
+
+    Args:
+        source: A data set folder, ROS bag, KITTI or EuRoC sequence.
+        remap: Topics of a bag under other names: `{"/cam0/image": "loc/left/image_rect"}`.
+
+    Raises:
+        InputError: If there is nothing, nothing that is known, or it is broken.
+    """
+    if isinstance(source, Source):
+        return source
+    found = source if isinstance(source, sequence.Source) else registry.open_source(Path(source), remap)
+    return Source(found.path, found.format, found.loc, found.nav, found.left_out)
+
+
+@overload
+def localise(
+    source: SourceLike,
+    start: Start = "identity",
+    *,
+    live: Literal[False] = False,
+    config: Parameters | LocalisationConfig | None = None,
+    method: str = OURS,
+) -> Trajectory: ...
+
+
+@overload
+def localise(
+    source: SourceLike,
+    start: Start = "identity",
+    *,
+    live: Literal[True],
+    config: Parameters | LocalisationConfig | None = None,
+    method: str = OURS,
+) -> Iterator[PoseEstimate]: ...
+
+
+def localise(
+    source: SourceLike,
+    start: Start = "identity",
+    *,
+    live: bool = False,
+    config: Parameters | LocalisationConfig | None = None,
+    method: str = OURS,
+) -> Trajectory | Iterator[PoseEstimate]:
+    """Estimate the trajectory of a drive; the same call as `sfr localise`.
+
+    Args:
+        source: What `sfr.open` takes or gives.
+        start: First pose: `identity`, `truth` (the true one) or a pose of RB in DS.
+        live: Whether to return an iterator that gives each pose as soon as it is estimated.
+        config: Parameters of the localiser; of another method the file with its configuration.
+        method: Method under test, as `sfr methods` lists them.
+
+    Returns:
+        The trajectory with the calls that gave it; live, an iterator of `PoseEstimate`.
+
+    Raises:
+        InputError: If the source has no drive, or is broken.
+        ConfigError: If a parameter or `start` is not valid.
+        MethodError: If there is no such method, or it does not start.
+    """
+    opened = open(source)
+    drive = drive_of(opened)
+    if isinstance(start, str) and start not in ("identity", "truth"):
+        raise ConfigError(f"start is '{start}': must be identity, truth or a pose of RB in DS")
+    with naming(opened.path):
+        first = offline.start_pose(drive, start) if isinstance(start, str) else StartPose.of(start)
+    steps: Iterator[Step]
+    if method == OURS:
+        about = record_of_ours(Task.LOCALISATION)
+        runs = offline.localise(drive, _parameters(LocalisationConfig, config, "localisation"), first)
+        steps = ((estimate, record, about) for estimate, record in runs)
+    else:
+        chosen = find_method(method, Task.LOCALISATION, _text(config))
+        steps = offline.localise_with(chosen, drive, first.T_ds_rb, MethodLimits())
+    steps = _named(opened.path, steps)
+    if live:
+        return (estimate for estimate, _, _ in steps)
+    done = list(steps)
+    records = [record for _, record, _ in done]
+    if (text := offline.tracking_warning(records, source)) is not None:
+        warnings.warn(text, UserWarning, stacklevel=2)
+    return Trajectory.of(offline.trajectory_of(estimate for estimate, _, _ in done), records, done[-1][2])
+
+
+def map(
+    source: SourceLike,
+    *,
+    fuse: bool = True,
+    refine_poses: bool = False,
+    config: Parameters | MappingConfig | None = None,
+    method: str = OURS,
+) -> PointCloud:
+    """Map up to three stereo pairs; the same call as `sfr map`.
+
+    Args:
+        source: What `sfr.open` takes or gives.
+        fuse: Whether to fuse the pairs to one surface, or keep the points of every pair.
+        refine_poses: Whether to correct the poses of later pairs by registration of the overlaps.
+        config: Parameters of the mapper; of another method the file with its configuration.
+        method: Method under test, as `sfr methods` lists them.
+
+    Raises:
+        InputError: If the source has no mapping pairs, or is broken.
+        ConfigError: If a parameter is not valid.
+        MappingError: If there are too many pairs.
+        MethodError: If there is no such method, or it does not start.
+    """
+    opened = open(source)
+    panorama = panorama_of(opened)
+    with naming(opened.path):
+        if method == OURS:
+            parameters = _parameters(MappingConfig, config, "mapping")
+            parameters = replace(parameters, refine_poses=True) if refine_poses else parameters
+            run, about = offline.map_pairs(panorama, parameters), record_of_ours(Task.MAPPING)
+        elif refine_poses:
+            raise ConfigError(f"refine_poses is of our mapper: leave it out with method {method}")
+        else:
+            chosen = find_method(method, Task.MAPPING, _text(config))
+            run, about = offline.map_pairs_with(chosen, panorama, MethodLimits())
+    for line in run.warnings:
+        warnings.warn(line, UserWarning, stacklevel=2)
+    return PointCloud.of(run.fused.cloud if fuse else run.unfused, run.records, about)
+
+
+class ScoreSettings(TypedDict, total=False):
+    """Options of `sfr score` by the same names.
+
+    Attributes:
+        spacing: Frames from one start of a sub-trajectory to the next (10).
+        rebase: What is taken from the estimate at a start: `pose` or `position`.
+        associate: How an estimate finds its truth: `auto`, `match` or `interpolate`.
+        max_gap: Longest gap of the truth that is interpolated, s (1).
+        scored_range: Ranges of the truth that count for coverage, m (0, 10).
+        fused: Whether the cloud is fused, for a file that does not say so.
+        convention: How the poses were written: `["frame=left_optical", "world=first_pose"]`.
+        apply_diagnosis: Whether to correct the convention mismatch that explains the errors.
+        max_difference: Longest difference of stamps paired for APE and RPE, s (0.01).
+        rpe_delta: Length of a relative error: `frames=1` or `distance=10`.
+    """
+
+    spacing: int
+    rebase: str
+    associate: str
+    max_gap: float
+    scored_range: tuple[float, float]
+    fused: bool
+    convention: Sequence[str]
+    apply_diagnosis: bool
+    max_difference: float
+    rpe_delta: str
+
+
+CONFIG_NAMES = {"spacing": "spacing", "rebase": "rebase"}
+CONFIG_NAMES |= {"associate": "association.truth", "max_gap": "association.max_gap_s"}
+"""Names in `TrajectoryScoreConfig` of those settings that are fields of it."""
+
+
+def score(
+    estimate: Estimate,
+    truth: Truth,
+    conditions: Sequence[str] | None = None,
+    limits: PathLike | Mapping[str, object] | Limits | None = None,
+    *,
+    align: str | None = None,
+    stats: Sequence[PathLike] = (),
+    **settings: Unpack[ScoreSettings],
+) -> Score:
+    """Score an estimate against the truth; the same figures as `sfr score`.
+
+    Args:
+        estimate: A trajectory or a cloud: in memory or a file (csv, TUM, KITTI, EuRoC, evo, bag; .ply, .pcd, .npz).
+        truth: A trajectory in memory or its file; a source with truth, as `sfr.open` gives it, or its path.
+        conditions: Ends of a sub-trajectory: `distance=5`, `time=60`, `frames=100`; distance=5 where none is given.
+        limits: Limits to judge by: a YAML file, or its content.
+        align: Alignment of APE (ATE) and RPE, given beside the other figures: `none`, `origin`, `se3` or `sim3`.
+        stats: Calls (time, memory, state, covariance), files of `sfr localise --stats`. What `sfr.localise` and
+            `sfr.map` give brings its own.
+        settings: See `ScoreSettings`.
+
+    Raises:
+        InputError: If something cannot be read.
+        ConfigError: If an option or the limits are not valid.
+        MetricsError: If estimate and truth have nothing in common.
+    """
+    known = ScoreSettings.__annotations__
+    if unknown := sorted(set(settings) - set(known)):
+        raise ConfigError(f"sfr.score has no setting '{unknown[0]}': it has {', '.join(known)}")
+    convention = PoseConvention.parse(_texts(settings.get("convention", ())))
+    correction = Correction(convention, settings.get("apply_diagnosis", False))
+    low, high = settings.get("scored_range", (0.0, 10.0))
+    named = {f"trajectory.{CONFIG_NAMES[name]}": value for name, value in settings.items() if name in CONFIG_NAMES}
+    named |= {"map.scored_from_m": low, "map.scored_to_m": high}
+    config = score_config(conditions and _texts(conditions), named)
+    files = [stats] if isinstance(stats, (str, Path)) else stats
+    run = _run(estimate, truth, tuple(Path(file) for file in files), settings.get("fused"))
+    if correction.is_wanted and run.drive is None:
+        raise ConfigError("convention and apply_diagnosis are for trajectories: leave them out for a cloud")
+    further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
+    aligned = aligned_error_config(align, further)
+    if isinstance(limits, Mapping):
+        limits = parse_limits(limits, "limits")
+    elif limits is not None and not isinstance(limits, Limits):
+        limits = load_limits(Path(limits))
+    return Score.of(score_run(converted_run(run, config, correction), config, limits, aligned))
+
+
+def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool | None) -> Run:
+    """Return what there is to score: files are read as the command reads them."""
+    place = truth.path if isinstance(truth, sequence.Source) else truth
+    if isinstance(estimate, cloud_base.PointCloud):
+        if isinstance(place, trajectory_base.Trajectory):
+            raise ConfigError("a cloud is scored against a source with mapping pairs and truth, not a trajectory")
+        read = [*load_run(ScoreInputs(stats=stats)).stats, *_own_stats(estimate)]
+        loaded = said_fused(LoadedCloud(estimate.xyz.astype(np.float64), estimate), fused, "the cloud")
+        cloud = ScoredCloud(loaded, load_map_truth(Path(place), estimate.pair_stamps_ns))
+        in_memory = {"cloud": hash_arrays([estimate.to_structured()])}
+        return Run(ScoreInputs(map_truth=Path(place), stats=stats), read, cloud=cloud, in_memory=in_memory)
+    if not isinstance(estimate, trajectory_base.Trajectory) and not isinstance(place, trajectory_base.Trajectory):
+        return load_run(ScoreInputs.of(Path(estimate), Path(place), stats), fused)
+    inputs, in_memory = ScoreInputs(stats=stats), {}
+    read = [*load_run(inputs).stats, *_own_stats(estimate)]
+    if isinstance(place, trajectory_base.Trajectory):
+        in_memory["truth"] = _hash(place)
+    else:
+        place = Path(place)
+        inputs = replace(inputs, truth=place)
+    if isinstance(estimate, trajectory_base.Trajectory):
+        in_memory["estimate"] = _hash(estimate)
+    else:
+        estimate = Path(estimate)
+        inputs = replace(inputs, estimate=estimate)
+    return Run(inputs, read, drive=load_drive(estimate, place, read), in_memory=in_memory)
+
+
+def _own_stats(estimate: object) -> list[CallStats]:
+    """Return the calls that gave an estimate."""
+    if isinstance(estimate, (Trajectory, PointCloud)) and estimate.records:
+        return [stats_of(estimate.records, estimate.method)]
+    return []
+
+
+def _hash(poses: trajectory_base.Trajectory) -> str:
+    return hash_arrays((poses.stamps_ns, poses.positions, poses.quats_xyzw))
+
+
+def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
+    with naming(path):
+        yield from steps
+
+
+def _texts(items: Sequence[str]) -> Sequence[str]:
+    """Return texts; a single one is one, not its letters."""
+    return [items] if isinstance(items, str) else items
+
+
+def _parameters(kind: type[C], config: object, section: str) -> C:
+    if config is None or isinstance(config, kind):
+        return kind() if config is None else config
+    if isinstance(config, Mapping):
+        return build(kind, config, origin="config")
+    return read_config(kind, Path(str(config)), section)
+
+
+def _text(config: object) -> str:
+    """Return the text of the configuration file of a method under test."""
+    if config is None:
+        return ""
+    try:
+        return read_text(Path(str(config)))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"config '{config}' cannot be read ({error}): give a text file") from error
+
+
+def _data_frame(columns: Mapping[str, NDArray[np.generic]]) -> pandas.DataFrame:
+    try:
+        import pandas
+    except ImportError as error:
+        raise MissingExtraError("to_pandas() needs pandas: pip install pandas") from error
+    return pandas.DataFrame(dict(columns))
+
+
+def _facts_html(title: str, facts: Mapping[str, str]) -> str:
+    """Return a title and a table of names and values as HTML; every text is escaped."""
+    rows = "".join(
+        f"<tr><th style='text-align:left'>{escape(printable(name))}</th>"
+        f"<td style='text-align:left'>{escape(printable(value))}</td></tr>"
+        for name, value in facts.items()
+    )
+    return f"<b>{escape(printable(title))}</b><table>{rows}</table>"
