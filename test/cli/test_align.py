@@ -54,14 +54,6 @@ def test_the_figures_stand_beside_those_of_the_specification(files: tuple[Path, 
     assert sfr_loc_map.Score.of(scored).aligned == scored.aligned
 
 
-def test_the_table_names_metric_alignment_and_association(files: tuple[Path, Path], sfr: Sfr) -> None:
-    shown = sfr("score", *files, "--align", "se3", "--rpe-delta", "distance=2", "--max-difference", "0.02").out
-    text = " ".join(shown.split())
-    assert "APE, position, align se3" in text
-    assert "RPE over 2 m of the estimate's path" in text
-    assert "paired by the nearest stamp within 0.02 s" in text
-
-
 def test_a_result_of_evo_is_written(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
     path = tmp_path / "ape.zip"
     done = sfr("score", *files, "--align", "origin", "--lenient", "--evo", path, "--json", "-")
@@ -79,11 +71,3 @@ def test_a_result_of_evo_is_written(files: tuple[Path, Path], tmp_path: Path, sf
     read = file_interface.load_res_file(str(path), load_trajectories=True)
     assert read.stats["rmse"] == stats["rmse"]
     assert len(read.trajectories) == 2
-
-
-def test_wrong_options_say_what_to_do(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
-    assert "choices" in (wrong := sfr("score", *files, "--align", "sim2")).err or "sim3" in wrong.err
-    assert wrong.code == 2
-    alone = sfr("score", *files, "--rpe-delta", "frames=2")
-    assert (alone.code, "--align" in alone.err) == (2, True)
-    assert "leave it out for a cloud" in sfr("score", tmp_path / "c.ply", files[1], "--align", "se3").err

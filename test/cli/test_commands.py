@@ -100,29 +100,6 @@ def test_json_alone_on_standard_output(sfr: Sfr, trajectories: tuple[Path, Path]
     assert score["trajectory"]["heading_deg"]["mean"] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_json_without_enough_data_is_null_not_nan(sfr: Sfr, trajectories: tuple[Path, Path]) -> None:
-    result = sfr("score", *trajectories, "--json", "-", "--condition", "distance=50")
-    assert result.code == 0  # it is met, twice at most
-    score = strict(result.out)
-    assert score["trajectory"]["position_m"]["sigma"] is None or score["trajectory"]["count"] > 1
-    none = strict(sfr("score", *trajectories, "--json", "-", "--condition", "distance=500").out)
-    assert none["trajectory"]["count"] == 0
-    assert none["trajectory"]["position_m"]["mean"] is None
-
-
-def test_json_to_a_file_is_what_goes_to_standard_output(
-    sfr: Sfr, tmp_path: Path, trajectories: tuple[Path, Path]
-) -> None:
-    file = tmp_path / "s.json"
-    tables = sfr("score", *trajectories, "--json", file)
-    assert tables.code == 0
-    assert "position error over 5 m" in tables.out
-    written, printed = strict(file.read_text()), strict(sfr("score", *trajectories, "--json", "-").out)
-    for score in (written, printed):
-        del score["provenance"]["time"]
-    assert written == printed
-
-
 @pytest.mark.parametrize(("limit_m", "code", "verdict"), [(0.2, 0, "pass"), (0.05, 1, "fail")])
 def test_verdict_is_the_exit_code(
     sfr: Sfr, tmp_path: Path, trajectories: tuple[Path, Path], limit_m: float, code: int, verdict: str
@@ -139,16 +116,6 @@ def test_verdict_is_the_exit_code(
     assert tables.code == code
     assert verdict in tables.out
     assert (tmp_path / "r.html").stat().st_size > 0
-
-
-def test_too_little_data_passes_no_limit_and_fails_none(
-    sfr: Sfr, tmp_path: Path, trajectories: tuple[Path, Path]
-) -> None:
-    limits = limits_file(tmp_path / "limits.yaml", 0.001)
-    limits.write_text("minimum_count: 100\n" + limits.read_text())
-    result = sfr("score", *trajectories, "--limits", limits, "--json", "-")
-    assert result.code == ExitCode.NOT_JUDGED
-    assert strict(result.out)["verdicts"][0]["verdict"] == "not enough data"
 
 
 def test_from_source_to_score_and_report(sfr: Sfr, tmp_path: Path) -> None:
@@ -211,20 +178,3 @@ def test_ctrl_c_keeps_the_pairs_that_were_localised(sfr: Sfr, tmp_path: Path, mo
     nothing = sfr("localise", source, "-o", tmp_path / "none.csv")
     assert (nothing.code, nothing.err) == (ExitCode.INTERRUPTED, "sfr: interrupted: nothing was finished\n")
     assert not (tmp_path / "none.csv").exists()
-
-
-@pytest.mark.slow
-def test_a_closed_pipe_is_no_error(trajectories: tuple[Path, Path]) -> None:
-    code = "import sys; from sfr_loc_map.cli.main import main; sys.exit(main())"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, "score", *map(str, trajectories), "--json", "-"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    assert process.stdout is not None
-    assert process.stderr is not None
-    process.stdout.close()  # as `| head` does
-    error = process.stderr.read().decode()
-    process.stderr.close()
-    assert process.wait(60) == 0
-    assert error == ""

@@ -80,14 +80,6 @@ def test_a_benchmark_says_before_its_work_that_nothing_can_be_judged(
     assert not out.exists()
 
 
-def test_one_pose_is_not_judged(sfr: Sfr, tmp_path: Path, files: tuple[Path, Path]) -> None:
-    alone, whole = tmp_path / "one.csv", drive()
-    save_trajectory(alone, Trajectory(whole.stamps_ns[:1], whole.positions[:1], whole.quats_xyzw[:1]))
-    result = sfr("score", alone, files[1])
-    assert result.code == ExitCode.NOT_JUDGED
-    assert "one pose of the estimate has a true pose" in result.err
-
-
 @pytest.mark.parametrize(
     ("limits", "reason"),
     [

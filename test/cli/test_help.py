@@ -8,13 +8,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-import shellingham
 import typer
 from cli_result import Sfr
 
 from sfr_loc_map.cli.main import app
-from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.simulation.faults import KINDS
 
 ROOT: Any = typer.main.get_command(app)
 PYTHON_TYPES = ("<bool>", "<path>", "<str>", "<int>", "<float>", " range>", "list[", "TEXT", "INTEGER", "FLOAT", "PATH")
@@ -64,16 +61,6 @@ def test_examples_are_taken_by_the_command(name: str) -> None:
             pass
 
 
-def test_options_of_the_field_have_names_defaults_and_kinds(sfr: Sfr, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "200")
-    score = sfr("score", "--help").out
-    assert "distance=M|time=S|frames=N" in score
-    (default,) = TrajectoryScoreConfig().conditions
-    assert f"(distance={float(default.removeprefix('distance=')):g})" in score
-    perturb = sfr("perturb", "--help").out
-    assert not [kind for kind in KINDS if kind not in perturb]
-
-
 @pytest.mark.parametrize(
     ("words", "found"),
     [
@@ -97,13 +84,3 @@ def test_the_shell_completes_commands_options_and_values(
     monkeypatch.setenv("_TYPER_COMPLETE_ARGS", words)
     monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")
     assert found in re.findall(r"[\w=-]+", sfr().out)
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_completion_of_the_shell_that_runs_it_is_shown(
-    sfr: Sfr, monkeypatch: pytest.MonkeyPatch, shell: str
-) -> None:
-    monkeypatch.setattr(shellingham, "detect_shell", lambda *_: (shell, f"/bin/{shell}"))
-    result = sfr("--show-completion")
-    assert result.code == 0
-    assert f"_SFR_COMPLETE=complete_{shell}" in result.out

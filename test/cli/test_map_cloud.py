@@ -54,13 +54,6 @@ def _same_heights(tif: Path, archive: Path) -> None:
         assert file.res[0] == pytest.approx(float(np.load(archive)["cell_m"]))
 
 
-def test_nothing_is_mapped_for_cells_that_cannot_be(sfr: Sfr, tmp_path: Path) -> None:
-    result = sfr("map", good_folder(tmp_path / "data"), "-o", tmp_path / "c.ply", "--dem", "-1")
-    assert result.code == 2
-    assert "'--dem -1.0': the side of a cell must be more than 0" in result.err
-    assert not (tmp_path / "c.ply").exists()
-
-
 def test_poses_that_disagree_are_told(sfr: Sfr, tmp_path: Path) -> None:
     source = good_folder(tmp_path / "data")
     table = source / "nav" / "pairs.csv"

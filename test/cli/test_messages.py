@@ -35,16 +35,6 @@ def test_an_error_quotes_a_file_in_one_printable_line(text: str, tmp_path: Path,
     check_line(sfr("score", file, file))
 
 
-def test_an_error_quotes_a_name_in_one_printable_line(tmp_path: Path, sfr: Sfr) -> None:
-    result = sfr("localise", tmp_path / f"{ESCAPE}\udc80", "-o", tmp_path / "t.csv")
-    check_line(result)
-    assert r"\x1b]0;taken over\x07\x1b[31m\udc80" in result.err
-
-
-def test_a_usage_error_quotes_an_option_in_one_printable_line(sfr: Sfr) -> None:
-    check_line(sfr(ESCAPE))
-
-
 def test_a_warning_of_the_library_is_one_printable_line(
     sfr: Sfr, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

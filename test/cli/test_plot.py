@@ -67,17 +67,6 @@ def test_the_figure_holds_the_distance_to_the_truth() -> None:
     assert aligned[1].error_m.max() < 1e-12
 
 
-def test_a_long_path_is_thinned() -> None:
-    curve = curves_of({"long": straight(20_001)}, None, AlignedErrorConfig())[0]
-    assert 4000 < len(curve.positions) <= 5001
-    assert curve.error_m is None
-
-
-def test_other_outputs_are_refused(files: tuple[Path, Path], tmp_path: Path, sfr: Sfr) -> None:
-    wrong = sfr("plot", files[1], "-o", tmp_path / "p.svg")
-    assert (wrong.code, ".png" in wrong.err) == (2, True)
-
-
 @pytest.mark.parametrize("name", ["t.kitti", "t.euroc.csv", "t.tum"])
 def test_trajectories_are_converted_to_other_formats(
     files: tuple[Path, Path], tmp_path: Path, sfr: Sfr, name: str

@@ -19,7 +19,6 @@ from cli_result import Sfr
 from made_scene import fill, loc_pair, write_bag, write_folder
 from processes import Process, has_started_ros, nodes_of, segments_of, wait_until
 
-from sfr_loc_map.cli.main import main
 from sfr_loc_map.io.bag_writer import BagWriter
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
@@ -125,29 +124,6 @@ def test_a_replay_that_is_ended_leaves_no_nodes_behind(tmp_path: Path, signals: 
         subprocess.run(["fastdds", "shm", "clean"], env=variables, capture_output=True, timeout=60, check=False)
     else:
         assert not [path for path in shared if path.exists()]
-
-
-def test_bad_input_is_one_line_and_nothing_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    cases = {
-        tmp_path / "nowhere": "there is no",
-        write_folder(tmp_path / "four", 0, 4): "a map is made of 1 to 3 stereo pairs, the source has 4",
-    }
-    mountless = write_folder(tmp_path / "mountless", 2, 0)
-    rig = json.loads((mountless / "rig.json").read_text()) if (mountless / "rig.json").exists() else None
-    path = mountless / "rig.json" if rig else mountless / "loc" / "rig.json"
-    rig = rig or json.loads(path.read_text())
-    del rig["T_rb_locsb"]
-    path.write_text(json.dumps(rig))
-    cases[mountless] = "T_rb_locsb"
-    for source, words in cases.items():
-        monkeypatch.setattr(sys, "argv", ["sfr", "replay", str(source), "--out", str(out)])
-        assert main() == 2
-        (line,) = capsys.readouterr().err.strip().splitlines()
-        assert words in line
-    assert not out.exists() or not list(out.iterdir())
 
 
 @pytest.mark.slow

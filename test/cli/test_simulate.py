@@ -117,19 +117,3 @@ def test_perturb_writes_what_it_says(sfr: Sfr, tmp_path: Path) -> None:
         assert clean.stamp_ns == noisy.stamp_ns == same.stamp_ns
         assert 15 < (noisy.left.astype(float) - clean.left).std() < 35
         assert np.array_equal(noisy.right, same.right)
-
-
-@pytest.mark.parametrize(
-    ("fault", "words"),
-    [
-        ("rain", "'rain' is unknown"),
-        ("noisy:strength=3", "must be NAME=VALUE"),
-        ("noisy:share=2", "share must lie in 0 .. 1"),
-        ("black:camera=top", "camera must be one of both, left, right"),
-        ("dropped:share=1,start=0", "the faults leave no pair"),
-    ],
-)
-def test_wrong_fault_is_one_line(sfr: Sfr, tmp_path: Path, fault: str, words: str) -> None:
-    source = good_folder(tmp_path / "source")
-    refused(sfr("perturb", source, tmp_path / "bad", "--fault", fault), words)
-    assert not (tmp_path / "bad").exists()
