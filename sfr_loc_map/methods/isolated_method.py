@@ -145,7 +145,7 @@ class IsolatedMethod:
         if self._is_given_up:
             return self._lost(pair, MethodCall(reason="not started again"))
         try:
-            answer = self._started().show_and_call(pair, order or {})
+            answer = self._started().call(pair, order or {})
         except MethodError as error:
             return self._lost(pair, self._failed(error))
         result = answer.result
@@ -232,7 +232,7 @@ class IsolatedMethod:
         cloud = PointCloud.concatenate([item.cloud for item in maps])
         if self._process is not None and self._process.fuses and self._complete:
             try:
-                answer = self._process.show_and_call(last, {"fuse": True})
+                answer = self._process.call(last, {"fuse": True})
                 cloud, call = replace(self._cloud(None), fused=True), _call_of(answer)
             except MethodError as error:
                 call = self._failed(error)
@@ -264,7 +264,7 @@ class IsolatedMethod:
         for what in ("cloud", "disparity"):
             self._file(what).unlink(missing_ok=True)
         order = {"T_lm_navsb": T_lm_navsb.matrix.ravel().tolist(), "index": index, **(more or {})}
-        answer = process.show_and_call(pair, order)
+        answer = process.call(pair, order)
         _check_stamp(pair, answer)
         return answer
 

@@ -21,7 +21,6 @@ import numpy as np
 
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.errors import MethodError
-from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.registry import Method, MethodLimits
@@ -34,23 +33,15 @@ POLL_S = 0.05
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
-PLACES = 8
-"""Pairs that a method may hold without a copy; a place that was never used takes no memory."""
 LEAKS = {10: 100 * MB, 50: 20 * MB}
 """A method that keeps more after each of so many calls in a row, so much in all, leaks; a window that fills up does
 not."""
 
 
 class MethodFailureError(MethodError):
-    """A call of a method gave no result.
-
-    Attributes:
-        kind: What it did wrong.
-        ended: Whether its process is gone.
-    """
+    """A call of a method gave no result: of what kind, and whether its process is gone."""
 
     def __init__(self, kind: FindingKind, text: str, *, ended: bool = True) -> None:
-        """Say what it did."""
         super().__init__(text)
         self.kind, self.ended = kind, ended
 
@@ -64,16 +55,13 @@ def no_usage() -> CallUsage:
 class Answer:
     """The answer to an order.
 
-    Attributes:
-        usage: Time and memory of the call by clock and kernel's mark of the method's process; idle is the process that
-            was warmed up and had done nothing yet.
-        leaking: What is wrong with the memory that is kept from call to call, empty for nothing.
-        result: What the adapter reports.
+    Time and memory are by the clock and the kernel's mark of the method's process; idle is the process that was warmed
+    up and had done nothing yet.
     """
 
     usage: CallUsage
-    leaking: str
-    result: Mapping[str, Any]
+    leaking: str  # what is wrong with the memory that is kept from call to call, empty for nothing
+    result: Mapping[str, Any]  # what the adapter reports
 
 
 class MethodProcess:
@@ -90,14 +78,7 @@ class MethodProcess:
     def __init__(
         self, method: Method, rig: StereoRig, limits: MethodLimits, T_ds_rb: Transform, setup: Mapping[str, object]
     ) -> None:
-        """Start it and wait until it is warmed up.
-
-        Args:
-            method: The method.
-            rig: Rig of the images.
-            limits: What it may take.
-            T_ds_rb: Pose at the first pair.
-            setup: Sent to it besides that.
+        """Start it and wait until it is warmed up; the pose is that at the first pair.
 
         Raises:
             MethodError: If it does not start; the message has its last log line.
@@ -107,7 +88,7 @@ class MethodProcess:
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
         self._log, images = self._folder / "log", self._folder / "images"
         self.output = str(self._folder / "result")
-        self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(PLACES, 2, rig.height, rig.width)))
+        self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(2, rig.height, rig.width)))
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 method.command,
@@ -118,7 +99,7 @@ class MethodProcess:
                 bufsize=0,
                 start_new_session=True,
             )
-        self._rest, self._place = b"", 0
+        self._rest = b""
         self._kept = self._growing = self._grown = 0
         poses = {"start": _numbers(T_ds_rb), "T_rb_sb": None, "T_rb_left": None}
         if rig.T_rb_sb is not None:
@@ -135,28 +116,22 @@ class MethodProcess:
             raise
         self.version, self.fuses, self.idle_bytes = str(hello["version"]), bool(hello["fuses"]), hello["idle_bytes"]
 
-    def call(self, left: GreyImage, right: GreyImage, order: Mapping[str, object]) -> Answer:
+    def call(self, pair: StereoPair, order: Mapping[str, object]) -> Answer:
         """Show it a pair, give an order and return the answer.
 
         Raises:
             MethodFailureError: If there is no result: what the method did.
         """
-        self._images[self._place, 0], self._images[self._place, 1] = left, right
-        place = {"output": self.output, "place": self._place}
-        answer = self._exchange(place | dict(order), self._limits.call_timeout_s)
-        self._place = answer["place"]
+        self._images[0], self._images[1] = pair.left, pair.right
+        about = {"output": self.output, "stamp_ns": pair.stamp_ns}
+        answer = self._exchange(about | dict(order), self._limits.call_timeout_s)
         resident, peak = answer["resident_bytes"], answer["peak_bytes"]
-        if resident is not None and resident > self._limits.memory_mb * MB:
-            self._out_of_memory(resident)
+        self._check_limits(resident or 0)
         if "fault" in answer:
             raise MethodFailureError(FindingKind(answer["fault"]), answer["text"], ended=False)
         idle = self.idle_bytes
         above = None if peak is None or idle is None else max(peak - idle, 0)
         return Answer(CallUsage(answer["seconds"], peak, above), self._leak(resident), answer["result"])
-
-    def show_and_call(self, pair: StereoPair, order: Mapping[str, object]) -> Answer:
-        """Give an order on a pair and return the answer; see `call`."""
-        return self.call(pair.left, pair.right, {"stamp_ns": pair.stamp_ns, **order})
 
     def _exchange(self, order: Mapping[str, object], timeout_s: float) -> dict[str, Any]:
         assert self._process.stdin is not None
@@ -174,7 +149,10 @@ class MethodProcess:
         answers.register(place, select.POLLIN)
         while b"\n" not in self._rest:
             if not answers.poll(1000 * POLL_S):
-                self._check(end, timeout_s)
+                self._check_limits(_resident_bytes(self._process.pid))
+                if time.monotonic() > end:
+                    self.kill()
+                    raise MethodFailureError(FindingKind.HANGING, f"has not answered for {timeout_s:g} s")
                 continue
             data = os.read(place, 65536)
             if not data:
@@ -183,35 +161,26 @@ class MethodProcess:
         line, _, self._rest = self._rest.partition(b"\n")
         return line
 
-    def _check(self, end: float, timeout_s: float) -> None:
-        """Look at a process that is at work."""
-        resident = _resident_bytes(self._process.pid)
-        if resident > self._limits.memory_mb * MB:
-            self._out_of_memory(resident)
-        if time.monotonic() > end:
-            self.kill()
-            raise MethodFailureError(FindingKind.HANGING, f"has not answered for {timeout_s:g} s")
-
-    def _out_of_memory(self, resident: int) -> None:
-        self.kill()
+    def _check_limits(self, resident: int) -> None:
         limit = self._limits.memory_mb
-        raise MethodFailureError(
-            FindingKind.OUT_OF_MEMORY, f"has {resident // MB} MB resident, the limit is {limit} MB"
-        )
+        if resident > limit * MB:
+            self.kill()
+            text = f"has {resident // MB} MB resident, the limit is {limit} MB"
+            raise MethodFailureError(FindingKind.OUT_OF_MEMORY, text)
 
     def _crashed(self) -> None:
         try:
             code = self._process.wait(EXIT_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             code = 0
-        last = self._last_words()
-        self.kill()
-        how = f"by {_signal_name(-code)}" if code < 0 else f"with {code}"
-        raise MethodFailureError(FindingKind.CRASHED, f"has ended {how}: {last}")
-
-    def _last_words(self) -> str:
         lines = self._log.read_text("utf-8", "replace").split("\n")
-        return next((line.strip() for line in reversed(lines) if line.strip()), "its log is empty")[:300]
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "its log is empty")[:300]
+        self.kill()
+        if code >= 0:
+            how = f"with {code}"
+        else:
+            how = "by " + next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
+        raise MethodFailureError(FindingKind.CRASHED, f"has ended {how}: {last}")
 
     def _leak(self, resident: int | None) -> str:
         """Return what is wrong with the memory that is kept after the calls, once for each of `LEAKS`."""
@@ -252,13 +221,6 @@ class MethodProcess:
 def _numbers(transform: Transform) -> list[float]:
     numbers: list[float] = transform.matrix.ravel().tolist()
     return numbers
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
 
 
 def _resident_bytes(pid: int) -> int:

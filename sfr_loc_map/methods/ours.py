@@ -1,4 +1,4 @@
-"""The suite's own localiser and mapper, made as any candidate is: of a rig and a text."""
+"""The suite's own localiser and mapper, made as any candidate is: of a rig and a text, parameters in YAML or JSON."""
 
 from __future__ import annotations
 
@@ -14,18 +14,10 @@ from sfr_loc_map.mapping.mapper import Mapper
 
 
 def localiser(rig: StereoRig, config: str) -> Localiser:
-    """Return our localiser at the identity; the text holds its parameters (YAML or JSON).
-
-    Raises:
-        SfrError: If a parameter is not valid, or the rig has no extrinsics.
-    """
+    """Return our localiser at the identity."""
     return Localiser(rig, build(LocalisationConfig, yaml.safe_load(config) or {}), Transform.identity())
 
 
 def mapper(rig: StereoRig, config: str) -> Mapper:
-    """Return our mapper; the text holds its parameters (YAML or JSON).
-
-    Raises:
-        SfrError: If a parameter is not valid.
-    """
+    """Return our mapper."""
     return Mapper(rig, build(MappingConfig, yaml.safe_load(config) or {}))

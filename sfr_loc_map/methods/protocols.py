@@ -46,8 +46,7 @@ class LocaliserProtocol(MethodProtocol, Protocol):
     def process(self, pair: StereoPair, /) -> Any:  # noqa: ANN401 - PoseEstimate, Transform, matrix or None
         """Return the pose at one pair; pairs come in the order of their stamps.
 
-        Returns:
-            A `PoseEstimate`; or `T_ds_rb` alone, as a `Transform` or a matrix `(4, 4)`; or None where it is lost.
+        It is a `PoseEstimate`; or `T_ds_rb` alone, as a `Transform` or a matrix `(4, 4)`; or None where it is lost.
         """
         ...
 
@@ -57,16 +56,10 @@ class MapperProtocol(MethodProtocol, Protocol):
     """Turns stereo pairs into point clouds in LM."""
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int, /) -> Any:  # noqa: ANN401 - as below
-        """Return what one pair sees.
+        """Return what one pair, number 0, 1 or 2 of its set, sees.
 
-        Args:
-            pair: Rectified images of the rig's size.
-            T_lm_navsb: Takes points in NAVSB to LM.
-            index: Number of the pair within its set: 0, 1 or 2.
-
-        Returns:
-            A `PointCloud` in LM, or an object with such a `cloud`; or a disparity image `(H, W)` of the left image,
-            float32, pixels, NaN where none, of which the suite makes points outside the timed call.
+        It is a `PointCloud` in LM, or an object with such a `cloud`; or a disparity image `(H, W)` of the left image,
+        float32, pixels, NaN where none, of which the suite makes points outside the timed call.
         """
         ...
 

@@ -1,9 +1,8 @@
 """Feeds stereo pairs to one method and measures its calls: `python loop.py ADAPTER.py`, orders on standard input.
 
 The first line is the setup, every further line an order, all JSON; each is answered by one line. The setup names a file
-of `(N, 2, H, W)` bytes; the images of an order lie in one of these N places, that which the last answer named as
-`place`, 0 at first. `ADAPTER.py` has `open_method(setup)`, which warms the
-method up and returns an object with
+of `(2, H, W)` bytes, where the images of an order lie; the method gets copies, which it may hold. `ADAPTER.py` has
+`open_method(setup)`, which warms the method up and returns an object with
 
 - `version`: text;
 - `prepare(left, right, order)`: returns the call, a function without arguments; its own time does not count;
@@ -27,7 +26,6 @@ from typing import Any
 import numpy as np
 
 PR_SET_PDEATHSIG = 1
-PAGE_BYTES = 4096
 
 
 def main() -> None:
@@ -37,55 +35,17 @@ def main() -> None:
     os.dup2(2, 1)  # some methods print to standard output
     setup = json.loads(sys.stdin.readline())
     method = _load(sys.argv[1]).open_method(setup)
-    images, memory = SharedImages(setup), Memory()
+    images = np.memmap(setup["images"], np.uint8, "r", shape=(2, setup["height"], setup["width"]))
+    memory = Memory()
     hello = {"version": str(method.version), "fuses": bool(getattr(method, "fuses", False))}
     _answer(answers, {**hello, "idle_bytes": memory.bytes()[1]})
     for line in sys.stdin:
-        order = json.loads(line)
-        answer = _obey(method, memory, (*images.shown(order["place"]), order))
-        _answer(answers, {**answer, "place": images.free_place()})
+        _answer(answers, _obey(method, memory, np.array(images), json.loads(line)))
     os._exit(0)  # some methods crash in their destructors; all answers have been written
 
 
-class SharedImages:
-    """Pairs of images where the caller has written them: a method may hold them, the next pair takes a free place."""
-
-    def __init__(self, setup: dict[str, Any]) -> None:
-        """Map the file, and count the references to an image that nobody else holds."""
-        self._shape = (setup["height"], setup["width"])
-        self._map = np.memmap(setup["images"], np.uint8, "r+")
-        self._last = self._map.size // (2 * setup["height"] * setup["width"]) - 1
-        self._pairs: list[list[Any]] = [self._mapped(0)]
-        self._unused = self._references(0)
-
-    def _mapped(self, place: int) -> list[Any]:
-        """Return the images of a place; each is an array of its own, which all views of it refer to."""
-        height, width = self._shape
-        begins = [(2 * place + side) * height * width for side in (0, 1)]
-        images = [np.ndarray(self._shape, np.uint8, self._map, begin) for begin in begins]
-        for image in images:
-            image.ravel()[::PAGE_BYTES].max()  # the first look at a page costs, and is not the method's
-        return images
-
-    def _references(self, place: int) -> list[int]:
-        return [sys.getrefcount(image) for image in self._pairs[place]]
-
-    def shown(self, place: int) -> list[Any]:
-        """Return the images of a place; copies of those of the last place, which so stays free."""
-        if place == len(self._pairs):
-            self._pairs.append(self._mapped(place))
-        pair = self._pairs[place]
-        return [image.copy() for image in pair] if place == self._last else pair
-
-    def free_place(self) -> int:
-        """Return the first place that nobody holds an image of."""
-        known = range(len(self._pairs))
-        return next((place for place in known if self._references(place) == self._unused), len(known))
-
-
-def _obey(method: Any, memory: Memory, given: tuple[Any, Any, dict[str, Any]]) -> dict[str, Any]:  # noqa: ANN401
-    order = given[2]
-    call = method.prepare(*given)
+def _obey(method: Any, memory: Memory, images: Any, order: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
+    call = method.prepare(images[0], images[1], order)
     memory.reset_peak()
     begin = time.perf_counter()
     try:

@@ -34,20 +34,39 @@ def flow(image: NDArray[np.uint8], other: NDArray[np.uint8], corners: Corners) -
     return np.asarray(positions, np.float32), np.asarray(found)[:, 0] == 1
 
 
-class Odometry:
-    """The odometry; `step` returns the pose of the left camera in its first one, None where it is not known."""
+class OpenCvOdometry:
+    """The odometry as a reference method."""
+
+    version = cv2.__version__
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Take the camera from the setup."""
+        """Take the camera from the setup; warm up on noise, so that no call includes the start of threads."""
         fx, fy, cx, cy = (float(setup[name]) for name in ("fx", "fy", "cx", "cy"))
         self._camera_matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         self._focal_baseline = fx * float(setup["baseline_m"])
+        noise = np.random.default_rng(0).integers(0, 255, (setup["height"], setup["width"])).astype(np.uint8)
+        self._reset()
+        for shift in (0, 2):
+            self._step(np.roll(noise, shift, 1), np.roll(noise, shift - 4, 1))
+        self._reset()
+
+    def _reset(self) -> None:
         self._pose = np.eye(4)
         self._previous: tuple[NDArray[np.uint8], NDArray[np.float32], FloatArray] | None = None
         cv2.setRNGSeed(1)
 
-    def step(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> FloatArray | None:
-        """Return the pose `(4, 4)` at a pair, None where it is not known."""
+    def prepare(
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8], order: Mapping[str, Any]
+    ) -> Callable[[], FloatArray | None]:
+        """Return the call."""
+        return lambda: self._step(left, right)
+
+    def report(self, answer: FloatArray | None, order: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the pose as 16 numbers, None when lost."""
+        return {"T_first_left": None if answer is None else answer.ravel().tolist()}
+
+    def _step(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> FloatArray | None:
+        """Return the pose `(4, 4)` of the left camera in its first one, None where it is not known."""
         moved = np.eye(4) if self._previous is None else self._motion(left)
         if moved is not None:
             self._pose = self._pose @ moved
@@ -91,31 +110,6 @@ class Odometry:
         T_now_before = np.eye(4)
         T_now_before[:3, :3], T_now_before[:3, 3] = cv2.Rodrigues(rotvec)[0], translation[:, 0]
         return np.asarray(np.linalg.inv(T_now_before))
-
-
-class OpenCvOdometry:
-    """The odometry as a reference method."""
-
-    version = cv2.__version__
-
-    def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Warm up on noise, so that no call includes the start of threads."""
-        shape = (int(setup["height"]), int(setup["width"]))
-        noise = np.random.default_rng(0).integers(0, 255, shape).astype(np.uint8)
-        warm = Odometry(setup)
-        for shift in (0, 2):
-            warm.step(np.roll(noise, shift, 1), np.roll(noise, shift - 4, 1))
-        self._odometry = Odometry(setup)
-
-    def prepare(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], order: Mapping[str, Any]
-    ) -> Callable[[], FloatArray | None]:
-        """Return the call."""
-        return lambda: self._odometry.step(left, right)
-
-    def report(self, answer: FloatArray | None, order: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the pose as 16 numbers, None when lost."""
-        return {"T_first_left": None if answer is None else answer.ravel().tolist()}
 
 
 open_method = OpenCvOdometry

@@ -20,19 +20,10 @@ class OpenCvStereo:
     def __init__(self, setup: Mapping[str, Any]) -> None:
         """Prepare for the search range of the setup and warm up on noise."""
         self._count = int(setup["disparities"])
-        self._matcher = cv2.StereoSGBM.create(
-            minDisparity=0,
-            numDisparities=self._count,
-            blockSize=BLOCK,
-            P1=8 * BLOCK * BLOCK,
-            P2=32 * BLOCK * BLOCK,
-            disp12MaxDiff=1,
-            preFilterCap=31,
-            uniquenessRatio=10,
-            speckleWindowSize=100,
-            speckleRange=2,
-            mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
-        )
+        smoothness = {"P1": 8 * BLOCK * BLOCK, "P2": 32 * BLOCK * BLOCK, "uniquenessRatio": 10}
+        speckles = {"disp12MaxDiff": 1, "preFilterCap": 31, "speckleWindowSize": 100, "speckleRange": 2}
+        size = {"minDisparity": 0, "numDisparities": self._count, "blockSize": BLOCK}
+        self._matcher = cv2.StereoSGBM.create(**size, **smoothness, **speckles, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY)
         shape = (int(setup["height"]), int(setup["width"]))
         noise = np.random.default_rng(0).integers(0, 255, shape).astype(np.uint8)
         self._match(noise, np.roll(noise, -4, 1))

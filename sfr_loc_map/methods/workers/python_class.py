@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -25,28 +24,18 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
 
 
-def load_object(target: str) -> Any:  # noqa: ANN401 - whatever it is
+def _load(target: str) -> Any:  # noqa: ANN401 - whatever it is
     """Return what `package.module:Name` or `path/to/file.py:Name` names; the current folder is searched first."""
     place, _, name = target.rpartition(":")
-    if place.endswith(".py"):
-        sys.path.insert(0, str(Path(place).resolve().parent))
-        place = Path(place).stem
-    else:
-        sys.path.insert(0, "")
-    found: Any = importlib.import_module(place)
+    is_file = place.endswith(".py")
+    sys.path.insert(0, str(Path(place).resolve().parent) if is_file else "")
+    found: Any = importlib.import_module(Path(place).stem if is_file else place)
     for part in name.split("."):
         found = getattr(found, part)
     return found
 
 
-def rig_of(setup: Mapping[str, Any]) -> StereoRig:
-    """Return the rig of a setup."""
-    T_rb_sb = None if setup["T_rb_sb"] is None else transform_of(setup["T_rb_sb"])
-    return replace(StereoRig(**{name: setup[name] for name in CAMERA}), T_rb_sb=T_rb_sb)
-
-
-def transform_of(numbers: list[float]) -> Transform:
-    """Return the transform of 16 numbers, row by row."""
+def _transform(numbers: list[float]) -> Transform:
     matrix = np.reshape(np.asarray(numbers, np.float64), (4, 4))
     return Transform(matrix[:3, :3].copy(), matrix[:3, 3].copy())
 
@@ -56,7 +45,9 @@ class PythonClass:
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
         """Make the object and warm it up."""
-        self.method: Any = load_object(setup["target"])(rig_of(setup), setup["config"])
+        T_rb_sb = None if setup["T_rb_sb"] is None else _transform(setup["T_rb_sb"])
+        rig = replace(StereoRig(**{name: setup[name] for name in CAMERA}), T_rb_sb=T_rb_sb)
+        self.method: Any = _load(setup["target"])(rig, setup["config"])
         self.version = getattr(self.method, "version", "not stated")
         if not callable(getattr(self.method, "process", None)):
             raise TypeError(f"{setup['target']} has no method 'process': see docs/candidates.md")
@@ -72,14 +63,13 @@ class PythonLocaliser(PythonClass):
     """A localiser: its result is a `PoseEstimate`, a `Transform`, a matrix `(4, 4)`, or None where it is lost."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Tell it the first pose, where it takes one."""
+        """Tell it the first pose, where it takes one; without `reset` its poses are relative to that."""
         super().__init__(setup)
-        self.fuses = False
-        self._start = transform_of(setup["start"])
-        self._takes_start = callable(getattr(self.method, "reset", None))
-        self._turn = np.eye(6) if self._takes_start else np.kron(np.eye(2), self._start.rotation)
-        if self._takes_start:
-            self.method.reset(self._start)
+        start = _transform(setup["start"])
+        self._T_ds_start, self._turn = start.matrix, np.kron(np.eye(2), start.rotation)
+        if callable(getattr(self.method, "reset", None)):
+            self._T_ds_start, self._turn = None, np.eye(6)
+            self.method.reset(start)
 
     def prepare(self, left: GreyImage, right: GreyImage, order: Mapping[str, Any]) -> Callable[[], Any]:
         """Return the call."""
@@ -88,27 +78,20 @@ class PythonLocaliser(PythonClass):
 
     def report(self, answer: object, order: Mapping[str, Any]) -> dict[str, Any]:
         """Return the pose as 16 numbers, None when lost, and what else the estimate says."""
-        if isinstance(answer, PoseEstimate):
-            step = None if answer.step is None else answer.step.uncertainty.tolist()
-            about: dict[str, Any] = {
-                "stamp_ns": answer.stamp_ns,
-                "state": answer.state.value,
-                "reason": answer.reason_text,
-            }
-            about |= {"step": step, "statistics": self.figures() | answer.figures}
-            covariance = self._turn @ answer.covariance @ self._turn.T
-            return {"T_ds_rb": self._posed(answer.T_ds_rb.matrix), "covariance": covariance.ravel().tolist(), **about}
         if answer is None:
             return {"T_ds_rb": None}
+        about: dict[str, Any] = {"statistics": self.figures()}
+        if isinstance(answer, PoseEstimate):
+            about |= {"stamp_ns": answer.stamp_ns, "state": answer.state.value, "reason": answer.reason_text}
+            about["statistics"] |= answer.figures
+            about["step"] = None if answer.step is None else answer.step.uncertainty.tolist()
+            about["covariance"] = (self._turn @ answer.covariance @ self._turn.T).ravel().tolist()
+            answer = answer.T_ds_rb
         matrix = answer.matrix if isinstance(answer, Transform) else np.asarray(answer, np.float64)
         if matrix.shape != (4, 4):
             raise TypeError(f"a pose is a PoseEstimate, a Transform or a matrix (4, 4): got {_described(answer)}")
-        return {"T_ds_rb": self._posed(matrix), "statistics": self.figures()}
-
-    def _posed(self, matrix: Any) -> list[float]:  # noqa: ANN401 - an array
-        """Return the pose in DS; without `reset` poses are relative to the first one."""
-        numbers: list[float] = (matrix if self._takes_start else self._start.matrix @ matrix).ravel().tolist()
-        return numbers
+        matrix = matrix if self._T_ds_start is None else self._T_ds_start @ matrix
+        return {"T_ds_rb": matrix.ravel().tolist(), **about}
 
 
 class PythonMapper(PythonClass):
@@ -124,42 +107,34 @@ class PythonMapper(PythonClass):
         """Return the call: that for one pair, or the fusion of all."""
         if order.get("fuse"):
             return lambda: self.method.fuse(self._results)
-        pair, T_lm_navsb = StereoPair(order["stamp_ns"], left, right), transform_of(order["T_lm_navsb"])
+        pair, T_lm_navsb = StereoPair(order["stamp_ns"], left, right), _transform(order["T_lm_navsb"])
         return lambda: self.method.process(pair, T_lm_navsb, order["index"])
 
     def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as the class says
-        """Save the points and the disparities."""
-        only_disparity = bool(order.get("disparity_only"))
-        if self.fuses and not (order.get("fuse") or only_disparity):
-            self._results.append(answer)
-        self._save(answer, order["output"], only_disparity)
-        figures = _figures(getattr(answer, "statistics", {})) | self.figures()
-        stamp_ns = getattr(answer, "stamp_ns", order["stamp_ns"])
-        return {
-            "stamp_ns": stamp_ns,
-            "statistics": figures,
-            "warnings": [str(line) for line in getattr(answer, "warnings", ())],
-        }
-
-    @staticmethod
-    def _save(answer: Any, output: str, only_disparity: bool) -> None:  # noqa: ANN401 - as the class says
-        """Save what there is of a result; of one that has both the disparities alone where these are wanted.
+        """Save the points and the disparities, of a result that has both the disparities alone where these are wanted.
 
         Raises:
             TypeError: If there is neither.
         """
+        only_disparity = bool(order.get("disparity_only"))
+        if self.fuses and not (order.get("fuse") or only_disparity):
+            self._results.append(answer)
         cloud = answer if isinstance(answer, PointCloud) else getattr(answer, "cloud", None)
         disparity = answer if isinstance(answer, np.ndarray) else getattr(answer, "disparity_px", None)
         if disparity is not None:
-            np.save(output + ".disparity.npy", np.asarray(disparity, np.float32))
+            np.save(order["output"] + ".disparity.npy", np.asarray(disparity, np.float32))
         if isinstance(cloud, PointCloud) and (disparity is None or not only_disparity):
-            np.save(output + ".cloud.npy", cloud.to_structured())
+            np.save(order["output"] + ".cloud.npy", cloud.to_structured())
         elif disparity is None:
             raise TypeError(f"a map is a PointCloud, has a 'cloud', or is a disparity image: got {_described(answer)}")
+        return {
+            "stamp_ns": getattr(answer, "stamp_ns", order["stamp_ns"]),
+            "statistics": _figures(getattr(answer, "statistics", {})) | self.figures(),
+            "warnings": [str(line) for line in getattr(answer, "warnings", ())],
+        }
 
 
 def _figures(stated: object) -> dict[str, float]:
-    """Return numbers by name."""
     return {str(name): float(value) for name, value in stated.items()} if isinstance(stated, Mapping) else {}
 
 
