@@ -66,9 +66,10 @@ class PythonLocaliser(PythonClass):
         """Tell it the first pose, where it takes one; without `reset` its poses are relative to that."""
         super().__init__(setup)
         start = _transform(setup["start"])
-        self._T_ds_start, self._turn = start.matrix, np.kron(np.eye(2), start.rotation)
-        if callable(getattr(self.method, "reset", None)):
-            self._T_ds_start, self._turn = None, np.eye(6)
+        resets = callable(getattr(self.method, "reset", None))
+        self._T_ds_start = None if resets else start.matrix
+        self._turn = np.eye(6) if resets else np.kron(np.eye(2), start.rotation)
+        if resets:
             self.method.reset(start)
 
     def prepare(self, left: GreyImage, right: GreyImage, order: Mapping[str, Any]) -> Callable[[], Any]:
