@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,8 @@ from sfr_loc_map.io.array_file import parse_npz
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_count
 
+Columns = dict[str, NDArray[Any]]
+"""Values of each field, one a point."""
 PIXEL_FIELDS = ("u", "v", "pair")
 FUSED, PAIR_STAMPS = "fused", "pair_stamps_ns"
 """Names of what a file says of its cloud: comments `sfr fused true`, `sfr pair_stamps_ns 1 2 3`, or members of NPZ."""
@@ -61,15 +63,6 @@ class LoadedCloud:
     cloud: PointCloud | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CloudRecords:
-    """What a cloud file holds: values of each field, one a point; what it says of the cloud, None where nothing."""
-
-    columns: dict[str, NDArray[Any]]
-    fused: bool | None = None
-    pair_stamps_ns: tuple[int, ...] | None = None
-
-
 def load_cloud(path: Path) -> LoadedCloud:
     """Read a cloud, its format by the name's ending (`SUFFIXES`).
 
@@ -84,12 +77,12 @@ def load_cloud(path: Path) -> LoadedCloud:
     if path.suffix not in _FORMATS:
         raise InputError(f"cloud '{path}' ends in '{path.suffix}': {names} are read")
     try:
-        records = _FORMATS[path.suffix][0](read_bytes(path, MAX_CLOUD_BYTES))
+        columns, comments = _FORMATS[path.suffix][0](read_bytes(path, MAX_CLOUD_BYTES))
+        fused, pair_stamps_ns = _said(comments)
     except OSError as error:
         raise InputError(f"cannot read cloud '{path}': {error.strerror}; give a file {names}") from error
     except (ValueError, KeyError, IndexError, TypeError) as error:
         raise InputError(f"cloud '{path}' cannot be read: {error}; write it again") from error
-    columns = records.columns
     missing = [name for name in "xyz" if name not in columns]
     if missing:
         found = ", ".join(columns) or "none"
@@ -111,7 +104,7 @@ def load_cloud(path: Path) -> LoadedCloud:
                 raise InputError(f"cloud '{path}': field {name} must hold whole numbers from 0 to {limit}")
         with np.errstate(invalid="ignore", over="ignore"):  # what is too large for the type becomes infinite
             points[name] = values
-    return LoadedCloud(xyz[finite], PointCloud.from_structured(points, records.fused, records.pair_stamps_ns))
+    return LoadedCloud(xyz[finite], PointCloud.from_structured(points, fused, pair_stamps_ns))
 
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:
@@ -151,8 +144,8 @@ def _comments(cloud: PointCloud) -> list[str]:
     return comments
 
 
-def _with_comments(columns: dict[str, NDArray[Any]], comments: Iterable[str]) -> CloudRecords:
-    """Return the records of a file with what its comments say of the cloud."""
+def _said(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | None]:
+    """Return whether a cloud is fused and the stamps of its pairs, None for what the comments do not say."""
     said: dict[str, str] = {}
     for text in comments:
         sign, name, value = (*text.split(" ", 2), "", "")[:3]
@@ -161,17 +154,14 @@ def _with_comments(columns: dict[str, NDArray[Any]], comments: Iterable[str]) ->
     fused, stamps = said.get(FUSED), said.get(PAIR_STAMPS)
     if fused not in (None, "true", "false"):
         raise ValueError(f"its comment 'sfr {FUSED} {fused}' must end in true or false")
-    records = CloudRecords(columns, None if fused is None else fused == "true")
-    if stamps is None:
-        return records
-    words = stamps.split()
+    words = (stamps or "").split()
     whole = all(word.isascii() and word.isdecimal() and len(word) < 20 and int(word) < 2**63 for word in words)
     if len(words) > MAX_PAIR_STAMPS or not whole:
         raise ValueError(f"its comment 'sfr {PAIR_STAMPS}' must list whole nanoseconds")
-    return replace(records, pair_stamps_ns=tuple(map(int, words)))
+    return None if fused is None else fused == "true", None if stamps is None else tuple(map(int, words))
 
 
-def _columns(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) -> dict[str, NDArray[Any]]:
+def _columns(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) -> Columns:
     """Return the scalar fields of `count` records, as bytes or as text with one record a line."""
     names = dtype.names or ()
     if not is_text:
@@ -201,7 +191,7 @@ def _ply_bytes(cloud: PointCloud) -> bytes:
     return ("\n".join(head) + "\n").encode() + cloud.to_structured().tobytes()
 
 
-def _read_ply(data: bytes) -> CloudRecords:
+def _read_ply(data: bytes) -> tuple[Columns, list[str]]:
     """Return the fields of the vertices of a PLY file, which must be its first element."""
     end = data.find(b"end_header")
     if not data.startswith(b"ply") or end < 0:
@@ -224,7 +214,7 @@ def _read_ply(data: bytes) -> CloudRecords:
                 raise ValueError(f"its vertices have a property of type '{words[1]}', which is not read")
             fields.append((words[2], PLY_ORDERS[order] + PLY_TYPES[words[1]]))
     columns = _columns(data[body:], np.dtype(fields), parse_count(count), is_text=order == "ascii")
-    return _with_comments(columns, (line.removeprefix("comment ") for line in lines if line.startswith("comment ")))
+    return columns, [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]
 
 
 def _pcd_bytes(cloud: PointCloud) -> bytes:
@@ -246,7 +236,7 @@ def _pcd_bytes(cloud: PointCloud) -> bytes:
     return ("\n".join(head) + "\n").encode() + cloud.to_structured().tobytes()
 
 
-def _read_pcd(data: bytes) -> CloudRecords:
+def _read_pcd(data: bytes) -> tuple[Columns, list[str]]:
     """Return the fields of a PCD file.
 
     An organised one without u and v gives them by the order of its points: they are one image's, hence not fused.
@@ -278,11 +268,12 @@ def _read_pcd(data: bytes) -> CloudRecords:
         shape = () if int(count) == 1 else (int(count),)
         fields.append((f"{name}{i}" if name == "_" else name, f"<{kind.lower()}{size}", shape))  # `_` is padding
     columns = _columns(data[position:], np.dtype(fields), points, is_text=head["DATA"] == ["ascii"])
-    if height == 1 or "u" in columns or "v" in columns:
-        return _with_comments(columns, comments)
-    v, u = np.divmod(np.arange(points), max(width, 1))
-    records = _with_comments({**columns, "u": u, "v": v, "pair": columns.get("pair", np.zeros(points))}, comments)
-    return replace(records, fused=bool(records.fused))
+    if height > 1 and "u" not in columns and "v" not in columns:
+        v, u = np.divmod(np.arange(points), max(width, 1))
+        columns = {**columns, "u": u, "v": v, "pair": columns.get("pair", np.zeros(points))}
+        if not any(text.startswith(f"sfr {FUSED} ") for text in comments):
+            comments.append(f"sfr {FUSED} false")
+    return columns, comments
 
 
 def _npz_bytes(cloud: PointCloud) -> bytes:
@@ -296,7 +287,7 @@ def _npz_bytes(cloud: PointCloud) -> bytes:
     return buffer.getvalue()
 
 
-def _read_npz(data: bytes) -> CloudRecords:
+def _read_npz(data: bytes) -> tuple[Columns, list[str]]:
     members = parse_npz(data, (*FIELD_TYPES, FUSED, PAIR_STAMPS))
     columns = {name: values for name, values in members.items() if name in FIELD_TYPES and values.ndim == 1}
     lengths = {name: len(values) for name, values in columns.items()}
@@ -307,20 +298,18 @@ def _read_npz(data: bytes) -> CloudRecords:
         raise ValueError(f"its member '{FUSED}' is {fused.dtype} {fused.shape}: one truth value is needed")
     if stamps is not None and (stamps.ndim != 1 or stamps.dtype.kind not in "iu" or len(stamps) > MAX_PAIR_STAMPS):
         raise ValueError(f"its member '{PAIR_STAMPS}' is {stamps.dtype} {stamps.shape}: whole nanoseconds are needed")
-    said = None if stamps is None else tuple(stamps.tolist())
-    return CloudRecords(columns, None if fused is None else bool(fused), said)
+    comments = [] if fused is None else [f"sfr {FUSED} {str(bool(fused)).lower()}"]
+    if stamps is not None:
+        comments.append(f"sfr {PAIR_STAMPS} {' '.join(map(str, stamps.tolist()))}")
+    return columns, comments
 
 
-def _read_las(data: bytes) -> CloudRecords:
-    return _with_comments(*las.read_las(data))
-
-
-_FORMATS: dict[str, tuple[Callable[[bytes], CloudRecords], Callable[[PointCloud], bytes]]] = {
+_FORMATS: dict[str, tuple[Callable[[bytes], tuple[Columns, list[str]]], Callable[[PointCloud], bytes]]] = {
     ".ply": (_read_ply, _ply_bytes),
     ".pcd": (_read_pcd, _pcd_bytes),
     ".npz": (_read_npz, _npz_bytes),
-    ".las": (_read_las, lambda cloud: las.las_bytes(cloud, _comments(cloud), compressed=False)),
-    ".laz": (_read_las, lambda cloud: las.las_bytes(cloud, _comments(cloud), compressed=True)),
+    ".las": (las.read_las, lambda cloud: las.las_bytes(cloud, _comments(cloud), compressed=False)),
+    ".laz": (las.read_las, lambda cloud: las.las_bytes(cloud, _comments(cloud), compressed=True)),
 }
 """What reads and what writes a cloud, by the ending of the file."""
 SUFFIXES = tuple(_FORMATS)
