@@ -1,26 +1,26 @@
-"""Conversion of any source to bags and folders."""
+"""Conversion of any source to bags, folders and layouts of others, and back."""
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "io"))
 
-from made_worlds import World, assert_is_world, assert_same_trajectory, make_world, write_folder
+from made_worlds import World, assert_is_world, assert_same_pairs, assert_same_trajectory, make_world, write_folder
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.io.trajectory_file import load_trajectory
-from sfr_loc_map.pipeline.convert import ConvertOptions, convert, convert_trajectory
+from sfr_loc_map.pipeline.convert import ConvertOptions, Layout, convert, convert_trajectory
 
 EXACT = ConvertOptions()
 
@@ -41,14 +41,6 @@ def test_folder_to_bag_to_folder_gives_the_same_files(tmp_path: Path, world: Wor
     assert_is_world(open_source(tmp_path / "b"), world)
     assert hash_path(tmp_path / "a") == hash_path(tmp_path / "b")
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["a", "b", name])
-
-
-def test_messages_are_in_the_order_of_stamps(tmp_path: Path, world: World) -> None:
-    convert(open_source(write_folder(tmp_path / "a", world)), tmp_path / "x.mcap", EXACT)
-    names = ["ground_truth/odometry", "loc/right/image_rect", "nav/left/image_rect"]
-    found = [(stamp, name) for name, _, stamp, _ in Bag(tmp_path / "x.mcap").raw_messages(names)]
-    assert [stamp for stamp, _ in found] == sorted(stamp for stamp, _ in found)
-    assert len(found) == 4 + 4 + 2
 
 
 def test_nothing_is_left_when_the_source_breaks(tmp_path: Path, world: World) -> None:
@@ -82,25 +74,15 @@ def test_options_that_do_not_fit(tmp_path: Path, world: World) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 
-def test_stamp_that_no_message_can_hold(tmp_path: Path, world: World) -> None:
-    folder = write_folder(tmp_path / "a", world, nav=False)
-    text = (folder / "pairs.csv").read_text().splitlines()
-    text[-1] = str(2**31 * 10**9) + text[-1][19:]
-    (folder / "pairs.csv").write_text("\n".join(text))
-    with pytest.raises(OutputError, match="does not fit a ROS message"):
-        convert(open_source(folder), tmp_path / "x.mcap", EXACT)
-    assert not (tmp_path / "x.mcap").exists()
-
-
-def run(*words: str | Path) -> subprocess.CompletedProcess[str]:
+def convert_command(*words: str | Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", "import sys; from sfr_loc_map.cli.main import main; sys.exit(main())", "convert"]
-    return subprocess.run([*command, *map(str, words)], capture_output=True, text=True, check=False)
+    return subprocess.convert_command([*command, *map(str, words)], capture_output=True, text=True, check=False)
 
 
 @pytest.mark.slow
 def test_command_line(tmp_path: Path, world: World) -> None:
     folder = write_folder(tmp_path / "a", world)
-    made = run(
+    made = convert_command(
         folder, tmp_path / "x.mcap", "--compression", "zstd", "--jpeg-quality", "90", "--truth-grid", "0.0009765625"
     )
     assert (made.returncode, made.stdout) == (0, "")
@@ -110,11 +92,11 @@ def test_command_line(tmp_path: Path, world: World) -> None:
     truth = next(nav.pairs()).truth
     assert truth is not None
     assert not np.mod(truth[1:], 2.0**-10).any()
-    wrong = run(tmp_path / "nope", tmp_path / "y")
+    wrong = convert_command(tmp_path / "nope", tmp_path / "y")
     assert (wrong.returncode, wrong.stdout) == (2, "")
     assert wrong.stderr.startswith("sfr: there is no '")
     assert wrong.stderr.count("\n") == 1
-    wrong = run(tmp_path / "x.mcap", tmp_path / "y", "--remap", "a:=b")
+    wrong = convert_command(tmp_path / "x.mcap", tmp_path / "y", "--remap", "a:=b")
     assert wrong.returncode == 2
     assert "no topic 'a'" in wrong.stderr
 
@@ -122,28 +104,74 @@ def test_command_line(tmp_path: Path, world: World) -> None:
 @pytest.mark.slow
 def test_trajectories(tmp_path: Path, world: World) -> None:
     folder = write_folder(tmp_path / "a", world, nav=False)
-    assert run(folder, tmp_path / "t.tum").returncode == 0
+    assert convert_command(folder, tmp_path / "t.tum").returncode == 0
     assert_same_trajectory(load_trajectory(tmp_path / "t.tum"), world.truth)
     assert convert_trajectory(world.truth, tmp_path / "t.mcap") == 4
     assert_same_trajectory(read_trajectory(Bag(tmp_path / "t.mcap"), GROUND_TRUTH), world.truth)
-    assert run(tmp_path / "t.tum", tmp_path / "t").returncode == 0
+    assert convert_command(tmp_path / "t.tum", tmp_path / "t").returncode == 0
     assert_same_trajectory(load_trajectory(tmp_path / "t" / "groundtruth.csv"), world.truth)
-    no_truth = run(write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
+    no_truth = convert_command(write_folder(tmp_path / "n", world, loc=False), tmp_path / "n.txt")
     assert no_truth.returncode == 2
     assert "no true trajectory" in no_truth.stderr
 
 
-@pytest.mark.slow
-@pytest.mark.shared
-def test_development_data_comes_back_equal(shared_data: Path, tmp_path: Path) -> None:
-    for name, suffix in (("dev-nav", "mcap"), ("kitti-1", "db3")):
-        first = shared_data / name
-        convert(open_source(first), tmp_path / f"{name}.{suffix}", EXACT)
-        convert(open_source(tmp_path / f"{name}.{suffix}"), tmp_path / name, EXACT)
-        assert json.loads((tmp_path / name / "rig.json").read_text()) == json.loads((first / "rig.json").read_text())
-        for file in first.rglob("*.*"):
-            copy = tmp_path / name / file.relative_to(first)
-            if file.suffix == ".png":
-                assert np.array_equal(cv2.imread(str(copy), -1), cv2.imread(str(file), -1)), file
-            elif file.suffix in (".npy", ".csv"):
-                assert copy.read_bytes().replace(b"\r\n", b"\n") == file.read_bytes().replace(b"\r\n", b"\n"), file
+def exported(folder: Path, target: Path, layout: Layout) -> LocSequence:
+    convert(open_source(folder), target, ConvertOptions(layout=layout))
+    source = open_source(target)
+    assert (source.format, source.nav) == (layout.value, None)
+    assert source.loc is not None
+    return source.loc
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_euroc_keeps_images_stamps_rig_and_poses(tmp_path: Path, seed: int) -> None:
+    world = make_world(seed=seed)
+    loc = exported(write_folder(tmp_path / "a", world), tmp_path / "b", Layout.EUROC)
+    assert_same_pairs(loc.pairs(), world.pairs)
+    assert loc.rig.same_cameras(world.loc_rig)
+    assert loc.rig.T_rb_sb is not None
+    assert world.loc_rig.T_rb_sb is not None
+    np.testing.assert_allclose(loc.rig.T_rb_sb.matrix, world.loc_rig.T_rb_sb.matrix, atol=1e-14)
+    assert_same_trajectory(loc.ground_truth, world.truth)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_kitti_keeps_images_stamps_rig_and_the_motion_of_the_bench(tmp_path: Path, seed: int) -> None:
+    world = make_world(seed=seed)
+    loc = exported(write_folder(tmp_path / "a", world), tmp_path / "b", Layout.KITTI)
+    assert_same_pairs(loc.pairs(), world.pairs)
+    assert loc.rig.same_cameras(world.loc_rig)
+    truth, T_rb_sb = loc.ground_truth, world.loc_rig.T_rb_sb
+    assert truth is not None
+    assert T_rb_sb is not None
+    assert truth.stamps_ns.tolist() == world.truth.stamps_ns.tolist()
+    benches = [world.truth.pose(i) @ T_rb_sb for i in range(len(truth))]
+    for i, bench in enumerate(benches):  # DS of this layout is the bench at its first pose
+        np.testing.assert_allclose(truth.pose(i).matrix, (benches[0].inverse() @ bench).matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize("layout", list(Layout))
+def test_without_the_place_of_the_cameras_on_the_rover_the_truth_is_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, layout: Layout
+) -> None:
+    world = make_world()
+    world = replace(world, loc_rig=replace(world.loc_rig, T_rb_sb=None))
+    loc = exported(write_folder(tmp_path / "a", world), tmp_path / "b", layout)
+    assert loc.ground_truth is None
+    assert loc.rig.same_cameras(world.loc_rig)
+    (record,) = caplog.records
+    assert "T_rb_locsb" in record.getMessage()
+
+
+def test_what_the_layouts_cannot_hold(tmp_path: Path) -> None:
+    world = make_world()
+    nav = open_source(write_folder(tmp_path / "nav", world, loc=False))
+    whole = open_source(write_folder(tmp_path / "both", world))
+    for source, name, options, words in (
+        (nav, "k", ConvertOptions(layout=Layout.KITTI), "has no drive"),
+        (whole, "k.mcap", ConvertOptions(layout=Layout.EUROC), "the name of a bag"),
+        (whole, "k", ConvertOptions(layout=Layout.KITTI, jpeg_quality=90), "are for bags"),
+    ):
+        with pytest.raises(OutputError, match=words):
+            convert(source, tmp_path / name, options)
+        assert not (tmp_path / name).exists()

@@ -1,90 +1,136 @@
-"""What an external node told and what was seen of it from outside, as rows and figures named for what they are."""
+"""An external node: each answer counted once, each fault by its name; what its processes used; its poses converted."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
+import subprocess
+import sys
+import time
 
-import numpy as np
-from scipy.spatial.transform import Rotation
+import psutil
+import pytest
 
-from sfr_loc_map.geometry.pose_convention import PoseConvention
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.metrics.calls import NODE_CLOCK, ScoredCalls, score_calls, with_external
-from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.score import (
-    AnswerCounts,
-    ExternalScore,
-    MemoryScore,
-    MethodKind,
-    MethodRecord,
-    ProcessUsage,
-    TimingScore,
-)
-from sfr_loc_map.pipeline.call_stats import CallRecord, CallStats, load_call_stats, save_stats
-from sfr_loc_map.pipeline.replay import ExternalRun, ReplayResult
-from sfr_loc_map.pipeline.scoring import Correction
-
-USAGE = ProcessUsage(cpu_s=1.0, peak_rss_bytes=5_000, processes=2, method="as seen from outside")
-NODE = ExternalScore(task="localisation", topic="odom", frames="a -> b", answers=AnswerCounts(), latency_s=None)
-METHOD = MethodRecord(name="theirs", version=None, kind=MethodKind.EXTERNAL)
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.metrics.score import FindingKind
+from sfr_loc_map.pipeline.external_run import MAX_IN_A_ROW, Answer, AnswerBook, ProcessWatch, processes_named
 
 
-def poses() -> Trajectory:
-    return Trajectory(np.arange(4) * 100, np.arange(12.0).reshape(4, 3), Rotation.random(4, random_state=1).as_quat())
+class Clock:
+    """A clock that is set by hand."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
 
 
-def run_of(*settings: str) -> ExternalRun:
-    return ExternalRun(METHOD, NODE, (), Correction(PoseConvention.parse(settings)))
+def book_with(pairs: int, clock: Clock, frames: str = "") -> AnswerBook:
+    book = AnswerBook("loc", 1.0, frames, clock)
+    for stamp_ns in range(pairs):
+        book.published(stamp_ns, clock.now_s)
+    return book
 
 
-def test_each_pose_has_a_row_with_the_time_that_the_node_told_or_none(tmp_path: Path) -> None:
-    told = [
-        CallRecord(0, 0.25, "tracking", None, None, covariance=np.diag([1.0, 2, 3, 4, 5, 6])),
-        CallRecord(100, float("nan"), "tracking", None, None, covariance=9999.0 * np.eye(6)),
-        CallRecord(500, 0.5, "mapped", 7, 7),
-    ]
-    config = ScoreConfig()
-    published = ReplayResult(poses(), None, told, "", ())
-    converted = published.converted(run_of("metres_per_unit=0.1"), None, None, config)
-    found, records, run = converted.estimate, converted.records, converted.external
-    assert run is not None
-    np.testing.assert_allclose(found.positions, 0.1 * poses().positions)
-    assert run.as_published is not None
-    np.testing.assert_array_equal(run.as_published.positions, poses().positions)
-    assert run.convention is not None
-    assert run.convention.declared == ("metres_per_unit=0.1",)
-    assert [item.state for item in records] == ["tracking", "lost", "tracking", "tracking", "mapped"]
-    assert records[0].covariance is not None
-    np.testing.assert_allclose(np.diag(records[0].covariance), [0.01, 0.02, 0.03, 4, 5, 6])
-    assert records[2].covariance is None
-    save_stats(tmp_path / "stats.csv", records)
-    stats = load_call_stats(tmp_path / "stats.csv")
-    scored = score_calls(stats.calls)
-    assert scored.timing.localisation is not None
-    assert (scored.timing.localisation.count, scored.timing.localisation.mean) == (1, 0.25)
-    assert isinstance(stats, CallStats)
-    seen = with_external(scored, replace(NODE, process=USAGE))
-    assert seen.timing.localisation is not None
-    assert seen.timing.localisation.clock == NODE_CLOCK
-    assert seen.timing.mapping is not None
-    assert seen.timing.mapping.clock != NODE_CLOCK
-    assert seen.memory.localisation is not None
-    assert seen.memory.localisation.peak_bytes == 5_000
-    assert seen.memory.mapping is not None
-    assert seen.memory.mapping.peak_bytes == 7
-    assert str(seen.memory.method).startswith("localisation: as seen from outside; others: ")
+def test_each_kind_of_answer_is_counted_and_used_or_not() -> None:
+    clock = Clock()
+    book = book_with(4, clock)
+    clock.now_s += 0.25
+    assert book.received(Answer(0, "odom -> base"))
+    assert book.received(Answer(0, "odom -> base"))
+    assert book.received(Answer(77, "odom -> base"))  # of no pair: it counts by interpolation
+    assert not book.received(Answer(1, "odom -> imu"))
+    assert not book.received(Answer(1, "odom -> base", "a number is not finite"))
+    clock.now_s += 1.0
+    assert book.received(Answer(2, "odom -> base"))
+    counts = book.counts
+    assert (counts.pairs, counts.answered, counts.missing) == (4, 2, 2)
+    assert (counts.doubled, counts.other_stamp, counts.other_frame, counts.not_usable, counts.late) == (1, 1, 1, 1, 1)
+    assert book.latency_s is not None
+    assert (book.latency_s.count, book.latency_s.mean, book.latency_s.max) == (2, 0.75, 1.25)
+    assert {item.kind for item in book.findings} == {
+        FindingKind.DOUBLED,
+        FindingKind.WRONG_STAMP,
+        FindingKind.OTHER_FRAME,
+        FindingKind.NOT_FINITE,
+        FindingKind.LATE,
+        FindingKind.MISSING,
+    }
+    missing = book.findings[-1]
+    assert (missing.kind, missing.count, missing.first_stamp_ns) == (FindingKind.MISSING, 2, 1)
 
 
-def test_a_latency_is_never_a_time_per_call() -> None:
-    nothing = ScoredCalls(TimingScore(), MemoryScore(), None)
-    assert with_external(nothing, NODE) == nothing
-    seen = with_external(nothing, replace(NODE, task="mapping", process=USAGE))
-    assert list(seen.timing.kinds()) == []
-    assert seen.memory.mapping is not None
-    assert seen.memory.method == "mapping: as seen from outside"
+def test_an_answer_to_the_first_image_alone_is_one_to_the_pair() -> None:
+    clock = Clock()
+    book = book_with(0, clock)
+    assert book.received(Answer(5, "odom -> base"))
+    assert book.counts.other_stamp == 1
+    clock.now_s += 0.01
+    book.published(5, clock.now_s)
+    assert book.is_settled(5)
+    assert (book.counts.other_stamp, book.counts.answered, book.findings) == (0, 1, ())
+    assert book.latency_s is not None
+    assert book.latency_s.max == 0.0
 
 
-def test_nothing_published_is_nothing_converted() -> None:
-    nothing = ReplayResult(Trajectory.empty(), None, [], "", ())
-    assert nothing.converted(run_of("inverse=true"), None, None, ScoreConfig()) is nothing
+def test_a_pair_is_waited_for_until_its_time_is_over() -> None:
+    clock = Clock()
+    book = book_with(1, clock)
+    assert not book.is_settled(0)
+    clock.now_s += 1.1
+    assert book.is_settled(0)
+    assert AnswerBook("loc", 1.0, clock=clock).latency_s is None
+
+
+def test_a_node_that_does_not_answer_is_given_up_until_it_answers() -> None:
+    clock = Clock()
+    book = book_with(MAX_IN_A_ROW + 2, clock)
+    for stamp_ns in range(MAX_IN_A_ROW):
+        assert not book.is_settled(stamp_ns + 1)
+        book.waited(stamp_ns)
+    assert book.is_settled(MAX_IN_A_ROW)
+    assert book.findings[-1].kind is FindingKind.HANGING
+    assert book.received(Answer(3, ""))
+    assert not book.is_settled(MAX_IN_A_ROW)
+    assert book.findings[-1].kind is FindingKind.MISSING
+
+
+def test_a_node_that_ended_is_not_waited_for() -> None:
+    book = book_with(3, Clock())
+    book.node_ended("was killed by SIGSEGV")
+    book.node_ended("again")
+    assert book.is_settled(2)
+    assert book.ended == "was killed by SIGSEGV"
+    assert [item.kind for item in book.findings] == [FindingKind.CRASHED, FindingKind.MISSING]
+    assert book.findings[0].first_stamp_ns == 2
+
+
+SIZE = 60_000_000
+CHILD = f"import sys; data = bytearray({SIZE}); data[::4096] = bytes(len(data[::4096])); print('there', flush=True); "
+CHILD += "n = sum(range(3_000_000)); sys.stdin.read()"
+PARENT = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {CHILD!r}, 'a-mark-of-its-own'])"
+
+
+def test_a_child_is_counted_with_its_parent_and_a_name_finds_it() -> None:
+    with subprocess.Popen([sys.executable, "-c", PARENT], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        assert parent.stdin is not None
+        watch = ProcessWatch([parent.pid], period_s=0.01)
+        watch.start()
+        parent.stdout.readline()
+        (child,) = psutil.Process(parent.pid).children()
+        assert child.pid in processes_named("a-mark-of-its-own")
+        assert processes_named(str(parent.pid)) == [parent.pid]
+        time.sleep(0.1)
+        parent.stdin.close()
+        watch.stop()
+        watch.stop()
+    usage = watch.usage
+    assert usage is not None
+    assert usage.processes == 2
+    assert SIZE < usage.peak_rss_bytes < SIZE + 100_000_000
+    assert 0.01 < usage.cpu_s < 30.0
+
+
+def test_what_is_not_there_is_named() -> None:
+    with pytest.raises(ConfigError, match="there is no such process"):
+        processes_named("no process has this name, has it")

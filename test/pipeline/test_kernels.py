@@ -1,10 +1,8 @@
-import contextlib
 import itertools
 import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
 from types import FrameType
 from typing import cast
@@ -69,32 +67,6 @@ def test_kernels_are_loaded_without_what_only_the_compiler_needs() -> None:
     )
     run = subprocess.run([sys.executable, "-c", program], env=child_environment(), capture_output=True, text=True)
     assert (run.returncode, run.stdout, run.stderr) == (0, "\n", "")
-
-
-def test_threads_of_a_part_compile_nothing_here_either(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The half of a kernel's work that another thread does may begin only after the first half was refused."""
-    kernels = [njit(lambda x, k=k: x + k) for k in range(2)]
-    refused, ended = threading.Event(), threading.Event()
-
-    def other() -> None:
-        assert refused.wait(20.0)
-        with contextlib.suppress(Exception):
-            kernels[1](np.float64(1.0))
-        ended.set()
-
-    def part() -> None:
-        threading.Thread(target=other, daemon=True).start()
-        kernels[0](np.float64(1.0))
-
-    def beside(*_: object) -> None:
-        refused.set()
-        assert ended.wait(20.0)
-        assert [kernel.signatures for kernel in kernels] == [[], []]
-
-    monkeypatch.setitem(cast(dict[str, Callable[[], None]], PARTS), "tiny", part)
-    monkeypatch.setattr("sfr_loc_map.pipeline.kernels._compile_beside", beside)
-    load_kernels("tiny", lambda line: None)
-    assert len(kernels[0].signatures) == 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -1,7 +1,9 @@
-"""The phases of a localisation session: each transition from each phase, and what the estimates of a run inherit."""
+"""Where a localiser starts, over all events of a node; the pose kept for a restart."""
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import InputError, LocalisationError
+from sfr_loc_map.errors import InputError, LocalisationError, OutputError
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -153,20 +156,6 @@ def test_a_pair_before_rig_or_extrinsics_is_refused_and_changes_nothing(tmp_path
     assert session.set_rig(OTHER_RIG)
 
 
-def test_a_localiser_that_cannot_be_made_leaves_the_start_as_it_is(tmp_path: Path) -> None:
-    session = session_in(Phase.NEW, tmp_path)
-
-    def refuse(*_: object) -> FakeLocaliser:
-        raise InputError("no")
-
-    session._make_localiser = refuse  # type: ignore[assignment]
-    with pytest.raises(InputError, match="no"):
-        session.localiser_at(4 * S, EXTRINSICS)
-    assert session.phase is Phase.READY
-    session._make_localiser = FakeLocaliser  # type: ignore[assignment]
-    assert np.array_equal(session.localiser_at(5 * S, EXTRINSICS).pose.translation, KEPT.translation)  # type: ignore[attr-defined]
-
-
 def test_wheel_odometry_counts_from_the_last_pair_that_was_tracked(tmp_path: Path) -> None:
     session = session_in(Phase.RUNNING, tmp_path)
     assert session.tracked_ns == 3 * S
@@ -230,13 +219,6 @@ def test_a_kept_pose_of_another_rig_is_told_and_not_resumed_from(tmp_path: Path,
     assert "of another rig or calibration" in warnings[0]
 
 
-@pytest.mark.parametrize(("age_s", "start"), [(5, KEPT), (11, FIRST), (-1, FIRST)])
-def test_only_a_recent_kept_pose_of_the_same_run_is_resumed_from(tmp_path: Path, age_s: int, start: Transform) -> None:
-    session = session_in(Phase.NEW, tmp_path)
-    localiser = session.localiser_at((1 + age_s) * S, EXTRINSICS)
-    assert np.array_equal(localiser.pose.translation, start.translation)  # type: ignore[attr-defined]
-
-
 def test_a_kept_pose_that_cannot_be_read_or_written_is_a_warning(tmp_path: Path) -> None:
     path = tmp_path / "pose.json"
     path.write_text("{", encoding="utf-8")
@@ -248,3 +230,93 @@ def test_a_kept_pose_that_cannot_be_read_or_written_is_a_warning(tmp_path: Path)
     (tmp_path / ".pose.json.part").mkdir()
     session.accept(estimate(S, LAST))
     assert "cannot write" in warnings[1]
+
+
+KEPT_T = Transform(matrix_from_rotvec([0.1, -0.2, 0.3]), np.array([1.0, 2.0, 3.0]))
+RIG_ON_ROVER_2 = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.12, Transform.identity())
+STAMP = 1_000_000_000
+KEPT_POSE = StartPose(KEPT_T, np.diag([0.1, 0.2, 0.3, 0.01, 0.02, 0.03]), STAMP)
+
+
+def test_a_pose_comes_back_to_the_last_digit_and_nothing_else_is_left(tmp_path: Path) -> None:
+    file = PoseFile(tmp_path / "pose.json", 10.0)
+    assert file.load(STAMP + 1, RIG_ON_ROVER_2) is None
+    file.save(KEPT_POSE, RIG_ON_ROVER_2)
+    found = file.load(STAMP + 1, RIG_ON_ROVER_2)
+    assert found is not None
+    assert found.stamp_ns == STAMP
+    assert np.allclose(found.T_ds_rb.translation, KEPT_T.translation, rtol=0, atol=0)
+    assert np.allclose(found.T_ds_rb.rotation, KEPT_T.rotation, rtol=0, atol=1e-15)
+    assert np.array_equal(found.covariance, KEPT_POSE.covariance)
+    assert [path.name for path in tmp_path.iterdir()] == ["pose.json"]
+
+
+@pytest.mark.parametrize(
+    ("age_ns", "taken"), [(-1, False), (0, False), (1, True), (10_000_000_000, True), (10_000_000_001, False)]
+)
+def test_only_a_young_pose_of_the_same_run_is_resumed_from(tmp_path: Path, age_ns: int, taken: bool) -> None:
+    file = PoseFile(tmp_path / "pose.json", 10.0)
+    file.save(KEPT_POSE, RIG_ON_ROVER_2)
+    assert (file.load(STAMP + age_ns, RIG_ON_ROVER_2) is not None) == taken
+
+
+def broken() -> list[str]:
+    good: dict[str, object] = {
+        "schema": "sfr-resume/1",
+        "rig": RIG_ON_ROVER_2.fingerprint,
+        "stamp_ns": 1,
+        "translation_m": [0, 0, 0],
+        "quat_xyzw": [0, 0, 0, 1],
+        "covariance": np.eye(6).reshape(-1).tolist(),
+    }
+    changes: list[dict[str, object]] = [
+        {"stamp_ns": None},
+        {"stamp_ns": 1.5},
+        {"stamp_ns": True},
+        {"stamp_ns": -1},
+        {"stamp_ns": 2**63},
+        {"schema": "sfr-resume/2"},
+        {"translation_m": [0, 0]},
+        {"translation_m": ["0", 0, 0]},
+        {"translation_m": [float("nan"), 0, 0]},
+        {"translation_m": [1e300, 0, 0]},
+        {"translation_m": {"0": 0}},
+        {"quat_xyzw": [0, 0, 0, 0]},
+        {"quat_xyzw": [0, 0, 0, 7]},
+        {"covariance": [0.0] * 35},
+        {"covariance": [float("inf")] * 36},
+        {"covariance": (-np.eye(6)).reshape(-1).tolist()},
+        {"covariance": np.arange(36.0).tolist()},
+    ]
+    digits = json.dumps(good).replace('"stamp_ns": 1', f'"stamp_ns": {"9" * 400}')
+    version_0_1 = json.dumps({key: value for key, value in good.items() if key not in ("schema", "rig")})
+    wrong = [json.dumps(good | change) for change in changes]
+    return ["", "{", "[]", "7", "[" * 100_000, "\0" * 100, digits, version_0_1, json.dumps(good)[:-9], *wrong]
+
+
+@pytest.mark.parametrize("text", broken(), ids=range(len(broken())))
+def test_a_broken_file_is_reported(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "pose.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"cannot be read.*the file is replaced"):
+        PoseFile(path, 10.0).load(2, RIG_ON_ROVER_2)
+
+
+def test_damaged_poses_are_replaced_and_other_files_never(tmp_path: Path) -> None:
+    path = tmp_path / "pose.json"
+    PoseFile(path, 10.0).check()
+    PoseFile(path, 10.0).save(KEPT_POSE, RIG_ON_ROVER_2)
+    whole = path.read_bytes()
+    for ours in (whole, whole[:100], whole[:5], b"", bytes(4096), b'{"stamp_ns": 1, "translation_m": [0'):
+        path.write_bytes(ours)
+        PoseFile(path, 10.0).check()
+    for foreign in (b"{}", b'{"width": 512}', b"years of work", b"\x89PNG", b"x" * 200_000):
+        path.write_bytes(foreign)
+        with pytest.raises(OutputError, match=r"holds no kept pose|larger than"):
+            PoseFile(path, 10.0).check()
+        assert path.read_bytes() == foreign
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    for name, words in (("folder", "it is a folder"), ("pipe", "a named pipe"), ("none/x", "there is no folder")):
+        with pytest.raises(OutputError, match=words):
+            PoseFile(tmp_path / name, 10.0).check()

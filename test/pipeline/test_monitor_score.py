@@ -1,20 +1,37 @@
-"""The live score is that of the file, whatever the order of the messages; what the monitor keeps of the calls."""
+"""The live score is that of the file, whatever the order of the messages; what the monitor keeps and saves."""
 
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.errors import GeometryError, InputError, OutputError
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Details, Score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.pipeline.call_stats import CallRecord
-from sfr_loc_map.pipeline.monitor_score import MAX_STAGES, MAX_STATES, CallRing, MonitorScore
+from sfr_loc_map.pipeline.monitor_score import (
+    MAX_STAGES,
+    CallRing,
+    MapInputs,
+    MonitorScore,
+    PairSet,
+    PairSets,
+    ReportFile,
+)
 
 
 def record(number: int, state: str = "tracking", peak: int | None = None) -> CallRecord:
@@ -49,33 +66,6 @@ def test_stages_come_back_with_their_calls_and_have_an_end() -> None:
     for number in range(50):
         ring.add(CallRecord(number, 1.0, "tracking", None, None, {f"stage_{number}_s": 1.0}))
     assert len(ring.calls().stage_s) == MAX_STAGES
-
-
-def test_invented_states_have_an_end() -> None:
-    ring = CallRing(1000)
-    for number in range(500):
-        ring.add(record(number, f"word {number}"))
-    words = ring.calls().states
-    assert words[:3] == ["word 0", "word 1", "word 2"]
-    assert len(set(words)) == MAX_STATES
-
-
-def test_without_details_the_score_is_the_same_but_for_them() -> None:
-    score = MonitorScore(ScoreConfig(TrajectoryScoreConfig(conditions=("frames=5",), spacing=1)), None)
-    random = np.random.default_rng(4)
-    for number in range(200):
-        stamp_ns, place = 1_000_000_000 * number, (0.1 * number, 0.0, 0.0)
-        noisy = tuple(place + 0.01 * random.normal(size=3))
-        score.add_truth(stamp_ns, place, (0.0, 0.0, 0.0, 1.0))
-        score.add_estimate(stamp_ns, noisy, (0.0, 0.0, 0.0, 1.0), np.eye(6))
-        score.add_call(record(stamp_ns))
-    whole = score.result()
-    assert whole.details is not None
-    assert None not in (whole.details.trajectory, whole.details.calls)
-    assert score.result(details=False) == replace(whole, details=None)
-    assert whole.trajectory is not None
-    assert whole.trajectory.first.position_m.mean is not None
-    assert whole.trajectory.first.position_m.mean > 0.0
 
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=1", "frames=9"), spacing=3)
@@ -171,16 +161,128 @@ def test_of_poses_with_one_stamp_the_last_that_came_counts_as_in_a_file() -> Non
     assert live.association.counts.estimate_duplicates > COUNT
 
 
-def test_before_poses_have_their_truth_there_are_no_figures() -> None:
-    monitor = MonitorScore(ScoreConfig(CONFIG), None)
-    monitor.add_estimate(5, [0.0, 0, 0], [0.0, 0, 0, 1], None)
-    assert monitor.result().trajectory is None
-    monitor.add_truth(10**12, [0.0, 0, 0], [0.0, 0, 0, 1])
-    got = monitor.result().trajectory
-    assert got is not None
-    assert (got.first.count, got.matched, got.estimate_poses, got.first.position_m.mean) == (0, 0, 1, None)
-
-
 def test_poses_that_are_none_are_refused() -> None:
     with pytest.raises(GeometryError, match=r"pose 0 \(stamp 1\) is none"):
         MonitorScore(ScoreConfig(CONFIG), None).add_truth(1, [0.0, float("nan"), 0], [0.0, 0, 0, 1])
+
+
+RIG = StereoRig(4, 3, 10.0, 10.0, 1.5, 1.0, 0.1)
+CLOUD = PointCloud.from_structured(np.zeros(2, PointCloud.dtype()))
+POINTS = np.zeros((3, 4, 3), np.float32)
+
+
+def mapped(stamp_ns: int) -> CallRecord:
+    return CallRecord(stamp_ns, 0.1, "mapped", None, None)
+
+
+def fused(stamp_ns: int, pairs: int) -> CallRecord:
+    return CallRecord(stamp_ns, 0.1, "fused", None, None, {"pairs": float(pairs), "fused": float(pairs > 1)})
+
+
+def pose(x: float) -> Transform:
+    return Transform(np.eye(3), np.array([x, 0.0, 0.0]))
+
+
+def calls(inputs: MapInputs) -> None:
+    for record in (mapped(1), mapped(2), fused(2, 2)):
+        inputs.add_call(record)
+
+
+def set_rig(inputs: MapInputs) -> None:
+    inputs.rig = RIG
+
+
+PARTS: tuple[Callable[[MapInputs], object], ...] = (
+    calls,
+    set_rig,
+    lambda inputs: [inputs.add_true_points(stamp, POINTS) for stamp in (1, 2)],
+    lambda inputs: [inputs.add_pose(stamp, pose(stamp)) for stamp in (1, 2)],
+    lambda inputs: inputs.add_cloud(2, CLOUD),
+)
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(5)))[::7])
+def test_a_cloud_is_complete_with_the_last_part_in_any_order(order: tuple[int, ...]) -> None:
+    inputs = MapInputs()
+    for part in order[:-1]:
+        PARTS[part](inputs)
+        assert list(inputs.take_complete()) == []
+    PARTS[order[-1]](inputs)
+    ((cloud, truths),) = inputs.take_complete()
+    assert cloud.xyz is CLOUD.xyz
+    assert cloud.fused is True
+    assert len(truths) == 2
+    assert list(inputs.take_complete()) == []
+
+
+def test_pairs_of_a_map_that_was_given_up_are_not_taken_for_the_next_ones() -> None:
+    """The mapper was reset after pair 1: its next cloud is of pairs 2 and 3."""
+    sets = PairSets()
+    assert [sets.add(record) for record in (mapped(1), mapped(2), mapped(3))] == [None] * 3
+    assert sets.add(fused(3, 2)) == PairSet((2, 3), True)
+    assert sets.add(mapped(4)) is None
+    assert sets.add(fused(5, 2)) is None  # the call of one pair is missing: better no score than one of other pairs
+    for record in (mapped(6), mapped(7)):
+        sets.add(record)
+    foreign = CallRecord(7, 0.1, "fused", None, None)
+    assert sets.add(foreign) == PairSet((6, 7), True)
+
+
+def report(name: str) -> str:
+    return f'{{"schema": "sfr-score/1", "warnings": ["{name}"]}}'
+
+
+def test_the_report_of_a_run_before_is_kept_once(tmp_path: Path) -> None:
+    path = tmp_path / "score.json"
+    file = ReportFile(str(path))
+    file.keep_previous()
+    assert file.save(report("first")) == path
+    file.keep_previous()
+    assert not path.exists()
+    file.save(report("second"))
+    assert (path.read_text(), (tmp_path / "score.before.json").read_text()) == (report("second"), report("first"))
+    ReportFile(str(path)).keep_previous()
+    assert (tmp_path / "score.before.json").read_text() == report("second")
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_without_a_path_nothing_can_be_saved() -> None:
+    file = ReportFile("")
+    file.check()
+    file.keep_previous()
+    with pytest.raises(InputError, match="save_file is empty"):
+        file.save("text")
+
+
+def make_folder(path: Path) -> None:
+    path.mkdir()
+    (path / "thesis.tex").write_text("years of work")
+
+
+def listing(folder: Path) -> list[tuple[str, int, int]]:
+    return [(str(path), (info := path.lstat()).st_ino, info.st_mtime_ns) for path in sorted(folder.rglob("*"))]
+
+
+STRANGERS = {
+    "folder": (make_folder, "a folder that is not empty"),
+    "pipe": (os.mkfifo, "a named pipe"),
+    "link to a device": (lambda path: path.symlink_to("/dev/null"), "a device"),
+    "text": (lambda path: path.write_text("years of work"), "is not a report"),
+    "other json": (lambda path: path.write_text('{"schema": "mine"}'), "is not a report"),
+    "deep json": (lambda path: path.write_text("[" * 100_000), "is not a report"),
+    "image": (lambda path: path.write_bytes(b"\x89PNG\xff"), "is not a report"),
+}
+
+
+@pytest.mark.parametrize("name", ["score.json", "score.before.json"])
+@pytest.mark.parametrize("kind", STRANGERS)
+def test_what_is_no_report_is_refused_and_stays(tmp_path: Path, kind: str, name: str) -> None:
+    make, words = STRANGERS[kind]
+    make(tmp_path / name)
+    before = listing(tmp_path)
+    file = ReportFile(str(tmp_path / "score.json"))
+    words = words if name == "score.json" else r"score.before.json' (is|cannot be read).*only reports are replaced"
+    for action in (file.check, file.keep_previous):
+        with pytest.raises(OutputError, match=words):
+            action()
+    assert listing(tmp_path) == before

@@ -1,5 +1,7 @@
 """The command `sfr score` and what lies behind it, on small files with known answers."""
 
+from __future__ import annotations
+
 import json
 import sys
 from dataclasses import replace
@@ -9,19 +11,22 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.io.bag_messages import header, odometry
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.association import lost_by_covariance
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.score import FindingKind, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.pipeline.bag_estimates import DIAGNOSTICS
 from sfr_loc_map.pipeline.call_stats import CallRecord, load_call_stats, save_stats
-from sfr_loc_map.pipeline.scoring import Run, ScoreInputs, estimates_of, score_run
+from sfr_loc_map.pipeline.scoring import Run, ScoreInputs, estimates_of, load_estimates, score_run
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 60.0
 
@@ -62,14 +67,6 @@ def test_score_of_trajectory_files(
     assert trajectory["position_m"]["sigma"] == pytest.approx(0.0, abs=1e-12)
     assert set(score["provenance"]["inputs"]) == {"estimate", "truth"}
     assert "position error over 5 m" in capsys.readouterr().out
-
-
-def test_json_to_standard_output_is_json_alone(
-    files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, "score", *files, "--condition", "time=3", "--condition", "frames=7", "--json", "-") == 0
-    conditions = json.loads(capsys.readouterr().out)["trajectory"]["conditions"]
-    assert [item["condition"] for item in conditions] == [{"time_s": 3.0}, {"frames": 7}]
 
 
 @pytest.mark.parametrize(("limit", "code"), [(0.06, 0), (0.04, 1)])
@@ -157,24 +154,6 @@ def test_times_of_a_target_stand_under_its_name(
     assert [item["verdict"] for item in score["verdicts"]] == ["fail", "pass"]
     assert "Clock: GR740." in capsys.readouterr().out
     assert run(monkeypatch, "score", *files, "--target-timing", target) == 2
-
-
-def test_scores_are_compared_from_their_files(
-    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    other = tmp_path / "other.txt"
-    save_trajectory(other, straight(scale=0.98))
-    for number, estimate in enumerate((files[0], other)):
-        assert run(monkeypatch, "score", estimate, files[1], "--json", tmp_path / f"{number}.json") == 0
-    capsys.readouterr()
-    page = tmp_path / "c.html"
-    assert run(monkeypatch, "compare", tmp_path / "0.json", tmp_path / "1.json", "--html", page, "--json", "-") == 0
-    pair = json.loads(capsys.readouterr().out)["pairs"][0]
-    assert (pair["figure"], pair["verdict"]) == ("position_m", "worse")
-    assert pair["difference"] == pytest.approx(0.05, abs=1e-6)
-    assert "worse" in page.read_text(encoding="utf-8")
-    assert run(monkeypatch, "compare", tmp_path / "0.json") == 2
-    assert run(monkeypatch, "compare", tmp_path / "0.json", files[1]) == 2
 
 
 @pytest.mark.parametrize("name", ["estimate.mcap", "estimate.db3"])
@@ -273,19 +252,6 @@ def test_bad_input_is_one_line_and_leaves_nothing(
         assert not (tmp_path / "s.json").exists()
 
 
-def test_lost_is_told_by_the_whole_diagonal() -> None:
-    upper = np.triu_indices(6)
-    lost, half = np.eye(6) * 9999.0, np.diag([9999.0] * 3 + [1.0] * 3)
-    assert lost_by_covariance(np.array([lost[upper], half[upper]])).tolist() == [True, False]
-
-
-@pytest.mark.shared
-def test_truth_against_itself_is_perfect(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    score = scored(monkeypatch, tmp_path, shared_data / "dev-loc/groundtruth.csv", shared_data / "dev-loc")
-    assert score["trajectory"]["position_m"]["mean_plus_3sigma"] < 1e-12
-    assert score["trajectory"]["attitude_deg"]["mean_plus_3sigma"] < 1e-6
-
-
 def winding() -> Trajectory:
     yaw = 2.0 * np.sin(np.arange(300) / 30.0)
     positions = np.cumsum(np.column_stack((0.1 * np.cos(yaw), 0.1 * np.sin(yaw), 0 * yaw)), axis=0)
@@ -333,3 +299,55 @@ def test_the_statistics_name_the_method_and_what_it_did_wrong(tmp_path: Path) ->
         (FindingKind.CRASHED, 2, 1, "ended by signal 11"),
         (FindingKind.NOT_FINITE, 1, 4, "position"),
     ]
+
+
+STEP = np.random.default_rng(0).normal(size=27) / 3.0
+
+
+def status(name: str, **values: object) -> object:
+    """Return a status as nodes write them."""
+    types = TYPESTORE.types
+    pairs = [types["diagnostic_msgs/msg/KeyValue"](key, str(value)) for key, value in values.items()]
+    return types["diagnostic_msgs/msg/DiagnosticStatus"](0, name, "", "host", pairs)
+
+
+def call(node: str, stamp_ns: object, state: str, **more: object) -> object:
+    """Return the status of a call."""
+    return status(f"{node}: call", task="localisation", stamp_ns=stamp_ns, state=state, processing_time_s=0.1, **more)
+
+
+def recorded(path: Path, *statuses: object, namespace: str = "/rover") -> Path:
+    """Write a bag with three estimates and these statuses."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        poses = writer.add_connection(
+            f"{namespace}/localisation/odometry", "nav_msgs/msg/Odometry", typestore=TYPESTORE
+        )
+        told = writer.add_connection("/diagnostics", DIAGNOSTICS, typestore=TYPESTORE)
+        for stamp_ns in (1, 2, 3):
+            message = odometry(stamp_ns, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+            writer.write(poses, stamp_ns, TYPESTORE.serialize_cdr(message, "nav_msgs/msg/Odometry"))
+        for item in statuses:
+            array = TYPESTORE.types[DIAGNOSTICS](header(1, ""), [item])
+            writer.write(told, 3, TYPESTORE.serialize_cdr(array, DIAGNOSTICS))
+    return path
+
+
+def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:
+    text = " ".join(map(repr, STEP.tolist()))
+    bag = recorded(
+        tmp_path / "bag",
+        call("rover/localisation_node", 1, "tracking"),
+        call("rover/localisation_node", 3, "degraded", step=text),
+        call("other/localisation_node", 2, "degraded", step=text),
+        status("rover/localisation_node: summary", task="localisation"),
+        status("rover/mapping_node: call", task="mapping", stamp_ns=2, state="degraded", processing_time_s=1),
+    )
+    found = load_estimates(bag)
+    assert found.degraded.tolist() == [False, False, True]
+    assert found.steps is not None
+    np.testing.assert_array_equal(found.steps, [np.full(27, np.nan)] * 2 + [STEP])
+
+
+def test_a_call_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="'localisation_node: call' of '/diagnostics'"):
+        load_estimates(recorded(tmp_path / "bag", call("localisation_node", "later", "tracking"), namespace=""))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.config import build, load_yaml
-from sfr_loc_map.errors import MissingExtraError, OutputError
+from sfr_loc_map.errors import OutputError
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.pipeline.convert import perturb
 from sfr_loc_map.pipeline.simulate import SETTINGS, settings_text, simulate
@@ -149,25 +149,6 @@ def test_finished_or_unlike_folder(made: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="is not a simulation"):
         simulate(CONFIG, tmp_path)
     assert build(SimulationConfig, load_yaml(made / SETTINGS)) == CONFIG
-
-
-def test_bag_holds_the_same_images(made: Path, tmp_path: Path) -> None:
-    simulate(CONFIG, tmp_path / "run.mcap", workers=1)
-    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
-    bag, folder = open_source(tmp_path / "run.mcap", {}), open_source(made, {})
-    assert bag.loc is not None
-    assert folder.loc is not None
-    for a, b in zip(bag.loc.pairs(), folder.loc.pairs(), strict=True):
-        assert a.stamp_ns == b.stamp_ns
-        assert np.array_equal(a.left, b.left)
-        assert np.array_equal(a.right, b.right)
-
-
-def test_missing_ray_tracer_says_how_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(sys.modules, "embreex.rtcore_scene", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'sfr_loc_map\[sim\]'"):
-        simulate(CONFIG, tmp_path / "none")
-    assert not (tmp_path / "none").exists()
 
 
 def test_faults_over_a_source(made: Path, tmp_path: Path) -> None:

@@ -1,23 +1,26 @@
-"""Elevation models as files: every format holds the same grid, and opens in programs of others."""
+"""Files of maps are read back by independent readers: every format holds the same grid."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.io.cloud_file import LoadedCloud
+from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.pipeline import map_files
-from sfr_loc_map.pipeline.map_files import VOID, elevation_figure, shaded_heights, ticks
-from sfr_loc_map.report.dem_page import dem_page
+from sfr_loc_map.pipeline.map_files import (
+    COLOURED_TYPE,
+    VOID,
+    save_coloured_ply,
+    shaded_heights,
+)
 
 rasterio = pytest.importorskip("rasterio", reason="extra dem")
 
@@ -69,16 +72,6 @@ def test_geotiff_and_archive_hold_the_grid_itself(grid: TerrainGrid, tmp_path: P
     assert read["origin_m"].tolist() == pytest.approx([-1.0, 2.0])
 
 
-def test_figure_has_axes_scale_and_colour_bar(grid: TerrainGrid, tmp_path: Path) -> None:
-    map_files.save_dem(tmp_path / "a.png", grid)
-    image = cv2.imread(str(tmp_path / "a.png"))
-    assert image is not None
-    np.testing.assert_array_equal(image, elevation_figure(grid.elevation))
-    bar = image[60:-120, -110]  # below its ends, left of its ticks
-    assert bar[0].tolist() != bar[-1].tolist()
-    assert (image[-14:-10, 82:120] < 100).any()  # the scale
-
-
 def test_heights_are_dark_in_holes_and_brighter_uphill() -> None:
     height = np.repeat(np.linspace(0.0, 1.0, 40, dtype=np.float32)[None], 30, axis=0)
     height[10:20, 10:20] = np.nan
@@ -88,21 +81,6 @@ def test_heights_are_dark_in_holes_and_brighter_uphill() -> None:
     assert origin_m == pytest.approx((-1.0, 2.0), abs=0.11)
     assert (image[15, 15] == VOID).all()
     assert image[2, -3].sum() > image[2, 3].sum()
-
-
-@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-3.2, 41.0), (0.101, 0.113), (5.0, 5.000001)])
-def test_ticks_are_round_and_within(low: float, high: float) -> None:
-    found = ticks(low, high)
-    assert 2 <= len(found) <= 13
-    assert low - 1e-9 <= found[0] <= found[-1] <= high + 1e-9
-
-
-def test_page_shows_every_layer(grid: TerrainGrid) -> None:
-    page = dem_page(map_files.dem_bands(grid), grid.elevation.origin_m, grid.elevation.cell_m)
-    for name in NAMES:
-        assert f'id="dem-{name}"' in page
-    assert "in cells of 0.1 m" in page
-    assert "NO VERDICT" not in page
 
 
 def test_a_cloud_without_sigma_has_heights_without_sigma(cloud: PointCloud) -> None:
@@ -131,3 +109,18 @@ def test_values_of_the_option(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rasterio", None)
     with pytest.raises(MissingExtraError, match=r"GeoTIFF needs rasterio .*: pip install 'sfr_loc_map\[dem\]'"):
         map_files.dem_outputs(("x.tif",), cloud, terrain)
+
+
+def test_coloured_ply_has_the_points_and_colours(tmp_path: Path) -> None:
+    xyz = np.array([[0, 0, 0], [1, 0, 1], [2, 0, 2], [3, 1, 3]], np.float32)
+    ones = np.ones(4, np.float32)
+    pixel = np.zeros(4, np.uint16)
+    cloud = PointCloud(xyz, 0.1 * ones, 100 * ones, pixel, pixel, np.zeros(4, np.uint8))
+    path = tmp_path / "c.ply"
+    save_coloured_ply(path, cloud)
+    np.testing.assert_array_equal(load_cloud(path).xyz, xyz)
+    data = path.read_bytes()
+    assert b"property uchar red" in data
+    body = np.frombuffer(data[data.index(b"end_header\n") + 11 :], COLOURED_TYPE)
+    assert body["red"][3] > body["red"][1]  # the map of colours ends in yellow
+    assert body["blue"][3] < body["blue"][1]

@@ -1,0 +1,142 @@
+"""Where a drive starts, the film of its tracks, and what a user is told of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from made_scene import HEIGHT, LOC_RIG, WIDTH, loc_pair, write_folder
+
+from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.estimate import StateReason, TrackingState
+from sfr_loc_map.localisation.visualisation import STRIP
+from sfr_loc_map.pipeline.call_stats import CallRecord
+from sfr_loc_map.pipeline.offline import CAUSES, localise, start_pose, states_text, track_video, tracking_warning
+
+FIRST_NS = 1_000_000_000_000
+IMAGE = np.zeros((2, 2), np.uint8)
+
+
+@dataclass(frozen=True)
+class OnePair:
+    """A drive of a pair, whose truth goes 1 m in each second: its x is the time since the pair, seconds."""
+
+    seconds: tuple[float, ...] | None
+    rig: StereoRig = LOC_RIG
+
+    @property
+    def ground_truth(self) -> Trajectory | None:
+        if self.seconds is None:
+            return None
+        poses = (Transform(np.eye(3), np.array([s, 0.0, 0.0])) for s in self.seconds)
+        stamps = (FIRST_NS + round(s * NS_PER_S) for s in self.seconds)
+        return Trajectory.from_poses(zip(stamps, poses, strict=True))
+
+    def __len__(self) -> int:
+        return 1
+
+    def pairs(self) -> Iterator[StereoPair]:
+        yield StereoPair(FIRST_NS, IMAGE, IMAGE)
+
+
+@pytest.mark.parametrize(
+    ("truth_s", "offset_s", "expected_s"),
+    [
+        ((0.0, 0.5, 1.0), 0.0, 0.0),  # a pose of the truth at the pair
+        ((-2.0, 0.0, 1.0), 0.0, 0.0),  # the truth begins before it
+        ((-0.3, 0.1, 1.0), 0.0, 0.0),  # between two poses of the truth
+        ((-3.0, 3.0), 0.0, 3.0),  # too far apart: the next one
+        ((2.0, 3.0), 0.0, 2.0),  # the truth begins after it
+        ((-3.0, -2.0), 0.0, -2.0),  # it ends before it
+        ((0.0, 0.5, 1.0), 0.4, 0.5),  # the first one after a part that is left out
+    ],
+)
+def test_the_true_start_pose_is_that_of_its_stamp(
+    truth_s: tuple[float, ...], offset_s: float, expected_s: float
+) -> None:
+    start = start_pose(OnePair(truth_s), "truth", offset_s)
+    assert start.stamp_ns == FIRST_NS + round(expected_s * NS_PER_S)
+    np.testing.assert_allclose(start.T_ds_rb.translation, [expected_s, 0.0, 0.0], atol=1e-12)
+    assert not start.covariance.any()
+
+
+def test_the_identity_holds_at_the_first_pair_whatever_the_truth() -> None:
+    start = start_pose(OnePair(None), "identity")
+    assert start.stamp_ns is None
+    np.testing.assert_array_equal(start.T_ds_rb.matrix, np.eye(4))
+    with pytest.raises(InputError, match="needs ground truth"):
+        start_pose(OnePair(None), "truth")
+
+
+@pytest.mark.parametrize("ending", [".avi", ".mp4"])
+def test_a_film_has_one_image_for_each_pair_and_estimates_stay_the_same(tmp_path: Path, ending: str) -> None:
+    sequence = open_source(write_folder(tmp_path / "drive", 4, 0)).loc
+    assert sequence is not None
+    path, config, start = tmp_path / f"tracks{ending}", LocalisationConfig(), Transform.identity()
+    with track_video(path, sequence.rig) as watch:
+        watched = [estimate for estimate, _ in localise(sequence, config, start, watch)]
+    for a, (b, _) in zip(watched, localise(sequence, config, start), strict=True):
+        np.testing.assert_array_equal(a.T_ds_rb.matrix, b.T_ds_rb.matrix)
+    film = cv2.VideoCapture(str(path))
+    images = []
+    while (read := film.read())[0]:
+        images.append(read[1])
+    assert len(images) == 4
+    assert images[0].shape == (HEIGHT + STRIP, WIDTH, 3)
+    grey = images[0][4 : HEIGHT - 4, 4 : WIDTH - 4].mean(axis=2)
+    assert np.median(np.abs(grey - 0.75 * loc_pair(0).left[4:-4, 4:-4])) < 12
+
+
+def test_an_unknown_ending_is_refused_and_a_failure_leaves_nothing(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match=r"tracks\.gif.*\.avi or \.mp4"),
+        track_video(tmp_path / "tracks.gif", LOC_RIG),
+    ):
+        pass
+    with pytest.raises(RuntimeError, match="broken"), track_video(tmp_path / "tracks.avi", LOC_RIG):
+        raise RuntimeError("broken")
+    assert not list(tmp_path.iterdir())
+
+
+def calls(*states: tuple[TrackingState, StateReason | None, int]) -> list[CallRecord]:
+    return [
+        CallRecord(0, 0.1, state.value, None, None, reason=reason.value if reason is not None else "")
+        for state, reason, count in states
+        for _ in range(count)
+    ]
+
+
+GOOD = (TrackingState.TRACKING, None, 44)
+
+
+def test_many_lost_pairs_name_the_cause_and_the_next_command() -> None:
+    records = calls(
+        GOOD,
+        (TrackingState.LOST, StateReason.UNTEXTURED_IMAGES, 16),
+        (TrackingState.LOST, StateReason.NO_STEREO, 36),
+        (TrackingState.DEGRADED, StateReason.NO_STEREO, 4),
+    )
+    assert states_text(records) == "52 lost, 4 degraded"
+    text = tracking_warning(records, "data/")
+    assert text == (
+        "52 lost, 4 degraded of 100 pairs; 40 of them because left and right are not a stereo pair of the rig: equal, "
+        "swapped, or of different moments (no_stereo): look with sfr doctor data/"
+    )
+
+
+def test_few_lost_pairs_are_no_warning_and_every_reason_has_words() -> None:
+    assert states_text(calls(GOOD)) == "0 lost"
+    assert tracking_warning(calls(GOOD), "data/") is None
+    assert tracking_warning(calls((TrackingState.TRACKING, None, 40), (TrackingState.LOST, None, 2)), "d") is None
+    assert "the reason is not known" in str(tracking_warning(calls((TrackingState.LOST, None, 3)), "d"))
+    assert set(CAUSES) == set(StateReason)
