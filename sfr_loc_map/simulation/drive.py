@@ -253,12 +253,14 @@ def _states(config: DriveConfig, legs: list[_Leg], rng: np.random.Generator) -> 
     """Return x, y, heading, moving `(N, 4)` every `STEP_S`."""
     start = (config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg))
     rows = [(*start, 0.0)]
-    slip = _MarkovProcess(rng, 2.5)
+    # a slowly changing standard normal number (first-order Gauss-Markov process of 2.5 s)
+    slip, keep = float(rng.normal()), math.exp(-STEP_S / 2.5)
     for leg in legs:
         base = rows[-1][:3]
         done = 0.0
         while done < 1.0 - 1e-12:
-            done = min(done + STEP_S * _rate(config, leg, slip()), 1.0)
+            slip = keep * slip + math.sqrt(1 - keep**2) * float(rng.normal())
+            done = min(done + STEP_S * _rate(config, leg, slip), 1.0)
             state = _advance(*base, leg.length_m * done, leg.turn_rad * done)
             rows.append((*state, 0.0 if leg.wait_s else 1.0))
     if len(rows) == 1:
@@ -292,17 +294,6 @@ def _swayed(config: DriveConfig, rows: FloatArray, rng: np.random.Generator) -> 
     out[:, 1] += drift * np.cos(rows[:, 2])
     out[:, 2] += math.radians(config.sway_deg) * ((1 - share) * turn[i] + share * turn[i + 1])
     return out
-
-
-class _MarkovProcess:
-    """A slowly changing standard normal number (first-order Gauss-Markov process)."""
-
-    def __init__(self, rng: np.random.Generator, time_s: float) -> None:
-        self._rng, self._keep, self._value = rng, math.exp(-STEP_S / time_s), float(rng.normal())
-
-    def __call__(self) -> float:
-        self._value = self._keep * self._value + math.sqrt(1 - self._keep**2) * float(self._rng.normal())
-        return self._value
 
 
 def _orthonormal(matrix: FloatArray) -> FloatArray:

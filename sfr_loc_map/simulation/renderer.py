@@ -165,13 +165,7 @@ class Tracer:
 
 
 def trace_primary_rays(tracer: Tracer, origin: FloatArray, rays: FloatArray) -> Hits:
-    """Return the hits of rays; the points are exact on the plane of the triangle that was hit.
-
-    Args:
-        tracer: The scene.
-        origin: `(3,)` metres, DS, where all rays start.
-        rays: `(N, 3)` unit, DS.
-    """
+    """Return the hits of rays; the points are exact on the plane of the triangle that was hit."""
     count = len(rays)
     starts = np.empty((count, 3), np.float32)
     starts[:] = origin

@@ -1,4 +1,7 @@
-"""Rocks: size distribution, shapes and positions; pebbles, which are too many and too small to be triangles."""
+"""Rocks: size distribution, shapes and positions; pebbles, which are too many and too small to be triangles.
+
+Lengths are metres, positions are in DS.
+"""
 
 from __future__ import annotations
 
@@ -52,15 +55,7 @@ def rocks_per_area(diameter_m: FloatArray, cover: float) -> FloatArray:
 
 
 def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArray, half_width_m: float) -> Rocks:
-    """Scatter rocks around a path, large ones as far as they can be seen.
-
-    Args:
-        seed: Seed of the data set.
-        config: Numbers and sizes.
-        terrain: The ground.
-        path: `(P, 2)` metres, DS.
-        half_width_m: Half of the width that the rover needs free of large rocks.
-    """
+    """Scatter rocks around a path, large ones as far as they can be seen."""
     rng = np.random.default_rng([seed, 2])
     parts = [np.zeros((0, 3))]
     low = config.smallest_m
@@ -281,16 +276,7 @@ def pebble_cache() -> PebbleCache:
 
 @jit
 def pebbles(x: float, y: float, footprint: float, fill: float, field: PebbleField, cache: PebbleCache) -> PebbleCover:
-    """Return the effect of pebbles at a position; larger pebbles lie on top of smaller ones.
-
-    Args:
-        x: Metres, DS.
-        y: Metres, DS.
-        footprint: Size of a pixel on the ground, metres.
-        fill: Share of filled cells there, 0 to 1.
-        field: Common to all pebbles.
-        cache: For one field; it saves time only.
-    """
+    """Return the effect of pebbles at a position; larger pebbles lie on top of smaller ones."""
     seen = PebbleCover(0.0, 0.0, 0.0, 0.0, 0.0)
     if fill < 0.01:
         return seen

@@ -19,14 +19,7 @@ class Sensor:
     """Imaging chain of a stereo rig: the same (seed, frame, camera) gives the same bytes."""
 
     def __init__(self, seed: int, task: Task, config: SensorConfig, rig: StereoRig) -> None:
-        """Prepare everything that does not change between frames.
-
-        Args:
-            seed: Seed of the data set.
-            task: Whose cameras they are.
-            config: Settings.
-            rig: The rectified cameras.
-        """
+        """Prepare everything that does not change between frames."""
         self._seed, self._task, self._config, self._rig = seed, TASK_SEEDS[task], config, rig
         size = (rig.height, rig.width)
         self._fall_off = _fall_off(rig, config.vignetting)

@@ -1,6 +1,7 @@
 """Appearance of what rays hit: texture of the ground, pebbles, rocks, and its light.
 
-Loops over positions have no branches and no calls that are not inlined where they shall become vector code.
+Lengths are metres, positions are in DS, a footprint is the size of a pixel on the ground, arrays are `(N,)`. Loops over
+positions have no branches and no calls that are not inlined where they shall become vector code.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig
+from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.noise import hash2, mix, unit, value2, value3
 from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
 from sfr_loc_map.simulation.rocks import PebbleCache, PebbleField, ShadowDirection, pebble_cache, pebbles
@@ -52,12 +53,7 @@ class GroundTexture(NamedTuple):
 
 @jit_inline
 def fade_of(length: float, footprint: float) -> float:
-    """Return how much of a wave a pixel shows: none under 1.4 footprints, all over 3.4.
-
-    Args:
-        length: Wavelength, metres.
-        footprint: Size of a pixel on the ground, metres.
-    """
+    """Return how much of a wave a pixel shows: none under 1.4 footprints, all over 3.4."""
     return min(max((length / footprint - 1.4) * 0.5, 0.0), 1.0)
 
 
@@ -71,14 +67,6 @@ def ground_texture(
     are the gradient of the tone rotated by a right angle: if they followed the tone, each bright spot would have a side
     that faces the left camera, and as dusty ground looks brighter at grazing views, the two cameras would see the
     texture shifted against each other by some 0.02 px.
-
-    Args:
-        count: Number of hits in use.
-        hits: Where the ground was hit.
-        bump: Strength of the fine relief.
-        shares: Shares of materials.
-        seed: Seed of the ground.
-        out: Texture of the hits.
     """
     x, y, ranges, footprints = hits.x, hits.y, hits.range, hits.footprint
     tone, sx, sy, grain = out.tone, out.slope_x, out.slope_y, out.grain
@@ -112,12 +100,6 @@ def ground_texture(
 @jit
 def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float, float, float]:
     """Return the darkness of cracks between plates of bare rock and the tilt of the plate: a warped Voronoi pattern.
-
-    Args:
-        x: Metres, DS.
-        y: Metres, DS.
-        footprint: Size of a pixel on the ground, metres.
-        seed: Seed of the ground.
 
     Returns:
         Darkness 0 to 1, slopes by x and y.
@@ -179,43 +161,15 @@ class ShadingParameters(NamedTuple):
     seed: np.uint32  #: Seed of the ground.
 
 
-def surface_parameters(ground: GroundConfig, rocks: RockConfig) -> Surface:
-    """Return the appearance of a configuration."""
-    return Surface(
-        float(ground.albedo),
-        float(ground.contrast),
-        float(ground.bump),
-        float(ground.pebbles),
-        float(ground.lunar),
-        float(rocks.albedo),
-    )
-
-
-def shading_parameters(
-    surface: Surface, config: LightConfig, sun: FloatArray, target: float, terrain: Terrain
-) -> ShadingParameters:
-    """Return the parameters of the shading.
-
-    Args:
-        surface: Appearance of ground and rocks.
-        config: Settings of the light.
-        sun: `(3,)` unit vector towards the sun, DS.
-        target: Brightness of level mean ground in the image, as a share of the full range.
-        terrain: The ground.
-    """
-    level = reflect(sun[2], 0.5, surface.lunar) * sun[2] + config.sky
-    x, y, z = (float(value) for value in sun)
-    light = Light(
-        x,
-        y,
-        z,
-        ShadowDirection.of(sun),
-        float(config.sky),
-        float(config.sky_grey),
-        float(config.haze_m),
-        float(1.0 / (surface.albedo * level)),
-        float(target),
-    )
+def shading_parameters(config: SimulationConfig, sun: FloatArray, terrain: Terrain) -> ShadingParameters:
+    """Return the parameters of the shading, for a unit vector `(3,)` towards the sun."""
+    ground, sky = config.ground, config.light
+    of_ground = (ground.albedo, ground.contrast, ground.bump, ground.pebbles, ground.lunar, config.rocks.albedo)
+    surface = Surface(*map(float, of_ground))
+    gain = 1.0 / (surface.albedo * (reflect(sun[2], 0.5, surface.lunar) * sun[2] + sky.sky))
+    x, y, z = map(float, sun)
+    of_sky = (sky.sky, sky.sky_grey, sky.haze_m, gain, config.sensor.target_grey)
+    light = Light(x, y, z, ShadowDirection.of(sun), *map(float, of_sky))
     return ShadingParameters(surface, light, terrain.parameters.shares, terrain.parameters.seed)
 
 
@@ -247,16 +201,7 @@ def shade(
     parameters: ShadingParameters,
     out: NDArray[np.float32],
 ) -> None:
-    """Write the brightness of ray hits, as a share of the full range.
-
-    Args:
-        hits: What the rays hit.
-        rays: `(N, 3)` unit, DS.
-        lit: `(N,)` visible share of the sun's disc.
-        pixel_rad: Angle of one pixel.
-        parameters: Appearance and light.
-        out: `(N,)`.
-    """
+    """Write the brightness of ray hits, as a share of the full range."""
     ground = GroundHits(np.empty(RUN, np.int64), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN))
     texture = GroundTexture(
         np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN)

@@ -28,7 +28,7 @@ from sfr_loc_map.simulation.renderer import (
 )
 from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh
 from sfr_loc_map.simulation.sensor import TASK_SEEDS, Sensor
-from sfr_loc_map.simulation.shading import shade, shading_parameters, surface_parameters
+from sfr_loc_map.simulation.shading import shade, shading_parameters
 from sfr_loc_map.simulation.terrain import Mesh, ground_mesh
 
 
@@ -60,8 +60,7 @@ class World:
         elevation, azimuth = math.radians(config.light.sun_elevation_deg), math.radians(config.light.sun_azimuth_deg)
         level = math.cos(elevation)
         self._sun = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
-        surface = surface_parameters(config.ground, config.rocks)
-        self._shading = shading_parameters(surface, config.light, self._sun, config.sensor.target_grey, plan.terrain)
+        self._shading = shading_parameters(config, self._sun, plan.terrain)
         self._rover = Tracer(rover_mesh()) if config.light.rover_shadow else None
         self._sensors = {task: Sensor(config.seed, task, config.sensor, plan.rig(task)) for task in Task}
 

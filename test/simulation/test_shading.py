@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.simulation.config import GroundConfig, LightConfig, RockConfig, TerrainConfig
+from sfr_loc_map.simulation.config import GroundConfig, LightConfig, SimulationConfig, TerrainConfig
 from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
 from sfr_loc_map.simulation.shading import (
     RUN,
@@ -22,7 +22,6 @@ from sfr_loc_map.simulation.shading import (
     reflect,
     shade,
     shading_parameters,
-    surface_parameters,
 )
 from sfr_loc_map.simulation.terrain import MaterialShares, Terrain
 
@@ -32,7 +31,7 @@ SUN = np.array([0.6, 0.0, 0.8])
 def parameters(light: LightConfig | None = None, **ground: float) -> ShadingParameters:
     config = GroundConfig(gravel=0.5, bedrock=0.2, **ground)
     terrain = Terrain.make(7, TerrainConfig(), config)
-    return shading_parameters(surface_parameters(config, RockConfig()), light or LightConfig(), SUN, 0.48, terrain)
+    return shading_parameters(SimulationConfig(ground=config, light=light or LightConfig()), SUN, terrain)
 
 
 def brightness(points: np.ndarray, objects: np.ndarray, camera: np.ndarray, **ground: float) -> np.ndarray:
