@@ -10,6 +10,9 @@ the motion between them is known. That is made of steps:
 - a common error of all disparities, alike in all steps: it scales each by `depth / (fx baseline)`, and adds up with
   its sign;
 - what no image showed: it is in the step to a pose that was kept or may be late, and in the step from it.
+
+Positions are `(3,)`, metres, in the world, depths the median ones of the landmarks. A covariance `(6, 6)` is of
+position and rotation about fixed axes, of the left camera in the world if not said otherwise.
 """
 
 from __future__ import annotations
@@ -98,13 +101,9 @@ class CovarianceModel:
     def start(
         self, position: FloatArray, covariance: FloatArray, in_window: FloatArray, depth_m: float
     ) -> CovarianceMark:
-        """Begin a window; return what the covariance of its first pose is made of.
+        """Begin a window at a pose with a covariance; return what that of its first pose is made of.
 
-        Args:
-            position: `(3,)` of its first pose, metres, world.
-            covariance: `(6, 6)` of that pose.
-            in_window: `(6, 6)` of it given by the window itself.
-            depth_m: Median depth of the landmarks: the first image has the error of any whole image.
+        The first image has the error of any whole image.
         """
         self._start = Start(position, covariance + common_covariance(depth_m, self._focal_px))
         self._reference = None
@@ -140,14 +139,9 @@ class CovarianceModel:
     def follow(
         self, position: FloatArray, step: FloatArray, in_window: FloatArray, depth_m: float, right_offset_u: float
     ) -> CovarianceMark:
-        """Extend the path to a pose of the window; return what its covariance is made of.
+        """Extend the path to a pose; return what its covariance is made of, which is `in_window` by the window alone.
 
-        Args:
-            position: `(3,)` metres, world.
-            step: `(3,)` to it.
-            in_window: `(6, 6)` of the pose given by the window.
-            depth_m: Median depth of the landmarks.
-            right_offset_u: Offset along the rows that the step was corrected by, pixels.
+        The step to it was corrected by some offset of the right image, pixels.
         """
         per_bias = step * depth_m / (self._focal_px * self._baseline_m)
         self._bias = self._bias + per_bias
@@ -173,13 +167,7 @@ class CovarianceModel:
         return np.asarray(drift * INFLATION + propagated_covariance(start.covariance, position - start.position))
 
     def of_left(self, position: FloatArray, depth_m: float, calibration: OnlineCalibration) -> FloatArray:
-        """Return the covariance `(6, 6)` of the left camera in the world.
-
-        Args:
-            position: `(3,)` metres, world.
-            depth_m: Median depth of the landmarks.
-            calibration: What is known of the right camera.
-        """
+        """Return the covariance `(6, 6)` of the left camera in the world."""
         covariance = self.of_start_and_drift(position)
         if self._doubt.any():
             doubted = self._doubted
@@ -213,13 +201,7 @@ class StepModel:
         self._variance_factor: float | None = None
 
     def unseen(self, stamp_ns: int, T_world_left: Transform, covariance: FloatArray) -> StepEstimate:
-        """Return the step to a pose that stays because nothing is seen.
-
-        Args:
-            stamp_ns: Its stamp.
-            T_world_left: Left camera.
-            covariance: `(6, 6)` of all motion since the pose was known, in RB.
-        """
+        """Return the step to a pose that stays; the covariance is of all motion since it was known, in RB."""
         seconds = 0.0 if self._before is None else (stamp_ns - self._before[0]) / NS_PER_S
         self._before, before = (stamp_ns, T_world_left), self._unseen
         self._unseen = covariance
@@ -239,15 +221,8 @@ class StepModel:
     ) -> StepEstimate:
         """Return the step to a pose that was tracked.
 
-        Args:
-            stamp_ns: Its stamp.
-            T_world_left: Left camera.
-            result: How it was tracked.
-            chi_median: Of the result.
-            drift: Of the newest keyframe; None in the first of a window.
-            calibration: What is known of the right camera.
-            unseen: `(6, 6)` of what the pair may not show of the motion to it, in RB.
-            doubt: Metres and radians by which it may be another motion; None without a doubt.
+        What the pair may not show of the motion has the covariance `unseen`, in RB. The drift of the newest keyframe is
+        None in the first of a window; a doubt is metres and radians by which it may be another motion.
         """
         depth_m = result.landmarks.median_depth
         before_ns, before = (stamp_ns, T_world_left) if self._before is None else self._before
@@ -299,12 +274,10 @@ def common_covariance(depth_m: float, focal_px: float) -> FloatArray:
 
 
 def covariance_of_point(covariance: FloatArray, rotation: FloatArray, lever: FloatArray) -> FloatArray:
-    """Return the covariance `(6, 6)` of the pose of another point of a rigid body, in other axes.
+    """Return the covariance of the pose of another point of a rigid body, in other axes.
 
-    Args:
-        covariance: `(6, 6)` of a pose of the body, position and rotation about fixed axes.
-        rotation: `(3, 3)` from these axes to the others.
-        lever: `(3,)` from the point to the other, metres, in the other axes.
+    The rotation takes components in the old axes to those in the others, in which the lever goes from the point to the
+    one whose covariance is given.
     """
     jacobian = np.zeros((6, 6))
     jacobian[:3, :3] = jacobian[3:, 3:] = rotation

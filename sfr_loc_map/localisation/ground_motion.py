@@ -93,13 +93,7 @@ class GroundMotionFinder:
         self._usual_share, self._has_moved, self._in_doubt = 0.0, False, False
 
     def find(self, frame: StereoFrame, first: TrackingResult, guesses: Guesses) -> GroundMotion:
-        """Return the ground's motion in a pair, and what follows another one.
-
-        Args:
-            frame: The pair.
-            first: Tracking result that may follow any motion, trusted or not.
-            guesses: Initial guesses of the pose.
-        """
+        """Return the ground's motion in a pair; the first result may follow any motion, trusted or not."""
         if self.regions.mask is not None:
             self.regions.update(frame.image, frame.left[0].image)
         self._usual_share *= FORGET

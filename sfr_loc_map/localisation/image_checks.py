@@ -88,12 +88,10 @@ class StaleImageFilter:
         self.rows: Mask = np.zeros(0, np.bool_)
 
     def fresh(self, pair: StereoPair, *, may_repeat: bool) -> tuple[StereoPair | None, StateReason | None]:
-        """Return a pair with stale parts blanked, and the reason to doubt it, if there is one.
+        """Return a pair with stale parts blanked, and the reason to doubt it; the next one is compared with it.
 
-        Args:
-            pair: Unless it repeats the pair before, it is what the next one is compared with.
-            may_repeat: Whether None is returned where both images are those of the pair before, but for new noise; if
-                need be swapped.
+        None, and nothing else happens, if it may repeat the pair before and both images are those, but for new noise; if
+        need be swapped.
         """
         before, last = self._before, self._last
         if before is None or last is None:
@@ -210,11 +208,7 @@ class TearWatch:
         self.stale, self._pairs = stale, 0
 
     def judge(self, unexplained: Unexplained) -> Exposure:
-        """Tell whether a tracked pair is whole; it is where there was no tear lately.
-
-        Args:
-            unexplained: Landmarks that its pose does not explain.
-        """
+        """Tell whether a pair is whole, by what its pose does not explain; it is where there was no tear lately."""
         if self.stale is None:
             return Exposure.WHOLE
         v, agree = _rows_in_view(unexplained)
@@ -228,11 +222,7 @@ class TearWatch:
         return Exposure.TORN if witnessed else Exposure.UNPROVEN
 
     def is_torn(self, by_each: Iterable[Unexplained]) -> bool:
-        """Tell whether a pair with two motions is torn, at any row; called for all pairs with two motions.
-
-        Args:
-            by_each: What each of the motions does not explain of all landmarks.
-        """
+        """Tell whether a pair with two motions is torn, at any row, by what each does not explain; called for each."""
         self._tears = self._tears + 1 if all(map(has_tear, by_each)) else 0
         return 0 < self._tears <= MAX_TEARS
 

@@ -78,9 +78,7 @@ class PoseTrack:
     def guesses(self, stamp_ns: int, T_rb_motion: Transform | None) -> list[Pose]:
         """Return initial guesses: constant velocity, standstill, missed pairs, wheel odometry.
 
-        Args:
-            stamp_ns: Stamp of the pair whose pose is wanted.
-            T_rb_motion: Motion of RB since the last pair by another source, `T_before_now`; None without one.
+        The last is a motion of RB since the last pair, `T_before_now`, by another source.
         """
         last, step = self.T_world_left, self._T_before_last
         guesses = [last @ step, last]

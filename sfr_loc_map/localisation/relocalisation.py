@@ -35,8 +35,7 @@ class KnownImage(NamedTuple):
     def places(self, among: Landmarks | None = None) -> tuple[FloatArray, FloatArray]:
         """Return pixels `(M, 2)` and points `(M, 3)` of the landmarks that were observed and are not at infinity.
 
-        Args:
-            among: Those of the same window that count; None for all.
+        If others of the same window are given, those among them.
         """
         points = self.landmarks.points
         usable = np.isfinite(self.uv).all(axis=1) & np.isfinite(points).all(axis=1)
@@ -147,16 +146,8 @@ def pnp_from_descriptors(
 ) -> Pose | None:
     """Find the pose of a left image taken far from an earlier one, as after lost images.
 
-    Upright SIFT descriptors (Lowe 2004) of one size, mutual best matches, then a perspective pose by random samples.
-
-    Args:
-        before: `(H, W)` uint8, the earlier image.
-        uv: `(N, 2)` pixels of it.
-        points: `(N, 3)` metres, world, observed there.
-        image: `(H, W)` uint8.
-        corners: `(M, 2)` pixels of the image where points may be.
-        camera: Camera of the rig.
-        min_inliers: Minimum number of points that agree; None is returned where fewer do.
+    Upright SIFT descriptors (Lowe 2004) of one size at corners `(M, 2)`, mutual best matches, then a perspective pose
+    by random samples; the points `(N, 3)`, world, were observed at pixels `(N, 2)` of the earlier image.
     """
     if min(len(uv), len(corners)) < min_inliers:
         return None

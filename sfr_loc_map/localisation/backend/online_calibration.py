@@ -111,12 +111,7 @@ class OnlineCalibration:
         return now
 
     def learn_vertical(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> None:
-        """Update pitch and roll from the stereo matches of a keyframe.
-
-        Args:
-            right_uv: `(N, 2)` pixels of the right image.
-            vertical_disparity: `(N,)` row in the right image minus row in the left image, pixels.
-        """
+        """Update pitch and roll from right pixels `(N, 2)` and how much lower than the left ones they are, `(N,)`."""
         if len(vertical_disparity) < MIN_MATCHES:
             return
         x, y = self._camera.normalised(right_uv).T
@@ -136,15 +131,7 @@ class OnlineCalibration:
         self.offset = self.offset._replace(v=v, roll=roll)
 
     def learn_yaw(self, remaining_u: float, variance: float) -> float:
-        """Update the offset along the rows from an adjusted window.
-
-        Args:
-            remaining_u: Offset of right positions beyond the correction `offset.u`, pixels.
-            variance: Its variance, px^2; infinite where it is unobservable.
-
-        Returns:
-            Change of `offset.u`, pixels.
-        """
+        """Update the offset along the rows from what an adjusted window shows beyond it, px, px^2; return its change."""
         self._variance_u += DRIFT_PX**2
         gain = self._variance_u / (self._variance_u + variance * self._shared)
         before = self.constant_u

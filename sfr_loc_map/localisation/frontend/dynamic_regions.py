@@ -137,14 +137,7 @@ class DynamicRegions:
         self._image: GreyImage | None = None
 
     def add(self, image: GreyImage, uv: FloatArray, fixed: Mask, patches: Patch) -> None:
-        """Add points that were found not to move with the ground in the last image.
-
-        Args:
-            image: `(H, W)` uint8, the last left image.
-            uv: `(N, 2)` where they are, pixels.
-            fixed: `(N,)` whether they are fixed to the camera.
-            patches: `(N, S * S)` what is seen there, if fixed.
-        """
+        """Add pixels `(N, 2)` of an image that do not move with the ground, and the patches seen there, if fixed."""
         self._image = image
         before, life = self._marks, np.where(fixed, FIXED_LIFE, MOVING_LIFE)
         marks = Marks(
@@ -156,12 +149,7 @@ class DynamicRegions:
         self._take(marks.kept(np.arange(len(marks.uv)) < MAX_MARKS))
 
     def update(self, image: GreyImage, smooth: FloatImage) -> None:
-        """Carry the regions on to the next left image.
-
-        Args:
-            image: `(H, W)` uint8.
-            smooth: `(H, W)` float32, level 0 of its pyramid.
-        """
+        """Carry the regions on to the next left image, which is also given smoothed, float32."""
         before, self._image, marks = self._image, image, self._marks
         uv, life = marks.uv.copy(), marks.life - 1
         fixed, moving = np.flatnonzero(marks.fixed), np.flatnonzero(~marks.fixed)
