@@ -90,8 +90,8 @@ class StaleImageFilter:
     def fresh(self, pair: StereoPair, *, may_repeat: bool) -> tuple[StereoPair | None, StateReason | None]:
         """Return a pair with stale parts blanked, and the reason to doubt it; the next one is compared with it.
 
-        None, and nothing else happens, if it may repeat the pair before and both images are those, but for new noise; if
-        need be swapped.
+        None, and nothing else happens, if it may repeat the pair before and both images are those but for new noise,
+        also if swapped.
         """
         before, last = self._before, self._last
         if before is None or last is None:

@@ -76,22 +76,6 @@ def test_images_of_a_megapixel_have_more_landmarks_which_tell_their_slopes(
     assert own is own_slopes
 
 
-def test_a_keyframe_tracks_all_landmarks_where_only_some_are_followed() -> None:
-    by, frame = begun(), frame_of(pair_of_drive(2))
-    every = tracked(by, 2)
-    some = every.landmarks.subset(np.arange(len(every.inliers)) % 2 == 0)
-    followed = TRACKER.refine(frame, some, every.pose, by.calibration.offset)
-    complete = by.complete(frame, followed)
-    assert len(complete.inliers) == len(by.landmarks.index)
-    np.testing.assert_allclose(complete.pose.position, every.pose.position, atol=1e-4)
-    assert by.complete(frame, every) is every
-    kept = by.complete(BLACK_FRAME, followed)  # what was tracked is not sought again
-    assert kept.inlier_count == followed.inlier_count
-    seldom = np.where(np.arange(len(some.index))[:, None] % 8, np.nan, followed.observations)
-    doubtful = replace(followed, observations=seldom)
-    assert by.complete(BLACK_FRAME, doubtful) is doubtful  # too few of all landmarks are found
-
-
 def test_a_keyframe_adds_landmarks_and_drops_outliers() -> None:
     by = begun()
     result = tracked(by, 12)

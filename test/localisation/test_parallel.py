@@ -1,4 +1,3 @@
-import os
 import threading
 
 import numpy as np
@@ -17,22 +16,6 @@ def test_both_sides_are_done_by_two_threads() -> None:
     left, right = both(side, (1,), (2,))
     assert (left[0], right[0]) == (1, 2)
     assert left[1] != right[1]
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not tell the cores of a thread")
-@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="there is one core")
-def test_the_other_side_runs_on_another_core_where_there_is_one() -> None:
-    cores = sorted(os.sched_getaffinity(0))
-    try:
-        for core in cores[:2]:
-            os.sched_setaffinity(0, {core})
-            both(abs, (1,), (1,))
-            os.sched_setaffinity(0, cores)
-            assert core not in both(lambda: os.sched_getaffinity(0), (), ())[1]
-            os.sched_setaffinity(0, {core})
-            assert both(abs, (-1,), (-2,)) == (1, 2)
-    finally:
-        os.sched_setaffinity(0, cores)
 
 
 @pytest.mark.parametrize("count", [0, 1, FEWEST - 1, FEWEST, FEWEST + 1])

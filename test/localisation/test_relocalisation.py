@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from loc_drive import BLACK, camera_motion, frame_of, pair_of_drive
+from loc_drive import BLACK, frame_of, pair_of_drive
 from made_scene import HEIGHT, LOC_RIG, WIDTH, true_pose, wall_points
 
 from sfr_loc_map.geometry.stereo import StereoPair
@@ -73,17 +73,6 @@ def test_no_pose_where_too_few_points_are_usable_or_nothing_is_seen() -> None:
     assert pnp_from_descriptors(*few, image, corners_of(image), CAMERA, ENOUGH) is None
     assert pnp_from_optical_flow(*known(), GREY, CAMERA, ENOUGH) is None
     assert pnp_from_descriptors(*known(), GREY, np.zeros((0, 2)), CAMERA, ENOUGH) is None
-
-
-@pytest.mark.parametrize("index", [2, 6, 20])
-def test_lost_tracking_is_recovered_near_and_far(started: tuple[Relocaliser, KeyframeBackend], index: int) -> None:
-    relocaliser, backend = started
-    result = relocaliser.relocalise(frame(index), backend.landmarks, STRAIGHT)
-    assert result is not None
-    assert result.trusted
-    np.testing.assert_allclose(result.pose.position, camera_motion(index).translation, atol=0.005)
-    nothing = relocaliser.relocalise(BLACK_FRAME, backend.landmarks, STRAIGHT)
-    assert nothing is None or not nothing.trusted
 
 
 def test_good_images_alone_are_counted_before_it_gives_up(started: tuple[Relocaliser, KeyframeBackend]) -> None:

@@ -75,15 +75,6 @@ def test_rover_that_stops_does_not_shake(config: Maker) -> None:
     assert np.allclose(drive.pose(0.5).matrix, drive.pose(2.2).matrix, atol=1e-12)
 
 
-def test_exposures_at_the_start_and_the_end_are_centred_on_their_stamps(config: Maker) -> None:
-    """The mean place over an exposure around a stamp is the place at the stamp, also of the first and the last pair."""
-    drive = Plan.make(config(**FLAT, **STEADY, drive__segments=("straight 1",))).drive
-    for stamp_s in (0.0, drive.duration_s):
-        around = [drive.pose(stamp_s + delay).translation for delay in (-0.01, 0.01)]
-        assert np.linalg.norm(around[1] - around[0]) > 1e-3
-        assert np.allclose(np.mean(around, axis=0), drive.pose(stamp_s).translation, atol=1e-9)
-
-
 @pytest.mark.clause("3.2.5", "3.2.6")
 def test_pan_to_the_left_turns_the_view_to_the_left(config: Maker) -> None:
     plan = Plan.make(

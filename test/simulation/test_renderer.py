@@ -68,17 +68,6 @@ def test_intersection_is_exact_on_the_plane_of_the_triangle() -> None:
     assert (hits.objects == GROUND).all()
 
 
-def test_pixel_rays_are_unit_and_project_back_to_their_pixels() -> None:
-    rotation = matrix_from_rotvec([0.3, -0.8, 0.5])
-    camera = Camera.of(RIG, Transform(rotation, np.zeros(3)))
-    u, v = np.random.default_rng(1).uniform(0, 48, (2, 100))
-    rays = pixel_rays(camera, u, v)
-    assert np.allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-15)
-    local = rays @ rotation
-    assert np.allclose(RIG.fx * local[:, 0] / local[:, 2] + RIG.cx, u, atol=1e-10)
-    assert np.allclose(RIG.fy * local[:, 1] / local[:, 2] + RIG.cy, v, atol=1e-10)
-
-
 def test_right_camera_is_one_baseline_along_x_of_the_left_one() -> None:
     T_ds_sb = Transform(matrix_from_rotvec([0.1, 0.2, 0.9]), np.array([1.0, 2.0, 3.0]))
     left, right = (camera_pose(T_ds_sb, RIG, side) for side in (False, True))

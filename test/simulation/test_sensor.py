@@ -27,13 +27,6 @@ def test_same_frame_and_camera_same_bytes_others_differ() -> None:
     assert not np.array_equal(first, sensor(**noisy).image(HALF, 4, 1))
 
 
-def test_exposure_steps_are_common_to_both_cameras() -> None:
-    stepped = sensor(gain_step=0.2)
-    means = np.array([[stepped.image(HALF, f, c).mean() for c in (0, 1)] for f in range(12)])
-    assert np.array_equal(means[:, 0], means[:, 1])
-    assert np.log(means[:, 0]).std() == pytest.approx(0.2, rel=0.6)
-
-
 def test_rectification_undoes_the_distortion() -> None:
     bent = sensor(distortion=[-0.2, 0.05, 0.001, -0.001])
     v, u = (q.ravel().astype(float) for q in np.mgrid[:120, :160])
@@ -57,15 +50,6 @@ def test_variance_of_photon_noise_is_proportional_to_the_signal() -> None:
         quantisation = (well / 255.0) ** 2 / 12.0
         assert electrons.var() - quantisation == pytest.approx(level * well, rel=0.06)
         assert electrons.mean() == pytest.approx(level * well, rel=0.005)
-
-
-def test_noise_is_white_and_independent_between_cameras_and_frames() -> None:
-    camera = sensor(read_noise_grey=8.0)
-    first, other, later = (camera.image(HALF, f, c).astype(float) - 127.5 for f, c in ((0, 0), (0, 1), (1, 0)))
-    variance = first.var()
-    for product in (first * other, first * later, first[:, 1:] * first[:, :-1], first[1:] * first[:-1]):
-        assert abs(product.mean()) < 0.03 * variance
-    assert (np.abs(first) > 3 * first.std()).mean() == pytest.approx(0.0027, abs=0.002)
 
 
 def test_point_spread_conserves_light_and_has_its_width() -> None:

@@ -15,10 +15,7 @@ from sfr_loc_map.simulation.shading import (
     ShadingParameters,
     Vector,
     _brightness,
-    _bumped,
-    fade_of,
     ground_texture,
-    plates,
     reflect,
     shade,
     shading_parameters,
@@ -110,13 +107,6 @@ def test_haze_takes_the_contrast_exponentially() -> None:
     assert one == pytest.approx(far + (near - far) * np.exp(-1.0), rel=1e-5)
 
 
-def test_bump_along_the_normal_changes_nothing() -> None:
-    normal = np.array([0.0, 0.6, 0.8])
-    assert _bumped(normal, Vector(*(2.0 * normal))) == pytest.approx(normal, abs=1e-12)
-    tangent = np.array([0.1, 0.08, -0.06])
-    assert _bumped(normal, Vector(*tangent)) == pytest.approx(normal - tangent, abs=1e-12)
-
-
 SHARES, SEED = MaterialShares(0.5, 0.2), np.uint32(4)
 RNG = np.random.default_rng(6)
 X, Y = RNG.uniform(-20, 20, (2, 400))
@@ -145,18 +135,3 @@ def test_slopes_are_a_gradient_rotated_by_a_right_angle() -> None:
     divergence = east.slope_x - west.slope_x + north.slope_y - south.slope_y
     curl = east.slope_y - west.slope_y - north.slope_x + south.slope_x
     assert divergence.std() < 0.1 * curl.std()
-
-
-def test_waves_fade_between_one_and_a_half_and_three_and_a_half_footprints() -> None:
-    assert [fade_of(length, 1.0) for length in (1.0, 1.4, 2.4, 3.4, 9.0)] == pytest.approx([0.0, 0.0, 0.5, 1.0, 1.0])
-    assert texture(X, Y, 0.4).tone.std() < texture(X, Y, 0.002).tone.std()
-
-
-def test_plates_are_tilted_constantly_and_dark_at_their_cracks() -> None:
-    found = np.array([plates(x, y, 0.002, SEED) for x, y in zip(X, Y, strict=True)])
-    assert found[:, 0].min() >= 0.0
-    assert found[:, 0].max() <= 1.0
-    assert 0.005 < (found[:, 0] > 0.5).mean() < 0.3
-    assert np.abs(found[:, 1:]).max() <= 0.08
-    moved = np.array([plates(x + 1e-4, y, 0.002, SEED) for x, y in zip(X, Y, strict=True)])
-    assert (moved[:, 1] == found[:, 1]).mean() > 0.98

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.simulation.config import GroundConfig, RockConfig, TerrainConfig
-from sfr_loc_map.simulation.rocks import place_rocks, rock_mesh, rocks_per_area
+from sfr_loc_map.simulation.rocks import place_rocks, rocks_per_area
 from sfr_loc_map.simulation.terrain import CELLS, FINEST_M, Terrain, ground_mesh
 
 
@@ -27,19 +27,6 @@ def test_large_rocks_are_kept_off_the_path(terrain: Terrain) -> None:
     large = rocks.diameters > 0.12
     assert large.sum() > 100
     assert (rocks.distances[large] - 0.5 * rocks.diameters[large]).min() > 0.7
-
-
-@pytest.mark.slow
-def test_rocks_are_solids_that_reach_into_the_ground(terrain: Terrain) -> None:
-    config = RockConfig(smallest_m=0.2)
-    rocks = place_rocks(2, config, terrain, np.array([[0.0, 0.0]]), 0.7)
-    mesh = rock_mesh(2, config, rocks)
-    edges = np.sort(mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()  # closed
-    for number in range(0, len(rocks.diameters), 17):
-        z = mesh.vertices[mesh.triangles[mesh.objects == number].ravel(), 2]
-        assert z.min() < rocks.centres[number, 2] < z.max()
-        assert np.ptp(z) < 1.3 * rocks.diameters[number]
 
 
 @pytest.mark.slow
@@ -98,11 +85,3 @@ def test_large_crater_is_a_bowl_with_a_rim_around_its_centre() -> None:
         z = heights(crater, x0 + r * radius * np.cos(angle), y0 + r * radius * np.sin(angle))
         assert np.allclose(z, height * radius, atol=0.012 * radius)
         assert np.ptp(z) < 1e-9
-
-
-def test_waves_too_short_for_the_spacing_are_left_out() -> None:
-    x, y = np.random.default_rng(2).uniform(-200, 200, (2, 5000))
-    rough, smooth = flat(relief_m=0.1, relief_length_m=7.0), heights(flat(relief_m=0.1), x, y, spacing=3.6)
-    assert np.all(smooth == 0.0)
-    fine, coarse = heights(rough, x, y), heights(rough, x, y, spacing=1.0)
-    assert 0.0 < np.std(fine - coarse) < np.std(coarse)

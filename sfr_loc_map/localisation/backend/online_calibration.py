@@ -131,7 +131,7 @@ class OnlineCalibration:
         self.offset = self.offset._replace(v=v, roll=roll)
 
     def learn_yaw(self, remaining_u: float, variance: float) -> float:
-        """Update the offset along the rows from what an adjusted window shows beyond it, px, px^2; return its change."""
+        """Update the offset along the rows by what an adjusted window shows beyond it, px, px^2; return its change."""
         self._variance_u += DRIFT_PX**2
         gain = self._variance_u / (self._variance_u + variance * self._shared)
         before = self.constant_u

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -102,24 +100,6 @@ def test_an_adjusted_window_is_near_the_truth_within_its_covariance_and_its_firs
     assert drift is not None
     assert drift.metres == pytest.approx(float(np.linalg.norm(SIGHT)), abs=0.01)
     assert np.sqrt(np.trace(drift.covariance[:3, :3])) < np.sqrt(np.trace(window.covariance[:3, :3]))
-
-
-def test_the_oldest_keyframe_leaves_with_its_landmarks_and_the_covariance_goes_on() -> None:
-    sigmas = []
-    for keyframes in range(2, 6):
-        window = filled(2, keyframes=keyframes)
-        window.adjust(2)
-        sigmas.append(np.sqrt(np.trace(window.covariance[:3, :3])))
-    assert all(later > earlier for earlier, later in pairwise(sigmas))
-    window = filled(2)
-    assert window.count == 2
-    np.testing.assert_array_equal(window.problem.host, np.repeat([0, 1], PER_KEYFRAME))
-    assert window.problem.observations.shape == (2 * PER_KEYFRAME, 2, 4)
-    landmarks = window.landmarks()
-    expected = np.repeat([2.0, 3.0], PER_KEYFRAME)  # patches stay with their landmarks
-    np.testing.assert_array_equal(landmarks.patches[0].values[:, 0, 1], expected)
-    positions = window.problem.keyframes.positions
-    np.testing.assert_array_equal(landmarks.planes.hosts.positions, positions.repeat(PER_KEYFRAME, axis=0))
 
 
 def test_shifted_right_observations_are_seen_as_an_offset() -> None:

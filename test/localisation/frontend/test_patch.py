@@ -117,13 +117,6 @@ def test_patches_hold_values_and_central_differences() -> None:
             np.testing.assert_allclose(values.reshape(SIDE, SIDE), whole[rows, columns], atol=1e-3)
 
 
-def test_normalisation_takes_the_mean_and_returns_the_power() -> None:
-    values = RANDOM.normal(50, 20, 121).astype(np.float32)
-    expected = values - values.mean()
-    assert normalised(values) == pytest.approx(float((expected.astype(float) ** 2).sum()), rel=1e-5)
-    np.testing.assert_allclose(values, expected, atol=1e-4)
-
-
 def test_templates_have_no_mean_and_no_derivative_by_contrast() -> None:
     patches = cut_patches(IMAGE, PLACES, HALF)
     values, moments = templates_of(patches.copy())

@@ -8,7 +8,6 @@ from loc_drive import camera_motion, frame_of, pair_of_drive
 from made_scene import LOC_RIG
 
 from sfr_loc_map.geometry.camera import Pose
-from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend import tracking
@@ -50,14 +49,6 @@ def test_coarse_and_fine_pose_from_standstill(landmarks: Landmarks, index: int) 
     assert 1e-5 < sigma[:3].min() < sigma[:3].max() < 0.01
     assert fine.inliers.mean() > 0.8
     assert fine.right_share > 0.9
-
-
-def test_the_guess_that_fits_the_image_best_is_taken(landmarks: Landmarks) -> None:
-    wrong, truth = Pose(matrix_from_rotvec([0.0, 0.5, 0.0]), np.array([0.5, 0.0, 0.3])), true_start(8)
-    alone = TRACKER.align(frame(8).left, landmarks.few, [truth])
-    for guesses in ([wrong, truth], [truth, wrong]):
-        found = TRACKER.align(frame(8).left, landmarks.few, guesses)
-        np.testing.assert_array_equal(found.position, alone.position)
 
 
 def test_the_offset_of_the_right_camera_is_subtracted(landmarks: Landmarks) -> None:
