@@ -111,7 +111,7 @@ def test_hostile_names_stay_texts() -> None:
     async def test() -> None:
         hub = Hub()
         fill(hub, 3)
-        score = whole_score(100, 48, 2, 2)
+        score = whole_score(100, 48, 2)
         hostile = replace(score, warnings=(HOSTILE,), verdicts=(replace(score.verdicts[0], metric=HOSTILE),))
         hub.put(Report(to_json(hostile), time.time()))
         values = {HOSTILE: HOSTILE, "lifecycle": HOSTILE, "dropped_" + HOSTILE: HOSTILE}

@@ -115,7 +115,7 @@ def test_page_state_and_health_are_served_and_nothing_else() -> None:
         while not (content := json.loads((await found.get("state.json"))[1]))["live"]["poses"]:
             await asyncio.sleep(0.02)
         content.pop("live")
-        assert content == json_of(whole_score(100, 48, 2, 2))
+        assert content == json_of(whole_score(100, 48, 2))
         for path in (
             "../server.py",
             "%2e%2e/server.py",

@@ -27,7 +27,7 @@ def run() -> LiveState:
 
 
 def test_state_is_the_report_with_additions_and_the_strings_of_its_tables(run: LiveState) -> None:
-    score, content = whole_score(100, 48, 2, 2), run.to_plain(run.path.rows[-1].received_s)
+    score, content = whole_score(100, 48, 2), run.to_plain(run.path.rows[-1].received_s)
     live = content.pop("live")
     assert content == json_of(score)
     assert from_dict(content).verdicts

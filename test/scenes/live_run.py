@@ -157,7 +157,7 @@ def fill(hub: Hub, frames: int = 60) -> None:
         for update in frame(number, now_s):
             hub.put(update)
         hub.put(call(number, now_s))
-    hub.put(Report(to_json(whole_score(100, 48, 2, 2)), now_s))
+    hub.put(Report(to_json(whole_score(100, 48, 2)), now_s))
     hub.put(GraphView(frozenset(NODES), now_s, {"localisation/odometry": 0}))
     for topic in ("loc/left", "loc/right"):
         hub.put(image(topic, STEP_NS, now_s))
