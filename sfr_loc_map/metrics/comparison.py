@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.limits import value_at
 from sfr_loc_map.metrics.score import Interval, Key, MethodRecord, Score, SubTrajectoryRows
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import (
@@ -122,21 +123,13 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     pairs = [replace(pair, p_corrected=p) for pair, p in zip(pairs, corrected, strict=True)]
     side_by_side = []
     for name, place in SIDE_BY_SIDE.items():
-        values = tuple(_value_at(score, place) for score in scores)
+        values = tuple(value_at(score, place) for score in scores)
         if sum(value is not None for value in values) > 1:
             side_by_side.append(SideBySide(figure=name, values=values))
     if not pairs and not side_by_side:
         raise MetricsError("the scores have no condition and no figure in common: score the same data alike")
     methods = tuple(score.method for score in scores)
     return Comparison(names=tuple(names), methods=methods, pairs=tuple(pairs), side_by_side=tuple(side_by_side))
-
-
-def _value_at(score: Score, place: str) -> Any:  # noqa: ANN401 - a number or None
-    """Return the figure at a place, None where a part of it is absent."""
-    found: object = score
-    for name in place.split("."):
-        found = getattr(found, name, None)
-    return found
 
 
 def _paired(first: Score, other: Score, name: str) -> list[PairedDifference]:

@@ -255,11 +255,17 @@ def figure_of(limit: Limit, score: Score) -> Figure:
     owner: object = getattr(score.target if of_target else score, part, None)
     if isinstance(owner, TrajectoryScore) and limit.condition is not None:
         owner = owner.of(limit.condition)
-    count = getattr(owner, "count", None)
     *way, last = _PLACES[part][limit.key].split(".")
-    for name in way:
-        owner = getattr(owner, name, None)
-    return Figure(getattr(owner, last, None), getattr(owner, "count", count), getattr(owner, f"{last}_ci95", None))
+    statistic = value_at(owner, ".".join(way)) if way else owner
+    count = getattr(statistic, "count", getattr(owner, "count", None))
+    return Figure(getattr(statistic, last, None), count, getattr(statistic, f"{last}_ci95", None))
+
+
+def value_at(record: object, place: str) -> Any:  # noqa: ANN401 - of whatever type it has there
+    """Return what stands at a place of a record such as `map.coverage`, None where a part of it is absent."""
+    for name in place.split("."):
+        record = getattr(record, name, None)
+    return record
 
 
 # ---- what could not be judged, and why

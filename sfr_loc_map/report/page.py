@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path, PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
@@ -26,6 +26,9 @@ from sfr_loc_map.report.plots import Plot
 from sfr_loc_map.report.score_tables import limit_name, limit_unit, score_tables
 from sfr_loc_map.report.tables import METRE, OPEN, PERCENT, SHARE, UNKNOWN, VERDICTS, Table, fitting, number, to_html
 from sfr_loc_map.report.trajectory_figures import error_sizes, parts_of, trajectory_figures
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 TITLE = "Localisation and mapping report"
 FIRST_TABLES = ("verdicts", "headline", "counts", "groups")
@@ -120,7 +123,7 @@ def render_overview(
 
 def render_tables(title: str, tables: Sequence[Table]) -> str:
     """Return a page of tables, without figures, script or network, as HTML."""
-    return _from_template("tables.html.j2", tables, title=title)
+    return _from_template("tables.html.j2", title=title, tables=_html(tables))
 
 
 def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str:  # noqa: ANN401 - of the template
@@ -133,23 +136,34 @@ def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str
     specs = json.dumps([asdict(plot) for plot in plots], allow_nan=False, separators=(",", ":"))
     for sign in "<>&\u2028\u2029":  # JSON that cannot end the script element it stands in
         specs = specs.replace(sign, f"\\u{ord(sign):04x}")
-    return _from_template("page.html.j2", tables, specs=specs, sections=sections, plotly=plotly, **values)
+    return _from_template(
+        "page.html.j2",
+        first=_html(table for table in tables if table.name in FIRST_TABLES),
+        tables=_html(table for table in tables if table.name not in FIRST_TABLES),
+        sections=sections,
+        plotly=plotly,
+        specs=_marked_up(specs),
+        **values,
+    )
 
 
-def _from_template(name: str, tables: Sequence[Table], specs: str = "", **values: Any) -> str:  # noqa: ANN401
+def _from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
     from jinja2 import Environment, PackageLoader  # what only asks for the verdict starts without it
-    from markupsafe import Markup
 
     loader = PackageLoader("sfr_loc_map", "report/templates")
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return environment.get_template(name).render(**values)
 
-    def html(some: Iterable[Table]) -> Markup:
-        return Markup("".join(map(to_html, some)))  # the renderer of tables escapes every text
 
-    first = [table for table in tables if table.name in FIRST_TABLES]
-    if "sections" in values:
-        values["first"], tables = html(first), [table for table in tables if table not in first]
-    return environment.get_template(name).render(tables=html(tables), specs=Markup(specs), **values)
+def _html(tables: Iterable[Table]) -> Markup:
+    """Return tables as HTML; their renderer escapes every text."""
+    return _marked_up("".join(map(to_html, tables)))
+
+
+def _marked_up(text: str) -> Markup:
+    from markupsafe import Markup
+
+    return Markup(text)
 
 
 def _sections(score: Score) -> list[tuple[str, list[Plot]]]:

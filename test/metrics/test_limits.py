@@ -13,9 +13,9 @@ from random_drives import drive, score_of
 from sfr_loc_map.config import load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.calls import HOST_CLOCK, call_score
-from sfr_loc_map.metrics.comparison import SIDE_BY_SIDE, _value_at
+from sfr_loc_map.metrics.comparison import SIDE_BY_SIDE
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import NAMES, Limit, LimitPart, figure_of, load_limits, parse_limits, verdicts
+from sfr_loc_map.metrics.limits import NAMES, Limit, LimitPart, figure_of, load_limits, parse_limits, value_at, verdicts
 from sfr_loc_map.metrics.score import MapScore, MemoryScore, PeakMemory, Score, TargetScore, TimingScore
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "limits_example.yaml"
@@ -102,7 +102,7 @@ def test_every_name_finds_a_figure_of_its_own() -> None:
         found = [figure_of(Limit(part, name, 1.0, condition), score).value for name in NAMES[part]]
         assert None not in found, part
         assert len(set(found)) == len(found), part
-    assert None not in [_value_at(score, row) for row in SIDE_BY_SIDE.values()]
+    assert None not in [value_at(score, row) for row in SIDE_BY_SIDE.values()]
 
 
 @pytest.mark.parametrize(
