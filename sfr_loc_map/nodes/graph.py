@@ -28,7 +28,6 @@ from sfr_loc_map.io.bag import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.io.image_codec import stamp_of
 from sfr_loc_map.nodes import diagnostics, environment
-from sfr_loc_map.nodes.environment import start_ros
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
 from sfr_loc_map.nodes.messages.message_types import message_type
 from sfr_loc_map.nodes.messages.pose import tf_message_type
@@ -56,7 +55,9 @@ POLL_S = 0.1
 ANSWER_S = 2.0
 DEPTH = 100
 SUITE_NODES = (*TASK_OF_NODE, "monitor_node")
-SHARED_MEMORY = Path("/dev/shm")
+IMAGE_NAMES = tuple(
+    f"/{task}/left/{image}{end}" for task in TASKS for image in (RECTIFIED, RAW) for end in ("", "/compressed")
+)
 PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_locsb.quat_xyzw")
 
 
@@ -73,7 +74,7 @@ def observe_graph(seconds: float, namespace: str, remap: Mapping[str, str], *, e
         NodeError: If nodes of the suite run in several namespaces and none is given.
     """
     environment.prepare()
-    start_ros()
+    environment.start_ros()
     try:
         return _GraphObserver(namespace, remap).observe(seconds, extrinsics_given=extrinsics_given)
     finally:
@@ -89,7 +90,10 @@ class _GraphObserver:
         self._executor.add_node(self._node)
         self._renamed = {"/" + found.strip("/"): "/" + new.strip("/") for found, new in remap.items()}
         self._wait_for_discovery()
-        self._namespace = namespace.strip("/") or self._namespace_of_nodes()
+        spaces = sorted({space.strip("/") for _, space in self._suite_nodes()})
+        if len(spaces) > 1 and not namespace.strip("/"):
+            raise NodeError(f"nodes run in the namespaces {', '.join(spaces)}: choose one by --namespace")
+        self._namespace = namespace.strip("/") or "".join(spaces)
         self._remap = {new.strip("/"): found for found, new in self._renamed.items()}
         self._stamps: dict[str, list[int]] = {}
         self._messages: dict[str, list[Any]] = {}
@@ -100,54 +104,52 @@ class _GraphObserver:
     def observe(self, seconds: float, *, extrinsics_given: bool) -> Observation:
         """Collect messages, ask the suite's nodes."""
         others = dict(self._node.get_topic_names_and_types())
-        found = self._expected(others)
+        found = {name: self._full_name(name) for name in EXPECTED if self._full_name(name) in others}
+        found = {name: full_name for name, full_name in found.items() if not self._is_superseded(name, full_name)}
         for name, full_name in found.items():
             self._subscribe(name, full_name, others[full_name])
-        reads_tf = self._subscribe_tf()
+        tf_type = tf_message_type()
+        if tf_type is not None:
+            take = partial(add_static_transforms, tree=self._frames)
+            self._node.create_subscription(tf_type, "/tf_static", take, TF_STATIC)
         self._node.create_subscription(DiagnosticArray, diagnostics.TOPIC, self._note_health, DEPTH)
-        self._wait_for_messages(found)
-        self._spin_for(seconds)
+
+        def all_heard() -> bool:
+            # on a busy machine the first message takes seconds
+            heard = (self._stamps.get(name, True) or not self._node.count_publishers(found[name]) for name in found)
+            return all(heard)
+
+        self._wait_for(all_heard, FIRST_MESSAGE_S)
+        self._wait_for(lambda: False, seconds)
         nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
+        is_played = graph_node.NAME in self._node.get_node_names()
         return Observation(
             f"the graph of ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
             live=True,
-            prefix=f"/{self._namespace}/" if self._namespace else "/",
+            prefix=self._full_name(""),
             topics={name: self._topic(name, full_name, others[full_name]) for name, full_name in found.items()},
             others={name: tuple(types) for name, types in others.items()},
             extrinsics_given=extrinsics_given,
-            extrinsics_in_tf=in_tf if reads_tf or "/tf_static" not in others else None,
+            extrinsics_in_tf=in_tf if tf_type is not None or "/tf_static" not in others else None,
             nodes=nodes,
             has_clock=bool(self._node.get_publishers_info_by_topic("/clock")),
-            now_ns=None if graph_node.NAME in self._node.get_node_names() else time.time_ns(),
-            memory=HostMemory(shared_memory_bytes(), segment_bytes(), environment.EXPORT_LINE),
+            now_ns=None if is_played else time.time_ns(),
+            memory=HostMemory(_shared_memory_bytes(), _segment_bytes(), environment.EXPORT_LINE),
         )
-
-    def _expected(self, others: Mapping[str, list[str]]) -> dict[str, str]:
-        """Return the names in the graph of the expected topics that are there."""
-        found = {name: self._full_name(name) for name in EXPECTED if self._full_name(name) in others}
-        return {name: full_name for name, full_name in found.items() if not self._is_superseded(name, full_name)}
 
     def _full_name(self, name: str) -> str:
         return self._remap.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
 
     def _is_superseded(self, name: str, full_name: str) -> bool:
         """Tell whether it has raw images that are also there rectified, and that no node of the suite takes."""
-        if f"/{RAW}" not in name:
-            return False
+        stem, raw, _ = name.partition(f"/{RAW}")
         takers = {info.node_name for info in self._node.get_subscriptions_info_by_topic(full_name)}
-        stem = name.partition(f"/{RAW}")[0]
         rectified = [self._full_name(f"{stem}/{RECTIFIED}{end}") for end in ("", "/compressed")]
-        return not takers & set(SUITE_NODES) and any(self._node.count_publishers(one) for one in rectified)
+        return bool(raw) and not takers & set(SUITE_NODES) and any(map(self._node.count_publishers, rectified))
 
     def _suite_nodes(self) -> list[tuple[str, str]]:
         return [(name, space) for name, space in self._node.get_node_names_and_namespaces() if name in SUITE_NODES]
-
-    def _namespace_of_nodes(self) -> str:
-        found = sorted({space.strip("/") for _, space in self._suite_nodes()})
-        if len(found) > 1:
-            raise NodeError(f"nodes run in the namespaces {', '.join(found)}: choose one by --namespace")
-        return found[0] if found else ""
 
     def _subscribe(self, name: str, full_name: str, types: list[str]) -> None:
         """Subscribe to a topic of the expected type; by best effort, so that a QoS mismatch can be observed."""
@@ -166,32 +168,21 @@ class _GraphObserver:
         qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._node.create_subscription(message_type(types[0]), full_name, callback, qos)
 
-    def _subscribe_tf(self) -> bool:
-        """Subscribe to /tf_static; return whether its type is installed."""
-        kind = tf_message_type()
-        if kind is not None:
-            take = partial(add_static_transforms, tree=self._frames)
-            self._node.create_subscription(kind, "/tf_static", take, TF_STATIC)
-        return kind is not None
-
     def _note_health(self, message: DiagnosticArray) -> None:
         """Note nodes that have made a call since they became active."""
         for status in message.status:
             name, _, kind = status.name.partition(": ")
-            if kind == "health" and any(item.key == "last_processing_time_s" for item in status.values):
+            if kind == "health" and "last_processing_time_s" in diagnostics.values_of(status):
                 self._worked.add(name)
 
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
-        infos = self._node.get_publishers_info_by_topic(full_name)
-        stamps = np.array(self._stamps.get(name, []), np.int64)
-        messages = tuple(self._messages.get(name, ()))
         listeners = self._node.get_subscriptions_info_by_topic(full_name)
         return ObservedTopic(
             full_name,
             tuple(types),
-            tuple(_reliability(info) for info in infos),
-            stamps,
-            messages,
+            tuple(_reliability(info) for info in self._node.get_publishers_info_by_topic(full_name)),
+            np.array(self._stamps.get(name, []), np.int64),
+            tuple(self._messages.get(name, ())),
             requests={
                 f"{i.node_namespace.rstrip('/')}/{i.node_name}": _reliability(i)
                 for i in listeners
@@ -222,15 +213,15 @@ class _GraphObserver:
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
         """Return the answer of a service, None where none comes in time."""
         client = self._node.create_client(kind, name)
-        if not self._wait_for(client.service_is_ready):
+        if not self._wait_for(client.service_is_ready, ANSWER_S):
             return None
         future = client.call_async(request)
-        return future.result() if self._wait_for(future.done) else None
+        return future.result() if self._wait_for(future.done, ANSWER_S) else None
 
-    def _wait_for(self, condition: Callable[[], bool]) -> bool:
-        end = time.monotonic() + ANSWER_S
-        while not condition() and time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=0.05)
+    def _wait_for(self, condition: Callable[[], bool], seconds: float) -> bool:
+        end = time.monotonic() + seconds
+        while not condition() and (left := end - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=min(left, POLL_S))
         return bool(condition())
 
     def _wait_for_discovery(self) -> None:
@@ -242,33 +233,10 @@ class _GraphObserver:
             graph = (topics, sorted(self._node.get_node_names()))
             if graph != before:
                 before, changed = graph, now
-            has_images = any(self._is_image(name) and self._node.count_publishers(name) for name, _ in topics)
-            if has_images and now - changed > QUIET_S:
+            images = [name for name, _ in topics if self._renamed.get(name, name).endswith(IMAGE_NAMES)]
+            if now - changed > QUIET_S and any(map(self._node.count_publishers, images)):
                 return
-            self._spin_for(POLL_S)
-
-    def _wait_for_messages(self, found: Mapping[str, str]) -> None:
-        """Wait until each topic with a publisher has brought a message: on a busy machine that takes seconds."""
-        end = time.monotonic() + FIRST_MESSAGE_S
-        while time.monotonic() < end:
-            heard = (self._stamps.get(name, True) or not self._node.count_publishers(found[name]) for name in found)
-            if all(heard):
-                return
-            self._spin_for(POLL_S)
-
-    def _is_image(self, name: str) -> bool:
-        name = self._renamed.get(name, name)
-        return any(
-            name.endswith(f"/{task}/left/{image}{end}")
-            for task in TASKS
-            for image in (RECTIFIED, RAW)
-            for end in ("", "/compressed")
-        )
-
-    def _spin_for(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0:
-            self._executor.spin_once(timeout_sec=left)
+            self._wait_for(lambda: False, POLL_S)
 
 
 def _reliability(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo
@@ -276,15 +244,15 @@ def _reliability(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpo
     return Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE
 
 
-def shared_memory_bytes() -> int | None:
+def _shared_memory_bytes() -> int | None:
     """Return the size of the host's shared memory, None where it has no folder for it."""
-    if not SHARED_MEMORY.is_dir():
+    if not Path("/dev/shm").is_dir():
         return None
-    state = os.statvfs(SHARED_MEMORY)
+    state = os.statvfs("/dev/shm")
     return state.f_blocks * state.f_frsize
 
 
-def segment_bytes() -> int:
+def _segment_bytes() -> int:
     """Return what each process reserves of the shared memory by the active profile, 0 where it says nothing."""
     path = Path(os.environ.get(environment.PROFILE_VARIABLE) or environment.PROFILE)
     try:
