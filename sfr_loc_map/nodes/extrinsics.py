@@ -38,11 +38,7 @@ class ExtrinsicsConfig:
     )
 
     def transform(self) -> Transform | None:
-        """Return `T_rb_locsb`, None where it is not given.
-
-        Raises:
-            ConfigError: If the values are not a rigid motion.
-        """
+        """Return `T_rb_locsb`, None where it is not given."""
         if len(self.translation_m) != 3 or len(self.quat_xyzw) != 4:
             raise ConfigError("T_rb_locsb needs translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
         if not any(self.quat_xyzw):

@@ -48,12 +48,7 @@ def common_arguments(files: dict[str, str]) -> list[Any]:
 
 
 def nodes(context: LaunchContext, files: dict[str, str]) -> list[Any]:
-    """Return the nodes with the values that the launch arguments have in a context; `files` as above.
-
-    Raises:
-        ConfigError: If a remapping has not the form FROM:=TO, a parameter file is missing, a switch is neither true nor
-            false, or the level of the log is none.
-    """
+    """Return the nodes with the values that the launch arguments have in a context; `files` as above."""
 
     def value(name: str) -> str:
         return str(LaunchConfiguration(name).perform(context))

@@ -401,12 +401,7 @@ class RosOperator:
         self._bookmarks = node.create_publisher(String, "bookmark", QoSProfile(depth=100), event_callbacks=events)
 
     def run(self, command: Command) -> str:
-        """Carry a command out.
-
-        Raises:
-            InputError: If the node does not have what is asked of it.
-            NodeError: If the node does not answer, or refuses.
-        """
+        """Carry a command out."""
         node, action = command.node, command.action
         if action is Action.BOOKMARK:
             self._bookmarks.publish(String(data=command.text or "bookmark"))

@@ -31,9 +31,6 @@ def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = Fals
         config: How it is served.
         namespace: Of the rover.
         open_browser: Whether to open the page in the user's browser.
-
-    Raises:
-        SfrError: If the port cannot be listened on, or other hosts are let in without a token.
     """
     os.nice(NICENESS)
     asyncio.run(_serve(config, namespace, open_browser=open_browser))

@@ -96,11 +96,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     rig_name = "loc"
 
     def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters; `options` are those of `rclpy.node.Node`.
-
-        Raises:
-            ConfigError: If a parameter is unknown or not valid.
-        """
+        """Declare the parameters; `options` are those of `rclpy.node.Node`."""
         super().__init__(name, "localisation", self.config_type, live=("localisation.",), **options)
         self.teardown()
 

@@ -69,11 +69,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
     rig_name = "nav"
 
     def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters; `options` are those of `rclpy.node.Node`.
-
-        Raises:
-            ConfigError: If a parameter is unknown or not valid.
-        """
+        """Declare the parameters; `options` are those of `rclpy.node.Node`."""
         super().__init__(name, "mapping", MappingNodeConfig, live=("mapping.",), **options)
         self.teardown()
 

@@ -103,21 +103,12 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, truth, clouds and calls and publishes the score."""
 
     def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters; `options` are those of `rclpy.node.Node`.
-
-        Raises:
-            ConfigError: If a parameter is unknown or not valid.
-        """
+        """Declare the parameters; `options` are those of `rclpy.node.Node`."""
         super().__init__(name, "monitor", MonitorNodeConfig, live=(), **options)
         self.teardown()
 
     def setup(self) -> None:
-        """Read the limits, load compiled code, create publishers.
-
-        Raises:
-            ConfigError: If the file of limits is not valid.
-            OutputError: If `save_file` is something else than a report.
-        """
+        """Read the limits, load compiled code, create publishers."""
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
         load_kernels("metrics", self.get_logger().info, self.context.ok)

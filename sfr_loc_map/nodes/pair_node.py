@@ -40,11 +40,7 @@ class PairNodeConfig(NodeConfig):
         return self.frame_prefix + name
 
     def check_frames(self, *names: str) -> None:
-        """Check names of frames that must differ, by the rules of tf2.
-
-        Raises:
-            ConfigError: If one is empty, has blanks or begins with `/`, or two are equal.
-        """
+        """Check names of frames that must differ, by the rules of tf2."""
         for name in names:
             full = self.frame(name)
             if not name or full.startswith("/") or full.split() != [full]:

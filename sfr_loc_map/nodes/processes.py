@@ -56,11 +56,7 @@ class ChildProcess:
         self._segments: set[Path] = set()
 
     def start(self) -> None:
-        """Start it, for the first time or again.
-
-        Raises:
-            NodeError: If the system cannot start a process.
-        """
+        """Start it, for the first time or again."""
         stream = None if self._log is None else self._log.open("ab")
         try:
             self._popen = subprocess.Popen(
@@ -175,11 +171,7 @@ def node_process(
 
 @contextmanager
 def user_command(command: str, folder: Path) -> Iterator[ChildProcess]:
-    """Run a command of the user, split as a shell does but run without one, during the `with` block.
-
-    Raises:
-        ConfigError: If it is empty, its quotes do not close or there is no such program.
-    """
+    """Run a command of the user, split as a shell does but run without one, during the `with` block."""
     try:
         words = shlex.split(command)
     except ValueError as error:
@@ -256,11 +248,7 @@ class Supervisor:
         self.processes[name].start()
 
     def check(self) -> None:
-        """Make sure that all nodes run.
-
-        Raises:
-            NodeError: If one has ended; says how, with its last log line.
-        """
+        """Make sure that all nodes run."""
         for process in self.processes.values():
             if process.exit_code is not None:
                 line = process.last_log_line
@@ -272,11 +260,7 @@ class Supervisor:
             process.note_segments()
 
     def restart_crashed(self) -> list[str]:
-        """Start the nodes again that have crashed; return how each of them ended.
-
-        Raises:
-            NodeError: If one ended by itself (exit code 0), or because it cannot work with its arguments.
-        """
+        """Start the nodes again that have crashed; return how each of them ended."""
         endings = []
         for process in self.processes.values():
             if process.exit_code in (0, CANNOT_START):

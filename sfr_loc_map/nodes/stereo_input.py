@@ -86,11 +86,7 @@ class ReceivedPair:
         return self.images[0][1], self.images[1][1]
 
     def decode(self) -> StereoPair:
-        """Return the images in grey, rectified.
-
-        Raises:
-            InputError: If one cannot be read.
-        """
+        """Return the images in grey, rectified."""
         images = self._grey(0), self._grey(1)
         return StereoPair(self.stamp_ns, *(images if self.rectifier is None else self.rectifier.rectify(*images)))
 

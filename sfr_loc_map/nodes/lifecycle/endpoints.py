@@ -88,11 +88,7 @@ class Endpoints:
         return publisher
 
     def add_subscription(self, kind: type[Any], topic: str, callback: Callable[..., None], qos: QoSProfile) -> None:
-        """Subscribe until the node is deactivated; parameters of the node may override the quality of service.
-
-        Raises:
-            ConfigError: If such a parameter is not valid.
-        """
+        """Subscribe until the node is deactivated; parameters of the node may override the quality of service."""
         full_name = self._node.resolve_topic_name(topic)
 
         def incompatible(event: Any) -> None:  # noqa: ANN401 - rclpy's

@@ -65,9 +65,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
             live: Beginnings of names of parameters that may change while the node is active; the others may as long as
                 it is unconfigured.
             options: Of `rclpy.node.Node` (namespace, parameter_overrides, ...).
-
-        Raises:
-            ConfigError: If a parameter is unknown or not valid.
         """
         try:
             super().__init__(name, **options)
@@ -177,11 +174,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     # ---- transitions
 
     def start(self) -> None:
-        """Become active, if `autostart` is on.
-
-        Raises:
-            SfrError: If that fails for a known reason.
-        """
+        """Become active, if `autostart` is on."""
         if not self.config.autostart:
             self.get_logger().info("unconfigured: waits for a lifecycle manager")
             return

@@ -72,10 +72,6 @@ class Parameters(Generic[C]):
             state: Returns the state of the managed node.
             check: Raises an `SfrError` where values that are each valid do not fit together.
             changed: Called with the configuration after each live change.
-
-        Raises:
-            ConfigError: For an unknown name, a wrong type or a value out of range.
-            SfrError: What `check` raises.
         """
         self._type, self._state, self._check, self._changed = config_type, state, check, changed
         self._origin = f"parameters of {node.get_fully_qualified_name()}"

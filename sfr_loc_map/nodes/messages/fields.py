@@ -104,10 +104,6 @@ def float_points_msg(values: FloatArray32, names: Sequence[str], header: Header)
 
 
 def floats_of(message: PointCloud2, names: Sequence[str]) -> FloatArray32:
-    """Return the fields of a cloud as float32 `(H, W, F)`.
-
-    Raises:
-        InputError: If it has other fields, or its data is too short.
-    """
+    """Return the fields of a cloud as float32 `(H, W, F)`."""
     points = points_of(message, dict.fromkeys(names, (np.float32,)))
     return np.stack([points[name].astype(np.float32) for name in names], axis=-1)

@@ -33,11 +33,7 @@ def grey_from_image(message: Image | CompressedImage, size: tuple[int, int]) -> 
 
 
 def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None:
-    """Check the size that an image claims before anything is decoded or allocated: a small message may claim any.
-
-    Raises:
-        InputError: If the size is another.
-    """
+    """Check the size that an image claims before anything is decoded or allocated: a small message may claim any."""
     if isinstance(message, Image):
         found: tuple[int, int] | None = (int(message.width), int(message.height))
     else:

@@ -28,10 +28,6 @@ def cloud_from_msg(message: PointCloud2, every: int = 1) -> PointCloud:
 
 
 def xyz_from_msg(message: PointCloud2) -> FloatArray:
-    """Return the points `(N, 3)` of any cloud with float fields x, y and z; NaN where there is none.
-
-    Raises:
-        InputError: If a field is missing or of another type, or the data is too short.
-    """
+    """Return the points `(N, 3)` of any cloud with float fields x, y and z; NaN where there is none."""
     points = points_of(message, dict.fromkeys("xyz", (np.float32, np.float64)))
     return np.stack([points[name].reshape(-1).astype(np.float64) for name in "xyz"], axis=1)

@@ -48,12 +48,7 @@ def elevation_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> PointCloud
 
 
 def elevation_from_msg(message: PointCloud2) -> FloatArray32:
-    """Return the cells `(R, C, 8)` of a message as `elevation_msg` makes it, in the order of `ELEVATION_FIELDS`.
-
-    Raises:
-        InputError: If it is another message, has no cell, or its data is too short.
-        GeometryError: If its size is absurd.
-    """
+    """Return the cells `(R, C, 8)` of a message as `elevation_msg` makes it, in the order of `ELEVATION_FIELDS`."""
     check_image_size(int(message.width), int(message.height), "the elevation grid")
     cells = floats_of(message, ELEVATION_FIELDS)
     if not np.isfinite(cells[..., :2]).all():
@@ -77,11 +72,7 @@ def hazard_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> OccupancyGrid
 
 
 def hazard_from_msg(message: OccupancyGrid) -> FloatArray32:
-    """Return the hazard `(R, C)` from 0 to 100, NaN where not known.
-
-    Raises:
-        InputError: If its data does not fit its size.
-    """
+    """Return the hazard `(R, C)` from 0 to 100, NaN where not known."""
     rows, columns = int(message.info.height), int(message.info.width)
     data = np.frombuffer(message.data, np.int8)
     if len(data) != rows * columns:

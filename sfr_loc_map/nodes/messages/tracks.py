@@ -31,11 +31,7 @@ def tracks_msg(result: TrackingResult | None, header: Header) -> PointCloud2:
 
 
 def tracks_from_msg(message: PointCloud2) -> FloatArray32:
-    """Return tracks `(N, 5)` in the order of `TRACK_FIELDS`.
-
-    Raises:
-        InputError: If it is another message, or its data too short.
-    """
+    """Return tracks `(N, 5)` in the order of `TRACK_FIELDS`."""
     if message.width * message.height > MAX_TRACKS:
         raise InputError(f"{message.width * message.height} tracks: at most {MAX_TRACKS} are read")
     return floats_of(message, TRACK_FIELDS).reshape(-1, len(TRACK_FIELDS))

@@ -62,12 +62,7 @@ class ResultCollector:
         return self.external if self.external is not None and task == self.external.options.task.rig else None
 
     def wait_for_pair(self, task: str, stamp_ns: int) -> None:
-        """Wait for the results of one pair.
-
-        Raises:
-            InputError: If a node refuses its input.
-            NodeError: If a node ends or gives no result in time.
-        """
+        """Wait for the results of one pair."""
         if (external := self._external_of(task)) is not None:
             external.wait_for(stamp_ns)
             return

@@ -74,11 +74,7 @@ class ExternalNode:
         self._results = results
 
     def wait_until_ready(self, topics: list[str]) -> None:
-        """Wait until it listens to images, and subscribe to its answers with the reliability that it offers.
-
-        Raises:
-            NodeError: If it does not listen in time, or its process ends.
-        """
+        """Wait until it listens to images, and subscribe to its answers with the reliability that it offers."""
         graph, command = self._node.node, self._command
 
         def listens() -> bool:
@@ -252,11 +248,7 @@ def _ended(command: ChildProcess) -> str:
 def external_node(
     node: ReplayNode, source: Source, options: ExternalOptions, command: ChildProcess | None
 ) -> ExternalNode:
-    """Return the external node of a replay.
-
-    Raises:
-        ConfigError: If the source has no pairs for its task, or its convention is none of this source.
-    """
+    """Return the external node of a replay."""
     if options.task is Task.LOCALISATION and source.loc is not None:
         return ExternalLocaliser(node, options, command, source.loc)
     if options.task is Task.MAPPING and source.nav is not None:

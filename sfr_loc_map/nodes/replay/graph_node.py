@@ -47,11 +47,7 @@ class ReplayNode:
         try_shutdown()
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
-        """Spin until a condition holds, for a limited time; `problem` says what did not happen.
-
-        Raises:
-            NodeError: If a node ends, another program has a node of the same name, or it takes too long.
-        """
+        """Spin until a condition holds, for a limited time; `problem` says what did not happen."""
         deadline = time.monotonic() + timeout_s
         while True:
             self._refuse_others()  # first: what they publish may be what the condition fails of

@@ -125,11 +125,7 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
 
 
 def is_ros_parameter_file(path: Path) -> bool:
-    """Tell whether a YAML file has the layout of ROS parameter files.
-
-    Raises:
-        ConfigError: If it is not YAML.
-    """
+    """Tell whether a YAML file has the layout of ROS parameter files."""
     return any(isinstance(block, dict) and "ros__parameters" in block for block in load_yaml(path).values())
 
 

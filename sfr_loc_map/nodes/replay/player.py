@@ -110,10 +110,6 @@ class Player:
         Args:
             messages: In the order in which they are to be published.
             progress: Called with `loc` or `nav` for each stereo pair published.
-
-        Raises:
-            NodeError: If a node ends or does not answer.
-            InputError: If a node refuses its input (rate 0).
         """
         pairs, pacer, collector = PairTracker(), Pacer(self.controls), self.collector
         for message in messages:

@@ -123,10 +123,6 @@ def check_source(source: Source, offset_s: float = 0.0) -> float:
     Args:
         source: An opened source.
         offset_s: Where it shall start.
-
-    Raises:
-        InputError: If the source has no pairs, none after the offset, or the extrinsics of its cameras are not known.
-        MappingError: If it has more mapping pairs than a map may have.
     """
     if source.loc is not None and source.loc.rig.T_rb_sb is None:
         raise InputError(
