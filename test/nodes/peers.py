@@ -66,10 +66,13 @@ class Manager(Peer):
         self.until(lambda: len(self.odometry) > count and self.last_call() == stamp_ns, "odometry and call")
         return odometry_row(self.odometry[-1])[1]
 
+    def last_values(self) -> dict[str, str]:
+        """Return the values of the last call."""
+        return values_of(calls(self.diagnostics)[-1])
+
     def last_call(self) -> int:
         """Return the stamp of the last call, -1 before the first."""
-        found = calls(self.diagnostics)
-        return int(values_of(found[-1])["stamp_ns"]) if found else -1
+        return int(self.last_values()["stamp_ns"]) if calls(self.diagnostics) else -1
 
     def health(self) -> list[DiagnosticStatus]:
         return [s for array in self.diagnostics for s in array.status if s.name == f"{self.name}: health"]
