@@ -65,11 +65,7 @@ class PoseConvention:
     )
 
     def __post_init__(self) -> None:
-        """Check that the frame is declared once.
-
-        Raises:
-            ConfigError: If a frame and extrinsics are given, or the extrinsics are no pose.
-        """
+        """Check that the frame is declared once; ConfigError if a frame and extrinsics are given, or no pose."""
         if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
             raise ConfigError(
                 f"convention: extrinsics are seven numbers x,y,z,qx,qy,qz,qw in place of frame=NAME: found "
@@ -78,11 +74,7 @@ class PoseConvention:
 
     @classmethod
     def parse(cls, texts: Sequence[str]) -> PoseConvention:
-        """Return the convention of settings `NAME=VALUE`.
-
-        Raises:
-            ConfigError: If one has another form, is given twice or has no such value.
-        """
+        """Return the convention of settings `NAME=VALUE`; ConfigError if one is given twice or is none."""
         defaults = {info.name: info.default for info in parameters(cls)}
         values: dict[str, object] = {}
         for text in texts:
@@ -108,11 +100,8 @@ class PoseConvention:
     def T_rb_child(self, rig: StereoRig | None) -> Transform:
         """Return the pose in RB of the frame that the poses are of.
 
-        Args:
-            rig: The stereo rig, None where it is not known.
-
         Raises:
-            ConfigError: If the frame follows from a rig that is not known.
+            ConfigError: If the frame follows from a rig that is not known (None).
             GeometryError: If the extrinsics are no pose.
         """
         if self.extrinsics:
@@ -130,15 +119,9 @@ class PoseConvention:
 
 
 def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Transform) -> Trajectory:
-    """Return poses of RB, in the world frame of the estimate.
+    """Return poses of RB, in the world frame of the estimate, of poses as they were written.
 
-    Args:
-        trajectory: Poses as they were written.
-        convention: In what they differ.
-        T_rb_child: Of `PoseConvention.T_rb_child`.
-
-    Raises:
-        GeometryError: If what comes out are no poses.
+    `T_rb_child` is that of the convention; GeometryError if what comes out are no poses.
     """
     stamps, positions, quats = trajectory.stamps_ns, trajectory.positions, trajectory.quats_xyzw
     if convention.time_offset_ns:

@@ -19,14 +19,7 @@ NO_LENGTH: Final = "a quaternion has no length or is not finite: a rotation need
 
 
 def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:
-    """Return unit quaternions.
-
-    Args:
-        quat_xyzw: `(..., 4)`, scalar last.
-
-    Raises:
-        GeometryError: If one has no length or is not finite.
-    """
+    """Return unit quaternions `(..., 4)`; GeometryError if one has no length or is not finite."""
     quat = np.asarray(quat_xyzw, dtype=np.float64)
     norm = np.sqrt(np.sum(quat * quat, axis=-1, keepdims=True))
     if not np.all(np.isfinite(norm)) or np.any(norm < 1e-12):
