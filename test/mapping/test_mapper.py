@@ -13,7 +13,7 @@ from hazard_truth import hazard_accuracy
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import ConfigError, MappingError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
@@ -244,35 +244,16 @@ def test_development_ground(shared_data: Path) -> None:
 
 @pytest.mark.shared
 @pytest.mark.parametrize(
-    ("name", "density", "bad", "mean"), [("pair-teddy", 0.93, 2.0, 0.30), ("pair-motorcycle", 0.94, 2.0, 0.36)]
+    ("name", "density", "bad", "mean"), [("pair-teddy", 0.85, 0.032, 0.38), ("pair-motorcycle", 0.87, 0.037, 0.63)]
 )
 def test_real_pairs(shared_data: Path, name: str, density: float, bad: float, mean: float) -> None:
+    """Against structured light, whatever the right camera sees of it."""
     panorama = panorama_of(open_source(shared_data / name))
     item, rig = next(iter(panorama.pairs())), panorama.rig
     result = Mapper(rig, MappingConfig()).process(item.pair, item.T_lm_navsb, 0)
-    disparity = disparity_of(item.truth, item.T_lm_navsb, rig)
-    visible = seen_by_both(disparity)
-    error = np.abs(result.disparity_px - disparity)[visible]
+    depth = (item.T_lm_navsb @ rig.T_sb_left).inverse().apply(item.truth)[..., 2]
+    error = np.abs(result.disparity_px - rig.fx * rig.baseline_m / depth)[np.isfinite(depth)]
     known = error[np.isfinite(error)]
     assert len(known) > density * len(error)
-    assert 100.0 * (known > 2.0).mean() < bad
+    assert (known > 2.0).mean() < bad
     assert known.mean() < mean
-
-
-def disparity_of(truth: np.ndarray, pose: Transform, rig: StereoRig) -> np.ndarray:
-    depth = (pose @ rig.T_sb_left).inverse().apply(truth)[..., 2]
-    return rig.fx * rig.baseline_m / depth
-
-
-def seen_by_both(disparity: np.ndarray) -> np.ndarray:
-    """Tell which true points are within the right image and not behind a nearer one there."""
-    rows, cols = disparity.shape
-    v, u = np.nonzero(np.isfinite(disparity))
-    d = disparity[v, u]
-    column = np.rint(u - d).astype(int)
-    inside = (column >= 0) & (column < cols)
-    nearest = np.zeros((rows, cols))
-    np.maximum.at(nearest, (v[inside], column[inside]), d[inside])
-    visible = np.zeros((rows, cols), bool)
-    visible[v[inside], u[inside]] = d[inside] >= nearest[v[inside], column[inside]] - 1.0
-    return visible

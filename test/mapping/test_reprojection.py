@@ -21,25 +21,6 @@ ANGLE = 1e-4
 """Radians, and the share by which a length is wrong: small enough for the first order."""
 
 
-def test_points_project_to_their_pixel_and_disparity_in_order() -> None:
-    rng = np.random.default_rng(0)
-    disparity = rng.uniform(1.0, 8.0, (SMALL.height, SMALL.width)).astype(np.float32)
-    disparity[rng.uniform(size=disparity.shape) < 0.3] = np.nan
-    disparity[5] = np.nan
-    left = rng.integers(0, 256, disparity.shape, dtype=np.uint8)
-    cloud = cloud_from_disparity(disparity, np.ones_like(disparity), left, SMALL, POSE, 2)
-    v, u = np.nonzero(np.isfinite(disparity))
-    np.testing.assert_array_equal(cloud.u, u)
-    np.testing.assert_array_equal(cloud.v, v)
-    np.testing.assert_array_equal(cloud.intensity, left[v, u])
-    assert (cloud.pair == 2).all()
-    x, y, z = POSE.inverse().apply(cloud.xyz).T
-    np.testing.assert_allclose(SMALL.fx * x / z + SMALL.cx, u, atol=1e-4)
-    np.testing.assert_allclose(SMALL.fy * y / z + SMALL.cy, v, atol=1e-4)
-    np.testing.assert_allclose(SMALL.fx * SMALL.baseline_m / z, disparity[v, u], rtol=1e-5)
-    assert len(cloud_from_disparity(np.full_like(disparity, np.nan), disparity, left, SMALL, POSE, 0)) == 0
-
-
 def test_sigma_is_the_scatter_along_the_ray() -> None:
     """Disparities drawn from a normal distribution; the ranges scatter by what is stated."""
     rng, sigma_px = np.random.default_rng(0), 0.05

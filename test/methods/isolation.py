@@ -1,11 +1,9 @@
 """What isolation costs beside the timed call, at 1 MP: `python test/methods/isolation.py [PAIRS]`.
 
-The wall time of `IsolatedMethod.localise` minus the time of the call by the clock of the method's process, and the
-processor time of both. Between the calls images are decoded, as in a run; the method itself does nothing, or works
-for 20 ms on 32 MB, so that all that the next pair needs has left the caches.
+The wall time of `IsolatedMethod.localise` minus the time of the call by the clock of the method's process. Between the
+calls images are decoded, as in a run; the method itself does nothing, or works for 20 ms on 32 MB, so that all that the
+next pair needs has left the caches.
 """
-
-from __future__ import annotations
 
 import os
 import sys
@@ -15,7 +13,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import psutil
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -29,44 +26,21 @@ import numpy as np
 
 
 class Nothing:
+    work_s = 0.0
     def __init__(self, rig, config):
         self.numbers = np.zeros(4_000_000)
 
     def process(self, pair):
+        end_s = time.perf_counter() + self.work_s
+        while time.perf_counter() < end_s:
+            self.numbers += float(pair.left.max())
         return np.eye(4)
 
 
 class Work(Nothing):
-    def process(self, pair):
-        end_s = time.perf_counter() + 0.02
-        while time.perf_counter() < end_s:
-            self.numbers += float(pair.left.max())
-        return np.eye(4)
+    work_s = 0.02
 """
 RIG = StereoRig(1024, 1024, 800.0, 800.0, 511.5, 511.5, 0.3, Transform.identity())
-
-
-def measure(spec: str, encoded: list[np.ndarray], pairs: int) -> None:
-    """Print the costs with one method."""
-    outside, own = [], 0.0
-    with IsolatedMethod(find_method(spec, Task.LOCALISATION), RIG, Transform.identity()) as localiser:
-        child = psutil.Process(localiser._process._process.pid)
-        before = child.cpu_times()
-        for number in range(pairs):
-            images = [cv2.imdecode(encoded[(number + side) % len(encoded)], cv2.IMREAD_GRAYSCALE) for side in (0, 1)]
-            pair = StereoPair(number, *images)
-            begin, begin_own = time.perf_counter(), time.process_time()
-            _, call = localiser.localise(pair)
-            outside.append(1e3 * (time.perf_counter() - begin - call.usage.processing_time_s))
-            own += 1e3 * (time.process_time() - begin_own)
-            assert not call.finding, call.finding
-        after = child.cpu_times()
-    theirs = 1e3 * (after.user + after.system - before.user - before.system)
-    low, middle, high = np.percentile(outside, (0, 50, 95))
-    print(
-        f"{spec.rpartition(':')[2]}: p50 {middle:.2f} ms, p95 {high:.2f} ms, least {low:.2f} ms; processor time "
-        f"{own / pairs:.2f} ms of the caller, {theirs / pairs:.2f} ms of the method's process with its calls"
-    )
 
 
 def main(pairs: int = 300) -> None:
@@ -78,7 +52,16 @@ def main(pairs: int = 300) -> None:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "methods.py").write_text(METHODS, encoding="utf-8")
         for name in ("Nothing", "Work"):
-            measure(f"{folder}/methods.py:{name}", encoded, pairs)
+            outside_ms = []
+            with IsolatedMethod(find_method(f"{folder}/methods.py:{name}", Task.LOCALISATION), RIG) as localiser:
+                for number in range(pairs):
+                    sides = (cv2.imdecode(encoded[(number + k) % 6], cv2.IMREAD_GRAYSCALE) for k in (0, 1))
+                    pair, begin = StereoPair(number, *sides), time.perf_counter()
+                    _, call = localiser.localise(pair)
+                    outside_ms.append(1e3 * (time.perf_counter() - begin - call.usage.processing_time_s))
+                    assert not call.finding, call.finding
+            low, middle, high = np.percentile(outside_ms, (0, 50, 95))
+            print(f"{name}: p50 {middle:.2f} ms, p95 {high:.2f} ms, least {low:.2f} ms")
 
 
 if __name__ == "__main__":

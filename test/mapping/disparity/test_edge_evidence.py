@@ -1,24 +1,18 @@
 """Figures of pixels beside a jump, on two planes of random dots, against plain numpy; the network and its training."""
 
-import importlib.util
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
 from sfr_loc_map.mapping.disparity.edge_evidence import (
-    FIGURES,
     LARGE,
     MAX_DIFFERENCE,
     NEIGHBOURHOOD,
     WEIGHT_BY_DISTANCE,
     WEIGHT_BY_GREY,
-    EdgeNetwork,
     EdgeScene,
     edge_figures,
-    log_odds,
     wrong_surface_log_odds,
 )
 from sfr_loc_map.mapping.disparity.validity import MAX_LOG_ODDS, beside_jump
@@ -27,7 +21,6 @@ F = np.float32
 ROWS, COLS = 40, 120
 NEAR, FAR = 14.0, 6.0
 BLOCK = np.s_[10:30, 60:90]
-PROGRAM = Path(__file__).parents[3] / "tools" / "train_edge_network.py"
 
 
 def two_planes() -> np.ndarray:
@@ -127,27 +120,3 @@ def test_pixels_with_the_disparity_of_the_other_surface_are_doubted(images: Any)
         odds[name] = found.reshape(ROWS, COLS)[14:26, 90:93]
     assert np.median(odds["right"]) < 0.0
     assert np.median(odds["wrong"]) > MAX_LOG_ODDS
-
-
-@pytest.fixture(scope="module")
-def program() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("train_edge_network", PROGRAM)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_it_learns_what_no_linear_function_can_tell(program: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pixels are wrong where one figure is far from 0, on either side."""
-    monkeypatch.setattr(program, "BATCH", 64)
-    random = np.random.default_rng(0)
-    evidence = random.normal(size=(8000, FIGURES))
-    error_px = np.where(np.abs(evidence[:, 0]) > 0.7, 1.5, 0.1)
-    weights = program.train(evidence, error_px, random)
-    network = EdgeNetwork(*(np.asarray(weights[name], np.float32) for name in EdgeNetwork._fields))
-    odds = log_odds(network, random.normal(size=(0, FIGURES)).astype(np.float32))
-    assert odds.shape == (0,)
-    unseen = random.normal(size=(2000, FIGURES)).astype(np.float32)
-    assert ((log_odds(network, unseen) > 0.0) == (np.abs(unseen[:, 0]) > 0.7)).mean() > 0.93

@@ -7,11 +7,9 @@ from sfr_loc_map.mapping.disparity.hole_filling import (
     MAX_DEPTH_RATIO,
     REACH,
     HoleScene,
-    confirmed,
     distance_to,
     fill_holes,
     hypotheses,
-    right_claims,
 )
 
 F = np.float32
@@ -113,15 +111,3 @@ def test_surfaces_are_continued_as_planes() -> None:
     valid[25, 65 + REACH] = valid[25 - REACH - 1, 65] = True
     scene = HoleScene(plane, plane, plane, valid, ~valid, plane, distance_to(valid))
     np.testing.assert_array_equal(np.isfinite(hypotheses(scene, 25, 65)[:, 0]), [True] + 7 * [False])
-
-
-def test_filled_pixels_share_no_partner_and_are_not_alone() -> None:
-    disparity, known = np.full((9, 40), FAR, F), np.ones((9, 40), bool)
-    disparity[4, 20] = NEAR
-    kept = confirmed(disparity, known, known, right_claims(disparity, known))
-    assert not kept[4, 20]
-    assert not kept[4, 12]
-    assert not kept[:, : int(FAR)].any()
-    assert kept[3, 20]
-    known[5] = known[4, 30] = False
-    assert not confirmed(disparity, known, known, right_claims(disparity, known))[4, 31]

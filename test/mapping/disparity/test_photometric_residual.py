@@ -6,7 +6,6 @@ import pytest
 from sfr_loc_map.mapping.disparity.photometric_residual import (
     DEFAULT_VARIANCE,
     MIN_NOISE,
-    cell_means,
     noise_variance,
     normal_equations,
     overall_noise,
@@ -78,11 +77,6 @@ def test_residuals_beyond_the_tail_lose_weight() -> None:
         np.testing.assert_allclose(found.chi2[:, j], count * weight * level, rtol=1e-5)
         np.testing.assert_allclose(found.information[:, j], count * weight * 4.0 / variance, rtol=1e-4)
         np.testing.assert_allclose(found.information_vector[:, j], count * weight * 2.0 * 5.0 / variance, rtol=1e-4)
-
-
-def test_cell_means_are_clipped_and_skip_nan() -> None:
-    residual = np.array([[1.0, np.nan, -9.0, 1.0], [3.0, 2.0, 9.0, 3.0], [np.nan] * 4, [np.nan] * 4], F)
-    np.testing.assert_allclose(cell_means(residual, F(5.0)), [[2.0, 1.0], [0.0, 0.0]])
 
 
 def test_the_variance_of_noise_grows_with_the_grey_level() -> None:

@@ -11,21 +11,12 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.right_camera import correct_rectification
 from sfr_loc_map.mapping.mapper import Mapper, PairMap
 
 F = np.float32
 ROWS, COLS = 192, 256
 DISPARITY = np.full((ROWS, COLS), 10.0, F)
 INNER = np.s_[16:-16, 64:-16]
-
-
-def test_a_flat_image_gives_an_offset_and_no_gain() -> None:
-    left, right = np.full((ROWS, COLS), 100.0, F), np.full((ROWS, COLS), 112.0, F)
-    correction, corrected = correct_rectification(left, right, DISPARITY)
-    assert (correction.gain, correction.offset) == (1.0, 12.0)
-    assert correction.vertical_px == (0.0, 0.0, 0.0)
-    np.testing.assert_allclose(corrected, left)
 
 
 def mapped(made: Any, rotvec_deg: tuple[float, float, float]) -> PairMap:

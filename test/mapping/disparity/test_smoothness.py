@@ -12,7 +12,6 @@ from sfr_loc_map.mapping.disparity.smoothness import (
     conjugate_gradient_step,
     fill_smoothness,
     inverse_diagonal,
-    smoothness_weight,
 )
 
 F = np.float32
@@ -81,19 +80,6 @@ def test_the_regulariser_is_the_gradient_of_the_energy_and_costs_planes_nothing(
     information = np.random.default_rng(3).uniform(0.0, 3.0, shape).astype(F)
     diagonal = np.diag(matrix).reshape(shape) + information
     np.testing.assert_allclose(inverse_diagonal(information, weights), 1.0 / diagonal, rtol=1e-5)
-
-
-def test_weights_follow_the_scale_and_fade_at_edges() -> None:
-    field = np.zeros((8, 10), F)
-    field[:, 5:] = 3.0
-    scale_x, scale_y = np.full_like(field, 0.2), np.full_like(field, 0.1)
-    weights = smoothness_weight(field, scale_x, scale_y, F(2.0))
-    np.testing.assert_allclose(weights.along_x[:, 1:4], 1.0 / 0.4**2, rtol=1e-5)
-    np.testing.assert_allclose(weights.along_x[:, 4:6], 1.0 / (0.4**2 + 9.0), rtol=1e-5)
-    np.testing.assert_allclose(weights.along_y[1:-1], 1.0 / 0.2**2, rtol=1e-5)
-    np.testing.assert_allclose(weights.mixed[:-1, :-1], 2.0 / (0.4 * 0.2), rtol=1e-5)
-    for border in (weights.along_x[:, [0, -1]], weights.along_y[[0, -1]], weights.mixed[-1], weights.mixed[:, -1]):
-        np.testing.assert_array_equal(border, 0.0)
 
 
 @pytest.fixture

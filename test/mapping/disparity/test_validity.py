@@ -3,14 +3,12 @@
 from dataclasses import replace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
 from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.uncertainty import NOISE_INFORMATION, disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import (
-    LARGE_PIXELS,
     MAX_CHANGE_PX,
     MAX_SLOPE,
     MIN_PIXELS,
@@ -18,7 +16,6 @@ from sfr_loc_map.mapping.disparity.validity import (
     locally_valid,
     occlusion_mask,
     valid_mask,
-    valid_segments,
 )
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity, refine
 
@@ -145,22 +142,3 @@ def test_segments_are_those_of_a_flood_fill() -> None:
         count += 1
     np.testing.assert_array_equal(found, number)
     np.testing.assert_array_equal(pixels, np.bincount(number[number >= 0]))
-
-
-def seen(image: np.ndarray, shift: float) -> np.ndarray:
-    """Return the right image of a surface at one disparity."""
-    columns, rows = np.meshgrid(np.arange(image.shape[1], dtype=F) + F(shift), np.arange(image.shape[0], dtype=F))
-    return np.asarray(cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT), F)
-
-
-@pytest.mark.parametrize("side", [int(np.sqrt(MIN_PIXELS)), 20, int(np.sqrt(LARGE_PIXELS)) + 1])
-@pytest.mark.parametrize("alike", [True, False])
-def test_small_segments_stay_if_their_content_is_in_both_images(side: int, alike: bool) -> None:
-    rng = np.random.default_rng(1)
-    left = cv2.GaussianBlur(rng.normal(128.0, 40.0, (90, 140)).astype(F), (0, 0), 1.5)
-    right = seen(left, 5.0) if alike else cv2.GaussianBlur(rng.normal(128.0, 40.0, left.shape).astype(F), (0, 0), 1.5)
-    valid = np.zeros(left.shape, np.bool_)
-    valid[20 : 20 + side, 40 : 40 + side] = True
-    kept = valid_segments(left, right, np.full(left.shape, 5.0, F), valid)
-    stays = side**2 > MIN_PIXELS and (alike or side**2 > LARGE_PIXELS)
-    np.testing.assert_array_equal(kept, valid & stays)

@@ -69,14 +69,6 @@ def test_the_order_of_the_views_does_not_matter() -> None:
             np.testing.assert_allclose(a.sigma, b.sigma, rtol=1e-5)
 
 
-def test_points_move_along_their_rays() -> None:
-    views = [plane_view(4.0, 0.2, 0), plane_view(4.1, 0.1, 1, ASIDE[1])]
-    fused = inner(fuse_views(views, RIG)[0], 0)
-    assert fused.xyz[:, 2].mean() > 4.03
-    np.testing.assert_allclose(RIG.fx * fused.xyz[:, 0] / fused.xyz[:, 2] + RIG.cx, fused.u, atol=1e-3)
-    np.testing.assert_allclose(RIG.fy * fused.xyz[:, 1] / fused.xyz[:, 2] + RIG.cy, fused.v, atol=1e-3)
-
-
 def test_of_the_same_sample_the_one_with_the_larger_weight_stays() -> None:
     views = [plane_view(4.0, 0.2, 0), plane_view(4.0, 0.1, 1)]
     cloud = fuse_views(views, RIG)[0]

@@ -43,16 +43,6 @@ def test_weights_are_inverse_variances_that_fade_at_the_border() -> None:
         assert weight[v, u] == pytest.approx(100.0 * edge / FEATHER_PX, rel=1e-5)
 
 
-def test_points_move_with_the_pose_and_take_a_number() -> None:
-    view = view_of(np.ones((4, 5), bool))
-    pose = Transform(matrix_from_rotvec([0.0, 0.3, 0.1]), np.array([0.0, -3.0, 0.5]))
-    moved = view.with_pose(pose)
-    expected = view.T_lm_left.inverse().apply(view.cloud.xyz)
-    np.testing.assert_allclose(pose.inverse().apply(moved.cloud.xyz), expected, atol=1e-5)
-    assert view.T_lm_left is POSE
-    assert set(view.numbered(2).cloud.pair.tolist()) == {2}
-
-
 def cloud_at(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> PointCloud:
     """Return the points that POSE's camera sees at points of its image, grey level 10."""
     ray = np.column_stack(((u - RIG.cx) / RIG.fx, (v - RIG.cy) / RIG.fy, np.ones(len(u))))

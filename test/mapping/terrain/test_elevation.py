@@ -12,7 +12,6 @@ from sfr_loc_map.mapping.terrain.elevation import (
     CellGrid,
     ElevationModel,
     elevation_of_cells,
-    height_sums,
     point_covariances,
 )
 
@@ -65,26 +64,6 @@ def test_cells_that_cannot_be_are_refused(cell: float, message: str) -> None:
         CellGrid.over(points((0.0, 0.0), (9.0, 9.0)), cell)
     with pytest.raises(MappingError, match="no points"):
         CellGrid.over(np.empty((0, 3), np.float32), 0.1)
-
-
-def test_sums_are_those_of_each_cell() -> None:
-    rng = np.random.default_rng(3)
-    cell = rng.integers(-1, 7, 500).astype(np.int32)
-    height, share = rng.normal(size=500).astype(np.float32), rng.uniform(0.1, 1.0, 500)
-    random = rng.uniform(0.01, 0.1, 500).astype(np.float32)
-    sigma = (random * rng.uniform(1.0, 2.0, 500)).astype(np.float32)
-    points, weights, means, spreads, commons = height_sums(cell, 8, height, share, sigma, random)
-    for at in range(7):
-        inside = cell == at
-        weight = 1.0 / (share * random.astype(float) ** 2)[inside]
-        mean = np.average(height[inside].astype(float), weights=weight)
-        assert points[at] == inside.sum()
-        assert weights[at] == pytest.approx(weight.sum())
-        assert means[at] == pytest.approx(mean)
-        assert spreads[at] == pytest.approx((weight * (height[inside] - mean) ** 2).sum())
-        common = share * (sigma.astype(float) ** 2 - random.astype(float) ** 2)
-        assert commons[at] == pytest.approx((weight * common[inside]).sum())
-    assert np.isnan(means[7])
 
 
 def test_heights_are_weighed_by_the_variance_of_height_not_of_range() -> None:
