@@ -70,19 +70,13 @@ class MethodRun(Generic[R]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassInput(Generic[P, R]):
-    """Input of all methods, and how they are called.
+    """Input of all methods, and how they are called."""
 
-    Attributes:
-        items: Yields the pairs from the start at each call.
-        open: Starts a method.
-        call: Gives it a pair, with its number and the seconds since the first; returns its result and what it did.
-        rate_scale: Factor on the rate of the recording, for methods that work in the background.
-    """
-
-    items: Callable[[], Iterable[P]]
-    open: Callable[[Method], IsolatedMethod]
+    items: Callable[[], Iterable[P]]  #: Yields the pairs from the start at each call.
+    open: Callable[[Method], IsolatedMethod]  #: Starts a method.
+    #: Gives it a pair, with its number and the seconds since the first; returns its result and what it did.
     call: Callable[[IsolatedMethod, P, int, float], tuple[R, MethodCall]]
-    rate_scale: float = 1.0
+    rate_scale: float = 1.0  #: Factor on the rate of the recording, for methods that work in the background.
 
 
 def methods_to_compare(

@@ -46,21 +46,13 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobOutcome:
-    """What came of a job.
+    """What came of a job."""
 
-    Attributes:
-        result: The score as JSON; None if it failed.
-        seconds: How long it took, None where this is not known.
-        cause: Why it failed.
-        message: The error, or the limit.
-        tries: How often it was tried.
-    """
-
-    result: str | None
-    seconds: float | None = None
-    cause: Cause | None = None
-    message: str = ""
-    tries: int = 1
+    result: str | None  #: The score as JSON; None if it failed.
+    seconds: float | None = None  #: How long it took, None where this is not known.
+    cause: Cause | None = None  #: Why it failed.
+    message: str = ""  #: The error, or the limit.
+    tries: int = 1  #: How often it was tried.
 
 
 @contextlib.contextmanager

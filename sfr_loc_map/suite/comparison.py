@@ -66,31 +66,18 @@ class DriveRatio:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FigureComparison:
-    """One figure over all drives run alike.
+    """One figure over all drives run alike."""
 
-    Attributes:
-        runs: Task, configuration and faults.
-        kind: Accuracy, time or memory.
-        figure: Name with unit.
-        drives: Drives in both suites.
-        ratio: Geometric mean of other over first; below 1 the other suite is better.
-        ci95: 95 % interval of the ratio, by resampling drives.
-        p: Probability of such a ratio by chance (sign-flip test).
-        p_corrected: The same, corrected for the number of comparisons (Holm).
-        outcome: What follows at 5 %.
-        worst: Drive with the largest ratio.
-    """
-
-    runs: str
-    kind: FigureKind
-    figure: str
-    drives: int
-    ratio: float
-    ci95: Interval | None
-    p: float | None
-    p_corrected: float | None
-    outcome: Outcome
-    worst: DriveRatio
+    runs: str  #: Task, configuration and faults.
+    kind: FigureKind  #: Accuracy, time or memory.
+    figure: str  #: Name with unit.
+    drives: int  #: Drives in both suites.
+    ratio: float  #: Geometric mean of other over first; below 1 the other suite is better.
+    ci95: Interval | None  #: 95 % interval of the ratio, by resampling drives.
+    p: float | None  #: Probability of such a ratio by chance (sign-flip test).
+    p_corrected: float | None  #: The same, corrected for the number of comparisons (Holm).
+    outcome: Outcome  #: What follows at 5 %.
+    worst: DriveRatio  #: Drive with the largest ratio.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,48 +110,28 @@ class HistoryRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HistoryPoint:
-    """One figure of one run, compared with its baseline.
+    """One figure of one run, compared with its baseline."""
 
-    Attributes:
-        run: Name of the run.
-        kind: Accuracy, time or memory.
-        figure: Name with unit.
-        drives: Drives in both.
-        median: Median of the figure over the drives.
-        baseline: Name of the run that it is compared with.
-        ratio: Geometric mean over the drives of this run over the baseline.
-        ci95: Its 95 % interval.
-        p: Probability of such a ratio by chance, uncorrected.
-        outcome: Worse or better where this is certain.
-    """
-
-    run: str
-    kind: FigureKind
-    figure: str
-    drives: int
-    median: float
-    baseline: str
-    ratio: float
-    ci95: Interval | None
-    p: float | None
-    outcome: Outcome
+    run: str  #: Name of the run.
+    kind: FigureKind  #: Accuracy, time or memory.
+    figure: str  #: Name with unit.
+    drives: int  #: Drives in both.
+    median: float  #: Median of the figure over the drives.
+    baseline: str  #: Name of the run that it is compared with.
+    ratio: float  #: Geometric mean over the drives of this run over the baseline.
+    ci95: Interval | None  #: Its 95 % interval.
+    p: float | None  #: Probability of such a ratio by chance, uncorrected.
+    outcome: Outcome  #: Worse or better where this is certain.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """Runs in their order.
+    """Runs in their order."""
 
-    Attributes:
-        runs: Names of the runs.
-        level: Level of one comparison.
-        points: By figure and run, from the second run on.
-        first_worse: The first run of each kind of figure that is certainly worse, by kind.
-    """
-
-    runs: tuple[str, ...]
-    level: float
-    points: tuple[HistoryPoint, ...]
-    first_worse: Mapping[str, str]
+    runs: tuple[str, ...]  #: Names of the runs.
+    level: float  #: Level of one comparison.
+    points: tuple[HistoryPoint, ...]  #: By figure and run, from the second run on.
+    first_worse: Mapping[str, str]  #: The first run of each kind of figure that is certainly worse, by kind.
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values."""

@@ -113,26 +113,17 @@ class Honesty(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class StatedErrors:
-    """Errors over the stated 3 sigma on one drive, over pairs that are called tracking (or initialising).
+    """Errors over the stated 3 sigma on one drive, over pairs that are called tracking (or initialising)."""
 
-    Attributes:
-        tracking: Number of such pairs.
-        degraded: Number of pairs whose state is degraded.
-        lost: Number of pairs whose state is lost.
-        position_ratio: Largest position error over its stated 3 sigma (the root of the trace of the covariance); None
-            without such pairs.
-        attitude_ratio: The same of the attitude.
-        beyond_share: Share of such pairs with either beyond `LIMIT`; None without such pairs.
-        largest_error_m: Largest position error of such pairs, metres.
-    """
-
-    tracking: int
-    degraded: int
-    lost: int
+    tracking: int  #: Number of such pairs.
+    degraded: int  #: Number of pairs whose state is degraded.
+    lost: int  #: Number of pairs whose state is lost.
+    #: Largest position error over its stated 3 sigma (the root of the trace of the covariance); None without such
+    #: pairs.
     position_ratio: float | None
-    attitude_ratio: float | None
-    beyond_share: float | None
-    largest_error_m: float | None
+    attitude_ratio: float | None  #: The same of the attitude.
+    beyond_share: float | None  #: Share of such pairs with either beyond `LIMIT`; None without such pairs.
+    largest_error_m: float | None  #: Largest position error of such pairs, metres.
 
     @property
     def honesty(self) -> Honesty:

@@ -40,25 +40,15 @@ class SourceKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobSource:
-    """The data that a job reads.
+    """The data that a job reads."""
 
-    Attributes:
-        name: Short name, unique in the suite.
-        kind: Where the data come from.
-        path: The source, its URL, the scenario, or the estimate.
-        truth: Truth of an estimate, otherwise empty.
-        settings: All settings of a simulation, otherwise empty.
-        sha256: Hash of the content, or of the settings; `version` where a remote content has no known hash.
-        version: Of a remote source, as its server tells it.
-    """
-
-    name: str
-    kind: SourceKind
-    path: str
-    truth: str = ""
-    settings: Mapping[str, object] = field(default_factory=dict)
-    sha256: str
-    version: str = ""
+    name: str  #: Short name, unique in the suite.
+    kind: SourceKind  #: Where the data come from.
+    path: str  #: The source, its URL, the scenario, or the estimate.
+    truth: str = ""  #: Truth of an estimate, otherwise empty.
+    settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation, otherwise empty.
+    sha256: str  #: Hash of the content, or of the settings; `version` where a remote content has no known hash.
+    version: str = ""  #: Of a remote source, as its server tells it.
 
     @property
     def content_sha256(self) -> str:
@@ -83,36 +73,22 @@ class Scoring:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """One run: a pure function of its fields.
+    """One run: a pure function of its fields."""
 
-    Attributes:
-        kind: What is done.
-        source: The data.
-        faults: Injected faults, joined by `+`; empty for none.
-        fault_seed: Seed of which pairs they affect.
-        configuration: Name of the configuration.
-        parameters: Parameters that differ from the defaults, by dotted name (`localisation.max_features`).
-        start: First pose: `identity` or `truth`.
-        scoring: How it is scored.
-        repeat: Number of the repetition, from 0.
-        alone: Whether no other job of the suite runs beside it, so that its times count.
-        threads: Threads that it may use.
-        code: Fingerprint of the code.
-        limits: Limits of the verdicts, as in a limits file; they do not change the run.
-    """
-
-    kind: JobKind
-    source: JobSource
-    faults: str = ""
-    fault_seed: int
-    configuration: str
+    kind: JobKind  #: What is done.
+    source: JobSource  #: The data.
+    faults: str = ""  #: Injected faults, joined by `+`; empty for none.
+    fault_seed: int  #: Seed of which pairs they affect.
+    configuration: str  #: Name of the configuration.
+    #: Parameters that differ from the defaults, by dotted name (`localisation.max_features`).
     parameters: Mapping[str, object] = field(default_factory=dict)
-    start: str
-    scoring: Scoring
-    repeat: int
-    alone: bool
-    threads: int
-    code: str
+    start: str  #: First pose: `identity` or `truth`.
+    scoring: Scoring  #: How it is scored.
+    repeat: int  #: Number of the repetition, from 0.
+    alone: bool  #: Whether no other job of the suite runs beside it, so that its times count.
+    threads: int  #: Threads that it may use.
+    code: str  #: Fingerprint of the code.
+    #: Limits of the verdicts, as in a limits file; they do not change the run.
     limits: Mapping[str, object] = field(default_factory=dict)
 
     @property

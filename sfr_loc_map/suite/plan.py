@@ -47,15 +47,10 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True)
 class SuitePlan:
-    """The jobs of a suite.
+    """The jobs of a suite."""
 
-    Attributes:
-        jobs: In the order of the file; the same work is listed once.
-        refusals: Sources that cannot be read.
-    """
-
-    jobs: tuple[Job, ...]
-    refusals: tuple[Refusal, ...]
+    jobs: tuple[Job, ...]  #: In the order of the file; the same work is listed once.
+    refusals: tuple[Refusal, ...]  #: Sources that cannot be read.
 
 
 def make_plan(specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts]) -> SuitePlan:

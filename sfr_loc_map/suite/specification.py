@@ -74,46 +74,27 @@ class SuiteSettings:
 
 @dataclass(frozen=True, slots=True)
 class SourceEntry:
-    """One entry of `sources`.
+    """One entry of `sources`."""
 
-    Attributes:
-        path: Path or glob, URL, scenario, or estimate.
-        seeds: Seeds of a scenario; None where the entry is not a simulation.
-        settings: Settings of the simulation besides those of the scenario.
-        truth: Truth of an estimate, or None.
-        sha256: Hash of the content at a URL, empty where it is not known.
-    """
-
-    path: str
-    seeds: tuple[int, ...] | None = None
-    settings: Mapping[str, Any] | None = None
-    truth: str | None = None
-    sha256: str = ""
+    path: str  #: Path or glob, URL, scenario, or estimate.
+    seeds: tuple[int, ...] | None = None  #: Seeds of a scenario; None where the entry is not a simulation.
+    settings: Mapping[str, Any] | None = None  #: Settings of the simulation besides those of the scenario.
+    truth: str | None = None  #: Truth of an estimate, or None.
+    sha256: str = ""  #: Hash of the content at a URL, empty where it is not known.
 
 
 @dataclass(frozen=True, slots=True)
 class SuiteSpecification:
-    """What a suite is made of.
+    """What a suite is made of."""
 
-    Attributes:
-        path: The file.
-        sources: Entries of the file.
-        perturb: Injected faults; the source without faults comes first, as an empty text.
-        configurations: Parameters by dotted name, by the configuration's name.
-        tasks: What is done; None for what each source has.
-        conditions: Ends of sub-trajectories.
-        limits: Limits, empty for none.
-        settings: Single values.
-    """
-
-    path: Path
-    sources: tuple[SourceEntry, ...]
-    perturb: tuple[str, ...]
-    configurations: Mapping[str, Mapping[str, object]]
-    tasks: tuple[JobKind, ...] | None
-    conditions: tuple[str, ...]
-    limits: Mapping[str, Any]
-    settings: SuiteSettings
+    path: Path  #: The file.
+    sources: tuple[SourceEntry, ...]  #: Entries of the file.
+    perturb: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
+    configurations: Mapping[str, Mapping[str, object]]  #: Parameters by dotted name, by the configuration's name.
+    tasks: tuple[JobKind, ...] | None  #: What is done; None for what each source has.
+    conditions: tuple[str, ...]  #: Ends of sub-trajectories.
+    limits: Mapping[str, Any]  #: Limits, empty for none.
+    settings: SuiteSettings  #: Single values.
 
     @property
     def scoring(self) -> Scoring:

@@ -49,17 +49,11 @@ class JobFailure:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A job in the index.
+    """A job in the index."""
 
-    Attributes:
-        job: The job.
-        state: `done`, `failed` or `waiting`.
-        seconds: How long the last try took, None if this is not known.
-    """
-
-    job: Job
-    state: str
-    seconds: float | None
+    job: Job  #: The job.
+    state: str  #: `done`, `failed` or `waiting`.
+    seconds: float | None  #: How long the last try took, None if this is not known.
 
 
 class Store:

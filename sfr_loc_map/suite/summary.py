@@ -69,23 +69,14 @@ class ScoredJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PooledCondition:
-    """Errors over the sub-trajectories of one condition of all drives.
+    """Errors over the sub-trajectories of one condition of all drives."""
 
-    Attributes:
-        condition: What ends a sub-trajectory.
-        drives: Drives with at least two of them.
-        count: Sub-trajectories.
-        position_m: Position error.
-        attitude_deg: Attitude error.
-        heading_deg: Heading error; the mean is taken without its sign.
-    """
-
-    condition: Condition
-    drives: int
-    count: int
-    position_m: IntervalStatistic
-    attitude_deg: IntervalStatistic
-    heading_deg: IntervalStatistic
+    condition: Condition  #: What ends a sub-trajectory.
+    drives: int  #: Drives with at least two of them.
+    count: int  #: Sub-trajectories.
+    position_m: IntervalStatistic  #: Position error.
+    attitude_deg: IntervalStatistic  #: Attitude error.
+    heading_deg: IntervalStatistic  #: Heading error; the mean is taken without its sign.
 
 
 class Over(StrEnum):
@@ -97,29 +88,18 @@ class Over(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroupVerdict:
-    """The verdict on one limit over all drives of a group.
+    """The verdict on one limit over all drives of a group."""
 
-    Attributes:
-        metric: Name of the figure as in the limits file.
-        condition: Condition of the sub-trajectories, None outside the trajectory.
-        limit: Bound, in the unit of the name.
-        value: The figure, None where it is undefined.
-        ci95: Its 95 % interval over drives, None where it has none.
-        count: Sub-trajectories, or drives that have the figure.
-        over: Whether the values of all drives are pooled, or the worst drive decides (figures that cannot be pooled).
-        state: The verdict.
-        missed_by: Drives that miss the limit on their own.
-    """
-
-    metric: str
-    condition: Condition | None
-    limit: float
-    value: float | None
-    ci95: Interval | None
-    count: int
+    metric: str  #: Name of the figure as in the limits file.
+    condition: Condition | None  #: Condition of the sub-trajectories, None outside the trajectory.
+    limit: float  #: Bound, in the unit of the name.
+    value: float | None  #: The figure, None where it is undefined.
+    ci95: Interval | None  #: Its 95 % interval over drives, None where it has none.
+    count: int  #: Sub-trajectories, or drives that have the figure.
+    #: Whether the values of all drives are pooled, or the worst drive decides (figures that cannot be pooled).
     over: Over
-    state: VerdictState
-    missed_by: int
+    state: VerdictState  #: The verdict.
+    missed_by: int  #: Drives that miss the limit on their own.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,27 +118,16 @@ class Group:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """What follows from all results of a suite.
+    """What follows from all results of a suite."""
 
-    Attributes:
-        tasks: Jobs of the suite.
-        waiting: Jobs that were not run yet.
-        groups: Drives that were run alike.
-        drives: Every result.
-        failures: Why jobs failed.
-        again: Commands that run each of them again, alone.
-        refusals: Sources that cannot be read.
-        code: Fingerprint of the code.
-    """
-
-    tasks: int
-    waiting: int
-    groups: tuple[Group, ...]
-    drives: tuple[ScoredJob, ...]
-    failures: tuple[JobFailure, ...]
-    again: tuple[str, ...]
-    refusals: tuple[Refusal, ...]
-    code: str
+    tasks: int  #: Jobs of the suite.
+    waiting: int  #: Jobs that were not run yet.
+    groups: tuple[Group, ...]  #: Drives that were run alike.
+    drives: tuple[ScoredJob, ...]  #: Every result.
+    failures: tuple[JobFailure, ...]  #: Why jobs failed.
+    again: tuple[str, ...]  #: Commands that run each of them again, alone.
+    refusals: tuple[Refusal, ...]  #: Sources that cannot be read.
+    code: str  #: Fingerprint of the code.
 
     @property
     def counts(self) -> dict[str, int]:

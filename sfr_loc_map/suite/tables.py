@@ -1,10 +1,12 @@
-"""The tables of a suite, of a comparison of suites, and of a history."""
+"""The tables of a suite, of a comparison of suites, and of a history, made of their JSON values."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
+from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.report.tables import (
     ABSENT,
     DEGREE,
@@ -12,23 +14,141 @@ from sfr_loc_map.report.tables import (
     MIB,
     MILLIMETRE,
     MILLISECOND,
+    NONE,
     PERCENT,
     SECOND,
     Cell,
     Column,
-    Row,
     Table,
+    Unit,
 )
 from sfr_loc_map.suite.comparison import History, SuiteComparison
 from sfr_loc_map.suite.job import NO_CONFIGURATION, SHORT_KEY
-from sfr_loc_map.suite.summary import PooledCondition, ScoredJob, Summary
+from sfr_loc_map.suite.summary import ScoredJob, Summary
 
-ERRORS = (("position", "position_m", METRE), ("attitude", "attitude_deg", DEGREE), ("heading", "heading_deg", DEGREE))
-"""Name, key and unit of the errors of a trajectory."""
 PAGES = "pages"
 """Folder of the pages of single results, beside the page of the suite."""
 MAX_PAGES = 200
 """Pages of the worst results; of the others the score is there, of which `sfr report` makes a page."""
+HEAD, WORDS, INTERVAL, VERDICT, FILE, SHOWN = "head", "words", "interval", "verdict", "file", "shown"
+"""Kinds of columns without one unit; of `SHOWN` each row names its own."""
+Kind = Unit | str
+Columns = tuple[tuple[str, Kind, str], ...]
+"""Title, unit or kind, and the keys that lead to the value in a row, joined by dots."""
+GROUPS: Columns = (
+    ("number", NONE, "number"),
+    ("task", HEAD, "task"),
+    ("configuration", WORDS, "configuration"),
+    ("faults", WORDS, "faults"),
+    ("drives", NONE, "drives"),
+    ("frames", NONE, "matched"),
+    ("lost", NONE, "lost"),
+)
+VERDICTS: Columns = (
+    ("runs", HEAD, "runs"),
+    ("figure", WORDS, "figure"),
+    ("limit", NONE, "limit"),
+    ("value", NONE, "value"),
+    ("95 % interval", INTERVAL, "ci95"),
+    ("of", WORDS, "over"),
+    ("n", NONE, "count"),
+    ("drives that miss it", NONE, "missed_by"),
+    ("verdict", VERDICT, "state"),
+)
+POOLED: Columns = (
+    ("runs", HEAD, "runs"),
+    ("over", WORDS, "over"),
+    ("error", WORDS, "error"),
+    ("mean", SHOWN, "mean"),
+    ("sigma", SHOWN, "sigma"),
+    ("mean + 3 sigma", SHOWN, "mean_plus_3sigma"),
+    ("95 % interval", INTERVAL, "mean_plus_3sigma_ci95"),
+    ("unit", WORDS, "unit"),
+    ("sub-trajectories", NONE, "count"),
+    ("drives", NONE, "drives"),
+)
+DRIVES: Columns = (
+    ("drive", HEAD, "source"),
+    ("runs", WORDS, "runs"),
+    ("position, mean + 3 sigma", MILLIMETRE, "trajectory.position_m.mean_plus_3sigma"),
+    ("attitude", DEGREE, "trajectory.attitude_deg.mean_plus_3sigma"),
+    ("heading", DEGREE, "trajectory.heading_deg.mean_plus_3sigma"),
+    ("n", NONE, "trajectory.count"),
+    ("lost", NONE, "trajectory.lost"),
+    ("pairs", NONE, "trajectory.matched"),
+    ("call p95", MILLISECOND, "timing.localisation_s.p95"),
+    ("peak", MIB, "memory.localisation_peak_bytes"),
+    ("task", SECOND, "seconds"),
+    ("limits missed", NONE, "missed"),
+    ("result", FILE, "key"),
+)
+MAPS: Columns = (
+    ("drive", HEAD, "source"),
+    ("runs", WORDS, "runs"),
+    ("coverage", PERCENT, "map.coverage"),
+    ("point error mean", MILLIMETRE, "map.point_error_m.mean"),
+    ("mean + 3 sigma", MILLIMETRE, "map.point_error_m.mean_plus_3sigma"),
+    ("result", FILE, "key"),
+)
+FAILURES: Columns = (
+    ("task", HEAD, "label"),
+    ("cause", WORDS, "cause"),
+    ("tries", NONE, "tries"),
+    ("message", WORDS, "message"),
+    ("again", WORDS, "again"),
+    ("result", FILE, "key"),
+)
+COMPARISON: Columns = (
+    ("runs", HEAD, "runs"),
+    ("figure", WORDS, "figure"),
+    ("drives", NONE, "drives"),
+    ("ratio", NONE, "ratio"),
+    ("95 % interval", INTERVAL, "ci95"),
+    ("p", NONE, "p"),
+    ("p, corrected", NONE, "p_corrected"),
+    ("the other is", WORDS, "outcome"),
+    ("largest ratio", NONE, "largest"),
+    ("at", WORDS, "worst.label"),
+)
+HISTORY: Columns = (
+    ("figure", HEAD, "figure"),
+    ("run", WORDS, "run"),
+    ("drives", NONE, "drives"),
+    ("median", NONE, "median"),
+    ("baseline", WORDS, "baseline"),
+    ("ratio", NONE, "ratio"),
+    ("95 % interval", INTERVAL, "ci95"),
+    ("p", NONE, "p"),
+    ("is", WORDS, "outcome"),
+)
+
+
+def _table(name: str, title: str, columns: Columns, rows: Iterable[Mapping[str, Any]], note: str = "") -> Table:
+    heads = tuple(
+        Column(title, kind if isinstance(kind, Unit) else NONE, kind in (HEAD, WORDS, VERDICT, FILE))
+        for title, kind, _ in columns
+    )
+    cells = tuple(tuple(_cell(row, kind, keys) for _, kind, keys in columns) for row in rows)
+    return Table(name, title, heads, cells, note)
+
+
+def _cell(row: Mapping[str, Any], kind: Kind, keys: str) -> Cell:
+    """Return the cell of a row; `place` of the row, before the keys, is where its figures stand in their file."""
+    value: Any = row
+    for key in keys.split("."):
+        value = value.get(key) if isinstance(value, Mapping) else None
+    place, text = f"{row.get('place', '')}{keys}", ABSENT if value in (None, "") else str(value)
+    if kind == HEAD:
+        return replace(Cell.head(text), link=row.get("link", ""))
+    if kind == FILE:
+        return Cell(text[:SHORT_KEY], link="" if text == ABSENT else f"{row.get('folder', 'results')}/{text}.json")
+    if kind == INTERVAL:
+        return Cell.interval(value, place, row.get("shown", NONE))
+    if kind == SHOWN:
+        return Cell.number(value, place, row["shown"], ABSENT)
+    if isinstance(kind, Unit):
+        return Cell.number(value, place, kind, ABSENT)
+    return Cell.verdict(text) if kind == VERDICT else Cell(text)
 
 
 def suite_tables(summary: Summary, *, commands: bool = False) -> list[Table]:
@@ -38,15 +158,55 @@ def suite_tables(summary: Summary, *, commands: bool = False) -> list[Table]:
         summary: What is shown.
         commands: Whether each failure has the command that repeats it, which is too long for a terminal's table.
     """
-    names = [_joined(group.task, group.configuration, group.faults) for group in summary.groups]
+    counts: Columns = tuple((name, NONE, f"counts.{name}") for name in summary.counts)
+    refused = {"counts": summary.counts, "refusals": len(summary.refusals)}
+    groups, verdicts, pooled = [], [], []
+    for number, group in enumerate(summary.groups):
+        place, runs = f"groups.{number}.", _joined(group.task, group.configuration, group.faults)
+        head = {"runs": runs, "link": "suite.json"}
+        row = {**to_plain(group), **head, "place": place, "number": number + 1, "faults": group.faults or "none"}
+        groups.append(row if group.conditions else row | {"matched": None, "lost": None})  # maps have no frames
+        for index, item in enumerate(group.verdicts):
+            figure = item.metric if item.condition is None else f"{item.metric} over {item.condition.label}"
+            verdicts.append({**to_plain(item), **head, "place": f"{place}verdicts.{index}.", "figure": figure})
+        for index, part in enumerate(group.conditions):
+            for key, unit in (("position_m", METRE), ("attitude_deg", DEGREE), ("heading_deg", DEGREE)):
+                figures = to_plain(getattr(part, key))
+                shown = MILLIMETRE if unit is METRE and (figures["mean_plus_3sigma"] or 0.0) < 1.0 else unit
+                named = {"over": part.condition.label, "error": key.partition("_")[0], "unit": shown.symbol}
+                counted = {"count": part.count, "drives": part.drives, "shown": shown}
+                pooled.append(figures | head | named | counted | {"place": f"{place}conditions.{index}.{key}."})
+    failures = [to_plain(item) | {"again": again} for item, again in zip(summary.failures, summary.again, strict=True)]
+    failures += [
+        {"label": item.path, "cause": "source refused", "tries": 0, "message": item.reason} for item in summary.refusals
+    ]
+    pages = {drive.job.key for drive in linked(summary)}
+    maps = [_row(drive, pages) for drive in summary.drives if drive.score.map is not None]
+    maps.sort(key=lambda row: -((row["map"].get("point_error_m") or {}).get("mean_plus_3sigma") or 0.0))
+    of_verdicts = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
+    of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
+    of_drives = (
+        "Errors over the sub-trajectories of the first condition. A drive links to its page, a result to the file."
+    )
     tables = (
-        _counts(summary),
-        _verdicts(summary, names),
-        _runs(summary),
-        _pooled(summary, names),
-        _maps(summary),
-        _drives(summary),
-        _failures(summary, commands=commands),
+        _table("counts", "Tasks", (*counts, ("sources refused", NONE, "refusals")), [refused]),
+        _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),
+        _table("groups", "Runs", GROUPS, groups, "Drives of one number were run alike."),
+        _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
+        _table("maps", "Maps, the worst first", MAPS, maps),
+        _table(
+            "drives",
+            "Drives, the worst first",
+            DRIVES,
+            [_row(drive, pages) for drive in worst_first(summary)],
+            of_drives,
+        ),
+        _table(
+            "failures",
+            "Failures",
+            FAILURES if commands else tuple(column for column in FAILURES if column[0] != "again"),
+            [row | {"folder": "failures"} for row in failures],
+        ),
     )
     return [table for table in tables if table.rows]
 
@@ -63,233 +223,36 @@ def linked(summary: Summary) -> list[ScoredJob]:
     return (worst_first(summary) + maps)[:MAX_PAGES]
 
 
-def _words(*titles: str) -> list[Column]:
-    return [Column(title, words=True) for title in titles]
-
-
 def _joined(*parts: str) -> str:
     """Return the parts that say something."""
     return ", ".join(part for part in parts if part not in ("", NO_CONFIGURATION))
 
 
-def _in_summary(text: str) -> Cell:
-    """Return the name of a row whose figures stand in the summary's file."""
-    return replace(Cell.head(text), link="suite.json")
-
-
-def _counts(summary: Summary) -> Table:
-    columns = tuple(Column(name) for name in (*summary.counts, "sources refused"))
-    cells = [Cell.number(value, f"counts.{name}") for name, value in summary.counts.items()]
-    return Table("counts", "Tasks", columns, ((*cells, Cell.number(len(summary.refusals), "refusals")),))
-
-
-def _runs(summary: Summary) -> Table:
-    words = _words("task", "configuration", "faults")
-    columns = (Column("number"), *words, Column("drives"), Column("frames"), Column("lost"))
-    rows: list[Row] = []
-    for index, group in enumerate(summary.groups):
-        place = f"groups.{index}"
-        frames = (Cell(ABSENT), Cell(ABSENT))  # of maps
-        if group.conditions:
-            frames = (Cell.number(group.matched, f"{place}.matched"), Cell.number(group.lost, f"{place}.lost"))
-        named = (_in_summary(group.task), Cell(group.configuration), Cell(group.faults or "none"))
-        rows.append((Cell.number(index + 1), *named, Cell.number(group.drives, f"{place}.drives"), *frames))
-    return Table("groups", "Runs", columns, tuple(rows), "Drives of one number were run alike.")
-
-
-def _verdicts(summary: Summary, names: list[str]) -> Table:
-    figures = (Column("limit"), Column("value"), Column("95 % interval"))
-    counts = (*_words("of"), Column("n"), Column("drives that miss it"), *_words("verdict"))
-    rows: list[Row] = []
-    for number, group in enumerate(summary.groups):
-        for index, item in enumerate(group.verdicts):
-            place = f"groups.{number}.verdicts.{index}"
-            over = f" over {item.condition.label}" if item.condition is not None else ""
-            rows.append(
-                (
-                    _in_summary(names[number]),
-                    Cell(f"{item.metric}{over}"),
-                    Cell.number(item.limit, f"{place}.limit"),
-                    Cell.number(item.value, f"{place}.value", undefined=ABSENT),
-                    Cell.interval(item.ci95, f"{place}.ci95"),
-                    Cell(item.over.value),
-                    Cell.number(item.count, f"{place}.count"),
-                    Cell.number(item.missed_by, f"{place}.missed_by"),
-                    Cell.verdict(item.state.value),
-                )
-            )
-    note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
-    columns = (*_words("runs", "figure"), *figures, *counts)
-    return Table("verdicts", "Verdicts over all drives", columns, tuple(rows), note)
-
-
-def _pooled(summary: Summary, names: list[str]) -> Table:
-    figures = (Column("mean"), Column("sigma"), Column("mean + 3 sigma"), Column("95 % interval"))
-    counts = (Column("sub-trajectories"), Column("drives"))
-    columns = (*_words("runs", "over", "error"), *figures, *_words("unit"), *counts)
-    rows = [
-        row
-        for number, group in enumerate(summary.groups)
-        for index, part in enumerate(group.conditions)
-        for row in _pooled_rows(names[number], part, f"groups.{number}.conditions.{index}")
-    ]
-    note = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
-    return Table("pooled", "Errors over the sub-trajectories of all drives", columns, tuple(rows), note)
-
-
-def _pooled_rows(runs: str, part: PooledCondition, place: str) -> Iterator[Row]:
-    for name, key, unit in ERRORS:
-        statistic = getattr(part, key)
-        shown = MILLIMETRE if unit is METRE and (statistic.mean_plus_3sigma or 0.0) < 1.0 else unit
-        yield (
-            _in_summary(runs),
-            Cell(part.condition.label),
-            Cell(name),
-            *(
-                Cell.number(getattr(statistic, figure), f"{place}.{key}.{figure}", shown, ABSENT)
-                for figure in ("mean", "sigma", "mean_plus_3sigma")
-            ),
-            Cell.interval(statistic.mean_plus_3sigma_ci95, f"{place}.{key}.mean_plus_3sigma_ci95", shown),
-            Cell(shown.symbol),
-            Cell.number(part.count, f"{place}.count"),
-            Cell.number(part.drives, f"{place}.drives"),
-        )
-
-
-def _named(drive: ScoredJob, pages: set[str]) -> tuple[Cell, Cell]:
-    """Return the name of a drive, with a link to its page, and how it was run."""
-    job = drive.job
-    link = f"{PAGES}/{job.key}.html" if job.key in pages else ""
-    repeat = f"repeat {job.repeat}" if job.repeat else ""
-    return replace(Cell.head(job.source.name), link=link), Cell(_joined(*drive.runs, repeat))
-
-
-def _file(drive: ScoredJob) -> Cell:
-    """Return the key of a result, with a link to the whole score."""
-    return Cell(drive.job.key[:SHORT_KEY], link=f"results/{drive.job.key}.json")
-
-
-def _maps(summary: Summary) -> Table:
-    errors = (Column("point error mean", MILLIMETRE), Column("mean + 3 sigma", MILLIMETRE))
-    columns = (*_words("drive", "runs"), Column("coverage", PERCENT), *errors, *_words("result"))
-    found = []
-    pages = {drive.job.key for drive in linked(summary)}
-    for drive in summary.drives:
-        score = drive.score.map
-        if score is None:
-            continue
-        error = None if score.errors is None else score.errors.point_error_m
-        mean, figure = (None, None) if error is None else (error.mean, error.mean_plus_3sigma)
-        row = (
-            *_named(drive, pages),
-            Cell.number(score.coverage, "map.coverage", PERCENT, ABSENT),
-            Cell.number(mean, "map.point_error_m.mean", MILLIMETRE, ABSENT),
-            Cell.number(figure, "map.point_error_m.mean_plus_3sigma", MILLIMETRE, ABSENT),
-            _file(drive),
-        )
-        found.append((figure or 0.0, row))
-    found.sort(key=lambda item: -item[0])
-    return Table("maps", "Maps, the worst first", columns, tuple(row for _, row in found))
-
-
-def _drives(summary: Summary) -> Table:
-    errors = (Column("position, mean + 3 sigma", MILLIMETRE), Column("attitude", DEGREE), Column("heading", DEGREE))
-    costs = (Column("call p95", MILLISECOND), Column("peak", MIB), Column("task", SECOND), Column("limits missed"))
-    columns = (*_words("drive", "runs"), *errors, Column("n"), Column("lost"), Column("pairs"), *costs)
-    pages = {drive.job.key for drive in linked(summary)}
-    rows: list[Row] = []
-    for drive in worst_first(summary):
-        score, trajectory = drive.score, drive.score.trajectory
-        assert trajectory is not None
-        first, place = trajectory.first, "trajectory."
-        calls = None if score.timing is None else score.timing.localisation
-        peaks = None if score.memory is None else score.memory.localisation
-        peak = None if peaks is None else peaks.peak_bytes
-        position, attitude, heading = first.position_m, first.attitude_deg, first.heading_deg
-        rows.append(
-            (
-                *_named(drive, pages),
-                Cell.number(position.mean_plus_3sigma, f"{place}position_m.mean_plus_3sigma", MILLIMETRE, ABSENT),
-                Cell.number(attitude.mean_plus_3sigma, f"{place}attitude_deg.mean_plus_3sigma", DEGREE, ABSENT),
-                Cell.number(heading.mean_plus_3sigma, f"{place}heading_deg.mean_plus_3sigma", DEGREE, ABSENT),
-                Cell.number(first.count, f"{place}count"),
-                Cell.number(trajectory.lost, f"{place}lost"),
-                Cell.number(trajectory.matched, f"{place}matched"),
-                Cell.number(None if calls is None else calls.p95, "timing.localisation_s.p95", MILLISECOND, ABSENT),
-                Cell.number(peak, "memory.localisation_peak_bytes", MIB, ABSENT),
-                Cell.number(drive.seconds, "", SECOND, ABSENT),
-                Cell.number(len(score.failed), "verdicts"),
-                _file(drive),
-            )
-        )
-    note = "Errors over the sub-trajectories of the first condition. A drive links to its page, a result to the file."
-    return Table("drives", "Drives, the worst first", (*columns, *_words("result")), tuple(rows), note)
-
-
-def _failures(summary: Summary, *, commands: bool) -> Table:
-    """Return jobs that failed and sources that were refused, each with its cause."""
-    columns = (
-        *_words("task", "cause"),
-        Column("tries"),
-        *_words("message", *(("again",) if commands else ()), "result"),
-    )
-    rows: list[Row] = []
-    for item, again in zip(summary.failures, summary.again, strict=True):
-        told = (Cell.head(item.label), Cell(item.cause.value), Cell.number(item.tries, "tries"), Cell(item.message))
-        link = Cell(item.key[:SHORT_KEY], link=f"failures/{item.key}.json")
-        rows.append((*told, *((Cell(again or ABSENT),) if commands else ()), link))
-    for refusal in summary.refusals:
-        told = (Cell.head(refusal.path), Cell("source refused"), Cell.number(0, "refusals"), Cell(refusal.reason))
-        rows.append((*told, *((Cell(ABSENT),) if commands else ()), Cell(ABSENT)))
-    return Table("failures", "Failures", columns, tuple(rows))
+def _row(drive: ScoredJob, pages: set[str]) -> dict[str, Any]:
+    """Return the figures of a drive, with a link to its page if there is one."""
+    job, score = drive.job, drive.score
+    return {
+        **drive.names(),
+        **{part: to_plain(getattr(score, part)) for part in ("trajectory", "timing", "memory", "map")},
+        "runs": _joined(*drive.runs, f"repeat {job.repeat}" if job.repeat else ""),
+        "link": f"{PAGES}/{job.key}.html" if job.key in pages else "",
+        "missed": len(score.failed),
+    }
 
 
 def comparison_tables(result: SuiteComparison) -> list[Table]:
     """Return the table of a comparison of suites."""
-    figures = (Column("drives"), Column("ratio"), Column("95 % interval"), Column("p"), Column("p, corrected"))
-    columns = (*_words("runs", "figure"), *figures, *_words("the other is"), Column("largest ratio"), *_words("at"))
-    rows = tuple(
-        (
-            Cell.head(item.runs),
-            Cell(item.figure),
-            Cell.number(item.drives),
-            Cell.number(item.ratio),
-            Cell.interval(item.ci95),
-            Cell.number(item.p, undefined=ABSENT),
-            Cell.number(item.p_corrected, undefined=ABSENT),
-            Cell(item.outcome.value),
-            Cell.number(item.worst.other / item.worst.first),
-            Cell(item.worst.label),
-        )
-        for item in result.figures
-    )
+    rows = [{**to_plain(item), "largest": item.worst.other / item.worst.first} for item in result.figures]
     note = (
         "Ratio: geometric mean over the drives of mean + 3 sigma, or of the cost; below 1 the other is better. "
         f"Corrected for {len(result.figures)} comparisons (Holm). Not in both: {result.left_out[0]} and "
         f"{result.left_out[1]}."
     )
     title = f"{result.names[1]} over {result.names[0]}, {result.common} drives in both"
-    return [Table("comparison", title, columns, rows, note)]
+    return [_table("comparison", title, COMPARISON, rows, note)]
 
 
 def history_tables(history: History) -> list[Table]:
     """Return the table of a history: every figure of every run beside its baseline."""
-    counts = (Column("drives"), Column("median"))
-    ratios = (Column("ratio"), Column("95 % interval"), Column("p"))
-    rows = tuple(
-        (
-            Cell.head(item.figure),
-            Cell(item.run),
-            Cell.number(item.drives),
-            Cell.number(item.median),
-            Cell(item.baseline),
-            Cell.number(item.ratio),
-            Cell.interval(item.ci95),
-            Cell.number(item.p, undefined=ABSENT),
-            Cell(item.outcome.value),
-        )
-        for item in history.points
-    )
     note = f"Certain: p below {history.level:.2g}, so that a history without a change gives an alarm once in 100 times."
-    columns = (*_words("figure", "run"), *counts, *_words("baseline"), *ratios, *_words("is"))
-    return [Table("history", "Runs beside their baseline", columns, rows, note)]
+    return [_table("history", "Runs beside their baseline", HISTORY, map(to_plain, history.points), note)]
