@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,34 +31,39 @@ from sfr_loc_map.errors import FailedVerdictError, InputError
 app = App(help="Methods beside each other: same input, same run, own processes. Ours with injected faults.")
 app.callback(invoke_without_command=True)(help_without_command)
 
-PeerPythonOption = Annotated[
-    Path | None,
-    typer.Option("--peer-python", metavar="PYTHON", help="Interpreter that has the optional reference methods."),
-]
-AddedOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--method",
-        metavar="NAME|package.module:Class|lib:FILE.so",
-        autocompletion=complete_methods,
-        help="One more method to compare; repeatable.",
-    ),
-]
-RepeatOption = Annotated[int, typer.Option("--repeat", min=1, metavar="N", help="Passes; medians are shown.")]
+
+@dataclass(frozen=True, slots=True)
+class ComparedOptions:
+    """Which methods are compared, and how often."""
+
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME|package.module:Class|lib:FILE.so",
+            autocompletion=complete_methods,
+            help="One more method to compare; repeatable.",
+        ),
+    ] = None
+    peer_python: Annotated[
+        Path | None, typer.Option(metavar="PYTHON", help="Interpreter that has the optional reference methods.")
+    ] = None
+    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Passes; medians are shown.")] = 3
+    config: ConfigOption = None
+    remap: RemapOption = None
+
+
 SpacingOption = Annotated[int, typer.Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")]
 
 
 @app.command(epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"))
 def localise(
     source: SourceArgument,
-    peer_python: PeerPythonOption = None,
+    compared: ComparedOptions,
     vocabulary: Annotated[
         Path | None, typer.Option("--vocab", metavar="F.txt", help="Vocabulary of ORB-SLAM3 (text).")
     ] = None,
-    method: AddedOption = None,
     condition: ConditionOption = None,
     spacing: SpacingOption = 10,
-    repeat: RepeatOption = 3,
     rate: Annotated[
         float | None,
         typer.Option(
@@ -67,8 +73,6 @@ def localise(
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
-    config: ConfigOption = None,
-    remap: RemapOption = None,
 ) -> None:
     """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
     from sfr_loc_map.inputs import Task
@@ -79,20 +83,20 @@ def localise(
 
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
     check_outputs(json_path, overwrite=overwrite)
-    parameters = read_config(LocalisationConfig, config, "localisation")
-    sequence = open_drive(source, remap)
+    parameters = read_config(LocalisationConfig, compared.config, "localisation")
+    sequence = open_drive(source, compared.remap)
     check_conditions(sequence.ground_truth, scoring.conditions, lenient=lenient)
-    methods, missing = methods_to_compare(Task.LOCALISATION, peer_python, vocabulary, method or ())
+    methods, missing = methods_to_compare(Task.LOCALISATION, compared.peer_python, vocabulary, compared.method or ())
     start = start_pose(sequence, "identity" if sequence.ground_truth is None else "truth").T_ds_rb
     with progress_bar("calls") as bar:
-        shown = bar.add_task("measuring", total=len(sequence) * len(methods) * repeat)
+        shown = bar.add_task("measuring", total=len(sequence) * len(methods) * compared.repeat)
         result = compare_localisers(
             sequence,
             start,
             methods,
             parameters,
             scoring,
-            repeat=repeat,
+            repeat=compared.repeat,
             rate_hz=rate,
             progress=lambda: bar.advance(shown),
         )
@@ -102,13 +106,9 @@ def localise(
 @app.command(name="map", epilog=examples("sfr bench map data/ --json bench.json"))
 def map_(
     source: SourceArgument,
-    peer_python: PeerPythonOption = None,
-    method: AddedOption = None,
-    repeat: RepeatOption = 3,
+    compared: ComparedOptions,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
-    config: ConfigOption = None,
-    remap: RemapOption = None,
 ) -> None:
     """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
     from sfr_loc_map.inputs import Task
@@ -116,12 +116,14 @@ def map_(
     from sfr_loc_map.methods.comparison import compare_mappers, methods_to_compare
 
     check_outputs(json_path, overwrite=overwrite)
-    parameters = read_config(MappingConfig, config, "mapping")
-    sequence = open_panorama(source, remap)
-    methods, missing = methods_to_compare(Task.MAPPING, peer_python, added=method or ())
+    parameters = read_config(MappingConfig, compared.config, "mapping")
+    sequence = open_panorama(source, compared.remap)
+    methods, missing = methods_to_compare(Task.MAPPING, compared.peer_python, added=compared.method or ())
     with progress_bar("calls") as bar:
-        shown = bar.add_task("measuring", total=len(sequence) * len(methods) * repeat)
-        result = compare_mappers(sequence, methods, parameters, repeat=repeat, progress=lambda: bar.advance(shown))
+        shown = bar.add_task("measuring", total=len(sequence) * len(methods) * compared.repeat)
+        result = compare_mappers(
+            sequence, methods, parameters, repeat=compared.repeat, progress=lambda: bar.advance(shown)
+        )
     _present({"source": str(source), **result, "missing": missing}, json_path)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +21,6 @@ from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, Inte
 from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
-    from sfr_loc_map.suite.cluster import JobOutcome
     from sfr_loc_map.suite.job import Job
     from sfr_loc_map.suite.specification import SuiteSettings
     from sfr_loc_map.suite.store import Store
@@ -101,43 +100,29 @@ def run(
 
 
 def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
-    """Run jobs and keep what comes of each."""
+    """Run jobs and keep what comes of each; show a bar on a terminal, a line now and then elsewhere."""
     from sfr_loc_map.suite.cluster import connected, run_jobs
     from sfr_loc_map.suite.sources import trim_copies
 
     trim_copies(store.cache, settings.cache_mb * 10**6)
+    begin = last = time.monotonic()
+    failed = 0
     with (
-        _progress(len(jobs)) as advance,
+        progress_bar("tasks") as bar,
         connected(settings, workers=places, scheduler=scheduler) as client,
         closing(run_jobs(client, jobs, settings.timeout_s, store.cache)) as outcomes,
     ):
-        for job, outcome in outcomes:
+        shown = bar.add_task("running", total=len(jobs))
+        for done, (job, outcome) in enumerate(outcomes, 1):
             store.save(job, outcome)
-            advance(job, outcome)
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[Job, JobOutcome], None]]:
-    """Yield what is called with each job that is done: a bar on a terminal, a line now and then elsewhere."""
-    begin = last = time.monotonic()
-    done = failed = 0
-    with progress_bar("tasks") as bar:
-        shown = bar.add_task("running", total=total)
-
-        def advance(job: Job, outcome: JobOutcome) -> None:
-            nonlocal last, done, failed
-            done += 1
             bar.advance(shown)
             if outcome.cause is not None:
                 failed += 1
                 say(f"failed: {job.label}: {outcome.cause}", err=True)
             now = time.monotonic()
-            if bar.disable and (now - last > LINE_EVERY_S or done == total):
-                last = now
-                left = (now - begin) / done * (total - done)
-                say(f"{done} of {total} tasks, {failed} failed, about {left:.0f} s left", err=True)
-
-        yield advance
+            if bar.disable and (now - last > LINE_EVERY_S or done == len(jobs)):
+                last, left_s = now, (now - begin) / done * (len(jobs) - done)
+                say(f"{done} of {len(jobs)} tasks, {failed} failed, about {left_s:.0f} s left", err=True)
 
 
 def _say_plan(store: Store, jobs: Sequence[Job], total: int, places: int) -> None:
@@ -222,11 +207,7 @@ def history(
 
 
 def _open_store(folder: Path) -> Store:
-    """Return the folder of a suite that has run.
-
-    Raises:
-        InputError: If it is none.
-    """
+    """Return the folder of a suite that has run; raise InputError if it is none."""
     from sfr_loc_map.suite.store import Store
 
     if not (folder / "index.sqlite").is_file():
@@ -235,13 +216,7 @@ def _open_store(folder: Path) -> Store:
 
 
 def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: bool) -> None:
-    """Print the tables and say how it ended.
-
-    Raises:
-        FailedVerdictError: If a limit was missed.
-        InputError: If a job failed or a source could not be read.
-        NotJudgedError: If a limit could not be judged, and `lenient` is not given.
-    """
+    """Print the tables and say how it ended: raise an error if a limit was missed, a job failed, or is not judged."""
     from sfr_loc_map.metrics.config import VerdictState
     from sfr_loc_map.suite.tables import suite_tables
 
@@ -252,11 +227,13 @@ def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: 
         if again:
             say(f"  again: {again}", err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
-    missed = sum(item.state is VerdictState.FAIL for _, item in verdicts)
-    if missed:
+    if missed := sum(item.state is VerdictState.FAIL for _, item in verdicts):
         raise FailedVerdictError(f"{missed} of {len(verdicts)} limits over all drives missed")
     if count := len(summary.failures) + len(summary.refusals):
         raise InputError(f"{count} tasks or sources failed: each is named above")
-    undecided = [(group, item) for group, item in verdicts if item.state is VerdictState.NOT_ENOUGH_DATA]
-    reasons = [f"{item.metric} of {group.task}, {group.configuration}: not enough data" for group, item in undecided]
-    not_judged(reasons, lenient=lenient)
+    undecided = [
+        f"{item.metric} of {group.task}, {group.configuration}: not enough data"
+        for group, item in verdicts
+        if item.state is VerdictState.NOT_ENOUGH_DATA
+    ]
+    not_judged(undecided, lenient=lenient)

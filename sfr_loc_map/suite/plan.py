@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import importlib.metadata
 from collections.abc import Callable, Iterator, Mapping
@@ -10,15 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-from sfr_loc_map.config import build, flatten, load_yaml
+from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.inputs import hash_path
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind, digest
-from sfr_loc_map.suite.sources import expand, is_remote, remote_version
-from sfr_loc_map.suite.specification import SourceEntry, SuiteSpecification
+from sfr_loc_map.suite.sources import remote_version
+from sfr_loc_map.suite.specification import SuiteSpecification
 
 READERS = 8
 """Sources that are hashed, or asked for, at a time: of many large ones this takes longer than their jobs."""
@@ -61,10 +59,9 @@ def make_plan(specification: SuiteSpecification, facts_of: Callable[[Path], Sour
         facts_of: Tells what a source holds; raises an error for one that cannot be read.
 
     Raises:
-        ConfigError: If a path or glob matches nothing, a simulation's settings are wrong, or there is no job at all.
+        ConfigError: If there is no job at all.
     """
-    folder = specification.path.absolute().parent
-    sources = [source for entry in specification.sources for source in _sources(entry, folder)]
+    sources = list(specification.sources)
     names = [source.name for source in sources]
     for index, source in enumerate(sources):
         if names.count(source.name) > 1 and source.kind is not SourceKind.SIMULATED:
@@ -84,40 +81,6 @@ def make_plan(specification: SuiteSpecification, facts_of: Callable[[Path], Sour
     if not jobs and not refusals:
         raise ConfigError(f"{specification.path}: no task: the sources have nothing that 'tasks' asks for")
     return SuitePlan(tuple(jobs.values()), refusals)
-
-
-def _sources(entry: SourceEntry, folder: Path) -> Iterator[JobSource]:
-    """Yield the sources of an entry, those of files without their hashes."""
-    if entry.truth is not None:
-        path, truth = str(folder / entry.path), str(folder / entry.truth)
-        yield JobSource(name=Path(path).name, kind=SourceKind.ESTIMATE, path=path, truth=truth, sha256="")
-    elif entry.seeds is not None:
-        scenario = folder / entry.path
-        values: dict[str, Any] = load_yaml(scenario) | {"seed": 0}
-        config = build(SimulationConfig, values, origin=str(scenario))
-        for seed in entry.seeds:
-            changed = flatten(config) | dict(entry.settings or {}) | {"seed": seed}
-            settings = flatten(build(SimulationConfig, changed, origin=f"{scenario}: 'set'"))
-            yield JobSource(
-                name=f"{scenario.stem}-{seed}",
-                kind=SourceKind.SIMULATED,
-                path=str(scenario),
-                settings=settings,
-                sha256=digest(settings),
-            )
-    elif is_remote(entry.path):
-        urls = expand(entry.path)
-        if not urls:
-            raise ConfigError(f"source '{entry.path}': nothing there matches; give an existing URL or glob")
-        for url in urls:
-            name = url.rstrip("/").rpartition("/")[2]
-            yield JobSource(name=name, kind=SourceKind.REMOTE, path=url, sha256=entry.sha256)
-    else:
-        found = sorted(glob.glob(str(folder / entry.path), recursive=True))
-        if not found:
-            raise ConfigError(f"source '{entry.path}': nothing in '{folder}' matches; give an existing path or glob")
-        for path in found:
-            yield JobSource(name=Path(path).name, kind=SourceKind.FILE, path=path, sha256="")
 
 
 def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts]) -> tuple[JobSource, tuple[JobKind, ...]]:

@@ -1,32 +1,11 @@
-"""The file of a suite: which sources, faults, configurations and tasks.
-
-sources:                                  # paths and globs, relative to this file
-  - data/*.mcap
-  - s3://bucket/drives/*.mcap               # what fsspec reads; tasks must be given then
-  - {url: https://host/drive.mcap, sha256: 0a1b...}   # the content is checked
-  - {simulate: config/simulation/rocky.yaml, seeds: [1, 2], set: {drive.pairs: 60}}
-  - {estimate: other/est.tum, truth: data/drive}      # of the task `score`
-perturb: ["black:share=0.1", "blurred+noisy"]         # each as well as the source without faults
-configurations: {default: {}, few: {localisation: {max_features: 400}}, other: {localisation: {method: opencv}}}
-tasks: [localise, map]                    # localise, map, replay; score for estimates. Default: what a source has
-conditions: [distance=5]
-spacing: 10
-rebase: pose
-start: truth
-limits: limits.yaml                       # a file, or the limits themselves
-repeats: 1
-timing: false                             # true: one job at a time
-threads: 1
-memory_mb: 4000
-timeout_s: 3600
-cache_mb: 20000                           # of copies of remote sources, at the start of a run
-"""
+"""The file of a suite (docs/suites.md): which sources, faults, configurations and tasks."""
 
 from __future__ import annotations
 
 import difflib
+import glob
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,9 +18,10 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, OURS, Method, find_method
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.suite.job import JobKind, Scoring
-from sfr_loc_map.suite.sources import is_remote
+from sfr_loc_map.suite.job import JobKind, JobSource, Scoring, SourceKind, digest
+from sfr_loc_map.suite.sources import expand, is_remote
 
 SECTIONS = {"localisation": LocalisationConfig, "mapping": MappingConfig}
 METHOD_KEYS = ("method", "method_config", "method_sha256")
@@ -73,22 +53,11 @@ class SuiteSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class SourceEntry:
-    """One entry of `sources`."""
-
-    path: str  #: Path or glob, URL, scenario, or estimate.
-    seeds: tuple[int, ...] | None = None  #: Seeds of a scenario; None where the entry is not a simulation.
-    settings: Mapping[str, Any] | None = None  #: Settings of the simulation besides those of the scenario.
-    truth: str | None = None  #: Truth of an estimate, or None.
-    sha256: str = ""  #: Hash of the content at a URL, empty where it is not known.
-
-
-@dataclass(frozen=True, slots=True)
 class SuiteSpecification:
     """What a suite is made of."""
 
     path: Path  #: The file.
-    sources: tuple[SourceEntry, ...]  #: Entries of the file.
+    sources: tuple[JobSource, ...]  #: One for each match and each seed; those of files without their hashes.
     perturb: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
     configurations: Mapping[str, Mapping[str, object]]  #: Parameters by dotted name, by the configuration's name.
     tasks: tuple[JobKind, ...] | None  #: What is done; None for what each source has.
@@ -112,82 +81,98 @@ def load_specification(path: Path) -> SuiteSpecification:
     Raises:
         ConfigError: If it cannot be read, or a key or value is not valid.
     """
-    content = load_yaml(path)
-    single = flatten(SuiteSettings())
-    _check_keys(content, [*LISTS, "configurations", "limits", *single], str(path))
-    lists = {name: _list(content.get(name), f"{path}: '{name}'") for name in LISTS}
-    if not lists["sources"]:
-        raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
-    tasks = _tasks(lists["tasks"], str(path))
-    sources = tuple(_source(entry, f"{path}: source {number}") for number, entry in enumerate(lists["sources"], 1))
-    far = [entry.path for entry in sources if is_remote(entry.path)]
-    if far and tasks is None:
-        raise ConfigError(f"{path}: '{far[0]}' is not read before it is run: give 'tasks', as [localise]")
-    return SuiteSpecification(
-        path=path,
-        sources=sources,
-        perturb=("", *map(_fault, lists["perturb"])),
-        configurations=_configurations(content.get("configurations"), path),
-        tasks=tasks,
-        conditions=tuple(Condition.parse(str(text)).setting for text in lists["conditions"]) or ("distance=5",),
-        limits=_limits(content.get("limits"), path),
-        settings=build(
-            SuiteSettings, {key: value for key, value in content.items() if key in single}, origin=str(path)
-        ),
-    )
-
-
-def _check_keys(content: Mapping[str, Any], known: Sequence[str], origin: str) -> None:
+    content, single = load_yaml(path), flatten(SuiteSettings())
+    known = [*LISTS, "configurations", "limits", *single]
     for key in content:
         if key not in known:
             close = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"
-            raise ConfigError(f"{origin}: unknown key '{key}' ({hint})")
-
-
-def _fault(text: object) -> str:
-    """Return a fault, or several joined by `+`, once each can be read."""
-    for part in str(text).split("+"):
-        parse_fault(part)
-    return str(text)
-
-
-def _list(value: object, origin: str) -> Sequence[Any]:
-    if value is None:
-        return ()
-    if not isinstance(value, list):
-        raise ConfigError(f"{origin} is a {type(value).__name__}: a list is needed")
-    return value
-
-
-def _source(entry: object, origin: str) -> SourceEntry:
-    if isinstance(entry, str) and entry:
-        return SourceEntry(entry)
-    if isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}:
-        return SourceEntry(str(entry["estimate"]), truth=str(entry["truth"]))
-    if isinstance(entry, Mapping) and "simulate" in entry:
-        return _simulation(entry, origin)
-    if isinstance(entry, Mapping) and set(entry) == {"url", "sha256"}:
-        return _checked_url(entry, origin)
-    raise ConfigError(
-        f"{origin}: needs a path or URL, 'simulate: SCENARIO', 'estimate: EST' with 'truth: TRUTH', "
-        "or 'url: URL' with 'sha256: HASH'"
+            raise ConfigError(f"{path}: unknown key '{key}' ({hint})")
+    lists = {name: content.get(name) or [] for name in LISTS}
+    for name, value in lists.items():
+        if not isinstance(value, list):
+            raise ConfigError(f"{path}: '{name}' is a {type(value).__name__}: a list is needed")
+    if not lists["sources"]:
+        raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
+    try:
+        tasks = tuple(JobKind(str(name)) for name in lists["tasks"]) or None
+    except ValueError as error:
+        raise ConfigError(f"{path}: 'tasks' may hold {', '.join(JobKind)}: {error}") from error
+    for fault in lists["perturb"]:
+        for part in str(fault).split("+"):
+            parse_fault(part)
+    folder = path.absolute().parent
+    sources = [
+        source
+        for number, entry in enumerate(lists["sources"], 1)
+        for source in _sources(entry, folder, f"{path}: source {number}")
+    ]
+    far = [source.path for source in sources if source.kind is SourceKind.REMOTE]
+    if far and tasks is None:
+        raise ConfigError(f"{path}: '{far[0]}' is not read before it is run: give 'tasks', as [localise]")
+    return SuiteSpecification(
+        path=path,
+        sources=tuple(sources),
+        perturb=("", *map(str, lists["perturb"])),
+        configurations=_configurations(content.get("configurations"), path),
+        tasks=tasks,
+        conditions=tuple(Condition.parse(str(text)).setting for text in lists["conditions"]) or ("distance=5",),
+        limits=_limits(content.get("limits"), path),
+        settings=build(SuiteSettings, {key: content[key] for key in content if key in single}, origin=str(path)),
     )
 
 
-def _checked_url(entry: Mapping[str, Any], origin: str) -> SourceEntry:
-    url, sha256 = str(entry["url"]), str(entry["sha256"]).lower()
-    if not is_remote(url) or not re.fullmatch("[0-9a-f]{64}", sha256):
-        raise ConfigError(f"{origin}: 'url' takes a URL as https://..., 'sha256' 64 hexadecimal digits")
-    return SourceEntry(url, sha256=sha256)
+def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
+    """Yield the sources of an entry."""
+    if isinstance(entry, str) and is_remote(entry):
+        urls = expand(entry)
+        if not urls:
+            raise ConfigError(f"source '{entry}': nothing there matches; give an existing URL or glob")
+        yield from (JobSource(name=_name(url), kind=SourceKind.REMOTE, path=url, sha256="") for url in urls)
+    elif isinstance(entry, str) and entry:
+        found = sorted(glob.glob(str(folder / entry), recursive=True))
+        if not found:
+            raise ConfigError(f"source '{entry}': nothing in '{folder}' matches; give an existing path or glob")
+        yield from (JobSource(name=_name(path), kind=SourceKind.FILE, path=path, sha256="") for path in found)
+    elif isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}:
+        path, truth = (str(folder / str(entry[name])) for name in ("estimate", "truth"))
+        yield JobSource(name=_name(path), kind=SourceKind.ESTIMATE, path=path, truth=truth, sha256="")
+    elif isinstance(entry, Mapping) and set(entry) == {"url", "sha256"}:
+        url, sha256 = str(entry["url"]), str(entry["sha256"]).lower()
+        if not is_remote(url) or not re.fullmatch("[0-9a-f]{64}", sha256):
+            raise ConfigError(f"{origin}: 'url' takes a URL as https://..., 'sha256' 64 hexadecimal digits")
+        yield JobSource(name=_name(url), kind=SourceKind.REMOTE, path=url, sha256=sha256)
+    elif isinstance(entry, Mapping) and "simulate" in entry:
+        yield from _simulations(entry, folder, origin)
+    else:
+        raise ConfigError(
+            f"{origin}: needs a path or URL, 'simulate: SCENARIO', 'estimate: EST' with 'truth: TRUTH', "
+            "or 'url: URL' with 'sha256: HASH'"
+        )
 
 
-def _simulation(entry: Mapping[str, Any], origin: str) -> SourceEntry:
-    seeds, settings = entry.get("seeds", [0]), entry.get("set", {})
+def _name(path: str) -> str:
+    return path.rstrip("/").rpartition("/")[2]
+
+
+def _simulations(entry: Mapping[str, Any], folder: Path, origin: str) -> Iterator[JobSource]:
+    seeds, changes = entry.get("seeds", [0]), entry.get("set", {})
     whole = isinstance(seeds, list) and all(isinstance(seed, int) and not isinstance(seed, bool) for seed in seeds)
-    if set(entry) - {"simulate", "seeds", "set"} or not whole or not seeds or not isinstance(settings, Mapping):
+    if set(entry) - {"simulate", "seeds", "set"} or not whole or not seeds or not isinstance(changes, Mapping):
         raise ConfigError(f"{origin}: 'simulate' takes 'seeds', a list of whole numbers, and 'set', a mapping")
-    return SourceEntry(str(entry["simulate"]), seeds=tuple(seeds), settings=dict(settings))
+    scenario = folder / str(entry["simulate"])
+    config = flatten(build(SimulationConfig, load_yaml(scenario) | {"seed": 0}, origin=str(scenario)))
+    for seed in seeds:
+        settings = flatten(
+            build(SimulationConfig, config | dict(changes) | {"seed": seed}, origin=f"{scenario}: 'set'")
+        )
+        yield JobSource(
+            name=f"{scenario.stem}-{seed}",
+            kind=SourceKind.SIMULATED,
+            path=str(scenario),
+            settings=settings,
+            sha256=digest(settings),
+        )
 
 
 def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
@@ -247,13 +232,6 @@ def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
     if METHOD_KEYS[0] not in section:
         return None
     return find_method(str(section["method"]), task, str(section.get("method_config", "")))
-
-
-def _tasks(names: Sequence[object], origin: str) -> tuple[JobKind, ...] | None:
-    try:
-        return tuple(JobKind(str(name)) for name in names) or None
-    except ValueError as error:
-        raise ConfigError(f"{origin}: 'tasks' may hold {', '.join(JobKind)}: {error}") from error
 
 
 def _limits(value: object, path: Path) -> Mapping[str, Any]:
