@@ -185,7 +185,7 @@ def _madmax_truth(path: Path) -> Trajectory | None:
         data, f"'{file}'", form, places_of, stamp=parse_seconds, separator=",", more=True, comment=(b"%", b"#")
     )
     check_order(table.stamps_ns, f"'{file}'", strict=False)
-    return table.trajectory(table.values[:, :3], table.values[:, 3:]) if table.lines else None
+    return table.trajectory(table.values[:, :3], table.values[:, 3:]) if len(table.lines) else None
 
 
 def is_katwijk(path: Path) -> bool:

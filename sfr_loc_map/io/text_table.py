@@ -27,6 +27,8 @@ from sfr_loc_map.inputs import NS_PER_S, read_table, refusing
 MAX_NUMBER_LENGTH = 400
 STAMP_LIMIT = 2**63
 BOM = b"\xef\xbb\xbf"
+BLOCK_BYTES = 4_000_000
+"""Text is taken apart in blocks of whole lines of about so many bytes: a million lines at once take much memory."""
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _COUNT = re.compile(r"[0-9]{1,12}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
@@ -132,13 +134,13 @@ class Table:
     """
 
     name: str
-    lines: list[int]
+    lines: IntArray
     stamps_ns: IntArray
     values: FloatArray
 
     def require_pose(self) -> None:
         """Raise an `InputError` if there is no row."""
-        if not self.lines:
+        if not len(self.lines):
             raise InputError(f"{self.name} has no pose: at least one line with one is needed")
 
     def trajectory(self, positions: FloatArray, quats_xyzw: FloatArray) -> Trajectory:
@@ -178,41 +180,53 @@ def parse_table(
         skip: Lines of a header.
         comment: What begins a comment.
     """
-    numbered = [
-        (number, line)
-        for number, text in enumerate(data.removeprefix(BOM).splitlines(), 1)
-        if (line := text.strip()) and not line.startswith(comment) and number > skip
-    ]
-    rows, lines = [row for _, row in numbered], [number for number, _ in numbered]
     stamp_at, columns = (places[0], list(places[1:])) if stamp else (None, list(places))
-    width, empty = max(places) + 1, np.zeros(0, np.int64)
-    if not rows:
-        return Table(name, [], empty, np.zeros((0, len(columns))))
-    try:
-        stamps, parting = empty, separator.encode() if separator else None
-        if stamp is not None and stamp_at is not None:
-            words = (row.split(parting, stamp_at + 1)[stamp_at] for row in rows)
-            stamps = np.array([stamp(word.decode("ascii")) for word in words], np.int64)
-        used = columns if more else None  # without them numpy refuses rows of unequal length
-        values = np.loadtxt(rows, np.float64, None, separator, usecols=used, ndmin=2, encoding="ascii")
-        if more or values.shape[1] == width:
-            values = np.asarray(values if more else values[:, columns])
-            if np.isfinite(values).all():
-                return Table(name, lines, stamps, values)
-    except (ValueError, ArithmeticError, IndexError):
-        pass
-    for number, row in numbered:
-        cells = row.decode("utf-8", "replace").split(separator)
+    width, parting = max(places) + 1, separator.encode() if separator else None
+
+    def read(rows: list[bytes]) -> tuple[IntArray, FloatArray] | None:
+        """Return stamps and numbers of rows, None if something is wrong with one."""
+        stamps, values = np.zeros(0, np.int64), np.zeros((0, len(columns)))
         try:
-            if len(cells) < width or (len(cells) > width and not more):
-                raise ValueError(f"{len(cells)} columns found where {width} ({form}) are needed")
             if stamp is not None and stamp_at is not None:
-                stamp(cells[stamp_at])
-            for column in columns:
-                parse_number(cells[column])
-        except ValueError as error:
-            raise InputError(f"{name} line {number}: {error}; correct or leave out the line") from error
-    raise InputError(f"{name} cannot be read as a table of {form}")
+                words = (row.split(parting, stamp_at + 1)[stamp_at] for row in rows)
+                stamps = np.array([stamp(word.decode("ascii")) for word in words], np.int64)
+            if rows:
+                used = columns if more else None  # without them numpy refuses rows of unequal length
+                found = np.loadtxt(rows, np.float64, None, separator, usecols=used, ndmin=2, encoding="ascii")
+                if not more and found.shape[1] != width:
+                    return None
+                values = np.asarray(found if more else found[:, columns])
+        except (ValueError, IndexError):
+            return None
+        return (stamps, values) if np.isfinite(values).all() else None
+
+    def check(row: bytes) -> None:
+        cells = row.decode("utf-8", "replace").split(separator)
+        if len(cells) < width or (len(cells) > width and not more):
+            raise ValueError(f"{len(cells)} columns found where {width} ({form}) are needed")
+        if stamp is not None and stamp_at is not None:
+            stamp(cells[stamp_at])
+        for column in columns:
+            parse_number(cells[column])
+
+    parts: list[tuple[IntArray, FloatArray]] = []
+    lines: list[IntArray] = []
+    begin, number = len(BOM) if data.startswith(BOM) else 0, 0
+    while begin < len(data) or not parts:
+        end = data.find(b"\n", begin + BLOCK_BYTES) + 1 or len(data)
+        texts = [text.strip() for text in data[begin:end].splitlines()]
+        chosen = [k for k, text in enumerate(texts) if text and not text.startswith(comment) and number + k >= skip]
+        part = read([texts[k] for k in chosen])
+        if part is None:
+            for k in chosen:
+                with refusing(f"{name} line {number + k + 1}", "correct or leave out the line"):
+                    check(texts[k])
+            raise InputError(f"{name} cannot be read as a table of {form}")
+        parts.append(part)
+        lines.append(np.array(chosen, np.int64) + number + 1)
+        begin, number = end, number + len(texts)
+    stamps_ns, values = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    return Table(name, np.concatenate(lines), stamps_ns, values)
 
 
 def _is_decimal(text: str) -> bool:

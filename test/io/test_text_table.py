@@ -46,7 +46,7 @@ def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers(rows: list,
     table = parse_table(data, "x", "t, x", (0, 1), stamp=parse_seconds)
     assert [value.hex() for value in table.values[:, 0].tolist()] == [float(text).hex() for text in texts]
     assert table.stamps_ns.tolist() == [int(stamp * 10**9)] * len(rows)
-    assert table.lines == [3 * number + 1 for number in range(len(rows))]
+    assert table.lines.tolist() == [3 * number + 1 for number in range(len(rows))]
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_the_line_that_is_wrong_is_named(line: str, words: str) -> None:
 def test_columns_are_chosen_and_more_may_follow() -> None:
     table = parse_table(b"a,3,x,7\nb,4,y,8,9\n", "x", "form", (3, 1), stamp=parse_stamp_ns, separator=",", more=True)
     assert (table.stamps_ns.tolist(), table.values.tolist()) == ([7, 8], [[3.0], [4.0]])
-    assert not parse_table(b"# nothing\n", "x", "form", (0, 1)).lines
+    assert not len(parse_table(b"# nothing\n", "x", "form", (0, 1)).lines)
 
 
 def test_stamps_are_in_order() -> None:
@@ -88,3 +88,16 @@ def test_what_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x").write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match="cannot read"):
         read_lines(tmp_path / "x")
+
+
+@pytest.mark.parametrize("size", [1, 30, 10**6])
+def test_blocks_of_any_size_give_the_same(monkeypatch: pytest.MonkeyPatch, size: int) -> None:
+    monkeypatch.setattr("sfr_loc_map.io.text_table.BLOCK_BYTES", size)
+    stamps = ["0", "9.5", "1e3", "1700000000.123456789"]
+    text = "header\n" + "".join(f"{stamp} {k}\r\n# comment\n\n" for k, stamp in enumerate(stamps))
+    table = parse_table(text.encode(), "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
+    assert table.stamps_ns.tolist() == [parse_seconds(stamp) for stamp in stamps]
+    assert table.values[:, 0].tolist() == [0, 1, 2, 3]
+    assert table.lines.tolist() == [2, 5, 8, 11]
+    with pytest.raises(InputError, match="line 14: 1 columns"):
+        parse_table(text.encode() + b"7\n", "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
