@@ -20,11 +20,7 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 def bag_estimates(path: Path) -> Estimates:
-    """Read estimated poses of a bag, with lost flags, covariances and steps.
-
-    Raises:
-        InputError: If there are none, or a call cannot be read.
-    """
+    """Read estimated poses of a bag, with lost flags, covariances and steps."""
     bag = Bag(path)
     topic = bag.find("localisation/odometry", ODOMETRY)
     if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a trajectory that was converted, no drive

@@ -177,9 +177,6 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     Args:
         path: The file.
         needed: Column that must be there. Without `stamp_ns` the calls are numbered.
-
-    Raises:
-        InputError: If it cannot be read, has not the column, or a number in it is none; names the line.
     """
     try:
         text = read_table(path).decode("utf-8-sig")
@@ -268,11 +265,7 @@ class TaskRecord:
 
 
 def call_of(values: Mapping[str, str]) -> TaskRecord | None:
-    """Return the call that the values of a status describe, None where they describe something else.
-
-    Raises:
-        InputError: If they do, but one is missing or no number.
-    """
+    """Return the call that the values of a status describe, None where they describe something else."""
     if "task" not in values or "processing_time_s" not in values:
         return None
 

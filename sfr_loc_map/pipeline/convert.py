@@ -70,10 +70,6 @@ def convert(
 
     Returns:
         The number of pairs.
-
-    Raises:
-        InputError: If the source is broken.
-        OutputError: If the output cannot be written, or the options do not fit it.
     """
     destination = Path(destination)
     if destination.exists() and not destination.is_dir():
@@ -105,9 +101,6 @@ def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
     """Write a trajectory, and return the number of poses: csv, TUM, KITTI or EuRoC by the ending, or a bag or a folder.
 
     The topic of a bag is `ground_truth/odometry`.
-
-    Raises:
-        OutputError: If the output cannot be written.
     """
     destination = Path(destination)
     if is_trajectory(destination):
@@ -171,29 +164,14 @@ def perturb(
 ) -> int:
     """Write a source with injected faults as a bag or a folder; the ground truth stays that of the source.
 
-    Args:
-        source: The source without faults.
-        destination: Bag or folder to write.
-        faults: Applied in this order to the drive and to the mapping pairs.
-        seed: Seed of which pairs are affected.
-        progress: Called with the number of pairs written so far.
-
     Returns:
         The number of pairs written.
-
-    Raises:
-        InputError: If the source is broken, or the faults leave no pair.
-        OutputError: If the output cannot be written.
     """
     return convert(faulty(source, faults, seed), destination, ConvertOptions(), progress)
 
 
 def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
-    """Return a source with injected faults, made as it is read; itself where there is none.
-
-    Raises:
-        InputError: If the faults leave no pair.
-    """
+    """Return a source with injected faults, made as it is read; itself where there is none."""
     if not faults:
         return source
     loc = None if source.loc is None else FaultyLoc(source.loc, faults, seed)

@@ -229,13 +229,7 @@ class _Messages:
 
 
 def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool) -> Observation:
-    """Observe a bag: all stamps, a few messages.
-
-    Args:
-        path: Folder of the bag, or one storage file.
-        remap: New names by the names in the bag.
-        extrinsics_given: Whether a parameter file has the extrinsics of the stereo rig.
-    """
+    """Observe a bag: all stamps, a few messages."""
     subject = f"bag '{path}'"
     try:
         bag = Bag(path, remap)
@@ -268,13 +262,7 @@ def observe_bag(path: Path, remap: Mapping[str, str], *, extrinsics_given: bool)
 
 
 def observe_source(path: Path, *, extrinsics_given: bool, progress: Callable[[], None] = lambda: None) -> Observation:
-    """Observe a source of files as the messages that it would be played as: every image is read.
-
-    Args:
-        path: Data set folder, KITTI or EuRoC sequence.
-        extrinsics_given: Whether a parameter file has the extrinsics of the stereo rig.
-        progress: Called after each pair.
-    """
+    """Observe a source of files as the messages that it would be played as: every image is read."""
     messages = _Messages()
     subject, broken, in_file, left_out = f"'{path}'", "", False, 0
     try:
@@ -301,11 +289,7 @@ def observe_source(path: Path, *, extrinsics_given: bool, progress: Callable[[],
 
 
 def _read_source(source: Source, messages: _Messages, progress: Callable[[], None]) -> None:
-    """Note all messages of a source.
-
-    Raises:
-        InputError: If it is broken.
-    """
+    """Note all messages of a source."""
 
     def note_rig(task: str, rig: StereoRig) -> None:
         for side in SIDES:

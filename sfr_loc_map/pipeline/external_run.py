@@ -145,11 +145,7 @@ class AnswerBook:
 
 
 def processes_named(text: str) -> list[int]:
-    """Return the process ids that `--watch` means: one by its number, or all whose name or command line has the text.
-
-    Raises:
-        ConfigError: If there is none.
-    """
+    """Return the process ids that `--watch` means: one by its number, or all whose name or command line has a text."""
     found = []
     if text.isdigit():
         found = [int(text)] if psutil.pid_exists(int(text)) else []

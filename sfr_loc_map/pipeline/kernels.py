@@ -70,11 +70,7 @@ PARTS: Mapping[str, Callable[[], None]] = {
 
 
 def compile_kernels(parts: list[str]) -> None:
-    """Compile the kernels of parts, or load those that are compiled.
-
-    Raises:
-        ConfigError: If another part is named.
-    """
+    """Compile the kernels of parts, or load those that are compiled."""
     unknown = [part for part in parts if part not in PARTS]
     if unknown:
         raise ConfigError(f"no kernels of '{unknown[0]}': give some of {', '.join(PARTS)}")
@@ -139,12 +135,7 @@ class _Listener(event.Listener):
 
 @contextmanager
 def announce_compilation(say: Say, clock: Callable[[], float] = time.monotonic) -> Iterator[None]:
-    """Say that kernels are compiled within the `with` block, every 5 s how many, and how long it took; else nothing.
-
-    Args:
-        say: Called with each line, in the thread that compiles.
-        clock: Seconds, going forward.
-    """
+    """Say that kernels are compiled within the `with` block, every 5 s how many, and how long it took; else nothing."""
     count, begin, last = 0, 0.0, 0.0
 
     def before() -> None:
@@ -190,11 +181,7 @@ def _signals_deferred() -> Iterator[Callable[[], bool]]:
 
 
 def _compile_beside(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
-    """Compile in a process that ends with this one; pass on what it says.
-
-    Raises:
-        KeyboardInterrupt: If the kernels are wanted no more.
-    """
+    """Compile in a process that ends with this one; pass on what it says."""
     command = [sys.executable, "-P", "-m", "sfr_loc_map.pipeline.kernels", part]
     pipes: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
     with subprocess.Popen(command, env=child_environment(), text=True, **pipes) as child:

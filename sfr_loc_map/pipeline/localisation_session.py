@@ -129,9 +129,6 @@ class LocalisationSession:
         Args:
             stamp_ns: Stamp of the pair.
             T_rb_sb: Extrinsics of the rig, None where not known.
-
-        Raises:
-            SfrError: If rig or extrinsics are not known or no localiser can be made of them.
         """
         if self._localiser is not None:
             return self._localiser
@@ -149,11 +146,7 @@ class LocalisationSession:
         return self._localiser
 
     def accept(self, estimate: PoseEstimate) -> None:
-        """Take an estimate of the localiser: the next one may have to start there.
-
-        Raises:
-            LocalisationError: If its covariance is none; the next pair starts a localiser at the last known pose.
-        """
+        """Take an estimate of the localiser: the next one may have to start there."""
         if not is_finite_covariance(estimate.covariance):
             self.continue_at_last_pose()
             raise LocalisationError(
@@ -216,11 +209,7 @@ class PoseFile:
         self._path, self._max_age_s = Path(os.path.realpath(path)), max_age_s
 
     def check(self) -> None:
-        """Check that poses can be kept: there is a kept pose, whole or damaged, or nothing.
-
-        Raises:
-            OutputError: If something else is there, or its folder cannot be written to.
-        """
+        """Check that poses can be kept: there is a kept pose, whole or damaged, or nothing."""
         check_output(self._path)
         try:
             data = read_bytes(self._path, MAX_BYTES)
@@ -234,15 +223,7 @@ class PoseFile:
             raise OutputError(f"resume_file '{self._path}' holds no kept pose; remove it or choose another name")
 
     def load(self, stamp_ns: int, rig: StereoRig) -> StartPose | None:
-        """Return the pose, None where there is none or it does not belong to a run that goes on at this stamp.
-
-        Args:
-            stamp_ns: Stamp of the first pair.
-            rig: The rig, with its extrinsics.
-
-        Raises:
-            InputError: If the file cannot be read, or is of another rig.
-        """
+        """Return the pose, None where there is none or it does not belong to a run that goes on at this stamp."""
         try:
             kept = msgspec.json.decode(read_bytes(self._path, MAX_BYTES), type=_Content)
             pose = Transform.from_quat(kept.translation_m, kept.quat_xyzw)
@@ -265,15 +246,7 @@ class PoseFile:
         return StartPose(pose, covariance, kept.stamp_ns) if 0.0 < age_s <= self._max_age_s else None
 
     def save(self, known: StartPose, rig: StereoRig) -> None:
-        """Keep a pose with its stamp.
-
-        Args:
-            known: The pose.
-            rig: The rig that it was estimated with, with its extrinsics.
-
-        Raises:
-            OutputError: If the file cannot be written.
-        """
+        """Keep a pose with its stamp."""
         content = {
             "schema": SCHEMA,
             "rig": rig.fingerprint,

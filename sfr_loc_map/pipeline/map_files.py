@@ -89,12 +89,7 @@ class MapOutputs:
 
 
 def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
-    """Write the files of a map, and return the cloud.
-
-    Raises:
-        MissingExtraError: If a format needs an extra that is not installed.
-        OutputError: If a file cannot be written.
-    """
+    """Write the files of a map, and return the cloud."""
     cloud = run.fused.cloud if outputs.fuse else run.unfused
     save_cloud(outputs.cloud, cloud)
     if not outputs.more:
@@ -116,11 +111,7 @@ def save_map(run: MapRun, focal_px: float, outputs: MapOutputs) -> PointCloud:
 
 
 def save_coloured_ply(path: Path, cloud: PointCloud) -> None:
-    """Write a PLY with x, y, z, red, green, blue and sigma: colour by height, brightness of the image.
-
-    Raises:
-        OutputError: If the file cannot be written.
-    """
+    """Write a PLY with x, y, z, red, green, blue and sigma: colour by height, brightness of the image."""
     colours = height_colours(cloud.xyz[:, 2], height_range(cloud.xyz[:, 2])) if len(cloud) else np.zeros((0, 3))
     bright = max(float(np.quantile(cloud.intensity, 0.95)), 1.0) if len(cloud) else 1.0
     lit = np.clip(colours * np.clip(cloud.intensity / bright, 0.2, 1.2)[:, None], 0.0, 255.0).astype(np.uint8)
@@ -145,10 +136,6 @@ def dem_outputs(words: Sequence[str], cloud: Path, terrain: TerrainConfig) -> tu
         words: Each is the side of a cell in metres (`C.dem.npz` and `C.dem.png`) or a file.
         cloud: The cloud; what has no name of its own lies beside it.
         terrain: Parameters of the grid; a given side replaces theirs.
-
-    Raises:
-        ConfigError: If one is neither, two sides are given, or the side is out of range.
-        MissingExtraError: If a file needs an extra that is not installed.
     """
     files: list[Path] = []
     sides = []
@@ -172,11 +159,7 @@ def dem_outputs(words: Sequence[str], cloud: Path, terrain: TerrainConfig) -> tu
 
 
 def with_cell(terrain: TerrainConfig, cell_m: float) -> TerrainConfig:
-    """Return parameters with another side of a cell.
-
-    Raises:
-        ConfigError: If it is out of range.
-    """
+    """Return parameters with another side of a cell."""
     return build(TerrainConfig, {**flatten(terrain), "cell_m": cell_m}, origin="side of a cell")
 
 
@@ -185,10 +168,6 @@ def grid_of_file(loaded: LoadedCloud, terrain: TerrainConfig) -> TerrainGrid:
 
     A file does not say where the cameras were: all its points count, and the sigma of heights is overstated. Where it
     has no sigma, all points weigh the same and heights have none.
-
-    Raises:
-        InputError: If it has no points.
-        MappingError: If there would be too many cells.
     """
     cloud = loaded.cloud
     if not len(loaded.xyz):
@@ -203,12 +182,7 @@ def grid_of_file(loaded: LoadedCloud, terrain: TerrainConfig) -> TerrainGrid:
 
 
 def save_dem(path: Path, grid: TerrainGrid) -> None:
-    """Write a grid; the format is that of the name's ending (`WRITERS`).
-
-    Raises:
-        MissingExtraError: If the format needs an extra that is not installed.
-        OutputError: If the file cannot be written.
-    """
+    """Write a grid; the format is that of the name's ending (`WRITERS`)."""
     WRITERS[path.suffix](path, grid)
 
 

@@ -113,11 +113,7 @@ class MappingSession:
         return self._rig is not None and not self._rig.same_cameras(rig)
 
     def set_rig(self, rig: StereoRig) -> None:
-        """Start a new map with a rig, unless it is the present one.
-
-        Raises:
-            SfrError: If the configuration does not fit the rig: pairs are then refused.
-        """
+        """Start a new map with a rig, unless it is the present one."""
         if self._rig is not None and not self.is_other_rig(rig):
             return
         self.restart()
@@ -140,22 +136,14 @@ class MappingSession:
         return self._mapper is not None
 
     def map_pair(self, pair: StereoPair, T_lm_sb: Transform) -> PairMap:
-        """Map a pair and keep the result for the fusion.
-
-        Raises:
-            SfrError: If it cannot be mapped.
-        """
+        """Map a pair and keep the result for the fusion."""
         result = self._present_mapper().process(pair, T_lm_sb, len(self._pairs))
         self._pairs.append(result)
         self.last_ns = result.stamp_ns
         return result
 
     def fuse(self) -> FusedMap:
-        """Fuse the pairs and start a new map.
-
-        Raises:
-            SfrError: If there are none.
-        """
+        """Fuse the pairs and start a new map."""
         pairs, self._pairs = self._pairs, []
         return self._present_mapper().fuse(pairs)
 

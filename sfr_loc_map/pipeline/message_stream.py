@@ -46,11 +46,7 @@ class Message:
 
 
 def topics_of(source: Source, remap: Mapping[str, str]) -> dict[str, str]:
-    """Return the topics that `messages_of` publishes: types by relative name; camera_info first.
-
-    Raises:
-        InputError: If the source is broken.
-    """
+    """Return the topics that `messages_of` publishes: types by relative name; camera_info first."""
     tasks = [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
     cameras = [f"{task}/{side}" for task in tasks for side in SIDES]
     topics = {f"{camera}/camera_info": CAMERA_INFO for camera in cameras}
@@ -68,15 +64,7 @@ def topics_of(source: Source, remap: Mapping[str, str]) -> dict[str, str]:
 
 
 def messages_of(source: Source, remap: Mapping[str, str]) -> Iterator[Message]:
-    """Yield the messages of a source; camera_info of both rigs comes first.
-
-    Args:
-        source: An opened source.
-        remap: New names of topics by the names in the bag, as it was opened with.
-
-    Raises:
-        InputError: If the source is broken.
-    """
+    """Yield the messages of a source; camera_info of both rigs comes first."""
     if source.format == "bag":
         yield from _bag_messages(source, remap)
         return

@@ -258,9 +258,6 @@ class MonitorScore:
             position: `(3,)`, metres.
             quat_xyzw: `(4,)`, as in ROS messages.
             covariance: `(6, 6)` in ROS order, None where not known.
-
-        Raises:
-            GeometryError: If the pose is not finite, absurd or the quaternion not of unit length.
         """
         _check(stamp_ns, position, quat_xyzw)
         lost = covariance is not None and bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
@@ -268,11 +265,7 @@ class MonitorScore:
         self._estimates.add(stamp_ns, position, quat_xyzw, triangle, lost)
 
     def add_truth(self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
-        """Add a true pose of RB in DS.
-
-        Raises:
-            GeometryError: As `add_estimate`.
-        """
+        """Add a true pose of RB in DS."""
         _check(stamp_ns, position, quat_xyzw)
         self._truth.add(stamp_ns, position, quat_xyzw)
 
@@ -285,11 +278,7 @@ class MonitorScore:
         self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:
-        """Score the clouds whose inputs are complete; the last one counts. Return whether there was one.
-
-        Raises:
-            SfrError: If a cloud does not fit its truth; it is dropped.
-        """
+        """Score the clouds whose inputs are complete; the last one counts. Return whether there was one."""
         scored = False
         for cloud, truths in self.map_inputs.take_complete():
             self.map_score = score_map(cloud, truths, self._config.map)
@@ -367,11 +356,7 @@ class ReportFile:
         self._path = Path(path) if path else None
 
     def check(self) -> None:
-        """Check that reports can be saved: there is a report or nothing, and its folder can be written to.
-
-        Raises:
-            OutputError: If something else is there, under the name or that of the report of a run before.
-        """
+        """Check that reports can be saved: there is a report or nothing, and its folder can be written to."""
         if self._path is None:
             return
         check_output(self._path)
@@ -383,11 +368,7 @@ class ReportFile:
                 )
 
     def keep_previous(self) -> None:
-        """Rename the report of a run before to `*.before.json`: it may be all that is left of it.
-
-        Raises:
-            OutputError: If that fails, or something else is there.
-        """
+        """Rename the report of a run before to `*.before.json`: it may be all that is left of it."""
         if self._path is None:
             return
         self.check()
@@ -399,11 +380,7 @@ class ReportFile:
             raise OutputError(f"cannot keep '{path}' of the run before: {error.strerror}") from error
 
     def save(self, text: str) -> Path:
-        """Replace the report as a whole; return its path.
-
-        Raises:
-            SfrError: If there is no path or the file cannot be written.
-        """
+        """Replace the report as a whole; return its path."""
         if self._path is None:
             raise InputError("the parameter save_file is empty: start the node with a path")
         with atomic_path(self._path) as temporary:

@@ -81,9 +81,6 @@ def start_pose(sequence: LocSequence, start: str, offset_s: float = 0.0) -> Star
         start: `identity` (RB is DS at the first pair) or `truth`: the true pose at the first pair, if need be between
             two poses of the truth; without one the next pose of the truth, or its last.
         offset_s: Seconds of the drive that are left out; the true pose is then the first one after them.
-
-    Raises:
-        InputError: If the truth is wanted and there is none.
     """
     if start == "identity":
         return StartPose(Transform.identity())
@@ -130,17 +127,7 @@ def localise(
 def localise_with(
     method: Method, sequence: LocSequence, T_ds_rb: Transform, limits: MethodLimits
 ) -> Iterator[tuple[PoseEstimate, CallRecord, MethodRecord]]:
-    """Yield the estimate and the cost of each pair of a drive by a method under test, and whose they are.
-
-    Args:
-        method: The localiser.
-        sequence: The drive.
-        T_ds_rb: Pose of RB in DS at the first pair.
-        limits: What it may take.
-
-    Raises:
-        MethodError: If it does not start.
-    """
+    """Yield the estimate and the cost of each pair of a drive by a method under test, and whose they are."""
     first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
     step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
     with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}) as localiser:
@@ -161,13 +148,6 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
     """Give an observer that appends an image of the tracks of each pair to a film.
 
     The film takes its name when the block ends well.
-
-    Args:
-        path: File that ends in .avi (Motion JPEG) or .mp4 (MPEG-4).
-        rig: Rig of the drive.
-
-    Raises:
-        OutputError: If the ending is another one, or the file cannot be written.
     """
     if path.suffix not in CODECS:
         raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
@@ -204,12 +184,7 @@ def states_text(records: Sequence[CallRecord]) -> str:
 
 
 def tracking_warning(records: Sequence[CallRecord], source: object) -> str | None:
-    """Return a warning with cause and next command if many pairs are lost or degraded, None otherwise.
-
-    Args:
-        records: Calls of the localiser.
-        source: What was localised, as the user named it.
-    """
+    """Return a warning with cause and next command if many pairs are lost or degraded, None otherwise."""
     bad = [record for record in records if record.state in (TrackingState.LOST, TrackingState.DEGRADED)]
     if not bad or len(bad) < MANY * len(records):
         return None
@@ -257,11 +232,7 @@ class MapRun:
 
 
 def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress = lambda done: None) -> MapRun:
-    """Map the pairs of a source and fuse them.
-
-    Raises:
-        MappingError: If there are more pairs than a map may have, or none.
-    """
+    """Map the pairs of a source and fuse them."""
     _check_count(sequence)
     mapper = Mapper(sequence.rig, config)
     load_kernels("mapping")
@@ -283,12 +254,7 @@ def map_pairs(sequence: NavSequence, config: MappingConfig, progress: Progress =
 def map_pairs_with(
     method: Method, sequence: NavSequence, limits: MethodLimits, progress: Progress = lambda done: None
 ) -> tuple[MapRun, MethodRecord]:
-    """Map the pairs of a source by a method under test; return the map and whose it is.
-
-    Raises:
-        MappingError: If there are more pairs than a map may have, or none.
-        MethodError: If the method does not start.
-    """
+    """Map the pairs of a source by a method under test; return the map and whose it is."""
     _check_count(sequence)
     maps: list[PairMap] = []
     records: list[CallRecord] = []

@@ -186,11 +186,7 @@ class TransportGaps:
         self.lost = self._last = 0
 
     def add(self, info: dict[str, Any]) -> int:
-        """Count the gap before a message, and return it.
-
-        Args:
-            info: Its message info of rclpy; without a sequence number no loss is counted.
-        """
+        """Count the gap before a message, and return it."""
         number, last = int(info.get("publication_sequence_number") or 0), self._last
         self._last = number
         gap = number - last - 1 if last and number > last else 0
@@ -224,11 +220,7 @@ class LossWatch:
 
 
 def loss_fix(export_line: str) -> str:
-    """Return what to do about messages that are lost between two processes of a host.
-
-    Args:
-        export_line: Names the profile of Fast DDS.
-    """
+    """Return what to do about messages that are lost between two processes of a host."""
     return (
         f"start the process that publishes them (the camera driver) with "
         f"`{export_line}`: its shared memory counts, and holds 0.5 MB unless set"

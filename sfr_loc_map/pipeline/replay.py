@@ -88,12 +88,7 @@ class ReplayResult:
     points: FloatArray | None = None
 
     def finished(self, source: Source, config: ScoreConfig) -> ReplayResult:
-        """Return it with the poses of an external localiser as poses of RB in DS; without one it stays as it is.
-
-        Raises:
-            ConfigError: If a frame is declared that the source does not tell.
-            MetricsError: If the world frame cannot be aligned.
-        """
+        """Return it with the poses of an external localiser as poses of RB in DS; without one it stays as it is."""
         run, loc = self.external, source.loc
         if run is None or run.score.task != CallKind.LOCALISATION or loc is None:
             return self
@@ -103,14 +98,7 @@ class ReplayResult:
     def converted(
         self, run: ExternalRun, rig: StereoRig | None, truth: Trajectory | None, config: ScoreConfig
     ) -> ReplayResult:
-        """Return it with poses that an external node published as poses of RB in DS, and a record for each.
-
-        Args:
-            run: The node.
-            rig: The stereo rig, None where it is not known.
-            truth: True poses, None where there are none.
-            config: Settings of the diagnosis.
-        """
+        """Return it with poses that an external node published as poses of RB in DS, and a record for each."""
         published, correction = self.estimate, run.correction
         if not len(published):
             return self
@@ -184,11 +172,7 @@ class ReplayFiles:
 
 
 def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
-    """Write what there is of a replay but its score; runs that were cut short come into folders beside it.
-
-    Raises:
-        OutputError: If a file cannot be written.
-    """
+    """Write what there is of a replay but its score; runs that were cut short come into folders beside it."""
     for number, run in enumerate(result.cut_short, 1):
         place = files.of_run(number)
         place.folder.mkdir(exist_ok=True)
@@ -227,9 +211,6 @@ def score_replay(
         config: Settings.
         limits: Limits to judge by.
         settings: Of localiser and mapper, where they differ from the defaults; they join those of the score.
-
-    Raises:
-        SfrError: If a file cannot be read or the truth does not fit.
     """
     stats = [load_call_stats(files.stats)] if result.records else []
     inputs, drive = ScoreInputs(stats=(files.stats,) if stats else ()), None

@@ -182,21 +182,12 @@ class Run:
 
 
 def score_files(inputs: ScoreInputs, config: ScoreConfig, limits: Limits | None = None) -> Score:
-    """Return the score of files.
-
-    Raises:
-        SfrError: If a file cannot be read, or nothing can be scored.
-    """
+    """Return the score of files."""
     return score_run(load_run(inputs), config, limits)
 
 
 def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> Run:
-    """Return a run whose estimate is converted as its convention says.
-
-    Raises:
-        ConfigError: If a frame is declared that the rig does not tell.
-        MetricsError: If the world frame cannot be aligned.
-    """
+    """Return a run whose estimate is converted as its convention says."""
     if run.drive is None:
         return run
     drive, convention = corrected(run.drive, correction, config)
@@ -206,12 +197,7 @@ def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> Run:
 def corrected(
     drive: ScoredDrive, correction: Correction, config: ScoreConfig
 ) -> tuple[ScoredDrive, ConventionRecord | None]:
-    """Return a drive as its convention says, and what was done; None where nothing was.
-
-    Raises:
-        ConfigError: If a frame is declared that the rig does not tell.
-        MetricsError: If the world frame cannot be aligned.
-    """
+    """Return a drive as its convention says, and what was done; None where nothing was."""
     done = ConventionRecord(declared=correction.declared.settings)
     if done.declared:
         drive = drive.converted(correction.declared)
@@ -232,10 +218,6 @@ def score_run(
         config: Settings; conditions that only the limits name are scored as well.
         limits: Limits to judge by.
         aligned: Settings of APE and RPE; None: without them.
-
-    Raises:
-        MetricsError: If estimate and truth, or cloud and truth, do not fit.
-        InputError: If an input cannot be read for its hash.
     """
     if limits is not None:
         present = [Condition.parse(text) for text in config.trajectory.conditions]
@@ -317,9 +299,6 @@ def load_run(inputs: ScoreInputs, fused: bool | None = None) -> Run:
     Args:
         inputs: The files.
         fused: Whether the cloud is fused, for files that do not say so.
-
-    Raises:
-        SfrError: If a file cannot be read.
     """
     stats = [load_call_stats(path) for path in inputs.stats]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
@@ -334,16 +313,7 @@ def load_run(inputs: ScoreInputs, fused: bool | None = None) -> Run:
 
 
 def load_drive(estimate: Path | Trajectory, truth: Path | Trajectory, stats: Sequence[CallStats] = ()) -> ScoredDrive:
-    """Read estimated and true poses; poses without stamps get those of the other ones, pose by pose.
-
-    Args:
-        estimate: A file or bag, or poses in memory.
-        truth: The same, or a data set.
-        stats: Calls that may have given the estimates.
-
-    Raises:
-        InputError: If there are none, or poses without stamps are not as many as the other ones.
-    """
+    """Read estimated and true poses; poses without stamps get those of the other ones, pose by pose."""
     if not isinstance(truth, Path):
         true_poses = LoadedTrajectory(Path(IN_MEMORY), truth)
     elif _holds_source(truth):
@@ -368,11 +338,7 @@ def load_drive(estimate: Path | Trajectory, truth: Path | Trajectory, stats: Seq
 
 
 def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
-    """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls.
-
-    Raises:
-        InputError: If there are none.
-    """
+    """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls."""
     if not is_bag(path):
         return estimates_of(read_trajectory_file(path).trajectory, stats)
     from sfr_loc_map.pipeline.bag_estimates import bag_estimates
@@ -392,11 +358,7 @@ def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Est
 
 
 def load_truth(path: Path) -> Trajectory:
-    """Read true poses of RB in DS from a trajectory file, a bag or a data set folder.
-
-    Raises:
-        InputError: If there are none.
-    """
+    """Read true poses of RB in DS from a trajectory file, a bag or a data set folder."""
     if not _holds_source(path):
         return read_trajectory_file(path, "truth").trajectory
     if is_bag(path):
@@ -430,10 +392,6 @@ def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[P
     Args:
         path: The source.
         stamps_ns: Pairs that are wanted, in their order; None for all.
-
-    Raises:
-        InputError: If the source has no mapping pairs, or one that is wanted is not there.
-        MetricsError: If a pair has no truth.
     """
     nav = _open_source(path).nav
     if nav is None:
@@ -451,17 +409,7 @@ def load_map_truth(path: Path, stamps_ns: Sequence[int] | None = None) -> list[P
 
 
 def said_fused(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedCloud:
-    """Return a cloud that says whether it is fused, unless its points have no pixels.
-
-    Args:
-        loaded: The cloud.
-        fused: What the user says of one that does not say so.
-        name: Its name, for messages.
-
-    Raises:
-        InputError: If neither says whether the cloud is fused.
-        ConfigError: If the user says otherwise than the cloud.
-    """
+    """Return a cloud that says whether it is fused, unless its points have no pixels."""
     if loaded.cloud is None:
         return loaded
     said = loaded.cloud.fused
@@ -491,11 +439,7 @@ def _open_source(path: Path) -> Source:
 
 
 def diagnose_files(estimate: Path, truth: Path, config: ScoreConfig) -> Diagnosis:
-    """Return which single convention mismatch explains how the trajectories of two files disagree.
-
-    Raises:
-        InputError: If a file cannot be read.
-    """
+    """Return which single convention mismatch explains how the trajectories of two files disagree."""
     return load_drive(estimate, truth).diagnosis(config)
 
 
@@ -510,10 +454,6 @@ def save_evo_result(
         truth: True poses.
         config: Alignment and association.
         names: Names of both, `est_name` and `ref_name`.
-
-    Raises:
-        MetricsError: If no stamps are near enough, or the positions allow no alignment.
-        OutputError: If the file cannot be written.
     """
     poses = aligned_poses(estimate, truth, config)
     errors = poses.errors_m()

@@ -76,11 +76,6 @@ def simulate(
 
     Returns:
         The number of pairs.
-
-    Raises:
-        ConfigError: If the settings do not make a data set.
-        MissingExtraError: If the ray tracer is not installed.
-        OutputError: If `out` holds something else or cannot be written.
     """
     require_tracer()
     out = Path(out)
