@@ -32,7 +32,6 @@ from sfr_loc_map.geometry.pose_convention import (
     OPTICAL_IN_BODY as OPTICAL_IN_RB,
 )
 from sfr_loc_map.geometry.quaternion_kernels import slerp, unit_quats
-from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_from_matrix, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, propagation
 from sfr_loc_map.inputs import NS_PER_S
@@ -142,32 +141,35 @@ def _each_undone(
     truth: Poses, estimate: Poses, T_rb_left: Transform | None
 ) -> Iterator[tuple[str, str, str, bool, Poses]]:
     """Yield each mismatch: name, setting that corrects it, sentence, whether numbers are fitted, and it undone."""
-    p, q = estimate
+    from scipy.spatial.transform import Rotation  # slow to import, and seldom needed by a node
+
+    (p, quats), q = estimate, Rotation.from_quat(estimate[1])
+    optical, upright = Rotation.from_matrix(OPTICAL_IN_RB), Rotation.identity()
     for name, setting, sentence, undone in (
         (
             "conjugated quaternion",
             "quaternion=conjugated",
             "its attitudes are conjugated (att_q_DsToRb written as the orientation of RB in DS): conjugate them",
-            (p, quat_conjugate(q)),
+            (p, q.inv()),
         ),
         (
             "scalar first",
             "quaternion=wxyz",
             "its quaternions are written scalar first (w x y z): write them scalar last (x y z w)",
-            (p, q[:, [1, 2, 3, 0]]),
+            (p, Rotation.from_quat(quats[:, [1, 2, 3, 0]])),
         ),
         (
             "inverted poses",
             "inverse=true",
             "its poses are inverted (DS in RB in place of RB in DS): invert them",
-            (-quat_rotate(quat_conjugate(q), p), quat_conjugate(q)),
+            (-q.inv().apply(p), q.inv()),
         ),
         (
             "optical axes",
             "frame=rb_optical",
             "its attitudes are those of the optical axes (x right, y down, z forward) in place of RB: "
             "rotate them to RB",
-            (p, quat_multiply(q, quat_from_matrix(OPTICAL_IN_RB.T))),
+            (p, q * optical.inv()),
         ),
         ("millimetres", "metres_per_unit=0.001", "its positions are in millimetres: write metres", (p * 1e-3, q)),
         (
@@ -186,60 +188,43 @@ def _each_undone(
             "mirrored left and right",
             "mirrored=true",
             "left and right are mirrored (y points right): negate y, and x and z of the quaternions",
-            (p * MIRROR, q * np.array([-1.0, 1.0, -1.0, 1.0])),
+            (p * MIRROR, Rotation.from_quat(quats * np.array([-1.0, 1.0, -1.0, 1.0]))),
         ),
     ):
-        yield name, setting, sentence, False, undone
+        yield name, setting, sentence, False, (undone[0], undone[1].as_quat())
 
     # another frame of the rover: rotation known or presumed, position known or fitted
-    camera, remedy = "it is the pose of the left camera in place of RB", "transform it by the extrinsics of the camera"
+    frames = []
     if T_rb_left is not None:
-        undone, _ = _of_rb(estimate, T_rb_left.rotation, T_rb_left.translation)
-        yield "left camera", "frame=left_optical", f"{camera} (optical axes): {remedy}", False, undone
-        undone, setting = _of_rb(estimate, np.eye(3), T_rb_left.translation)
-        yield "left camera", setting, f"{camera} (axes of RB): {remedy}", False, undone
-    # the rotation that takes directions of motion to the true ones (Kabsch 1976): axes of rotation and directions of
-    # displacement, weighted by their size
-    true_turn, true_move = _motions(truth)
-    directions = []
-    for turn, move in ((true_turn, true_move), _motions(estimate)):
-        size = float(np.sqrt(np.square(move).sum(axis=1).mean())) or 1.0
-        directions.append(np.concatenate((quat_from_matrix(turn)[:, :3], move / size)))
+        lever, known = T_rb_left.translation, Rotation.from_matrix(T_rb_left.rotation)
+        frames.append((known, lever, "in place of RB (optical axes)", "frame=left_optical"))
+        frames.append((upright, lever, "in place of RB (axes of RB)", ""))
+    # motions of the sub-trajectories in the frame of their start, and the rotation that takes their directions to the
+    # true ones (Kabsch 1976): axes of rotation and directions of displacement, weighted by their size
+    starts, ends = _sub_trajectories(len(p))
+    turns, moves, directions = [], [], []
+    for positions, attitudes in ((truth[0], Rotation.from_quat(truth[1])), (p, q)):
+        back = attitudes[starts].inv()
+        turns.append(back * attitudes[ends])
+        moves.append(back.apply(positions[ends] - positions[starts]))
+        size = float(np.sqrt(np.square(moves[-1]).sum(axis=1).mean())) or 1.0
+        directions.append(np.concatenate((turns[-1].as_quat(canonical=True)[:, :3], moves[-1] / size)))
     u, _, vt = np.linalg.svd(directions[0].T @ directions[1])
-    fitted = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    for rotation, axes in (
-        (np.eye(3), "axes of RB"),
-        (OPTICAL_IN_RB, "optical axes"),
-        (fitted, "tilted optical axes"),
-    ):
+    fitted = Rotation.from_matrix(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+    for turn, axes in ((upright, "axes of RB"), (optical, "optical axes"), (fitted, "tilted optical axes")):
         # the point whose poses are given: its displacements differ by `R l - l`
-        _, seen = _motions((p, quat_multiply(q, quat_from_matrix(rotation.T))))
-        matrix = (true_turn - np.eye(3)).reshape(-1, 3)
-        lever = np.asarray(np.linalg.lstsq(matrix, (seen - true_move).ravel(), rcond=1e-3)[0])
-        cosine = quat_from_matrix(rotation @ OPTICAL_IN_RB.T)[3]
-        tilt = float(np.degrees(2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))))
-        if float(np.sqrt(lever @ lever)) < MIN_LEVER_M or (axes.startswith("tilted") and tilt > MAX_TILT_DEG):
-            continue
-        position = ", ".join(f"{value:.2f}" for value in lever)
-        undone, setting = _of_rb(estimate, rotation, lever)
-        sentence = f"{camera} or of another point ({axes}, at {position} m in RB): {remedy}"
-        yield "left camera", setting, sentence, True, undone
-
-
-def _of_rb(estimate: Poses, rotation: FloatArray, lever: FloatArray) -> tuple[Poses, str]:
-    """Return the poses of RB of estimates of a frame at `rotation`, `lever` in RB, and the setting for it."""
-    quats = quat_multiply(estimate[1], quat_from_matrix(rotation.T))
-    numbers = (*lever.tolist(), *quat_from_matrix(rotation).tolist())
-    setting = "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
-    return (estimate[0] - quat_rotate(quats, np.broadcast_to(lever, estimate[0].shape)), quats), setting
-
-
-def _motions(poses: Poses) -> tuple[FloatArray, FloatArray]:
-    """Return rotations `(M, 3, 3)` and displacements `(M, 3)` of the sub-trajectories, in the frame of the start."""
-    starts, ends = _sub_trajectories(len(poses[0]))
-    start, end = poses[1][starts], poses[1][ends]
-    move = quat_rotate(quat_conjugate(start), poses[0][ends] - poses[0][starts])
-    return matrix_from_quat(quat_multiply(quat_conjugate(start), end)), move
+        matrix = (turns[0].as_matrix() - np.eye(3)).reshape(-1, 3)
+        lever = np.asarray(np.linalg.lstsq(matrix, (turn.apply(moves[1]) - moves[0]).ravel(), rcond=1e-3)[0])
+        tilt = float(np.degrees((turn * optical.inv()).magnitude()))
+        if float(np.sqrt(lever @ lever)) >= MIN_LEVER_M and not (turn is fitted and tilt > MAX_TILT_DEG):
+            position = ", ".join(f"{value:.2f}" for value in lever)
+            frames.append((turn, lever, f"in place of RB or of another point ({axes}, at {position} m in RB)", ""))
+    for turn, lever, words, setting in frames:
+        of_rb = q * turn.inv()
+        numbers = (*lever.tolist(), *turn.as_quat(canonical=True).tolist())
+        setting = setting or "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
+        sentence = f"it is the pose of the left camera {words}: transform it by the extrinsics of the camera"
+        yield "left camera", setting, sentence, "another point" in words, (p - of_rb.apply(lever), of_rb.as_quat())
 
 
 def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) -> Iterator[Hypothesis]:
