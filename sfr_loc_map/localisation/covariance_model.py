@@ -105,7 +105,8 @@ class CovarianceModel:
 
         The first image has the error of any whole image.
         """
-        self._start = Start(position, covariance + common_covariance(depth_m, self._focal_px))
+        angle = COMMON_PX / self._focal_px
+        self._start = Start(position, covariance + covariance_of_doubt((angle * depth_m, angle)))
         self._reference = None
         self._window += 1
         return self.follow(position, np.zeros(3), in_window, depth_m, 0.0)
@@ -172,7 +173,8 @@ class CovarianceModel:
         if self._doubt.any():
             doubted = self._doubted
             covariance = covariance + propagated_covariance(doubted.covariance, position - doubted.position)
-        covariance = covariance + common_covariance(depth_m, self._focal_px)
+        angle = COMMON_PX / self._focal_px  # the error of a whole image
+        covariance = covariance + np.diag(np.repeat(np.square([angle * depth_m, angle]), 3))
         # errors that all disparities share: a constant one, the yaw of the right camera as far as it is unknown, and
         # the path travelled before the yaw was found
         bias = self._bias - self._bias_before[0]
@@ -265,12 +267,6 @@ class StepModel:
 def covariance_of_doubt(doubt: tuple[float, float] | FloatArray) -> FloatArray:
     """Return the covariance `(6, 6)` of errors of so many metres and radians."""
     return np.diag(np.repeat(np.square(doubt), 3))
-
-
-def common_covariance(depth_m: float, focal_px: float) -> FloatArray:
-    """Return the covariance `(6, 6)` of the error that a whole image shares, landmarks being at some median depth."""
-    angle = COMMON_PX / focal_px
-    return np.diag(np.repeat(np.square([angle * depth_m, angle]), 3))
 
 
 def covariance_of_point(covariance: FloatArray, rotation: FloatArray, lever: FloatArray) -> FloatArray:

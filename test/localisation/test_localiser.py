@@ -30,8 +30,8 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.parallel import in_background
 
 DRIVE = drive()
-MOST_FUNCTIONS = 43
-"""Of a pair that is tracked and makes no keyframe: 27 of the room, 6 kernels, 10 of `geometry`."""
+MOST_FUNCTIONS = 41
+"""Of a pair that is tracked and makes no keyframe: 25 of the room, 6 kernels, 10 of `geometry`."""
 
 
 def sigma(estimate: PoseEstimate) -> float:
