@@ -37,23 +37,14 @@ NO_CALIBRATION = CalibrationSigma(0.0, 0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodCall:
-    """What one call of a method under test took, stated and did wrong.
+    """What one call of a method under test took, stated and did wrong."""
 
-    Attributes:
-        usage: Time and memory of the call; the time is NaN where it did not return.
-        finding: What it did wrong, `KIND: text`; empty for nothing.
-        reason: Why its pose is degraded or lost.
-        statistics: Figures that it states.
-        covariance: Covariance of the pose that it states, None for none.
-        step: `(27,)` uncertainty of the step that it states, None for none.
-    """
-
-    usage: CallUsage = field(default_factory=no_usage)
-    finding: str = ""
-    reason: str = ""
+    usage: CallUsage = field(default_factory=no_usage)  # the time is NaN where it did not return
+    finding: str = ""  # what it did wrong, `KIND: text`; empty for nothing
+    reason: str = ""  # why its pose is degraded or lost
     statistics: Mapping[str, float] = field(default_factory=dict)
-    covariance: FloatArray | None = None
-    step: FloatArray | None = None
+    covariance: FloatArray | None = None  # of the pose
+    step: FloatArray | None = None  # `(27,)` uncertainty of the step
 
 
 class IsolatedMethod:
@@ -199,7 +190,13 @@ class IsolatedMethod:
         shown = np.full((self._rig.height, self._rig.width), np.nan, F)
         cloud, warnings = PointCloud.empty(fused=False), ()
         try:
-            answer = self._ask(pair, T_lm_navsb, index)
+            if self._is_given_up:
+                raise MethodFailureError(FindingKind.CRASHED, "not started again", ended=False)
+            process = self._started()
+            for what in ("cloud", "disparity"):
+                self._file(what).unlink(missing_ok=True)
+            answer = process.call(pair, {"T_lm_navsb": T_lm_navsb.matrix.ravel().tolist(), "index": index})
+            _check_stamp(pair, answer)
             disparity = self._disparity(pair)
             if self._file("cloud").exists():
                 cloud = self._cloud(index)
@@ -239,34 +236,6 @@ class IsolatedMethod:
         cloud = replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
         T_lm_left = tuple(item.view.T_lm_left for item in maps)
         return FusedMap(cloud, cloud.sigma, T_lm_left, {} if call is None else call.statistics), call
-
-    def disparity(self, pair: StereoPair) -> tuple[FloatImage, MethodCall]:
-        """Return the disparities of a pair `(H, W)`, NaN where none, for a comparison of matchers."""
-        try:
-            answer = self._ask(pair, Transform.identity(), 0, {"disparity_only": True})
-            found = self._disparity(pair)
-            if found is None:  # that of the points at their pixels
-                cloud, T_lm_left = self._cloud(0), self._rig.T_sb_left
-                depth = (cloud.xyz.astype(np.float64) - T_lm_left.translation) @ T_lm_left.rotation[:, 2]
-                seen = depth > 0.0
-                found = np.full(pair.left.shape, np.nan, F)
-                found[cloud.v[seen], cloud.u[seen]] = (self._rig.fx * self._rig.baseline_m / depth[seen]).astype(F)
-        except MethodError as error:
-            return np.full(pair.left.shape, np.nan, F), self._failed(error)
-        return found, _call_of(answer)
-
-    def _ask(
-        self, pair: StereoPair, T_lm_navsb: Transform, index: int, more: Mapping[str, object] | None = None
-    ) -> Answer:
-        if self._is_given_up:
-            raise MethodFailureError(FindingKind.CRASHED, "not started again", ended=False)
-        process = self._started()
-        for what in ("cloud", "disparity"):
-            self._file(what).unlink(missing_ok=True)
-        order = {"T_lm_navsb": T_lm_navsb.matrix.ravel().tolist(), "index": index, **(more or {})}
-        answer = process.call(pair, order)
-        _check_stamp(pair, answer)
-        return answer
 
     def _file(self, what: str) -> Path:
         assert self._process is not None

@@ -41,33 +41,19 @@ class MethodLimits:
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A localiser or mapper that runs in a process of its own.
+    """A localiser or mapper that runs in a process of its own."""
 
-    Attributes:
-        name: As it was chosen.
-        task: What it does.
-        kind: Where it comes from.
-        worker: Its adapter in `workers/`; an absolute path stands for itself.
-        target: What the adapter loads: `package.module:Class`, the path of a library; empty where it needs none.
-        config: Text of its configuration.
-        background: Whether it continues to work between calls: in a benchmark it runs alone, at the recording's rate.
-        sha256: Hash of the file that it is loaded from; None where it is not one file.
-        about: What it is.
-        python: Interpreter that has it.
-        setup: Sent to its adapter besides the rig.
-    """
-
-    name: str
+    name: str  # as it was chosen
     task: Task
     kind: MethodKind
-    worker: str
-    target: str = ""
-    config: str = ""
-    background: bool = False
-    sha256: str | None = None
+    worker: str  # its adapter in `workers/`; an absolute path stands for itself
+    target: str = ""  # what the adapter loads: `package.module:Class`, the path of a library
+    config: str = ""  # text of its configuration
+    background: bool = False  # works between calls: in a benchmark it runs alone, at the recording's rate
+    sha256: str | None = None  # of the file that it is loaded from; None where it is not one file
     about: str = ""
-    python: Path = field(default_factory=lambda: Path(sys.executable))
-    setup: Mapping[str, object] = field(default_factory=dict)
+    python: Path = field(default_factory=lambda: Path(sys.executable))  # interpreter that has it
+    setup: Mapping[str, object] = field(default_factory=dict)  # sent to its adapter besides the rig
 
     @property
     def command(self) -> list[str]:
@@ -81,41 +67,39 @@ class Method:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A method that a user may have installed in an interpreter of its own.
+    """A method that a user may have installed in an interpreter of its own."""
 
-    Attributes:
-        method: The method, without its interpreter.
-        modules: What that interpreter must have.
-        install: Command that installs it.
-        needs: Files that its configuration must name, with what they are.
-    """
-
-    method: Method
-    modules: tuple[str, ...]
-    install: str
-    needs: tuple[tuple[str, str], ...] = ()
+    method: Method  # without its interpreter
+    modules: tuple[str, ...]  # what that interpreter must have
+    install: str  # command that installs it
+    needs: tuple[tuple[str, str], ...] = ()  # files that its configuration must name, with what they are
 
 
-def _built_in(name: str, task: Task, worker: str, about: str) -> Method:
-    return Method(name, task, MethodKind.BUILT_IN, worker, about=about)
-
-
-def _ours(task: Task, function: str) -> Method:
+def _ours(task: Task, function: str, *, background: bool) -> Method:
     about, target = "this suite's own, the default", f"sfr_loc_map.methods.ours:{function}"
-    background = task is Task.LOCALISATION
     return Method(OURS, task, MethodKind.BUILT_IN, CLASS_WORKER, target, background=background, about=about)
 
 
 BUILT_IN = {
     Task.LOCALISATION: {
-        OURS: _ours(Task.LOCALISATION, "localiser"),
-        "opencv": _built_in(
-            "opencv", Task.LOCALISATION, "opencv_odometry.py", "corners, optical flow, PnP from pair to pair"
+        OURS: _ours(Task.LOCALISATION, "localiser", background=True),
+        "opencv": Method(
+            "opencv",
+            Task.LOCALISATION,
+            MethodKind.BUILT_IN,
+            "opencv_odometry.py",
+            about="corners, optical flow, PnP from pair to pair",
         ),
     },
     Task.MAPPING: {
-        OURS: _ours(Task.MAPPING, "mapper"),
-        "sgbm": _built_in("sgbm", Task.MAPPING, "opencv_sgbm.py", "OpenCV's semi-global matching, three-way"),
+        OURS: _ours(Task.MAPPING, "mapper", background=False),
+        "sgbm": Method(
+            "sgbm",
+            Task.MAPPING,
+            MethodKind.BUILT_IN,
+            "opencv_sgbm.py",
+            about="OpenCV's semi-global matching, three-way",
+        ),
     },
 }
 PEERS = {
@@ -178,16 +162,17 @@ def _entry_points(task: Task) -> list[metadata.EntryPoint]:
 
 
 def _configured_peer(peer: Peer, config: str) -> Method:
+    name = peer.method.name
     try:
         values = parse_yaml(config) or {}
     except ValueError as error:
-        raise MethodError(f"method {peer.method.name}: its configuration is no YAML ({error})") from error
+        raise MethodError(f"method {name}: its configuration is no YAML ({error})") from error
     if not isinstance(values, dict):
-        raise MethodError(f"method {peer.method.name}: its configuration must be a mapping, as 'python: PATH'")
+        raise MethodError(f"method {name}: its configuration must be a mapping, as 'python: PATH'")
     python = values.pop("python", None)
     found, reason = find_peer(peer, None if python is None else Path(str(python)), values)
     if found is None:
-        raise MethodError(f"method {peer.method.name}: {reason}")
+        raise MethodError(f"method {name}: {reason}")
     return found
 
 
@@ -197,10 +182,8 @@ def find_peer(peer: Peer, python: Path | None, files: dict[str, object]) -> tupl
     Raises:
         MethodError: If `python` is not an interpreter.
     """
-    for module in peer.modules:
-        reason = lacks(python, module, peer.install)
-        if reason is not None:
-            return None, reason
+    if reason := lacks(python, peer):
+        return None, reason
     for name, what in peer.needs:
         if files.get(name) is None:
             return None, f"needs {what}"
@@ -211,22 +194,22 @@ def find_peer(peer: Peer, python: Path | None, files: dict[str, object]) -> tupl
     return replace(peer.method, python=python, setup=setup), ""
 
 
-def lacks(python: Path | None, module: str, install: str) -> str | None:
-    """Return why an interpreter cannot import a module, None if it can; nothing is imported.
+def lacks(python: Path | None, peer: Peer) -> str:
+    """Return why an interpreter cannot import a peer's modules, empty if it can; nothing is imported.
 
     Raises:
         MethodError: If `python` is not an interpreter.
     """
     if python is None:
-        return f"not looked for: give --peer-python, an interpreter with it ({install})"
-    code = f"import importlib.util as u, sys; sys.exit(0 if u.find_spec({module!r}) else 3)"
+        return f"not looked for: give --peer-python, an interpreter with it ({peer.install})"
+    code = f"import importlib.util as u, sys; sys.exit(0 if all(map(u.find_spec, {peer.modules!r})) else 3)"
     try:
         status = subprocess.run([python, "-c", code], capture_output=True, timeout=60, check=False).returncode
     except (OSError, subprocess.TimeoutExpired) as error:
         raise MethodError(f"'--peer-python {python}' cannot be run ({error}): give a Python interpreter") from error
     if status not in (0, 3):
         raise MethodError(f"'--peer-python {python}' ended with {status}: give a Python interpreter")
-    return None if status == 0 else f"not installed in {python}: {install}"
+    return "" if status == 0 else f"not installed in {python}: {peer.install}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,7 +230,7 @@ def listed_methods(python: Path | None = None) -> Iterator[ListedMethod]:
             version = __version__ if name == OURS else _version_of("opencv-python-headless")
             yield ListedMethod(task, name, version, method.kind, method.about)
         for name, peer in PEERS[task].items():
-            missing = next((text for module in peer.modules if (text := lacks(python, module, peer.install))), None)
+            missing = lacks(python, peer)
             version = None if missing or python is None else _version_of(peer.modules[0], python)
             needs = "; ".join(f"needs {what}" for _, what in peer.needs)
             yield ListedMethod(task, name, version, peer.method.kind, missing or needs)

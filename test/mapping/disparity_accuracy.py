@@ -63,7 +63,7 @@ def main(source: str, *methods: str) -> int:
     print("method      density   bad-1 %   bad-2 %    MAE px   bias px  sigma px")
     for name in methods or ("sfr", "sgbm"):
         with IsolatedMethod(find_method(name, Task.MAPPING), rig, limits=LIMITS, setup=setup) as mapper:
-            found = [mapper.disparity(item.pair)[0] for item in items]
+            found = [mapper.map_pair(item.pair, item.T_lm_navsb, 0)[0].disparity_px for item in items]
         seen = [visible_in_both(truth) for truth in truths]
         error = np.concatenate([(d - t)[mask] for d, t, mask in zip(found, truths, seen, strict=True)])
         density, error = np.isfinite(error).mean(), error[np.isfinite(error)]

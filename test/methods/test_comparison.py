@@ -31,7 +31,7 @@ from sfr_loc_map.methods.comparison import (
     run_pass,
 )
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, MethodCall
-from sfr_loc_map.methods.registry import Method, lacks
+from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import MethodKind
 from sfr_loc_map.pipeline.offline import start_pose
@@ -189,8 +189,8 @@ def test_missing_methods_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "pip install pyorbslam3" in methods_to_compare(Task.LOCALISATION)[1]["orbslam3"]
     assert "not installed in" in methods_to_compare(Task.MAPPING, here)[1]["pandora"]
     with pytest.raises(MethodError, match="give a Python interpreter"):
-        lacks(tmp_path / "none", "json", "")
-    monkeypatch.setattr(registry, "lacks", lambda *_: None)
+        methods_to_compare(Task.MAPPING, tmp_path / "none")
+    monkeypatch.setattr(registry, "lacks", lambda *_: "")
     assert "--vocab" in methods_to_compare(Task.LOCALISATION, here)[1]["orbslam3"]
     assert "no vocabulary" in methods_to_compare(Task.LOCALISATION, here, vocabulary)[1]["orbslam3"]
     vocabulary.touch()

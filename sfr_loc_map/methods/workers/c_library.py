@@ -59,11 +59,7 @@ class Library:
     """A library that was loaded, its version checked, its candidate made."""
 
     def __init__(self, setup: Mapping[str, Any]) -> None:
-        """Load it and make the candidate.
-
-        Raises:
-            SystemExit: With one line, if it cannot be loaded, has another version of the interface or makes none.
-        """
+        """Load it and make the candidate; end with one line if there is none, or of another interface."""
         path = setup["target"]
         try:
             self.functions = ctypes.CDLL(path)
@@ -127,11 +123,7 @@ class LibraryLocaliser(Library):
         return lambda: (process(candidate, stamp_ns, *places), pose, covariance, status, images)
 
     def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as of the call
-        """Return pose, covariance and state.
-
-        Raises:
-            ValueError: If the candidate failed, or wrote what it may not.
-        """
+        """Return pose, covariance and state; raise ValueError if the candidate failed, or wrote what it may not."""
         failed, pose, covariance, status, _ = answer
         _check_return("process", failed)
         if bytes(pose)[Pose.mark.offset :] != MARK or covariance[36:].tobytes() != MARK:
@@ -175,11 +167,7 @@ class LibraryMapper(Library):
         return lambda: (run(candidate, *places, capacity, ctypes.byref(count)), count, images)
 
     def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as of the call
-        """Save the points.
-
-        Raises:
-            ValueError: If the candidate failed, or wrote what it may not.
-        """
+        """Save the points; raise ValueError if the candidate failed, or wrote what it may not."""
         failed, count, (left, _, _) = answer
         _check_return("map", failed)
         if self._mark.tobytes() != MARK or count.value > self._capacity:
@@ -203,13 +191,8 @@ def _check_return(name: str, failed: int) -> None:
 
 def _rotation(quat: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y, z, w = quat
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + 2.0 * (w * cross + cross @ cross))
 
 
 def open_method(setup: Mapping[str, Any]) -> Library:

@@ -112,19 +112,14 @@ class PythonMapper(PythonClass):
         return lambda: self.method.process(pair, T_lm_navsb, order["index"])
 
     def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as the class says
-        """Save the points and the disparities, of a result that has both the disparities alone where these are wanted.
-
-        Raises:
-            TypeError: If there is neither.
-        """
-        only_disparity = bool(order.get("disparity_only"))
-        if self.fuses and not (order.get("fuse") or only_disparity):
+        """Save the points and the disparities; raise TypeError if there is neither."""
+        if self.fuses and not order.get("fuse"):
             self._results.append(answer)
         cloud = answer if isinstance(answer, PointCloud) else getattr(answer, "cloud", None)
         disparity = answer if isinstance(answer, np.ndarray) else getattr(answer, "disparity_px", None)
         if disparity is not None:
             np.save(order["output"] + ".disparity.npy", np.asarray(disparity, np.float32))
-        if isinstance(cloud, PointCloud) and (disparity is None or not only_disparity):
+        if isinstance(cloud, PointCloud):
             np.save(order["output"] + ".cloud.npy", cloud.to_structured())
         elif disparity is None:
             raise TypeError(f"a map is a PointCloud, has a 'cloud', or is a disparity image: got {_described(answer)}")
