@@ -72,19 +72,11 @@ def test_an_answer_to_the_first_image_alone_is_one_to_the_pair() -> None:
     assert book.latency_s.max == 0.0
 
 
-def test_a_pair_is_waited_for_until_its_time_is_over() -> None:
-    clock = Clock()
-    book = book_with(1, clock)
-    assert not book.is_settled(0)
-    clock.now_s += 1.1
-    assert book.is_settled(0)
-    assert AnswerBook("loc", 1.0, clock=clock).latency_s is None
-
-
 def test_a_node_that_does_not_answer_is_given_up_until_it_answers() -> None:
     clock = Clock()
     book = book_with(MAX_IN_A_ROW + 2, clock)
     for stamp_ns in range(MAX_IN_A_ROW):
+        clock.now_s += 0.05
         assert not book.is_settled(stamp_ns + 1)
         book.waited(stamp_ns)
     assert book.is_settled(MAX_IN_A_ROW)
@@ -120,6 +112,8 @@ def test_a_child_is_counted_with_its_parent_and_a_name_finds_it() -> None:
         (child,) = psutil.Process(parent.pid).children()
         assert child.pid in processes_named("a-mark-of-its-own")
         assert processes_named(str(parent.pid)) == [parent.pid]
+        with pytest.raises(ConfigError, match="there is no such process"):
+            processes_named("no process has this name, has it")
         time.sleep(0.1)
         parent.stdin.close()
         watch.stop()
@@ -129,8 +123,3 @@ def test_a_child_is_counted_with_its_parent_and_a_name_finds_it() -> None:
     assert usage.processes == 2
     assert SIZE < usage.peak_rss_bytes < SIZE + 100_000_000
     assert 0.01 < usage.cpu_s < 30.0
-
-
-def test_what_is_not_there_is_named() -> None:
-    with pytest.raises(ConfigError, match="there is no such process"):
-        processes_named("no process has this name, has it")
