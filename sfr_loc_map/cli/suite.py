@@ -65,11 +65,11 @@ def run(
     specification = load_specification(suite)
     settings, store = specification.settings, Store(out)
     with store.locked():
-        plan = make_plan(specification, store.facts_of)
-        store.plan(plan.jobs, suite)
-        for refusal in plan.refusals:
+        planned, refusals = make_plan(specification, store.facts_of)
+        store.plan(planned, suite)
+        for refusal in refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
-        jobs = [job for job in plan.jobs if job.key.startswith(only)]
+        jobs = [job for job in planned if job.key.startswith(only)]
         if only and not jobs:
             raise ConfigError(f"'--only {only}': no task has this key; see the index of '{out}'")
         if not only:
@@ -79,7 +79,7 @@ def run(
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         places = 1 if settings.timing else min(workers or max(1, cores // settings.threads), max(1, len(jobs)))
         if dry_run:
-            _say_plan(store, jobs, len(plan.jobs), places)
+            _say_plan(store, jobs, len(planned), places)
             return propose("sfr", "suite", "run", suite, "--out", out, why="run them")
         interrupted = False
         try:
@@ -91,7 +91,7 @@ def run(
             from sfr_loc_map.suite.page import write_summary  # its imports take as long as all of the start
             from sfr_loc_map.suite.summary import summarise
 
-            summary = summarise(store, plan.refusals)
+            summary = summarise(store, refusals)
             write_summary(summary, store.folder)
     if interrupted:
         done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
@@ -128,9 +128,9 @@ def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places
 def _say_plan(store: Store, jobs: Sequence[Job], total: int, places: int) -> None:
     """Say what would be done, and what it would cost by what like jobs have cost."""
     known: dict[str, list[float]] = {}
-    for entry in store.entries():
-        if entry.seconds is not None:
-            known.setdefault(entry.job.kind, []).append(entry.seconds)
+    for job, _, seconds in store.entries():
+        if seconds is not None:
+            known.setdefault(job.kind, []).append(seconds)
     for job in jobs:
         say(f"{job.key}  {job.label}")
     like = [known.get(job.kind, []) for job in jobs]
@@ -222,10 +222,10 @@ def _present(summary: Summary, store: Store, json_path: str | None, *, lenient: 
 
     show(json.dumps(summary.to_dict(), allow_nan=False) + "\n", json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
-    for failure, again in zip(summary.failures, summary.again, strict=True):
+    for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
-        if again:
-            say(f"  again: {again}", err=True)
+        if failure.again:
+            say(f"  again: {failure.again}", err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
     if missed := sum(item.state is VerdictState.FAIL for _, item in verdicts):
         raise FailedVerdictError(f"{missed} of {len(verdicts)} limits over all drives missed")

@@ -43,16 +43,10 @@ class Refusal:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class SuitePlan:
-    """The jobs of a suite."""
-
-    jobs: tuple[Job, ...]  #: In the order of the file; the same work is listed once.
-    refusals: tuple[Refusal, ...]  #: Sources that cannot be read.
-
-
-def make_plan(specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts]) -> SuitePlan:
-    """Return the jobs of a suite.
+def make_plan(
+    specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts]
+) -> tuple[list[Job], list[Refusal]]:
+    """Return the jobs of a suite in the order of its file, the same work once, and the sources that cannot be read.
 
     Args:
         specification: The suite.
@@ -75,12 +69,12 @@ def make_plan(specification: SuiteSpecification, facts_of: Callable[[Path], Sour
 
     with ThreadPoolExecutor(READERS) as readers:
         found = list(readers.map(known, sources))
-    refusals = tuple(item for item in found if isinstance(item, Refusal))
+    refusals = [item for item in found if isinstance(item, Refusal)]
     named = [item for item in found if not isinstance(item, Refusal)]
     jobs = {job.key: job for source, possible in named for job in _jobs(specification, source, possible)}
     if not jobs and not refusals:
         raise ConfigError(f"{specification.path}: no task: the sources have nothing that 'tasks' asks for")
-    return SuitePlan(tuple(jobs.values()), refusals)
+    return list(jobs.values()), refusals
 
 
 def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts]) -> tuple[JobSource, tuple[JobKind, ...]]:

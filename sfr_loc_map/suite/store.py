@@ -15,7 +15,7 @@ import shlex
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError, OutputError
@@ -37,23 +37,15 @@ CREATE TABLE IF NOT EXISTS sources (path TEXT PRIMARY KEY, size INTEGER, mtime_n
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobFailure:
-    """A job that failed: its key, its name, the place of its source, and why, after how many tries."""
+    """A job that failed, and why."""
 
     key: str
     label: str
-    source: str
+    source: str  #: Place of its source.
     cause: Cause
     message: str
     tries: int
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """A job in the index."""
-
-    job: Job  #: The job.
-    state: str  #: `done`, `failed` or `waiting`.
-    seconds: float | None  #: How long the last try took, None if this is not known.
+    again: str = ""  #: Command that runs it again, alone; empty where the suite's file is not known.
 
 
 class Store:
@@ -115,15 +107,6 @@ class Store:
             index.execute("INSERT OR REPLACE INTO sources VALUES (?, ?, ?, ?)", (*stamp, json.dumps(to_plain(facts))))
         return facts
 
-    def command(self, key: str) -> str:
-        """Return the command that runs one job again, empty where the suite's file is not known."""
-        path = self.folder / SUITE_FILE
-        if not path.is_file():
-            return ""
-        suite = path.read_text(encoding="utf-8").strip()
-        words = ("sfr", "suite", "run", suite, "--out", str(self.folder.absolute()), "--only", key[:SHORT_KEY])
-        return shlex.join(words)
-
     def is_done(self, key: str) -> bool:
         """Tell whether there is a result."""
         return (self.results / f"{key}.json").is_file()
@@ -150,13 +133,18 @@ class Store:
         Raises:
             InputError: If its file cannot be read.
         """
-        path = self.failures / f"{key}.json"
+        path, suite = self.failures / f"{key}.json", self.folder / SUITE_FILE
         if not path.is_file():
             return None
         try:
-            return from_plain(JobFailure, json.loads(path.read_text(encoding="utf-8")))
+            failure = from_plain(JobFailure, json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, RecordError) as error:
             raise InputError(f"cannot read '{path}': {error}; delete it and run the suite again") from error
+        if suite.is_file():
+            words = ("sfr", "suite", "run", suite.read_text(encoding="utf-8").strip(), "--out")
+            again = shlex.join((*words, str(self.folder.absolute()), "--only", key[:SHORT_KEY]))
+            failure = replace(failure, again=again)
+        return failure
 
     def plan(self, jobs: Sequence[Job], suite: Path) -> None:
         """Take the jobs of a suite's file as it is now; the state of each follows from the files."""
@@ -221,11 +209,11 @@ class Store:
                 ("failed" if cause else "done", outcome.seconds, outcome.tries, cause, outcome.message or None, key),
             )
 
-    def entries(self) -> list[Entry]:
-        """Return the jobs of the suite, in its order."""
+    def entries(self) -> list[tuple[Job, str, float | None]]:
+        """Return the jobs of the suite in its order, each with `done`, `failed` or `waiting`, and how long it took."""
         with self._index() as index:
             rows = index.execute("SELECT task, state, seconds FROM tasks ORDER BY position").fetchall()
-        return [Entry(from_plain(Job, json.loads(row[0])), row[1], row[2]) for row in rows]
+        return [(from_plain(Job, json.loads(job)), state, seconds) for job, state, seconds in rows]
 
     @contextmanager
     def _index(self) -> Iterator[sqlite3.Connection]:

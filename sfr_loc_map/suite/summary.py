@@ -124,8 +124,7 @@ class Summary:
     waiting: int  #: Jobs that were not run yet.
     groups: tuple[Group, ...]  #: Drives that were run alike.
     drives: tuple[ScoredJob, ...]  #: Every result.
-    failures: tuple[JobFailure, ...]  #: Why jobs failed.
-    again: tuple[str, ...]  #: Commands that run each of them again, alone.
+    failures: tuple[JobFailure, ...]
     refusals: tuple[Refusal, ...]  #: Sources that cannot be read.
     code: str  #: Fingerprint of the code.
 
@@ -160,9 +159,7 @@ class Summary:
                 drive.names() | {"file": f"results/{drive.job.key}.json", "verdicts": to_plain(drive.score.verdicts)}
                 for drive in self.drives
             ],
-            "failures": [
-                {**to_plain(failure), "again": again} for failure, again in zip(self.failures, self.again, strict=True)
-            ],
+            "failures": to_plain(self.failures),
             "refusals": to_plain(self.refusals),
         }
 
@@ -178,25 +175,22 @@ def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
         InputError: If a result cannot be read.
     """
     entries = store.entries()
-    limits = next((parse_limits(entry.job.limits, "limits") for entry in entries if entry.job.limits), None)
+    limits = next((parse_limits(job.limits, "limits") for job, _, _ in entries if job.limits), None)
     drives = []
-    for entry in entries:
-        if entry.state == "done":
-            key = entry.job.key
-            score = from_json(store.result_text(key), f"'{store.results / key}.json'")
+    for job, state, seconds in entries:
+        if state == "done":
+            score = from_json(store.result_text(job.key), f"'{store.results / job.key}.json'")
             judged = () if limits is None else tuple(item for item in verdicts(limits, score) if _applies(item, score))
-            drives.append(ScoredJob(entry.job, entry.seconds, replace(score, verdicts=judged)))
-    found = [store.failure(entry.job.key) for entry in entries if entry.state == "failed"]
-    failures = tuple(item for item in found if item is not None)
+            drives.append(ScoredJob(job, seconds, replace(score, verdicts=judged)))
+    failures = [store.failure(job.key) for job, state, _ in entries if state == "failed"]
     return Summary(
         tasks=len(entries),
-        waiting=sum(entry.state == "waiting" for entry in entries),
+        waiting=sum(state == "waiting" for _, state, _ in entries),
         groups=tuple(groups_of(drives, limits)),
         drives=tuple(drives),
-        failures=failures,
-        again=tuple(store.command(item.key) for item in failures),
+        failures=tuple(item for item in failures if item is not None),
         refusals=tuple(refusals),
-        code=entries[0].job.code if entries else "",
+        code=entries[0][0].code if entries else "",
     )
 
 

@@ -176,7 +176,7 @@ def suite_tables(summary: Summary, *, commands: bool = False) -> list[Table]:
                 named = {"over": part.condition.label, "error": key.partition("_")[0], "unit": shown.symbol}
                 counted = {"count": part.count, "drives": part.drives, "shown": shown}
                 pooled.append(figures | head | named | counted | {"place": f"{place}conditions.{index}.{key}."})
-    failures = [to_plain(item) | {"again": again} for item, again in zip(summary.failures, summary.again, strict=True)]
+    failures = [to_plain(item) for item in summary.failures]
     failures += [
         {"label": item.path, "cause": "source refused", "tries": 0, "message": item.reason} for item in summary.refusals
     ]

@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.suite.job import JobKind, SourceKind
-from sfr_loc_map.suite.plan import SourceFacts, SuitePlan, make_plan
+from sfr_loc_map.suite.job import Job, JobKind, SourceKind
+from sfr_loc_map.suite.plan import Refusal, SourceFacts, make_plan
 from sfr_loc_map.suite.specification import load_specification
 
 
@@ -20,7 +20,7 @@ def facts(path: Path) -> SourceFacts:
     return SourceFacts(sha256=path.read_text(), pairs=5, nav_pairs=0 if path.name.startswith("drive") else 3)
 
 
-def plan_of(folder: Path, **content: object) -> SuitePlan:
+def plan_of(folder: Path, **content: object) -> tuple[list[Job], list[Refusal]]:
     suite = folder / "suite.yaml"
     suite.write_text(yaml.safe_dump(content))
     return make_plan(load_specification(suite), facts)
@@ -29,27 +29,27 @@ def plan_of(folder: Path, **content: object) -> SuitePlan:
 def test_every_combination_once(tmp_path: Path) -> None:
     for name in ("drive1", "drive2", "both"):
         (tmp_path / name).write_text(name)
-    plan = plan_of(
+    jobs, _refusals = plan_of(
         tmp_path,
         sources=["drive*", "both"],
         perturb=["black"],
         configurations={"a": {}, "b": {"localisation": {"max_features": 400}}},
         repeats=2,
     )
-    localise = [job for job in plan.jobs if job.kind is JobKind.LOCALISE]
-    mapped = [job for job in plan.jobs if job.kind is JobKind.MAP]
+    localise = [job for job in jobs if job.kind is JobKind.LOCALISE]
+    mapped = [job for job in jobs if job.kind is JobKind.MAP]
     assert len(localise) == 3 * 2 * 2 * 2
     assert len(mapped) == 1 * 2 * 1 * 2, "a parameter of the localiser changes no map: configuration b is a"
-    assert len({job.key for job in plan.jobs}) == len(plan.jobs)
+    assert len({job.key for job in jobs}) == len(jobs)
     assert {job.source.name for job in localise} == {"drive1", "drive2", "both"}
 
 
 def test_a_source_that_cannot_be_read_is_named_and_left_out(tmp_path: Path) -> None:
     (tmp_path / "drive1").write_text("1")
     (tmp_path / "broken").write_text("1")
-    plan = plan_of(tmp_path, sources=["drive1", "broken"])
-    assert len(plan.jobs) == 1
-    assert [refusal.path for refusal in plan.refusals] == [str(tmp_path / "broken")]
+    jobs, refusals = plan_of(tmp_path, sources=["drive1", "broken"])
+    assert len(jobs) == 1
+    assert [refusal.path for refusal in refusals] == [str(tmp_path / "broken")]
 
 
 def test_a_glob_without_match_is_an_error(tmp_path: Path) -> None:
@@ -60,12 +60,12 @@ def test_a_glob_without_match_is_an_error(tmp_path: Path) -> None:
 def test_simulations_by_seed_and_settings(tmp_path: Path) -> None:
     (tmp_path / "flat.yaml").write_text("drive: {pairs: 7}\npanorama: {enabled: false}\n")
     seeds = [{"simulate": "flat.yaml", "seeds": [1, 2], "set": {"drive.pairs": 3}}]
-    first, second = plan_of(tmp_path, sources=seeds).jobs
+    first, second = plan_of(tmp_path, sources=seeds)[0]
     assert (first.source.name, second.source.name) == ("flat-1", "flat-2")
     assert first.source.kind is SourceKind.SIMULATED
     assert (first.source.settings["drive.pairs"], first.source.settings["seed"]) == (3, 1)
     assert first.key != second.key
-    other = plan_of(tmp_path, sources=[{"simulate": "flat.yaml", "seeds": [1]}]).jobs[0]
+    other = plan_of(tmp_path, sources=[{"simulate": "flat.yaml", "seeds": [1]}])[0][0]
     assert other.key != first.key
 
 
@@ -73,22 +73,22 @@ def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None
     (tmp_path / "drive1").write_text("content")
     (tmp_path / "copy").mkdir()
     (tmp_path / "copy" / "drive_elsewhere").write_text("content")
-    job = plan_of(tmp_path, sources=["drive1"]).jobs[0]
-    assert plan_of(tmp_path, sources=["copy/drive_elsewhere"]).jobs[0].key == job.key
+    job = plan_of(tmp_path, sources=["drive1"])[0][0]
+    assert plan_of(tmp_path, sources=["copy/drive_elsewhere"])[0][0].key == job.key
     limits = {"trajectory": [{"condition": "distance=5", "position_mean_m": 0.1}]}
-    assert plan_of(tmp_path, sources=["drive1"], limits=limits).jobs[0].key == job.key
-    assert plan_of(tmp_path, sources=["drive1"], memory_mb=900, timeout_s=5.0).jobs[0].key == job.key
+    assert plan_of(tmp_path, sources=["drive1"], limits=limits)[0][0].key == job.key
+    assert plan_of(tmp_path, sources=["drive1"], memory_mb=900, timeout_s=5.0)[0][0].key == job.key
     changes = {"spacing": 3, "timing": True, "start": "identity", "conditions": ["time=3"], "threads": 2}
     for name, value in changes.items():
-        assert plan_of(tmp_path, sources=["drive1"], **{name: value}).jobs[0].key != job.key, name
+        assert plan_of(tmp_path, sources=["drive1"], **{name: value})[0][0].key != job.key, name
     assert replace(job, code="other").key != job.key
     (tmp_path / "drive1").write_text("other content")
-    assert plan_of(tmp_path, sources=["drive1"]).jobs[0].key != job.key
+    assert plan_of(tmp_path, sources=["drive1"])[0][0].key != job.key
 
 
 def test_suites_of_other_code_pair_their_tasks(tmp_path: Path) -> None:
     (tmp_path / "drive1").write_text("content")
-    job = plan_of(tmp_path, sources=["drive1"]).jobs[0]
+    job = plan_of(tmp_path, sources=["drive1"])[0][0]
     assert replace(job, code="other").pairing == job.pairing
     assert replace(job, parameters={"localisation.max_features": 400}).pairing == job.pairing
     assert replace(job, faults="black").pairing != job.pairing
@@ -99,8 +99,8 @@ def test_places_are_whole_however_the_file_is_named(tmp_path: Path, monkeypatch:
     monkeypatch.chdir(tmp_path)
     for name in ("drive1", "estimate", "truth"):
         (tmp_path / name).write_text(name)
-    plan = plan_of(Path(), sources=["drive1", {"estimate": "estimate", "truth": "truth"}])
-    places = [place for job in plan.jobs for place in (job.source.path, job.source.truth) if place]
+    jobs, _refusals = plan_of(Path(), sources=["drive1", {"estimate": "estimate", "truth": "truth"}])
+    places = [place for job in jobs for place in (job.source.path, job.source.truth) if place]
     assert len(places) == 3
     assert all(Path(place).is_absolute() for place in places)
 
@@ -113,16 +113,16 @@ def test_sources_elsewhere_are_known_by_their_version_or_their_content(tmp_path:
         plan_of(tmp_path, sources=[url])
     with pytest.raises(ConfigError, match="64 hexadecimal"):
         plan_of(tmp_path, sources=[known | {"sha256": "1"}], tasks=["localise"])
-    (job,) = plan_of(tmp_path, sources=[url], tasks=["localise"]).jobs
+    (job,) = plan_of(tmp_path, sources=[url], tasks=["localise"])[0]
     assert (job.source.name, job.source.kind, job.source.content_sha256) == ("a.mcap", SourceKind.REMOTE, "")
-    (same,) = plan_of(tmp_path, sources=[url], tasks=["localise"]).jobs
+    (same,) = plan_of(tmp_path, sources=[url], tasks=["localise"])[0]
     assert same.key == job.key
     memory.pipe("/plan/a.mcap", b"other")
-    (changed,) = plan_of(tmp_path, sources=[url], tasks=["localise"]).jobs
+    (changed,) = plan_of(tmp_path, sources=[url], tasks=["localise"])[0]
     assert changed.key != job.key
-    (content,) = plan_of(tmp_path, sources=[known], tasks=["localise"]).jobs
+    (content,) = plan_of(tmp_path, sources=[known], tasks=["localise"])[0]
     here = replace(content, source=replace(content.source, kind=SourceKind.FILE, path="a.mcap", version=""))
     assert content.key == here.key
     assert content.pairing == here.pairing
-    (refusal,) = plan_of(tmp_path, sources=["memory://plan/missing"], tasks=["localise"]).refusals
+    (refusal,) = plan_of(tmp_path, sources=["memory://plan/missing"], tasks=["localise"])[1]
     assert "there is nothing" in refusal.reason
