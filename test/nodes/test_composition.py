@@ -1,7 +1,6 @@
 """Nodes within another program's process."""
 
 # ruff: noqa: E402 - ROS may be absent
-import time
 import weakref
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,41 +12,32 @@ pytestmark = pytest.mark.ros
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseStamped
-from made_scene import LOC_RIG, NAV_RIG, T_RB_LOCSB, loc_pair, nav_pair
+from made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair
 from nav_msgs.msg import Odometry
 from our_localisation import OurLocalisation
 from processes import Peer
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
-from scenes import calls, raw, send_infos, send_pair
+from scenes import MOUNT, calls, raw, send_infos, send_pair
 from sensor_msgs.msg import PointCloud2
 
 from sfr_loc_map.config import param
-from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.localisation_node import LocalisationNode, LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNode
 
-MOUNT = [
-    Parameter("T_rb_locsb.translation_m", value=T_RB_LOCSB.translation.tolist()),
-    Parameter("T_rb_locsb.quat_xyzw", value=T_RB_LOCSB.file_quat_xyzw.tolist()),
-]
+ARGUMENTS = ["--ros-args", *MOUNT, "-r", "__ns:=/rover"]
 
 
 def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -> None:
-    localisation = LocalisationNode(namespace="rover", parameter_overrides=MOUNT)
-    mapping = MappingNode(namespace="rover", parameter_overrides=[Parameter("pairs_per_map", value=2)])
-    executor = SingleThreadedExecutor()
+    localisation = LocalisationNode(cli_args=ARGUMENTS)
+    mapping = MappingNode(cli_args=["--ros-args", "-r", "__ns:=/rover", "-p", "pairs_per_map:=2"])
     with Peer() as peer:
         odometry = peer.listen(Odometry, "/rover/localisation/odometry")
         clouds = peer.listen(PointCloud2, "/rover/mapping/points")
         diagnostics = peer.listen(DiagnosticArray, "/diagnostics")
         for node in (localisation, mapping):
-            executor.add_node(node)
+            peer.executor.add_node(node)
             node.start()
             assert node.state == "active"
-        executor.add_node(peer.node)
-        peer.executor = executor
         send_infos(peer, "loc", LOC_RIG, "/rover/")
         send_infos(peer, "nav", NAV_RIG, "/rover/")
         for index in range(2):
@@ -57,11 +47,8 @@ def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -
             peer.publish(PoseStamped, "/rover/nav/pose", raw(pose))
             send_pair(peer, "nav", item.pair, "/rover/")
         peer.until(lambda: len(odometry) == 2 and len(clouds) == 1 and len(calls(diagnostics)) == 5, "all results")
-        held = [
-            weakref.ref(localisation._session._localiser),
-            weakref.ref(mapping._session._mapper),
-            weakref.ref(mapping.worker),
-        ]
+        held = (localisation._session._localiser, mapping._session._mapper, mapping.worker)
+        held = [weakref.ref(item) for item in held]
         for node in (localisation, mapping):
             node.trigger_deactivate()
             node.trigger_cleanup()
@@ -69,7 +56,7 @@ def test_two_nodes_share_a_process_and_cleanup_frees_what_they_held(ros: None) -
         peer.spin(0.1)
         assert [item() for item in held] == [None, None, None]
         for node in (localisation, mapping):
-            executor.remove_node(node)
+            peer.executor.remove_node(node)
             node.destroy_node()
 
 
@@ -83,25 +70,22 @@ def test_a_package_of_ones_own_extends_the_node_without_copying(ros: None) -> No
     class WithParameter(OurLocalisation):
         config_type = OurConfig
 
-    node = WithParameter(namespace="rover1", parameter_overrides=[*MOUNT, Parameter("far_m", value=7.0)])
+    node = WithParameter(cli_args=[*ARGUMENTS, "-p", "far_m:=7.0"])
     assert node.config.far_m == 7.0
-    executor = SingleThreadedExecutor()
     with Peer() as peer:
-        odometry = peer.listen(Odometry, "/rover1/localisation/odometry")
-        positions = peer.listen(PointStamped, "/rover1/our/position")
-        executor.add_node(node)
-        executor.add_node(peer.node)
-        peer.executor = executor
+        odometry = peer.listen(Odometry, "/rover/localisation/odometry")
+        positions = peer.listen(PointStamped, "/rover/our/position")
+        peer.executor.add_node(node)
         node.start()
-        assert peer.call("/rover1/localisation_node/where").message == "nowhere yet"
-        send_infos(peer, "loc", LOC_RIG, "/rover1/")
+        assert peer.call("/rover/localisation_node/where").message == "nowhere yet"
+        send_infos(peer, "loc", LOC_RIG, "/rover/")
         for index in range(3):
-            send_pair(peer, "loc", loc_pair(index), "/rover1/")
+            send_pair(peer, "loc", loc_pair(index), "/rover/")
         peer.until(lambda: len(odometry) == len(positions) == 3, "odometry and positions")
         for message, position in zip(odometry, positions, strict=True):
             assert message.pose.pose.position == position.point
-        assert peer.call("/rover1/localisation_node/where").message.startswith("at [")
-        executor.remove_node(node)
+        assert peer.call("/rover/localisation_node/where").message.startswith("at [")
+        peer.executor.remove_node(node)
         node.destroy_node()
 
 
@@ -109,19 +93,3 @@ def test_the_page_shows_the_example_that_is_tested() -> None:
     page = (Path(__file__).parents[2] / "docs" / "nodes.md").read_text(encoding="utf-8")
     example = Path(__file__).with_name("our_localisation.py").read_text(encoding="utf-8")
     assert f"```python\n{example}```" in page
-
-
-def test_a_node_that_cannot_start_says_why_to_the_program(ros: None) -> None:
-    with pytest.raises(ConfigError, match="a unit quaternion is needed"):
-        LocalisationNode(parameter_overrides=[Parameter("T_rb_locsb.quat_xyzw", value=[0.0, 0.0, 0.0, 3.0])])
-
-
-def test_destroying_a_node_that_works_waits_for_the_call_under_way(ros: None) -> None:
-    node = LocalisationNode(parameter_overrides=MOUNT)
-    node.start()
-    done: list[int] = []
-    node.worker.enqueue(lambda: (time.sleep(0.3), done.append(1)))
-    time.sleep(0.1)
-    node.worker.enqueue(lambda: done.append(2))
-    node.destroy_node()
-    assert done == [1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from array import array
 from typing import Any
 
@@ -12,12 +13,11 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from sfr_loc_map.errors import InputError, NodeError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 from sfr_loc_map.nodes.messages.fields import float_points_msg, floats_of, header_msg, time_msg
-from sfr_loc_map.nodes.messages.message_types import message_type
 
 ELEVATION_FIELDS = ("x", "y", "z", "sigma", "slope", "roughness", "step", "count")
 """Fields of a cell, all float32: its centre and height, metres; slope, radians; roughness and step, metres; points."""
@@ -83,9 +83,10 @@ def hazard_from_msg(message: OccupancyGrid) -> FloatArray32:
 def grid_map_type() -> type[Any] | None:
     """Return the type of grid_map_msgs/GridMap, None where its package is not installed."""
     try:
-        return message_type("grid_map_msgs/msg/GridMap")
-    except NodeError:
+        found: type[Any] = importlib.import_module("grid_map_msgs.msg").GridMap
+    except ImportError:
         return None
+    return found
 
 
 def grid_map_msg(kind: type[Any], grid: TerrainGrid, stamp_ns: int, frame_id: str) -> Any:  # noqa: ANN401 - of `kind`
