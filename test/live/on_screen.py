@@ -76,6 +76,11 @@ async def address(log: Path) -> str:
     raise TimeoutError(log.read_text(errors="replace"))
 
 
+def spread(seconds: list[float]) -> str:
+    low, high = np.quantile(seconds or [np.nan], (0.5, 0.95)) * 1e3
+    return f"p50 {low:.1f} ms, p95 {high:.1f} ms ({len(seconds)})"
+
+
 async def show_replay(place: Path, rate: str, folder: Path | None) -> None:
     (place / "limits.yaml").write_text(LIMITS)
     scored = ("--condition", "distance=2", "--limits", str(place / "limits.yaml"), "--out", str(place / "out"))
@@ -94,8 +99,7 @@ async def show_replay(place: Path, rate: str, folder: Path | None) -> None:
             print(f"figures equal to state.json in {equal} of {looks} looks; else the report changed between them")
             lags = await browser.value("({poses: sfrLive.lag.poses, images: sfrLive.lag.images})")
             for name, kept in lags.items():
-                low, high = np.quantile([seconds for seconds, _ in kept], (0.5, 0.95)) * 1e3
-                print(f"image published to {name} on the screen: p50 {low:.0f} ms, p95 {high:.0f} ms ({len(kept)})")
+                print(f"image published to {name} on the screen: {spread([seconds for seconds, _ in kept])}")
             await browser.set_size(1360, 4000)
             for condition in PANELS:
                 await browser.wait_for(condition)

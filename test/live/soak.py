@@ -21,7 +21,7 @@ from typing import Any
 import aiohttp
 import numpy as np
 import psutil
-from on_screen import LIVE, SAMPLE, address, started
+from on_screen import LIVE, SAMPLE, address, spread, started
 
 ALONE_S, ROUNDS, DOMAIN = 60.0, 6, "93"
 VIEWS = {"type": "want", "views": ["images", "clouds", "tracks"]}
@@ -47,10 +47,10 @@ class Page:
                     message = await asyncio.wait_for(channel.receive(), left)
                 except TimeoutError:
                     return
-                if message.type is aiohttp.WSMsgType.TEXT:
-                    self._take(json.loads(message.data), len(message.data))
-                elif message.type is aiohttp.WSMsgType.BINARY:
+                if message.type is aiohttp.WSMsgType.BINARY:
                     self.media += len(message.data)
+                elif message.type is aiohttp.WSMsgType.TEXT:
+                    self._take(json.loads(message.data), len(message.data))
                 else:
                     return
 
@@ -63,24 +63,13 @@ class Page:
             self.late += [time.time() - row[3] for row in message["rows"] if row[3] is not None]
 
 
-def spread(seconds: list[float]) -> str:
-    low, high = np.quantile(seconds or [np.nan], (0.5, 0.95)) * 1e3
-    return f"p50 {low:.1f} ms, p95 {high:.1f} ms ({len(seconds)})"
-
-
-async def never_reads(url: str, seconds: float) -> None:
-    """Connect, ask for everything, read nothing."""
-    port, end = int(url.rsplit(":", 1)[1].strip("/")), time.monotonic() + seconds
-    while time.monotonic() < end:
-        _, writer = await asyncio.open_connection("127.0.0.1", port, limit=1024)
-        request = f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        writer.write(f"{request}Sec-WebSocket-Key: {'A' * 22}==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
-        text = json.dumps(VIEWS).encode()
-        writer.write(bytes([0x81, 0x80 | len(text), 0, 0, 0, 0]) + text)
-        await writer.drain()
-        writer.transport.pause_reading()
-        await asyncio.sleep(min(30.0, end - time.monotonic()))
-        writer.transport.abort()
+async def never_reads(session: aiohttp.ClientSession, url: str, seconds: float) -> None:
+    """Connect, ask for everything, read nothing; connect again once cut off."""
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        async with session.ws_connect(url + "ws", max_msg_size=0) as channel:
+            await channel.send_json(VIEWS)
+            await asyncio.sleep(min(30.0, left))
 
 
 async def reconnects(session: aiohttp.ClientSession, url: str, seconds: float) -> None:
@@ -118,7 +107,7 @@ async def clients(place: Path, minutes: float) -> None:
             for _ in range(ROUNDS):
                 await alone.look(session, min(seconds, ALONE_S), views=False)
                 looking = [page.look(session, seconds) for page in pages]
-                others = (never_reads(url, seconds), reconnects(session, url, seconds), watch_memory())
+                others = (never_reads(session, url, seconds), reconnects(session, url, seconds), watch_memory())
                 await asyncio.gather(*looking, *others)
             state = await state_of(session, url)
     finally:
