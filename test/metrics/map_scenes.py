@@ -1,5 +1,7 @@
 """Small scenes with known surfaces for tests of the map score."""
 
+from typing import Any
+
 import numpy as np
 
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -20,6 +22,15 @@ def wall(distance_m: float = 5.0, shift_m: float = 0.0, rig: StereoRig = RIG) ->
     return PairTruth(points, T_lm_left, rig)
 
 
+def points_of(xyz: Any, sigma: Any, u: Any, v: Any, pair: Any, fused: bool = False) -> PointCloud:
+    """A cloud of points, one sigma or pair for all or one each."""
+    count = len(xyz)
+    columns = (sigma, np.float32), (0.0, np.float32), (u, np.uint16), (v, np.uint16), (pair, np.uint8)
+    return PointCloud(
+        xyz.astype(np.float32), *(np.broadcast_to(values, count).astype(kind) for values, kind in columns), fused
+    )
+
+
 def cloud_of(
     truths: list[PairTruth], stretch: float = 1.0, keep: float = 1.0, sigma: float = 0.05, fused: bool = False
 ) -> PointCloud:
@@ -27,20 +38,7 @@ def cloud_of(
     rng = np.random.default_rng(1)
     clouds = []
     for number, truth in enumerate(truths):
-        known = np.isfinite(truth.points).all(axis=2) & (rng.random(truth.points.shape[:2]) < keep)
-        v, u = np.nonzero(known)
+        v, u = np.nonzero(np.isfinite(truth.points).all(axis=2) & (rng.random(truth.points.shape[:2]) < keep))
         centre = truth.T_lm_left.translation
-        xyz = (truth.points[v, u] - centre) * stretch + centre
-        count = len(u)
-        clouds.append(
-            PointCloud(
-                xyz.astype(np.float32),
-                np.full(count, sigma, np.float32),
-                np.zeros(count, np.float32),
-                u.astype(np.uint16),
-                v.astype(np.uint16),
-                np.full(count, number, np.uint8),
-                fused,
-            )
-        )
+        clouds.append(points_of((truth.points[v, u] - centre) * stretch + centre, sigma, u, v, number, fused))
     return PointCloud.concatenate(clouds)

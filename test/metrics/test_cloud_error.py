@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from map_scenes import RIG, cloud_of, wall
+from map_scenes import RIG, cloud_of, points_of, wall
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -38,15 +38,8 @@ def test_agrees_with_loops_on_random_clouds() -> None:
     rng = np.random.default_rng(5)
     truths = [wall(3.0), wall(12.0)]
     count = 700
-    cloud = PointCloud(
-        rng.normal(0, 3, (count, 3)).astype(np.float32),
-        rng.uniform(0.01, 1, count).astype(np.float32),
-        np.zeros(count, np.float32),
-        rng.integers(0, RIG.width, count).astype(np.uint16),
-        rng.integers(0, RIG.height, count).astype(np.uint16),
-        rng.integers(0, 2, count).astype(np.uint8),
-        fused=False,
-    )
+    u, v, pairs = (rng.integers(0, top, count) for top in (RIG.width, RIG.height, 2))
+    cloud = points_of(rng.normal(0, 3, (count, 3)), rng.uniform(0.01, 1, count), u, v, pairs)
     errors, bins, pixels = [], {(0.0, 4.0): [], (4.0, 10.0): [], (10.0, 20.0): [], (20.0, 40.0): []}, set()
     for k in range(count):
         pair, u, v = int(cloud.pair[k]), int(cloud.u[k]), int(cloud.v[k])
