@@ -9,7 +9,7 @@ from sfr_loc_map.config import param
 
 
 @dataclass(frozen=True, slots=True)
-class TerrainConfig:
+class ReliefConfig:
     """Shape of the ground."""
 
     relief_m: float = param(0.10, unit="m", doc="Standard deviation of the rolling relief.", low=0.0, high=50.0)
@@ -237,7 +237,7 @@ class SimulationConfig:
 
     seed: int = param(1, doc="Seed of everything that is random.", low=0, high=2**63 - 1)
     start_stamp_ns: int = param(1_700_000_000_000_000_000, unit="ns", doc="Stamp of the first pair.", low=0, high=2**62)
-    terrain: TerrainConfig = field(default_factory=TerrainConfig)
+    terrain: ReliefConfig = field(default_factory=ReliefConfig)
     ground: GroundConfig = field(default_factory=GroundConfig)
     rocks: RockConfig = field(default_factory=RockConfig)
     light: LightConfig = field(default_factory=LightConfig)

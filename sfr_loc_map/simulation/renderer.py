@@ -264,7 +264,7 @@ def _facing_sun(hits: Hits, suns: Float32s, sunward: IntArray, starts: Float32s)
     return count
 
 
-class View(NamedTuple):
+class IdealImage(NamedTuple):
     """An ideal image as kernels take it; the principal point is its centre."""
 
     T_cam_ds: FloatArray  #: `(4, 4)` DS to the optical frame.
@@ -282,7 +282,7 @@ def occlusion_mask(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoR
     inside = np.empty(count, np.int64)
     starts, towards = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
     halves = (0.5 * rig.width, 0.5 * rig.height)
-    view = View(T_ds_cam.inverse().matrix, T_ds_cam.translation, float(rig.fx), float(rig.fy), *halves)
+    view = IdealImage(T_ds_cam.inverse().matrix, T_ds_cam.translation, float(rig.fx), float(rig.fy), *halves)
     found = _within_image(hits, view, mask, inside, starts, towards)
     if found:
         reach = np.full(found, 0.999, np.float32)
@@ -291,7 +291,9 @@ def occlusion_mask(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoR
 
 
 @jit
-def _within_image(hits: Hits, view: View, outside: Mask, inside: IntArray, starts: Float32s, towards: Float32s) -> int:
+def _within_image(
+    hits: Hits, view: IdealImage, outside: Mask, inside: IntArray, starts: Float32s, towards: Float32s
+) -> int:
     """Mark the hits outside an image; collect the others, with points just above them and vectors to the camera."""
     count = 0
     local = np.empty(3)

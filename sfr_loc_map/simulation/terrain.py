@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.config import GroundConfig, TerrainConfig
+from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig
 from sfr_loc_map.simulation.noise import gradient2, hash2, mix, sub_seed, unit, value2
 
 SHORTEST_M = 0.02
@@ -55,7 +55,7 @@ class TerrainParameters(NamedTuple):
     seed: np.uint32  #: 32 bits.
 
     @classmethod
-    def of(cls, seed: int, terrain: TerrainConfig, ground: GroundConfig) -> TerrainParameters:
+    def of(cls, seed: int, terrain: ReliefConfig, ground: GroundConfig) -> TerrainParameters:
         """Return the parameters of a configuration."""
         azimuth = math.radians(terrain.ripple_azimuth_deg)
         return cls(
@@ -85,7 +85,7 @@ class Terrain:
     coarseness: float = 1.0  #: Edge of the triangles that stand for it over that of full detail.
 
     @classmethod
-    def make(cls, seed: int, terrain: TerrainConfig, ground: GroundConfig) -> Terrain:
+    def make(cls, seed: int, terrain: ReliefConfig, ground: GroundConfig) -> Terrain:
         """Return the ground of a configuration."""
         return cls(TerrainParameters.of(seed, terrain, ground), float(terrain.coarseness))
 

@@ -93,14 +93,6 @@ def test_a_torn_image_is_read_where_it_is_new(share: float) -> None:
     assert [estimate.state for estimate in estimates[7:]] == [TrackingState.TRACKING] * 2
 
 
-def test_what_stays_the_same_for_longer_is_no_torn_image() -> None:
-    """Something fixed to the camera covers the lower rows."""
-    body = np.random.default_rng(0).integers(0, 255, (HEIGHT // 5, DRIVE[0].left.shape[1]), np.uint8)
-    still = StereoPair(0, *(np.concatenate((image[: -len(body)], body)) for image in (DRIVE[0].left, DRIVE[0].right)))
-    covered = [torn(pair, still, HEIGHT - len(body)) for pair in DRIVE[:8]]
-    assert StateReason.TORN_IMAGES not in [estimate.reason for estimate in run(covered)[2:]]
-
-
 def test_a_pair_after_a_torn_one_is_doubted_while_its_parts_disagree() -> None:
     """The lower half of each image is that of the exposure before: only in the first one was that shown."""
     broken = [torn(DRIVE[index], DRIVE[index - 1], HEIGHT // 2) for index in range(6, 9)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,9 +14,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.localisation import keyframe_backend
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.frontend.sparse_stereo import StereoMatches, match_corners
 from sfr_loc_map.localisation.frontend.tracking import Tracker, TrackingResult
 from sfr_loc_map.localisation.keyframe_backend import KeyframeBackend
 
@@ -52,28 +49,6 @@ def test_a_window_begins_with_landmarks_on_the_wall_and_one_that_finds_few_does_
     assert np.median(np.abs(wall[:, 0] - 3.0)) < 0.05
     assert by.begin(BLACK_FRAME, camera_motion(5)) == 0
     assert (by.window, by.landmarks, by.keyframe_count) == (before, landmarks, 1)
-
-
-@pytest.mark.parametrize(("side", "landmarks", "own_slopes"), [(640, 200, False), (1024, 400, True)])
-def test_images_of_a_megapixel_have_more_landmarks_which_tell_their_slopes(
-    side: int, landmarks: int, own_slopes: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen = []
-
-    def matched(*args: object, own_slopes: bool) -> StereoMatches:
-        seen.append((len(args[2]), own_slopes))  # type: ignore[arg-type]
-        return match_corners(*args, own_slopes=own_slopes)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(keyframe_backend, "match_corners", matched)
-    noise = np.random.default_rng(1).integers(0, 255, (side, side), np.uint8)
-    texture = cv2.GaussianBlur(noise, (0, 0), 2.0) * 2
-    pair = StereoPair(0, texture, np.roll(texture, -20, axis=1))
-    config = LocalisationConfig(max_features=200)
-    by = KeyframeBackend(replace(LOC_RIG, width=side, height=side), config, TRACKER)
-    assert by.begin(frame_of(pair), Transform.identity()) > 0.8 * landmarks
-    [(corners, own)] = seen
-    assert corners == pytest.approx(landmarks, rel=0.15)
-    assert own is own_slopes
 
 
 def test_a_keyframe_adds_landmarks_and_drops_outliers() -> None:

@@ -24,7 +24,6 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StateReason, TrackingState
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import TrackingResult
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.parallel import in_background
@@ -112,15 +111,6 @@ def test_a_pair_passes_through_few_functions() -> None:
     assert "Localiser.process" in seen
     assert by._backend.pending is None  # no keyframe
     assert len(seen) <= MOST_FUNCTIONS, sorted(seen)
-
-
-def test_statistics_state_what_the_right_camera_is_off_by() -> None:
-    by = localiser()
-    run(DRIVE[:2], by)
-    by._backend.calibration.offset = RightOffset(u=0.2, v=-0.1, roll=0.3)
-    found = by.process(DRIVE[2]).statistics
-    # right positions too far right: disparities too small
-    assert (found.disparity_offset_px, found.vertical_offset_px, found.roll_offset_px) == (-0.2, -0.1, 0.3)
 
 
 @pytest.mark.clause("3.2.4")
@@ -211,16 +201,6 @@ def test_a_pose_with_a_stamp_of_the_past_holds_there_with_its_covariance(estimat
     np.testing.assert_allclose(np.diag(found.covariance), np.diag(swung), rtol=0.02)
 
 
-def test_a_start_pose_of_a_later_pair_holds_there(estimates: list[PoseEstimate]) -> None:
-    found = run(DRIVE[:9], Localiser(LOC_RIG, start=StartPose(true_pose(5), stamp_ns=DRIVE[5].stamp_ns)))
-    assert found[0].state is TrackingState.DEGRADED
-    assert found[0].covariance[0, 0] > 0.4**2  # 1 m/s
-    for index in range(5, 9):
-        motion = estimates[5].T_ds_rb.inverse() @ estimates[index].T_ds_rb
-        assert errors(found[index], true_pose(5) @ motion)[0] < 1e-6
-        assert sigma(found[index]) < 0.02
-
-
 @pytest.mark.parametrize("stamped", [False, True])
 def test_a_pose_set_while_lost_is_of_its_stamp_or_the_next_pair(*, stamped: bool) -> None:
     """It says nothing of the last known pose, which is of before the gap."""
@@ -309,16 +289,6 @@ def test_a_pair_that_stays_is_ever_less_certain_until_another_comes() -> None:
     assert (np.diff(sigmas) > 0.01).all()
     assert sigma(estimates[7]) < sigmas[1]
     assert errors(estimates[7], true_pose(7))[0] < 0.003
-
-
-def test_a_lost_pair_that_is_repeated_is_still_lost() -> None:
-    """Its images are of before, whatever they show on a second look."""
-    left, right = np.random.default_rng(0).integers(0, 255, (2, *BLACK.shape)).astype(np.uint8)
-    away = StereoPair(DRIVE[7].stamp_ns, left, right)
-    lost, again = run([*DRIVE[:6], away, replace(away, stamp_ns=DRIVE[8].stamp_ns)])[-2:]
-    assert (again.state, again.reason) == (lost.state, lost.reason)
-    assert lost.state is TrackingState.LOST
-    assert again.statistics.repeated == 1
 
 
 def test_swapped_images_are_lost_and_begin_no_new_window() -> None:

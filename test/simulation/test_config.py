@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfr_loc_map.cli.simulate import parse_settings
 from sfr_loc_map.config import build, load_yaml
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import Task
@@ -46,14 +45,3 @@ def test_long_drive_is_longer_than_100_m() -> None:
 def test_wrong_settings_are_refused(values: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         build(SimulationConfig, values)
-
-
-def test_settings_of_the_command_line() -> None:
-    assert parse_settings(["a.b=0.5", "c=[straight 3, stop 1]", "d=true"]) == {
-        "a.b": 0.5,
-        "c": ["straight 3", "stop 1"],
-        "d": True,
-    }
-    for wrong in ("a.b", "=3", "a=[1"):
-        with pytest.raises(ConfigError, match="--set"):
-            parse_settings([wrong])

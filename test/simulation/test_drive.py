@@ -70,11 +70,6 @@ def test_way_ends_where_its_segments_lead(
     assert math.degrees(math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])) == pytest.approx(heading, abs=1e-6)
 
 
-def test_rover_that_stops_does_not_shake(config: Maker) -> None:
-    drive = Plan.make(config(drive__segments=["stop 3"], drive__vibration_deg=1.0)).drive
-    assert np.allclose(drive.pose(0.5).matrix, drive.pose(2.2).matrix, atol=1e-12)
-
-
 @pytest.mark.clause("3.2.5", "3.2.6")
 def test_pan_to_the_left_turns_the_view_to_the_left(config: Maker) -> None:
     plan = Plan.make(
@@ -90,11 +85,6 @@ def test_pan_to_the_left_turns_the_view_to_the_left(config: Maker) -> None:
 def test_unknown_segment_is_refused(config: Maker, segment: str) -> None:
     with pytest.raises(ConfigError, match=r"drive\.segments"):
         Plan.make(config(drive__segments=[segment]))
-
-
-def test_pans_without_tilts_are_refused(config: Maker) -> None:
-    with pytest.raises(ConfigError, match="2 pans and 1 tilts"):
-        Plan.make(config(panorama__tilt_deg=[1.0]))
 
 
 AXIS = np.array([0.451, 0.317, 0.594])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.simulation.config import GroundConfig, LightConfig, SimulationConfig, TerrainConfig
+from sfr_loc_map.simulation.config import GroundConfig, LightConfig, ReliefConfig, SimulationConfig
 from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
 from sfr_loc_map.simulation.shading import (
     RUN,
@@ -27,7 +27,7 @@ SUN = np.array([0.6, 0.0, 0.8])
 
 def parameters(light: LightConfig | None = None, **ground: float) -> ShadingParameters:
     config = GroundConfig(gravel=0.5, bedrock=0.2, **ground)
-    terrain = Terrain.make(7, TerrainConfig(), config)
+    terrain = Terrain.make(7, ReliefConfig(), config)
     return shading_parameters(SimulationConfig(ground=config, light=light or LightConfig()), SUN, terrain)
 
 
@@ -118,13 +118,6 @@ def texture(x: np.ndarray, y: np.ndarray, footprint: float, bump: float = 1.0) -
     out = GroundTexture(*(np.empty(count) for _ in GroundTexture._fields))
     ground_texture(count, hits, bump, SHARES, SEED, out)
     return out
-
-
-def test_texture_of_a_position_does_not_depend_on_the_others() -> None:
-    together = texture(X, Y, 0.002)
-    for n in range(0, 400, 40):
-        alone = texture(X[n : n + 1], Y[n : n + 1], 0.002)
-        assert [values[0] for values in alone] == [values[n] for values in together]
 
 
 def test_slopes_are_a_gradient_rotated_by_a_right_angle() -> None:

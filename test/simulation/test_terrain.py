@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from sfr_loc_map.simulation.config import GroundConfig, RockConfig, TerrainConfig
+from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig, RockConfig
 from sfr_loc_map.simulation.rocks import place_rocks, rocks_per_area
 from sfr_loc_map.simulation.terrain import CELLS, FINEST_M, Terrain, ground_mesh
 
 
 @pytest.fixture(scope="module")
 def terrain() -> Terrain:
-    return Terrain.make(3, TerrainConfig(), GroundConfig())
+    return Terrain.make(3, ReliefConfig(), GroundConfig())
 
 
 def test_rock_cover_is_that_of_the_law() -> None:
@@ -63,7 +63,7 @@ def test_ground_has_no_cracks(terrain: Terrain) -> None:
 
 def flat(**changes: float) -> Terrain:
     level = {"relief_m": 0.0, "hills_m": 0.0, "ripple_height_m": 0.0, "crater_density": 0.0}
-    return Terrain.make(3, TerrainConfig(**(level | changes)), GroundConfig(gravel=0.0, bedrock=0.0))
+    return Terrain.make(3, ReliefConfig(**(level | changes)), GroundConfig(gravel=0.0, bedrock=0.0))
 
 
 def heights(terrain: Terrain, x: np.ndarray, y: np.ndarray, spacing: float = 0.02) -> np.ndarray:

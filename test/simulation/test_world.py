@@ -45,16 +45,6 @@ def test_truth_reprojects_on_its_own_pixel_centre(world: World) -> None:
     assert np.abs(dv[seen]).max() < 1e-3
 
 
-def test_truth_lies_on_the_ground_it_was_made_from(world: World) -> None:
-    truth, _mask = world.truth(0)
-    near = np.isfinite(truth[..., 0]) & (np.hypot(truth[..., 0], truth[..., 1]) < 6.0)
-    points = world.plan.T_ds_lm.apply(truth[near])
-    height = world.plan.terrain.height(points[:, 0].copy(), points[:, 1].copy(), np.full(len(points), 0.02))
-    error = points[:, 2] - height
-    assert np.median(np.abs(error)) < 0.005
-    assert (error > -0.05).mean() > 0.99  # rocks stand out, nothing is below
-
-
 def shift_between(world: World) -> FloatArray:
     """Gradient-weighted (Lucas-Kanade) shift along rows and columns, pixels, between the left image and the right one
     warped by the truth."""

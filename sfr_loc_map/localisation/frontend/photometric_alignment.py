@@ -39,7 +39,7 @@ RESIDUAL_FLOOR = 4.0
 """Variance of a grey level that is added to what the warp leaves unexplained."""
 
 
-class Alignment(NamedTuple):
+class PoseAlignment(NamedTuple):
     """Best pose met, and the mean correlation of the patches there; -1 where too few are in view."""
 
     pose: Pose
@@ -221,7 +221,7 @@ def align_patches(
     start: Pose,
     camera: StereoCamera,
     iterations: int,
-) -> Alignment:
+) -> PoseAlignment:
     """Align all patches with one level of the left image.
 
     Args:
@@ -265,4 +265,4 @@ def align_patches(
         # a hundredth of a pixel of this level is enough
         if largest * camera.fx < 0.02 * level.scale:
             break
-    return Alignment(Pose(best_rotation, best_position), best)
+    return PoseAlignment(Pose(best_rotation, best_position), best)

@@ -15,7 +15,6 @@ from sfr_loc_map.localisation.backend.bundle_adjustment import (
     linearise,
     marginalise_oldest,
     motions_by_poses,
-    right_image_offset,
 )
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
@@ -140,15 +139,6 @@ def test_marginalisation_is_the_joint_system_without_the_oldest_keyframe_and_its
     np.testing.assert_allclose(found.information / np.outer(scale, scale), wanted / np.outer(scale, scale), atol=1e-5)
     np.testing.assert_allclose(found.information_vector / scale, (g[kept] - gain @ g[gone]) / scale, atol=1e-3)
     np.testing.assert_array_equal(found.keyframes.positions, base.keyframes.positions[1:])
-
-
-def test_offset_of_right_images_is_one_unknown_of_the_dense_system() -> None:
-    h, g, _ = linearise(problem(5))
-    offset = right_image_offset(h, g)
-    information, rhs = eliminate(h + 1e-9 * np.diag(np.append(1 + np.diag(h)[:-1], 0.0)), g, slice(-1, None), slice(-1))
-    assert offset.px == pytest.approx(float(rhs[0] / information[0, 0]), rel=1e-6)
-    assert offset.variance == pytest.approx(float(1.0 / information[0, 0]), rel=1e-6)
-    assert right_image_offset(np.zeros((7, 7)), np.zeros(7)).variance == np.inf
 
 
 def some_keyframes(random: np.random.Generator) -> Poses:

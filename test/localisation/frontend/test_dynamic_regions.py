@@ -44,20 +44,6 @@ def added(source: np.ndarray, *, fixed: bool) -> DynamicRegions:
     return regions
 
 
-def test_correlation_is_that_of_numpy() -> None:
-    first, second = image(), image() + 0.5 * image(1)
-    found = fixed_correlation(second, cut(first), UV)
-    for patch, uv, correlation in zip(cut(first), UV.astype(int), found, strict=True):
-        here, best = (
-            [
-                np.corrcoef(patch, second[v - HALF : v + HALF + 1, u - HALF : u + HALF + 1].ravel())[0, 1]
-                for u, v in uv + shifts
-            ]
-            for shifts in (np.array([[0, 0]]), np.array([[3, 0], [-3, 0], [0, 3], [0, -3]]))
-        )
-        np.testing.assert_allclose(correlation, [here[0], max(best)], atol=1e-5)
-
-
 def test_what_moved_or_lies_at_the_edge_or_on_a_straight_edge_does_not_stay() -> None:
     source = image()
     assert stays(source, cut(source), UV).all()

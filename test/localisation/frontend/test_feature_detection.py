@@ -49,12 +49,3 @@ def test_cells_with_landmarks_and_masked_pixels_give_no_corners() -> None:
     right = find_corners(image, np.zeros((0, 2)), 60, BORDER, mask)
     assert len(right)
     assert right[:, 0].min() >= 80
-
-
-def test_an_edge_is_no_corner() -> None:
-    image = np.zeros((120, 160), np.float32)
-    image[:, 80:] = 100.0
-    assert not len(find_corners(image, np.zeros((0, 2)), 60, BORDER))
-    image[60:, 80:] = 0.0
-    corner = find_corners(image, np.zeros((0, 2)), 60, BORDER)[0]
-    assert np.abs(corner - [79.5, 59.5]).max() <= 4

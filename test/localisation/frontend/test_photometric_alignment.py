@@ -44,7 +44,7 @@ def view(pose: Pose) -> np.ndarray:
 
 def aligned(
     level: ImageLevel, templates: Templates, planes: LocalPlanes, start: Pose, iterations: int
-) -> alignment.Alignment:
+) -> alignment.PoseAlignment:
     homographies = plane_homographies(start, planes, CAMERA, 0.0)
     return alignment.align_patches(level, templates, homographies, planes, start, CAMERA, iterations)
 
