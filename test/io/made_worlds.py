@@ -83,8 +83,6 @@ def write_bag(path: Path, world: World, *, loc: bool = True, nav: bool = True, *
 
 
 def assert_same_pose(a: Transform | None, b: Transform | None) -> None:
-    assert a is not None
-    assert b is not None
     assert a.matrix.tobytes() == b.matrix.tobytes()
     assert a.file_quat_xyzw.tolist() == b.file_quat_xyzw.tolist()
 
@@ -97,7 +95,6 @@ def assert_same_pairs(found: Iterable[StereoPair], wanted: Iterable[StereoPair])
 
 
 def assert_same_trajectory(a: Trajectory | None, b: Trajectory) -> None:
-    assert a is not None
     assert a.stamps_ns.tolist() == b.stamps_ns.tolist()
     assert a.positions.tobytes() == b.positions.tobytes()
     assert a.quats_xyzw.tobytes() == b.quats_xyzw.tobytes()
@@ -105,8 +102,6 @@ def assert_same_trajectory(a: Trajectory | None, b: Trajectory) -> None:
 
 def assert_is_world(source: Source, world: World) -> None:
     """Check that a source holds a world, bit-identical."""
-    assert source.loc is not None
-    assert source.nav is not None
     assert len(source.loc) == len(world.pairs)
     assert len(source.nav) == len(world.navs)
     assert source.loc.rig.same_cameras(world.loc_rig)

@@ -33,7 +33,6 @@ def test_round_trip_is_exact(tmp_path_factory: pytest.TempPathFactory, suffix: s
     path, cloud = tmp_path_factory.mktemp("c") / f"c{suffix}", random_cloud(count, seed)
     save_cloud(path, cloud)
     loaded = load_cloud(path)
-    assert loaded.cloud is not None
     assert loaded.cloud.to_structured().tobytes() == cloud.to_structured().tobytes()
     np.testing.assert_array_equal(loaded.xyz, cloud.xyz)
 
@@ -63,7 +62,6 @@ def test_las_keeps_micrometres_and_all_fields(tmp_path: Path, suffix: str, count
     path, cloud = tmp_path / f"c{suffix}", random_cloud(count, seed)
     save_cloud(path, cloud)
     loaded = load_cloud(path).cloud
-    assert loaded is not None
     np.testing.assert_allclose(loaded.xyz, cloud.xyz, atol=6e-7)
     for name in ("sigma", "intensity", "u", "v", "pair"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(cloud, name))
@@ -107,7 +105,6 @@ def test_a_cloud_file_says_whether_it_is_fused_and_of_which_pairs(
     path = tmp_path / f"c{suffix}"
     save_cloud(path, replace(random_cloud(3), fused=fused, pair_stamps_ns=stamps_ns))
     cloud = load_cloud(path).cloud
-    assert cloud is not None
     assert (cloud.fused, cloud.pair_stamps_ns) == (fused, stamps_ns)
     if suffix == ".npz":
         with np.load(path) as arrays:
@@ -156,7 +153,6 @@ def test_ply_of_others(tmp_path: Path) -> None:
     record = np.array([(1.5, 2, 2.5, 3.5, 700, 400)], ">f8,>i4,>f4,>f4,>i4,>i2").tobytes()
     path.write_bytes(head + b"end_header\n" + record)
     cloud = load_cloud(path).cloud
-    assert cloud is not None
     assert (cloud.xyz.tolist(), int(cloud.u[0]), int(cloud.v[0]), int(cloud.pair[0])) == (
         [[1.5, 2.5, 3.5]],
         700,
@@ -173,7 +169,6 @@ def test_pcd_of_others(tmp_path: Path) -> None:
     numbers = np.arange(12.0).reshape(4, 3)
     path.write_text(head + "ascii\n" + "\n".join(" ".join(map(str, [*row, 0, 0, 0, 0])) for row in numbers) + "\n")
     cloud = load_cloud(path).cloud
-    assert cloud is not None
     assert (cloud.u.tolist(), cloud.v.tolist(), cloud.pair.tolist()) == ([0, 1, 0, 1], [0, 0, 1, 1], [0] * 4)
     np.testing.assert_array_equal(cloud.xyz, numbers)
     assert cloud.fused is False  # one point a pixel of one image

@@ -60,17 +60,14 @@ def test_euroc_has_the_known_answer(tmp_path: Path) -> None:
     source = open_source(write_euroc(tmp_path / "V1"))
     loc = source.loc
     assert source.format == "euroc"
-    assert loc is not None
     assert len(loc) == 2  # the middle stamps differ by a nanosecond
     assert loc.rig.baseline_m == pytest.approx(0.11, abs=1e-12)
     assert loc.rig.fx == loc.rig.fy
     # The bench is midway between the cameras; its x is along their view (z of B), its y to the left (-x of B).
-    assert loc.rig.T_rb_sb is not None
     np.testing.assert_allclose(loc.rig.T_rb_sb.apply([0, 0, 0]), [0.105, -0.02, 0.5], atol=1e-12)
     np.testing.assert_allclose(loc.rig.T_rb_sb.apply([1, 0, 0]), [0.105, -0.02, 1.5], atol=1e-9)
     np.testing.assert_allclose(loc.rig.T_rb_sb.apply([0, 0.055, 0]), [0.05, -0.02, 0.5], atol=1e-9)
     truth = loc.ground_truth
-    assert truth is not None
     assert truth.stamps_ns.tolist() == [1403636579763555585, 1403636579768555585]
     np.testing.assert_allclose(truth.pose(0).rotation, matrix_from_rotvec([0.1, 0.2, 0.3]), atol=1e-14)
     assert all((pair.left == 90).all() and (pair.right == 90).all() for pair in loc.pairs())  # alpha 0: no black rim

@@ -42,7 +42,6 @@ def test_kitti_has_the_known_answer(tmp_path: Path) -> None:
     source = open_source(write_kitti(tmp_path / "00"))
     loc = source.loc
     assert (source.format, source.nav) == ("kitti", None)
-    assert loc is not None
     assert (loc.rig.width, loc.rig.height, loc.rig.fx, loc.rig.cx, loc.rig.cy) == (20, 16, 700, 10, 8)
     assert loc.rig.baseline_m == 0.54
     assert [(p.stamp_ns, p.left[0, 0], p.right[0, 0]) for p in loc.pairs()] == [
@@ -51,7 +50,6 @@ def test_kitti_has_the_known_answer(tmp_path: Path) -> None:
         (207_291_100, 20, 21),
     ]
     truth = loc.ground_truth
-    assert truth is not None
     np.testing.assert_allclose(truth.positions[0], 0, atol=1e-15)
     np.testing.assert_allclose(truth.positions[1], [2, 0, 0], atol=1e-15)  # z of the camera is x of RB
     # The left camera is at (0, b/2, 0) in SB. Turned by +0.5 about z, the SB origin is at c - R (0, b/2, 0).
@@ -66,9 +64,7 @@ def test_kitti_colour_cameras_and_poses_folder(tmp_path: Path) -> None:
     (tmp_path / "poses").mkdir()
     (folder / "poses.txt").rename(tmp_path / "poses" / "07.txt")
     loc = open_source(folder).loc
-    assert loc is not None
     assert loc.rig.baseline_m == 0.54
-    assert loc.ground_truth is not None
     # Camera 2 is 0.06 m left of camera 0 (P2[3] = 42 = -700 * -0.06): the bench turns about another point.
     turn, to_left, half = matrix_from_rotvec([0, 0, 0.5]), np.array([0, 0.06, 0]), np.array([0, 0.27, 0])
     left = np.array([4.0, 1.0, 0.25]) + turn @ to_left - to_left

@@ -10,7 +10,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.camera_info import projection
-from sfr_loc_map.io.rectification import RawCamera, rectified_rig
+from sfr_loc_map.io.rectification import rectified_rig
 
 RIG = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
 K = (140.0, 0.0, 101.0, 0.0, 141.0, 78.0, 0.0, 0.0, 1.0)
@@ -107,11 +107,3 @@ def test_what_cannot_be_rectified_is_refused_in_one_line(changes: dict[str, Any]
     with pytest.raises(InputError, match=f"^loc/left/camera_info.*{words}") as caught:
         rectified_rig([info("left", **changes), info("right")], "loc")
     assert "\n" not in str(caught.value)
-
-
-def test_fisheye_is_another_name_of_equidistant() -> None:
-    first, second = (
-        RawCamera.of("x", info("left", "equidistant", distortion_model=n)) for n in ("equidistant", "fisheye")
-    )
-    assert all(np.array_equal(a, b) for a, b in zip(first.maps(), second.maps(), strict=True))
-    assert first.maps()[0].dtype == np.int16  # fixed point

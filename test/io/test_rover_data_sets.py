@@ -32,7 +32,6 @@ from sfr_loc_map.io.sequence import LocSequence
 def opened(path: Path, name: str) -> LocSequence:
     source = open_source(path)
     assert (source.format, source.nav, source.left_out) == (name, None, 0)
-    assert source.loc is not None
     return source.loc
 
 
@@ -49,7 +48,6 @@ def test_madmax_has_the_known_answer_whichever_way_its_transforms_are_written(tm
         loc.rig.T_rb_left.matrix, (MADMAX_T_IMU_B.inverse() @ MADMAX_T_IMU_LEFT).matrix, atol=1e-12
     )
     truth = loc.ground_truth
-    assert truth is not None
     assert truth.stamps_ns.tolist() == [1544000000120000000, 1544000000220000000]
     assert truth.positions.tolist() == [[1, 2, 3], [1.5, 2, 3]]
     np.testing.assert_allclose(truth.pose(1).rotation, np.diag([-1.0, -1.0, 1.0]), atol=1e-15)
@@ -94,7 +92,6 @@ def test_madmax_pairs_by_stamp_and_needs_its_calibration(tmp_path: Path) -> None
     left = run / "img_rect_left" / f"img_rect_left_{MADMAX_STAMPS[0]}.png"
     left.unlink()
     source = open_source(run)
-    assert source.loc is not None
     assert (len(source.loc), source.left_out) == (1, 1)
     (run / "img_rect_left" / "img_rect_left_1.5.png").write_bytes(b"")
     with pytest.raises(InputError, match=r"is not whole nanoseconds.*; rename or remove it"):
@@ -186,7 +183,6 @@ def test_lusnar_has_the_known_answer(tmp_path: Path, described: bool) -> None:
     np.testing.assert_allclose(loc.rig.T_rb_left.rotation @ [0, 0, 1], [np.cos(down), 0, -np.sin(down)], atol=1e-12)
     np.testing.assert_allclose(loc.rig.T_rb_left.rotation @ [1, 0, 0], [0, -1, 0], atol=1e-12)
     truth = loc.ground_truth
-    assert truth is not None
     np.testing.assert_allclose(truth.pose(0).matrix, np.eye(4), atol=1e-15)
     np.testing.assert_allclose(truth.positions[1], [1, -2, 3])  # three metres up, two to the right
     np.testing.assert_allclose(truth.pose(1).rotation @ [1, 0, 0], [0, -1, 0], atol=1e-15)  # turned to the right
