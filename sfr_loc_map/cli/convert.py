@@ -118,7 +118,7 @@ def convert(
 def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None, *, overwrite: bool) -> None:
     """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
     from sfr_loc_map.io.registry import open_source
-    from sfr_loc_map.io.trajectory_file import FOREIGN, files_written, read_trajectory_file
+    from sfr_loc_map.io.trajectory_file import ANNOUNCED, files_written, read_trajectory_file
     from sfr_loc_map.pipeline.convert import convert_trajectory, holds_trajectory, is_trajectory
 
     to_file = is_trajectory(destination)
@@ -127,7 +127,7 @@ def _convert_trajectory(source: Path, destination: Path, remap: list[str] | None
     if holds_trajectory(source):
         read = read_trajectory_file(source)
         poses = read.trajectory
-        if read.format in FOREIGN:
+        if read.format in ANNOUNCED:
             say(read.text, err=True)
     else:
         opened = open_source(source, parse_remaps(remap))

@@ -67,7 +67,7 @@ class TrajectoryFormat(StrEnum):
     EVO = "evo"
 
 
-FOREIGN = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.EVO)
+ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.EVO)
 """Formats of which a command says that it has found them."""
 WORDS = {
     TrajectoryFormat.CSV: "csv of the suite",

@@ -24,7 +24,7 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.trajectory_file import (
-    FOREIGN,
+    ANNOUNCED,
     LoadedTrajectory,
     TrajectoryFormat,
     evo_result_bytes,
@@ -332,7 +332,7 @@ def load_drive(estimate: Path | Trajectory, truth: Path | Trajectory, stats: Seq
         )
         read, true_poses = read.with_stamps_of(true_poses), true_poses.with_stamps_of(read)
         estimates, loaded = estimates_of(read.trajectory, stats), [read, true_poses]
-    notes = tuple(item.text for item in loaded if item.format in FOREIGN)
+    notes = tuple(item.text for item in loaded if item.format in ANNOUNCED)
     rig = camera_rig(truth) if isinstance(truth, Path) else None
     return ScoredDrive(estimates, true_poses.trajectory, rig, notes)
 

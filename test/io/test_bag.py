@@ -1,4 +1,4 @@
-"""Bags: round trips, foreign bags, corrupt bags."""
+"""Bags: round trips, bags of others, corrupt bags."""
 
 from __future__ import annotations
 
@@ -119,9 +119,9 @@ def test_truth_grid_rounds_to_its_half(tmp_path: Path, world: World) -> None:
         write_bag(tmp_path / "y.mcap", world, loc=False, truth_grid_m=0.001)
 
 
-def test_foreign_topics_by_remap_and_namespace(tmp_path: Path, world: World) -> None:
+def test_topics_of_others_by_remap_and_namespace(tmp_path: Path, world: World) -> None:
     entries = [(topic.replace("/loc/left/image_rect", "/front_l/pic"), *rest) for topic, *rest in loc_entries(world)]
-    bag = write_messages(tmp_path / "foreign", entries)
+    bag = write_messages(tmp_path / "others", entries)
     with pytest.raises(InputError, match=r"no topic 'loc/left/image_rect'.*/front_l/pic.*--remap"):
         open_source(bag)
     for old, new in (("/front_l/pic", "/loc/left/image_rect"), ("front_l/pic", "loc/left/image_rect")):
