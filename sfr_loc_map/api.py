@@ -525,31 +525,18 @@ def map(
 
 
 class ScoreSettings(TypedDict, total=False):
-    """Options of `sfr score` by the same names.
+    """Options of `sfr score` by the same names."""
 
-    Attributes:
-        spacing: Frames from one start of a sub-trajectory to the next (10).
-        rebase: What is taken from the estimate at a start: `pose` or `position`.
-        associate: How an estimate finds its truth: `auto`, `match` or `interpolate`.
-        max_gap: Longest gap of the truth that is interpolated, s (1).
-        scored_range: Ranges of the truth that count for coverage, m (0, 10).
-        fused: Whether the cloud is fused, for a file that does not say so.
-        convention: How the poses were written: `["frame=left_optical", "world=first_pose"]`.
-        apply_diagnosis: Whether to correct the convention mismatch that explains the errors.
-        max_difference: Longest difference of stamps paired for APE and RPE, s (0.01).
-        rpe_delta: Length of a relative error: `frames=1` or `distance=10`.
-    """
-
-    spacing: int
-    rebase: str
-    associate: str
-    max_gap: float
-    scored_range: tuple[float, float]
-    fused: bool
-    convention: Sequence[str]
-    apply_diagnosis: bool
-    max_difference: float
-    rpe_delta: str
+    spacing: int  # frames from one start of a sub-trajectory to the next (10)
+    rebase: str  # what is taken from the estimate at a start: `pose` or `position`
+    associate: str  # how an estimate finds its truth: `auto`, `match` or `interpolate`
+    max_gap: float  # longest gap of the truth that is interpolated, s (1)
+    scored_range: tuple[float, float]  # ranges of the truth that count for coverage, m (0, 10)
+    fused: bool  # whether the cloud is fused, for a file that does not say so
+    convention: Sequence[str]  # how the poses were written: `["frame=left_optical", "world=first_pose"]`
+    apply_diagnosis: bool  # whether to correct the convention mismatch that explains the errors
+    max_difference: float  # longest difference of stamps paired for APE and RPE, s (0.01)
+    rpe_delta: str  # length of a relative error: `frames=1` or `distance=10`
 
 
 CONFIG_NAMES = {"spacing": "spacing", "rebase": "rebase"}

@@ -31,18 +31,6 @@ def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_restored() -> No
     os.waitpid(pid, 0)
     assert b"there True" in text
     assert b"[' ', 's', 'right', 'up', 'q'] True" in text
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "from sfr_loc_map.pipeline.controls import Keyboard\nwith Keyboard() as k: print(k.is_there, k.pressed())",
-        ],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout == "False []\n"
 
 
 def test_a_terminal_that_is_not_the_controlling_one_has_no_keys() -> None:
