@@ -116,11 +116,7 @@ class Call:
     """One call of the processing API, as the node saw it.
 
     Attributes:
-        stamp_ns: Stamp of the pair.
-        usage: Its time and memory.
-        state: Its result in one word (tracking, degraded, lost, mapped, ...).
-        level: How good that is.
-        statistics: Its figures by name.
+        state: Its result in one word (tracking, degraded, lost, mapped, ...), `level` how good that is.
         times: Times around it, seconds, by name.
         reason: Why it is degraded or lost, in one word; empty otherwise.
         step: `(27,)` of the localiser, as in `CallRecord`; None where there is none.
@@ -244,14 +240,7 @@ class Health:
             self._remember(self._arrivals, self._last_arrival)
 
     def note_call(self, level: Level, state: str, values: Mapping[str, Value], statistics: Mapping[str, float]) -> None:
-        """Note a call.
-
-        Args:
-            level: How good its result is.
-            state: The result in one word, with its reason.
-            values: Its times and memory; names that begin with `latency_` are summarised.
-            statistics: Its figures; those of `OFFSETS` are watched.
-        """
+        """Note a call: of its times those that begin with `latency_` are summarised, figures of `OFFSETS` watched."""
         with self._lock:
             self._remember(self._calls, self._clock())
             self._last_call = (level, state)

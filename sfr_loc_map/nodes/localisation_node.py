@@ -49,7 +49,6 @@ from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.pipeline.reception import ThinnedPath
 
-NAME = "localisation_node"
 OUTPUT_DEPTH = 1000
 """Odometry messages that are kept for a slow subscriber."""
 LEVELS = {
@@ -95,7 +94,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     config_type: type[LocalisationNodeConfig] = LocalisationNodeConfig
     rig_name = "loc"
 
-    def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
+    def __init__(self, name: str = "localisation_node", **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters; `options` are those of `rclpy.node.Node`."""
         super().__init__(name, "localisation", self.config_type, live=("localisation.",), **options)
         self.teardown()

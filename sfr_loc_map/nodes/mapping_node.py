@@ -40,7 +40,6 @@ from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.mapping_session import MappingSession, PoseMatching
 
-NAME = "mapping_node"
 POSE_DEPTH, OUTPUT_DEPTH = 100, 10
 """Queues of nav/pose and of the disparity; clouds and grids are latched."""
 OVERDUE_S = 0.2
@@ -68,7 +67,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     rig_name = "nav"
 
-    def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
+    def __init__(self, name: str = "mapping_node", **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters; `options` are those of `rclpy.node.Node`."""
         super().__init__(name, "mapping", MappingNodeConfig, live=("mapping.",), **options)
         self.teardown()

@@ -46,7 +46,6 @@ from sfr_loc_map.pipeline.kernels import load_kernels
 from sfr_loc_map.pipeline.monitor_score import MonitorScore, ReportFile
 from sfr_loc_map.pipeline.reception import TransportGaps
 
-NAME = "monitor_node"
 RESTS = 9.0
 """Time without scoring after each score, as a multiple of the time that it took."""
 FIGURES = {
@@ -102,7 +101,7 @@ class MonitorNodeConfig(NodeConfig):
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, truth, clouds and calls and publishes the score."""
 
-    def __init__(self, name: str = NAME, **options: Any) -> None:  # noqa: ANN401
+    def __init__(self, name: str = "monitor_node", **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters; `options` are those of `rclpy.node.Node`."""
         super().__init__(name, "monitor", MonitorNodeConfig, live=(), **options)
         self.teardown()

@@ -11,17 +11,14 @@ from typing import Any
 
 from sfr_loc_map.config import to_yaml_lines
 from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.nodes.localisation_node import NAME as LOCALISATION_NODE
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
-from sfr_loc_map.nodes.mapping_node import NAME as MAPPING_NODE
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
-from sfr_loc_map.nodes.monitor_node import NAME as MONITOR_NODE
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
 
 FILES: dict[str, tuple[str, type[Any]]] = {
-    "localisation.yaml": (LOCALISATION_NODE, LocalisationNodeConfig),
-    "mapping.yaml": (MAPPING_NODE, MappingNodeConfig),
-    "monitor.yaml": (MONITOR_NODE, MonitorNodeConfig),
+    "localisation.yaml": ("localisation_node", LocalisationNodeConfig),
+    "mapping.yaml": ("mapping_node", MappingNodeConfig),
+    "monitor.yaml": ("monitor_node", MonitorNodeConfig),
 }
 """Node and parameters of each file."""
 

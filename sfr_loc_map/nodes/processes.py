@@ -42,14 +42,7 @@ class ChildProcess:
     def __init__(
         self, name: str, words: Sequence[str], log: Path | None = None, variables: Mapping[str, str] | None = None
     ) -> None:
-        """Start nothing yet.
-
-        Args:
-            name: What messages call it.
-            words: Program and arguments.
-            log: File for standard output and error, also after a restart; None: those of this process.
-            variables: Environment variables, None for those of this process.
-        """
+        """Start nothing yet; without a log it writes to standard output and error of this process."""
         self.name, self.words = name, words
         self._log, self._variables = log, variables
         self._popen: subprocess.Popen[bytes] | None = None
@@ -155,14 +148,7 @@ class ChildProcess:
 def node_process(
     module: str, arguments: Sequence[str] = (), folder: Path | None = None, variables: Mapping[str, str] | None = None
 ) -> ChildProcess:
-    """Return a module of this package as a process, not started.
-
-    Args:
-        module: Name below `sfr_loc_map`, such as `nodes.localisation_node`.
-        arguments: Command line.
-        folder: Folder for its log; None: it writes to standard output and error of this process.
-        variables: Environment variables beside those of this process.
-    """
+    """Return a module below `sfr_loc_map` as a process, not started; its log goes to a folder, if one is given."""
     name = module.rpartition(".")[2]
     words = [sys.executable, "-P", "-m", "sfr_loc_map.nodes.start", module, *arguments]
     log = None if folder is None else folder / f"{name}.log"
@@ -307,8 +293,7 @@ def sigterm_as_interrupt() -> Iterator[None]:
 def first_signal_stops(stop: Callable[[], None]) -> Iterator[Callable[[], bool]]:
     """Let the first SIGINT or SIGTERM call `stop`, so that a run ends in good order; the next one does as before.
 
-    Yields:
-        What tells whether there was a signal.
+    What is given tells whether there was a signal.
     """
     before: dict[int, Any] = {}
     received = []

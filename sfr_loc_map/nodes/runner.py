@@ -28,7 +28,7 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         arguments: Command line; that of the process by default.
 
     Returns:
-        Exit code: 0, or 2 where the node cannot start or cannot go on (one line on standard error says why).
+        0, or 2 where the node cannot start or cannot go on (one line on standard error says why).
     """
     node: Node | None = None
     has_ros_started = False
