@@ -106,13 +106,7 @@ def flipped_image(path: Path) -> Path:
 
 
 def no_camera_info(path: Path) -> Path:
-    good = good_bag(path.with_name("good.mcap"))
-    with Reader(good) as reader, Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        kept = [c for c in reader.connections if not c.topic.endswith("right/camera_info")]
-        connections = {c.topic: writer.add_connection(c.topic, c.msgtype, typestore=TYPESTORE) for c in kept}
-        for connection, recorded_ns, raw in reader.messages(kept):
-            writer.write(connections[connection.topic], recorded_ns, raw)
-    return path
+    return renamed_bag(path, "right/camera_info", "right/other")
 
 
 def silent_camera_info(path: Path) -> Path:
@@ -128,20 +122,15 @@ def unequal_sizes(path: Path) -> Path:
 
 def unequal_sizes_in_bag(path: Path) -> Path:
     def edit(topic: str, number: int, message: Any) -> Any:
-        if topic.endswith("right/image_rect") and number == 1:
-            return replace(message, width=80, step=80, data=message.data[: 80 * message.height])
-        return message
+        narrow = topic.endswith("right/image_rect") and number == 1
+        return replace(message, width=80, step=80, data=message.data[: 80 * message.height]) if narrow else message
 
     return rewritten_bag(path, edit)
 
 
 def not_rectified(path: Path) -> Path:
-    def edit(topic: str, number: int, message: Any) -> Any:
-        if topic.endswith("left/camera_info"):
-            return replace(message, d=np.array([-0.3, 0.1, 0.0, 0.0, 0.0]))
-        return message
-
-    return rewritten_bag(path, edit)
+    distorted = np.array([-0.3, 0.1, 0.0, 0.0, 0.0])
+    return rewritten_bag(path, lambda t, n, m: replace(m, d=distorted) if t.endswith("left/camera_info") else m)
 
 
 def nan_in_poses(path: Path) -> Path:

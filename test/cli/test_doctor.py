@@ -34,13 +34,11 @@ from sfr_loc_map.pipeline.doctor_observation import (
 )
 
 Edit = broken.Edit
-
-
-def keep(topic: str, number: int, message: Any) -> Any:
-    return message
+RIGHT_INFO = "/loc/right/camera_info"
 
 
 def edit_of(part: str, **changes: Any) -> Edit:
+    """Change fields of the messages on the topics whose name has a part."""
     return lambda topic, number, message: replace(message, **changes) if part in topic else message
 
 
@@ -48,22 +46,20 @@ def without(part: str) -> Edit:
     return lambda topic, number, message: None if part in topic else message
 
 
-def not_rectified(topic: str, number: int, message: Any) -> Any:
-    return replace(message, d=np.array([0.1, 0, 0, 0, 0])) if topic == "/loc/left/camera_info" else message
+def stamped(part: str, shift_ns: int, number: int | None = None) -> Edit:
+    """Shift the stamps of topics, or that of one message each."""
+
+    def edit(topic: str, place: int, message: Any) -> Any:
+        if part in topic and number in (None, place) and not topic.endswith("camera_info"):
+            stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec + shift_ns
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+        return message
+
+    return edit
 
 
 def no_baseline(topic: str, number: int, message: Any) -> Any:
-    if topic != "/loc/right/camera_info":
-        return message
-    p = message.p.copy()
-    p[3] = 0.0
-    return replace(message, p=p)
-
-
-def unsynchronised(topic: str, number: int, message: Any) -> Any:
-    if topic == "/loc/right/image_rect":
-        message.header.stamp.nanosec += 7_000_000
-    return message
+    return replace(message, p=np.where(np.arange(12) == 3, 0.0, message.p)) if topic == RIGHT_INFO else message
 
 
 def mirrored_order(topic: str, number: int, message: Any) -> Any:
@@ -74,41 +70,23 @@ def mirrored_order(topic: str, number: int, message: Any) -> Any:
     return replace(message, data=np.ascontiguousarray(data).reshape(-1))
 
 
-def late_truth(topic: str, number: int, message: Any) -> Any:
-    if topic == "/ground_truth/odometry":
-        message.header.stamp.sec += 100
-    return message
-
-
-def started_again(topic: str, number: int, message: Any) -> Any:
-    if "/loc/" in topic and topic.endswith("image_rect") and number == 2:
-        message.header.stamp.sec -= 100
-    return message
-
-
-def late_pose(topic: str, number: int, message: Any) -> Any:
-    if topic == "/nav/pose":
-        message.header.stamp.nanosec += 1000
-    return message
-
-
 BAGS: dict[str, tuple[Edit, list[tuple[str, bool]]]] = {
-    "good": (keep, []),
-    "not rectified": (not_rectified, [("camera_info", True)]),
+    "good": (edit_of("none"), []),
+    "not rectified": (edit_of("/loc/left/camera_info", d=np.array([0.1, 0, 0, 0, 0])), [("camera_info", True)]),
     "no baseline": (no_baseline, [("camera_info", True)]),
     "unequal sizes": (edit_of("/loc/right/camera_info", width=100), [("camera_info", True)]),
     "no camera_info": (without("/loc/left/camera_info"), [("silent", True)]),
-    "unsynchronised": (unsynchronised, [("unsynchronised", True)]),
+    "unsynchronised": (stamped("/loc/right/", 7_000_000), [("unsynchronised", True)]),
     "unknown encoding": (edit_of("loc/left/image_rect", encoding="nv21"), [("encoding", True)]),
     "another encoding": (edit_of("loc/left/image_rect", encoding="yuv422"), [("encoding", True)]),
     "other camera's info": (edit_of("loc/", width=80), [("camera_info", True), ("picture_size", True)]),
     "exchanged": (mirrored_order, [("exchanged", True)]),
-    "two runs": (started_again, [("stamp_order", True), ("stamp_order", True)]),
+    "two runs": (stamped("/loc/", -100 * 10**9, 2), [("stamp_order", True), ("stamp_order", True)]),
     "no map was made": (without("/nav/"), [("silent", False)]),
     "no truth": (without("/ground_truth/odometry"), [("truth", False)]),
-    "truth by another clock": (late_truth, [("truth_clock", False)]),
+    "truth by another clock": (stamped("/ground_truth/odometry", 100 * 10**9), [("truth_clock", False)]),
     "frames not joined": (edit_of("/tf_static", transforms=[]), [("frames", True)]),
-    "poses of other stamps": (late_pose, [("pose_stamps", True)]),
+    "poses of other stamps": (stamped("/nav/pose", 1000), [("pose_stamps", True)]),
 }
 
 
