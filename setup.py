@@ -98,7 +98,7 @@ setup(
         "sim": ["embreex>=4.4,<5"],  # MIT; bundles Embree, Apache-2.0
         # ROS 2 Jazzy as wheels, for machines without a ROS install
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<7.2", "ros-jazzy-common-interfaces>=5.3,<5.4"],
-        # BSD-3 and Apache-2.0; suites on a cluster, of sources elsewhere, and their results as a table for pandas
+        # BSD-3 and Apache-2.0; runs of suites, here or on a cluster, sources elsewhere, results as a table for pandas
         "suite": SUITE,
         "live": LIVE,  # Apache-2.0; the page of sfr live
         "foxglove": FOXGLOVE,  # MIT; the same by the protocol of Foxglove
