@@ -133,32 +133,19 @@ class ReplayResult:
 
 
 class ReplayFiles:
-    """Places of the outputs of a replay.
-
-    Attributes:
-        folder: Where all of them are.
-        estimate: Estimated trajectory.
-        stats: One row for each call.
-        cloud: The cloud.
-        monitor_report: Report of the monitor node.
-        report: The score.
-        page: The score as a page.
-        points: The cloud of an external mapper that tells no pixels.
-        as_published: Trajectory of an external node as it published it, before it was converted.
-        external_log: What the process of an external node wrote.
-    """
+    """Places of the outputs of a replay."""
 
     def __init__(self, folder: Path) -> None:
         """Name the places; nothing is touched."""
         self.folder = folder
         self.estimate = folder / "estimate.csv"
-        self.stats = folder / "stats.csv"
+        self.stats = folder / "stats.csv"  # one row for each call
         self.cloud = folder / "cloud.ply"
         self.monitor_report = folder / "monitor.json"
         self.report = folder / "report.json"
         self.page = folder / "report.html"
-        self.points = folder / "cloud.npz"
-        self.as_published = folder / "estimate_as_published.csv"
+        self.points = folder / "cloud.npz"  # the cloud of an external mapper that tells no pixels
+        self.as_published = folder / "estimate_as_published.csv"  # of an external node, before it was converted
         self.external_log = folder / "external.log"
 
     @property

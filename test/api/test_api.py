@@ -13,8 +13,7 @@ import pytest
 from cli_result import Sfr
 
 import sfr_loc_map as sfr
-from sfr_loc_map.errors import ConfigError, GeometryError, InputError
-from sfr_loc_map.io.cloud_file import load_cloud
+from sfr_loc_map.errors import ConfigError, InputError
 
 LIMITS = {"trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 0.5}]}
 SIGNATURES = {
@@ -154,12 +153,6 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: sfr.PointCloud, tmp_pat
         sfr.score(cloud, folder, apply_diagnosis=True)
 
 
-def test_stamps_in_seconds_are_refused(estimate: sfr.Trajectory) -> None:
-    seconds: Any = estimate.stamps_ns / 1e9
-    with pytest.raises(GeometryError, match="stamps are float64: whole nanoseconds"):
-        sfr.Trajectory(seconds, estimate.positions, estimate.quats_xyzw)
-
-
 def test_poses_without_stamps_get_those_of_poses_in_memory(estimate: sfr.Trajectory, tmp_path: Path) -> None:
     estimate.to_kitti(tmp_path / "poses.kitti")
     (tmp_path / "poses.times.txt").unlink()
@@ -167,11 +160,3 @@ def test_poses_without_stamps_get_those_of_poses_in_memory(estimate: sfr.Traject
         score = sfr.score(*pair, "frames=2")  # one condition may be a text
         assert score.trajectory is not None
         assert score.trajectory.matched == len(estimate)
-
-
-def test_a_cloud_file_without_pixels_is_scored_by_its_path(tmp_path: Path) -> None:
-    fields = "".join(f"property float {name}\n" for name in "xyz")
-    (tmp_path / "xyz.ply").write_text(f"ply\nformat ascii 1.0\nelement vertex 1\n{fields}end_header\n1 2 3\n")
-    assert load_cloud(tmp_path / "xyz.ply").cloud is None
-    with pytest.raises(InputError, match="give the path itself"):
-        sfr.PointCloud.load(tmp_path / "xyz.ply")
