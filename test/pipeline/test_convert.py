@@ -76,7 +76,7 @@ def test_options_that_do_not_fit(tmp_path: Path, world: World) -> None:
 
 def convert_command(*words: str | Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", "import sys; from sfr_loc_map.cli.main import main; sys.exit(main())", "convert"]
-    return subprocess.convert_command([*command, *map(str, words)], capture_output=True, text=True, check=False)
+    return subprocess.run([*command, *map(str, words)], capture_output=True, text=True, check=False)
 
 
 @pytest.mark.slow
