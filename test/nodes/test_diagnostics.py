@@ -94,22 +94,6 @@ def test_lost_is_an_error_and_much_memory_a_warning() -> None:
     assert node.judge().level is Level.ERROR
 
 
-def test_an_error_says_more_than_silence() -> None:
-    node = Node(stale_after_s=1.0, window_s=60.0)
-    node.health.note_problem(Level.ERROR, "camera_info is not rectified")
-    node.now += 2.0
-    verdict = node.judge()
-    assert verdict.level is Level.ERROR
-    assert verdict.message == "camera_info is not rectified; nothing came for more than 1 s"
-
-
-def test_what_was_before_is_forgotten_when_the_health_is_reset() -> None:
-    node = Node()
-    node.call(Level.ERROR, "lost")
-    node.health.reset()
-    assert node.judge().level is Level.OK
-
-
 def test_many_problems_are_counted_not_listed_and_are_one_change() -> None:
     node = Node()
     node.call()

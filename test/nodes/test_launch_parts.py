@@ -168,15 +168,3 @@ def test_the_replay_calls_the_command_with_options_that_it_has(described: Any) -
             assert switch is None or made in text
     refused = CliRunner().invoke(app, ["replay", "x", "--loop=maybe"])
     assert refused.exit_code == 2
-
-
-def test_launch_files_are_installed() -> None:
-    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
-    assert "launch_scripts/*.launch.py" in setup
-    assert sorted(path.name for path in LAUNCH.glob("*.launch.py")) == [
-        "localisation.launch.py",
-        "mapping.launch.py",
-        "monitor.launch.py",
-        "replay.launch.py",
-        "sfr.launch.py",
-    ]

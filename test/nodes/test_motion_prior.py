@@ -41,13 +41,6 @@ def test_what_messages_do_not_cover_is_not_known() -> None:
     assert sparse.between(0, 300 * MS, 0.0) is None
 
 
-def test_messages_that_go_back_clear_the_buffer() -> None:
-    prior = filled()
-    prior.add(100 * MS, START)
-    assert prior.between(0, 100 * MS, 0.0) is None
-    assert prior.between(100 * MS, 100 * MS, 0.0) is not None
-
-
 def test_a_message_on_its_way_is_waited_for() -> None:
     import threading
 

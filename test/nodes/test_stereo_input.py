@@ -54,15 +54,6 @@ class Input:
             self.inner.add_image(side, (image, MessageTimes(None, None)))
 
 
-def test_pairs_before_their_camera_info_wait_for_it() -> None:
-    stereo = Input()
-    for index in range(3):
-        stereo.pair(index)
-    assert stereo.events == []
-    stereo.infos()
-    assert stereo.events == [150.0, 0, 1, 2]
-
-
 def test_only_so_many_pairs_wait_for_camera_info() -> None:
     stereo = Input(depth=3)
     for index in range(5):

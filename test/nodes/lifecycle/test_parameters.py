@@ -110,16 +110,6 @@ def test_live_changes_are_judged_as_a_whole(ros: None) -> None:
     node.destroy_node()
 
 
-def test_values_that_do_not_fit_together_are_refused_at_start(ros: None) -> None:
-    def check(config: Outer) -> None:
-        raise ConfigError("no")
-
-    node = rclpy.create_node("tried")
-    with pytest.raises(ConfigError, match="no"):
-        Parameters(node, Outer, check=check)
-    node.destroy_node()
-
-
 @pytest.mark.parametrize("name", FILES)
 def test_parameter_files_hold_all_fields_at_their_defaults(name: str) -> None:
     node_name, config_type = FILES[name]

@@ -1,7 +1,6 @@
 # ruff: noqa: E402 - ROS may be absent
 import math
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StepEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
@@ -97,17 +95,6 @@ def test_the_velocity_integrates_to_the_path() -> None:
     pairs = [loc_pair(index) for index in (0, 1, 2, 3, 5, 6)]  # unequal intervals
     away, turned = farthest(pairs, Localiser(LOC_RIG, LocalisationConfig(), true_pose(0)), true_pose(0))
     assert (away < 1e-9, turned < 1e-9) == (True, True)
-
-
-@pytest.mark.slow
-def test_the_velocity_integrates_to_the_path_of_the_sample() -> None:
-    loc = open_source(Path(__file__).parents[3] / "sample" / "sample.mcap", {}).loc
-    assert loc is not None
-    pairs = [pair for pair, _ in zip(loc.pairs(), range(100), strict=False)]
-    localiser = Localiser(loc.rig, LocalisationConfig(), Transform.identity())
-    away, turned = farthest(pairs, localiser, Transform.identity())
-    assert len(pairs) == 100
-    assert (away < 1e-3, turned < 1e-4) == (True, True)
 
 
 def test_every_field_is_of_its_own_type_whatever_numpy_gives() -> None:

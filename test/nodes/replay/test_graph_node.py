@@ -40,20 +40,18 @@ def test_a_node_of_another_program_is_the_reason_and_not_what_it_publishes() -> 
 
 
 class SlowPage:
-    """A page whose node appears in the graph the fifth time that its name is asked for; not at all without topics."""
+    """A page whose node appears in the graph the fifth time that its name is asked for, with some topics."""
 
     def __init__(self, *topics: str) -> None:
-        self.topics = topics
-        self.nodes: list[Any] = []
-        self.asked = 0
+        self.topics, self.asked, self.node = topics, 0, None
 
     @property
     def node_name(self) -> str:
         self.asked += 1
         if self.asked == 5:
-            self.nodes.append(rclpy.create_node("sfr_live_7"))
+            self.node = rclpy.create_node("sfr_live_7")
             for topic in self.topics:
-                self.nodes[0].create_subscription(String, topic, lambda _: None, 10)
+                self.node.create_subscription(String, topic, lambda _: None, 10)
         return "sfr_live_7"
 
 
@@ -66,32 +64,28 @@ def test_a_replay_waits_for_its_page_and_for_no_other(monkeypatch: pytest.Monkey
         page: Any = SlowPage(*PAGE_TOPICS)
         assert replay.wait_for_page(page)
         assert page.asked >= 5
+        page.node.destroy_node()
         monkeypatch.setattr(graph_node, "PAGE_TIMEOUT_S", 0.5)
-        page.nodes[0].destroy_node()
         deaf: Any = SlowPage(PAGE_TOPICS[0])
         assert not replay.wait_for_page(deaf)
         ended: Any = SimpleNamespace(node_name="")
         assert replay.wait_for_page(ended)
-        for node in (other, *deaf.nodes):
+        for node in (other, deaf.node):
             node.destroy_node()
 
 
 def test_the_extrinsics_are_published_as_those_who_listen_read_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    frames = FrameTree()
-    sent: list[Any] = []
-    publisher = SimpleNamespace(publish=sent.append)
-    qualities: list[Any] = []
+    tree, sent, made = FrameTree(), [], []
 
     def create(kind: Any, topic: str, qos: Any) -> Any:
-        assert topic == "/tf_static"
-        qualities.append(qos)
-        return publisher
+        made.append((topic, qos.durability.name))
+        return SimpleNamespace(publish=sent.append)
 
     monkeypatch.setattr(extrinsics, "tf_message_type", lambda: SimpleNamespace)  # tf2_msgs is in no wheel
-    assert extrinsics.publish_extrinsics(SimpleNamespace(create_publisher=create), T_RB_LOCSB) is publisher
-    assert qualities[0].durability.name == "TRANSIENT_LOCAL"
-    extrinsics.add_static_transforms(sent[0], frames)
-    found = frames.find("rb", "locsb")
+    extrinsics.publish_extrinsics(SimpleNamespace(create_publisher=create), T_RB_LOCSB)
+    assert made == [("/tf_static", "TRANSIENT_LOCAL")]
+    extrinsics.add_static_transforms(sent[0], tree)
+    found = tree.find("rb", "locsb")
     assert found is not None
     assert np.allclose(found.matrix, T_RB_LOCSB.matrix, atol=1e-15)
     monkeypatch.setattr(extrinsics, "tf_message_type", lambda: None)
