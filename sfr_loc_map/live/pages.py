@@ -13,6 +13,7 @@ import struct
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -59,63 +60,49 @@ def frame_of(media: Media) -> bytes:
                    `count` rows u v before_u before_v residual
     """
     facts: dict[str, Any]
+    body: bytes | FloatArray32
     match media:
-        case ImageSample():
-            kind, facts, body = "image", {"size": media.size, "full_size": media.full_size}, media.jpeg
-        case CloudSample():
-            columns = media.points if media.error is None else np.column_stack([media.points, media.error])
-            facts = {"count": len(media.points), "total": media.total, "error": media.error is not None}
-            kind, body = "cloud", _bytes(columns)
-        case ElevationSample():
-            rows, columns_of_grid, _ = media.layers.shape
-            facts = {"rows": rows, "columns": columns_of_grid, "origin_m": media.origin_m, "cell_m": media.cell_m}
-            facts |= {"names": media.names, "every": media.every}
-            kind, body = "elevation", _bytes(media.layers)
-        case TrackSample():
+        case ImageSample(jpeg=body):
+            kind, facts = "image", {"size": media.size, "full_size": media.full_size}
+        case CloudSample(points=points, error=error):
+            kind, body = "cloud", points if error is None else np.column_stack([points, error])
+            facts = {"count": len(points), "total": media.total, "error": error is not None}
+        case ElevationSample(layers=body):
+            kind, facts = "elevation", {"rows": body.shape[0], "columns": body.shape[1], "origin_m": media.origin_m}
+            facts |= {"cell_m": media.cell_m, "names": media.names, "every": media.every}
+        case TrackSample(tracks=body):
             masks = {side: [np.round(ring, 1).tolist() for ring in rings] for side, rings in media.masks.items()}
-            kind, facts, body = "tracks", {"count": len(media.tracks), "masks": masks}, _bytes(media.tracks)
+            kind, facts = "tracks", {"count": len(body), "masks": masks}
     name = {"type": kind, "topic": media.topic, "stamp_ns": str(media.stamp_ns), "published_s": media.published_s}
     header = json.dumps(name | facts, allow_nan=False, separators=(",", ":")).encode()
     header += b" " * (-len(header) % 4)
-    return struct.pack("<I", len(header)) + header + body
-
-
-def _bytes(values: FloatArray32) -> bytes:
-    return np.ascontiguousarray(values, "<f4").tobytes()
+    data = body if isinstance(body, bytes) else np.ascontiguousarray(body, "<f4").tobytes()
+    return struct.pack("<I", len(header)) + header + data
 
 
 class Pages:
-    """What all pages are shown, and how many there are. Used by the thread of the server's loop alone.
-
-    Attributes:
-        report_text: Message of the latest report, empty before the first.
-        nodes_text: Message of the nodes.
-        frames: Newest image, cloud, map and tracks by topic, each with its bytes.
-        epoch: Counts the restarts of a player.
-    """
+    """What all pages are shown, and how many there are. Used by the thread of the server's loop alone."""
 
     def __init__(self, state: LiveState, hub: Hub) -> None:
         """Start without pages; the hub is told what they look at."""
         self.state = state
         self.pages: list[Page] = []
-        self.report_text = self.nodes_text = ""
-        self.frames: dict[str, tuple[Media, bytes]] = {}
-        self.epoch = 0
+        self.report_text = self.nodes_text = ""  # the latest messages, empty before the first
+        self.frames: dict[str, tuple[Media, bytes]] = {}  # the newest of each topic with its bytes
+        self.epoch = 0  # restarts of a player
         self.is_over = False
+        self.cut_off = self.replaced = 0
         self._hub = hub
         self._report: ReportView | None = None
         self._nodes_s = 0.0
         self._silent: frozenset[str] = frozenset()
-        self._cut_off = self._replaced_of_gone = 0
 
     def note(self, update: Update) -> None:
         """Note a record that the state has taken in."""
         if isinstance(update, Media) and update.topic in self.state.media:
             before, _ = self.frames.get(update.topic, (None, b""))
-            for page in self.pages:
-                page.replaced += (
-                    before is not None and update.view in page.views and page.sent.get(update.topic) is not before
-                )
+            looking = [page for page in self.pages if before is not None and update.view in page.views]
+            self.replaced += sum(page.sent.get(update.topic) is not before for page in looking)
             self.frames[update.topic] = update, frame_of(update)
         elif isinstance(update, TimeLine) and update.restarted:
             self.epoch += 1
@@ -141,8 +128,6 @@ class Pages:
     def leave(self, page: Page) -> None:
         """Count a page no more."""
         self.pages.remove(page)
-        self._replaced_of_gone += page.replaced
-        self._cut_off += page.is_cut_off
         self._want()
 
     def receive(self, page: Page, text: str) -> None:
@@ -162,19 +147,14 @@ class Pages:
                 page.pong = message("pong", {"sent_ms": sent_ms, "time_s": time.time()})
                 page.news.set()
 
-    def end(self) -> None:
-        """Tell all pages that the run is over."""
-        self.is_over = True
-        self.tell(time.time())
-
     def load(self) -> dict[str, Any]:
         """Return what the pages cost and what was thinned for them."""
         return {
             "pages": len(self.pages),
             "waiting_bytes": sum(page.waiting() for page in self.pages),
-            "replaced": self._replaced_of_gone + self._hub.replaced + sum(page.replaced for page in self.pages),
+            "replaced": self._hub.replaced + self.replaced,
             "dropped": self._hub.dropped,
-            "cut_off": self._cut_off,
+            "cut_off": self.cut_off,
         }
 
     def _want(self) -> None:
@@ -182,15 +162,7 @@ class Pages:
 
 
 class Page:
-    """One page: how far it is, what it looks at. Used by the thread of the server's loop alone.
-
-    Attributes:
-        news: Set where there may be something new for it.
-        pong: Answer to its last request for the time, empty once sent.
-        sent: Image, cloud, map and tracks that it was sent last, by topic; the topic that was sent last is the last.
-        replaced: Images and clouds that were not sent, as a newer one came.
-        waiting: Tells how many bytes wait for the network.
-    """
+    """One page: how far it is, what it looks at. Used by the thread of the server's loop alone."""
 
     def __init__(
         self,
@@ -200,19 +172,20 @@ class Page:
         waiting: Callable[[], int] = lambda: 0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Start with nothing sent; the budget is that of images and clouds, figures count but never wait for it."""
+        """Start with nothing sent; the budget is that of images and clouds, figures count but never wait for it.
+
+        How many bytes wait for the network tells `waiting`.
+        """
         self.views: frozenset[View] = frozenset()
         self.news = asyncio.Event()
         self.pong = ""
-        self.replaced = 0
-        self.is_cut_off = False
         self.waiting = waiting
+        self.sent: dict[str, Media] = {}  # of each topic the last; the topic that was sent last is the last
         self._all, self._channel, self._rate, self._clock = pages, channel, bytes_per_s, clock
         self._credit, self._credited_s = bytes_per_s, clock()
         self._report = self._nodes = ""
         self._version = self._epoch = -1
         self._next_row = self._next_call = 0
-        self.sent: dict[str, Media] = {}
 
     async def send_all(self, server: dict[str, Any]) -> None:
         """Greet the page and send what is new, until it is cut off.
@@ -230,19 +203,21 @@ class Page:
                 if self._all.is_over and not ended:
                     ended = True
                     await self._send(message("end", {"time_s": time.time()}))
-                topic = self._waiting_topic()
-                now_s = self._clock()
+                topic, now_s = self._waiting_topic(), self._clock()
                 self._credit = min(self._credit + (now_s - self._credited_s) * self._rate, self._rate)
                 self._credited_s = now_s
-                if topic is not None and self._credit > 0.0:
-                    await self._send_frame(topic)
-                    continue
-                try:
-                    await asyncio.wait_for(self.news.wait(), None if topic is None else PAUSE_S)
-                except TimeoutError:
-                    continue
+                if topic is None:
+                    await self.news.wait()
+                elif self._credit > 0.0:
+                    media, data = self._all.frames[topic]
+                    self.sent.pop(topic, None)
+                    self.sent[topic] = media
+                    await self._send(data)
+                else:
+                    with suppress(TimeoutError):
+                        await asyncio.wait_for(self.news.wait(), PAUSE_S)
         except TimeoutError:
-            self.is_cut_off = True
+            self._all.cut_off += 1
 
     def _new_figures(self) -> Iterator[str]:
         """Yield what the page has not been sent: report, path, calls, nodes, answers."""
@@ -272,22 +247,13 @@ class Page:
     def _waiting_topic(self) -> str | None:
         """Return a topic whose newest frame it looks at and has not been sent, the one that was sent longest ago."""
         frames = self._all.frames
-        order = (
-            *(topic for topic in frames if topic not in self.sent),
-            *(topic for topic in self.sent if topic in frames),
-        )
-        newest = ((topic, frames[topic][0]) for topic in order)
-        return next(
-            (topic for topic, item in newest if item.view in self.views and self.sent.get(topic) is not item), None
-        )
+        for topic in (*(topic for topic in frames if topic not in self.sent), *self.sent):
+            media, _ = frames.get(topic, (None, b""))
+            if media is not None and media.view in self.views and self.sent.get(topic) is not media:
+                return topic
+        return None
 
-    async def _send(self, text: str) -> None:
-        self._credit -= len(text)
-        await asyncio.wait_for(self._channel.send_str(text), SEND_TIMEOUT_S)
-
-    async def _send_frame(self, topic: str) -> None:
-        media, data = self._all.frames[topic]
-        self.sent.pop(topic, None)
-        self.sent[topic] = media
+    async def _send(self, data: str | bytes) -> None:
         self._credit -= len(data)
-        await asyncio.wait_for(self._channel.send_bytes(data), SEND_TIMEOUT_S)
+        send = self._channel.send_str(data) if isinstance(data, str) else self._channel.send_bytes(data)
+        await asyncio.wait_for(send, SEND_TIMEOUT_S)

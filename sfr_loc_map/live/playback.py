@@ -14,7 +14,6 @@ import io
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from operator import itemgetter
 from pathlib import Path, PurePosixPath
 from threading import Event, Lock, Thread
@@ -26,7 +25,7 @@ from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, parse_json, read_table, read_text
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, parse_json, read_table, read_text, refusing
 from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, Bag, read_trajectory
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.cloud_file import load_cloud
@@ -53,6 +52,7 @@ from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import ScoredMap
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, to_json
 from sfr_loc_map.pipeline.call_stats import STATISTIC, STEP_NAMES, call_of, load_call_stats
 from sfr_loc_map.pipeline.monitor_score import MonitorScore
@@ -63,59 +63,35 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 LOCALISATION_NODE, MAPPING_NODE = "localisation_node", "mapping_node"
 LEVELS = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}
 LOST = np.eye(6) * LOST_VARIANCE
-TICK_S = 0.05
-REPORT_PERIOD_S, TIME_LINE_PERIOD_S = 1.0, 0.25
+TICK_S, REPORT_PERIOD_S, TIME_LINE_PERIOD_S = 0.05, 1.0, 0.25
 IMAGES_BUDGET_S = 0.03
-"""Of each tick, for images that are behind: figures do not wait for them."""
-SHOWN_WITHIN_S = 0.3
-"""Images farther behind than this are passed over, but for the last of each camera."""
+"""Of each tick, for reading images: figures do not wait for them."""
 MOST_WAITING = 2000
 """Records that may wait in the hub while the player is ahead."""
-NO_HEALTH = "as recorded; its health was not"
 Moment = tuple[float, Update]
 """Place, seconds since the begin of its task; the time of receipt is filled in when it is played."""
 Frame = tuple[float, str, int, GreyImage]
 """Place, topic such as `loc/left`, stamp and pixels of one image of a pair."""
-Spoken = tuple[int | None, Status]
-"""What a node said, and the stamp of the call that it is of; None: said at that place of the recording."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A recorded run; what is absent is None or empty.
-
-    Attributes:
-        moments: All that has happened but images, in its order; the truth of a stamp comes first.
-        source: Images.
-        cloud: The map.
-        pairs: Its pairs, without any where there is no source.
-        report: JSON of a score that was made before, for where it cannot be made again.
-        begin_ns: First stamp of the drive and of the mapping pairs.
-    """
+    """A recorded run; what is absent is None or empty."""
 
     title: str
-    moments: Sequence[Moment]
-    source: Source | None
+    moments: Sequence[Moment]  # all but images, in their order; the truth of a stamp comes first
+    source: Source | None  # of the images
     cloud: PointCloud | None
-    pairs: Sequence[PosedStereoPair]
-    report: str
-    begin_ns: tuple[int, int]
+    pairs: Sequence[PosedStereoPair]  # of the cloud
+    report: str  # a score that was made before, for where it cannot be made again
+    begin_ns: tuple[int, int]  # first stamps of the drive and of the mapping pairs
     end_s: float
-
-    @property
-    def silent_nodes(self) -> frozenset[str]:
-        """Nodes whose calls were recorded but not their health."""
-        said = [update for _, update in self.moments if isinstance(update, Status)]
-        spoken = {status.node for status in said if status.kind is StatusKind.HEALTH}
-        return frozenset(status.node for status in said) - spoken
 
     def frames(self) -> Iterator[Frame]:
         """Yield the images in their order, read from the disk as they are asked for."""
-        source = self.source
-        loc = iter(()) if source is None or source.loc is None else source.loc.pairs()
-        nav = iter(()) if source is None or source.nav is None else source.nav.pairs()
-        drive = (frame for pair in loc for frame in self._images("loc", pair))
-        panorama = (frame for item in nav for frame in self._images("nav", item.pair))
+        loc, nav = (None, None) if self.source is None else (self.source.loc, self.source.nav)
+        drive = (frame for pair in (loc.pairs() if loc else ()) for frame in self._images("loc", pair))
+        panorama = (frame for item in (nav.pairs() if nav else ()) for frame in self._images("nav", item.pair))
         return heapq.merge(drive, panorama, key=itemgetter(0))
 
     def _images(self, rig: str, pair: StereoPair) -> Iterator[Frame]:
@@ -145,12 +121,10 @@ def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
     """Return a finished replay; where its source is gone the figures are those of its report."""
     report = ""
     if files.report.is_file():
-        try:
+        with refusing(f"cannot read the report '{files.report}'", "replay again"):
             report = read_text(files.report, MAX_REPORT_CHARACTERS)
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"cannot read the report '{files.report}': {error}; replay again") from error
-    place = truth if truth is not None else _source_of(report, files.report)
-    source = None if place is None else open_source(place)
+            truth = truth or _source_of(from_dict(parse_json(report), str(files.report)))
+    source = None if truth is None else open_source(truth)
     stats = [load_call_stats(files.stats)] if files.stats.is_file() else []
     estimates = load_estimates(files.estimate, stats) if files.estimate.is_file() else None
     cloud = load_cloud(files.cloud).cloud if files.cloud.is_file() else None
@@ -159,6 +133,23 @@ def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
     if true_poses is not None or (source is not None and source.nav is not None):
         report = ""
     return _recording(files.folder, estimates, true_poses, said, source, cloud, report)
+
+
+def _source_of(score: Score) -> Path | None:
+    """Return the source that a replay was made of, None where its score does not name it or it is gone."""
+    inputs = {} if score.provenance is None else score.provenance.inputs
+    for item in filter(None, (inputs.get("map_truth"), inputs.get("truth"))):
+        path = Path(item.path)
+        if path.name == "groundtruth.csv":
+            path = path.parent.parent if path.parent.name == "loc" else path.parent
+        if path.exists():
+            return path
+    return None
+
+
+def _truth_of(source: Source | None) -> Trajectory | None:
+    truth = None if source is None or source.loc is None else source.loc.ground_truth
+    return truth if truth is not None and len(truth) else None
 
 
 def _bag(path: Path, truth: Path | None) -> Recording:
@@ -180,7 +171,7 @@ def _recording(
     path: Path,
     estimates: Estimates | None,
     truth: Trajectory | None,
-    said: Sequence[Spoken],
+    said: Sequence[Status],
     source: Source | None,
     cloud: PointCloud | None = None,
     report: str = "",
@@ -188,31 +179,44 @@ def _recording(
     """Return the recording with its time line.
 
     Raises:
-        InputError: If nothing is in it.
+        InputError: If nothing is in it, or a figure of a call is none.
     """
     drive = [int(stamp) for track in (estimates and estimates.trajectory, truth) if track for stamp in track.stamps_ns]
     panorama = [] if cloud is None else list(_pair_stamps(cloud))
-    for stamp_ns, status in said:
-        if stamp_ns is not None:
-            (panorama if status.node == MAPPING_NODE else drive).append(stamp_ns)
+    calls = [call_of(status.values) if status.kind is StatusKind.CALL else None for status in said]
+    for status, call in zip(said, calls, strict=True):
+        if call is not None:
+            (panorama if status.node == MAPPING_NODE else drive).append(call.record.stamp_ns)
+    nav = None if source is None else source.nav
     if source is not None:
         drive += getattr(source.loc, "stamps_ns", ())  # files and bags know their stamps without their images
-        panorama += getattr(source.nav, "stamps_ns", ())
+        panorama += getattr(nav, "stamps_ns", ())
     if not drive and not panorama and not report:
         raise InputError(f"'{path}' holds nothing to play: give a bag, the folder of sfr replay --out, or a data set")
-    begin_ns = (min(drive, default=0), min(panorama, default=0))
-    end_s = max(
-        _place(max(stamps, default=0), first) for stamps, first in zip((drive, panorama), begin_ns, strict=True)
-    )
-    nav, pairs = None if source is None else source.nav, []
-    if cloud is not None and nav is not None:
-        pairs = [item for item in nav.pairs() if item.pair.stamp_ns in _pair_stamps(cloud)]
-    moments = [
-        *_poses(truth, None, begin_ns[0]),
-        *_placed(said, begin_ns),
-        *_poses(None if estimates is None else estimates.trajectory, estimates, begin_ns[0]),
-        *_maps(cloud, pairs, begin_ns[1]),
-    ]
+    begin_ns = min(drive, default=0), min(panorama, default=0)
+    end_s = max(_place(max(drive, default=0), begin_ns[0]), _place(max(panorama, default=0), begin_ns[1]))
+    moments = [*_poses(truth, None, begin_ns[0])]
+    latest = [0.0, 0.0]
+    for status, call in zip(said, calls, strict=True):
+        is_map = status.node == MAPPING_NODE
+        if call is not None:
+            latest[is_map] = _place(call.record.stamp_ns, begin_ns[is_map])
+        # health has no stamp of the drive and stands where it was recorded
+        moments.append((latest[is_map] if call is not None else max(latest), status))
+    if estimates is not None:
+        moments += _poses(estimates.trajectory, estimates, begin_ns[0])
+    pairs: list[PosedStereoPair] = []
+    if cloud is not None:
+        stamps_ns = _pair_stamps(cloud)
+        pairs = [] if nav is None else [item for item in nav.pairs() if item.pair.stamp_ns in stamps_ns]
+        true_points = CloudTruth()
+        for item in pairs:
+            if item.truth is not None:
+                true_points.add_points(item.pair.stamp_ns, item.truth)
+        shown = cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud)
+        grid = grid_of_cloud(stamps_ns[-1], *shown)
+        media = (cloud_sample(POINTS, stamps_ns[-1], *shown), *(() if grid is None else (grid,)))
+        moments += ((_place(stamps_ns[-1], begin_ns[1]), sample) for sample in media)
     moments.sort(key=itemgetter(0))
     return Recording(path.name or str(path), moments, source, cloud, pairs, report, begin_ns, end_s)
 
@@ -224,11 +228,6 @@ def _place(stamp_ns: int, begin_ns: int) -> float:
 
 def _pair_stamps(cloud: PointCloud) -> tuple[int, ...]:
     return cloud.pair_stamps_ns or (0,)
-
-
-def _truth_of(source: Source | None) -> Trajectory | None:
-    truth = None if source is None or source.loc is None else source.loc.ground_truth
-    return truth if truth is not None and len(truth) else None
 
 
 def _poses(trajectory: Trajectory | None, estimates: Estimates | None, begin_ns: int) -> Iterator[Moment]:
@@ -251,48 +250,7 @@ def _poses(trajectory: Trajectory | None, estimates: Estimates | None, begin_ns:
         yield _place(latest_ns, begin_ns), PoseSample(track, stamp_ns, (x, y, z), (a, b, c, d), 0.0, covariance)
 
 
-def _maps(cloud: PointCloud | None, pairs: Sequence[PosedStereoPair], begin_ns: int) -> Iterator[Moment]:
-    """Yield a map with its distances to the truth, as a cloud and from above."""
-    if cloud is None:
-        return
-    stamp_ns, truth = _pair_stamps(cloud)[-1], CloudTruth()
-    for item in pairs:
-        if item.truth is not None:
-            truth.add_points(item.pair.stamp_ns, item.truth)
-    error, at_s = truth.errors(cloud), _place(stamp_ns, begin_ns)
-    yield at_s, cloud_sample(POINTS, stamp_ns, cloud.xyz, cloud.sigma, 0.0, error)
-    grid = grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, 0.0, error)
-    if grid is not None:
-        yield at_s, grid
-
-
-def _placed(said: Sequence[Spoken], begin_ns: tuple[int, int]) -> Iterator[Moment]:
-    """Give each status its place; health has no stamp of the drive and stands where it was recorded."""
-    latest = [0.0, 0.0]
-    for stamp_ns, status in said:
-        is_map = status.node == MAPPING_NODE
-        if stamp_ns is not None:
-            latest[is_map] = _place(stamp_ns, begin_ns[is_map])
-        yield latest[is_map] if stamp_ns is not None else max(latest), status
-
-
-def _source_of(report: str, file: Path) -> Path | None:
-    """Return the source that a replay was made of, None where the report does not name it or it is gone."""
-    try:
-        provenance = from_dict(parse_json(report), str(file)).provenance if report else None
-    except ValueError as error:
-        raise InputError(f"report '{file}' is no JSON ({error}); replay again") from error
-    inputs = {} if provenance is None else provenance.inputs
-    for item in filter(None, (inputs.get("map_truth"), inputs.get("truth"))):
-        path = Path(item.path)
-        if path.name == "groundtruth.csv":
-            path = path.parent.parent if path.parent.name == "loc" else path.parent
-        if path.exists():
-            return path
-    return None
-
-
-def _calls(stats: Path, cloud: PointCloud | None) -> Iterator[Spoken]:
+def _calls(stats: Path, cloud: PointCloud | None) -> Iterator[Status]:
     """Yield the calls of statistics as the nodes tell them on /diagnostics."""
     text = read_table(stats).decode("utf-8-sig")
     for read in csv.DictReader(io.StringIO(text, newline="")):
@@ -305,8 +263,7 @@ def _calls(stats: Path, cloud: PointCloud | None) -> Iterator[Spoken]:
         if state == MappingState.FUSED and cloud is not None and cloud.fused is not None:
             values[f"{STATISTIC}fused"] = str(float(cloud.fused))  # which the file of the cloud says
         node, message = MAPPING_NODE if is_map else LOCALISATION_NODE, f"{state}: {reason}" if reason else state
-        status = Status(node, StatusKind.CALL, LEVELS.get(state, 0), message, values, 0.0)
-        yield _stamp_of(status), status
+        yield Status(node, StatusKind.CALL, LEVELS.get(state, 0), message, values, 0.0)
 
 
 def _is_number(text: str) -> bool:
@@ -317,28 +274,15 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _diagnostics(bag: Bag) -> Iterator[Spoken]:
+def _diagnostics(bag: Bag) -> Iterator[Status]:
     """Yield what the nodes said of themselves in a run."""
     topic = bag.find("diagnostics", DIAGNOSTICS)
-    if topic is None:
-        return
-    for _, _, message in bag.messages([topic]):
+    for _, _, message in () if topic is None else bag.messages([topic]):
         for item in message.status:
             name, _, kind = item.name.partition(": ")
             if kind in set(StatusKind):
                 values, node = {pair.key: pair.value for pair in item.values}, PurePosixPath("/" + name).name
-                status = Status(node, StatusKind(kind), int(item.level), item.message, values, 0.0)
-                yield _stamp_of(status), status
-
-
-def _stamp_of(status: Status) -> int | None:
-    """Return the stamp of the call that a status describes, None of another one.
-
-    Raises:
-        InputError: If a figure of the call is none.
-    """
-    call = call_of(status.values) if status.kind is StatusKind.CALL else None
-    return None if call is None else call.record.stamp_ns
+                yield Status(node, StatusKind(kind), int(item.level), item.message, values, 0.0)
 
 
 class Player:
@@ -350,16 +294,15 @@ class Player:
         self, hub: Hub, recording: Recording, config: ScoreConfig, limits: Limits | None, rate: float = 1.0
     ) -> None:
         """Stand before the begin; the rate is a multiple of the recorded speed."""
-        self.problem = ""  # why it plays no more
         self._hub, self._recording, self._settings, self._rate = hub, recording, (config, limits), rate
-        self._silent = recording.silent_nodes
+        said = [update for _, update in recording.moments if isinstance(update, Status)]
+        self._silent = {status.node for status in said} - {s.node for s in said if s.kind is StatusKind.HEALTH}
         self._map_score: ScoredMap | None = None
         self._lock, self._stopped = Lock(), Event()
         self._playing = True
         self._jump_to: float | None = 0.0
         self._report_due_s = self._told_s = 0.0
         self._thread = Thread(target=self._play, name="sfr-live-player", daemon=True)
-        self.at_s, self._next = -1.0, 0
         self._rewind()
 
     def __enter__(self) -> Player:
@@ -378,17 +321,13 @@ class Player:
         self._stopped.set()
 
     def run(self, command: Command) -> str:
-        """Pause, play on (at the end: from the begin) or jump.
-
-        Raises:
-            InputError: If the command is another one.
-        """
+        """Pause, play on (at the end: from the begin) or jump; InputError for other commands."""
         with self._lock:
             if command.action is Action.PAUSE:
                 self._playing = False
                 return "paused"
             if command.action is Action.PLAY:
-                if self._jump_to is None and self.at_s >= self._recording.end_s:
+                if self._jump_to is None and self._at_s >= self._recording.end_s:
                     self._jump_to = 0.0
                 self._playing = True
                 return "plays"
@@ -398,28 +337,29 @@ class Player:
         raise InputError(f"'{command.action}' is not possible here: a recording is played, there are no nodes")
 
     def advance(self, at_s: float) -> None:
-        """Tell all up to a place.
-
-        Raises:
-            SfrError: If the recording is broken there.
-        """
+        """Tell all up to a place."""
         moments = self._recording.moments
         while self._next < len(moments) and moments[self._next][0] <= at_s:
             update = moments[self._next][1]
             self._next += 1
             self._take_in(update)
-            self._hub.put(_received_now(update))
+            if isinstance(update, CloudSample | ElevationSample):
+                update = replace(update, published_s=time.time())
+            elif isinstance(update, PoseSample | Status):
+                update = replace(update, received_s=time.time())
+            self._hub.put(update)
             if self._next % MOST_WAITING == 0:  # a hub drops what it has no room for: let the views catch up
                 patience = time.monotonic() + 5.0
                 while self._hub.waiting > MOST_WAITING and time.monotonic() < patience:
                     time.sleep(0.01)
-        self.at_s = at_s
+        self._at_s = at_s
 
     def report(self) -> None:
         """Tell the figures up to here, again after a second or ten times the time that they took."""
         begin_s, now_s = time.monotonic(), time.time()
         for node in self._silent:
-            self._hub.put(Status(node, StatusKind.HEALTH, 0, NO_HEALTH, {"lifecycle": "recorded"}, now_s))
+            message = "as recorded; its health was not"
+            self._hub.put(Status(node, StatusKind.HEALTH, 0, message, {"lifecycle": "recorded"}, now_s))
         if self._recording.report:
             self._hub.put(Report(self._recording.report, now_s))
         elif self._next:
@@ -428,11 +368,11 @@ class Player:
         self._report_due_s = end_s + max(REPORT_PERIOD_S, 10.0 * (end_s - begin_s))
 
     def _rewind(self) -> None:
-        self.at_s = -1.0
+        self._at_s = -1.0
+        self._next: int = 0
         self._score = MonitorScore(*self._settings)
-        self._next = 0
         self._frames: Iterator[Frame] | None = None
-        self._passed: dict[str, Frame] = {}
+        self._frame: Frame | None = None
 
     def _take_in(self, update: Update) -> None:
         """Score what the monitor of a running graph would have received."""
@@ -467,8 +407,7 @@ class Player:
         try:
             self._loop()
         except SfrError as error:
-            self.problem = str(error)
-            self._hub.put(Status("recording", StatusKind.HEALTH, 2, self.problem, {}, time.time()))
+            self._hub.put(Status("recording", StatusKind.HEALTH, 2, str(error), {}, time.time()))
 
     def _loop(self) -> None:
         last_s, end_s = time.monotonic(), self._recording.end_s
@@ -478,63 +417,34 @@ class Player:
                 jump_to, self._jump_to = self._jump_to, None
                 playing = self._playing
             if jump_to is not None:
-                if jump_to < self.at_s:
+                if jump_to < self._at_s:
                     self._rewind()
                     self._hub.put(TimeLine(jump_to, end_s, playing, restarted=True))
-                self._step(jump_to, told=True)
-                now_s = time.monotonic()
+                self.advance(jump_to)
             elif playing:
-                self._step(min(self.at_s + (now_s - last_s) * self._rate, end_s))
-            last_s = now_s
+                self.advance(min(self._at_s + (now_s - last_s) * self._rate, end_s))
+            has_ended = playing and self._at_s >= end_s
+            if jump_to is not None or has_ended or (playing and now_s >= self._report_due_s):
+                self.report()
+            with self._lock:
+                self._playing = self._playing and not has_ended
+            last_s = now_s if jump_to is None else time.monotonic()
             self._show_images()
-            if now_s - self._told_s >= TIME_LINE_PERIOD_S:
-                self._tell_place()
+            if jump_to is not None or has_ended or now_s - self._told_s >= TIME_LINE_PERIOD_S:
+                self._told_s = now_s
+                self._hub.put(TimeLine(round(self._at_s, 3), end_s, self._playing))
             self._stopped.wait(TICK_S)
 
-    def _step(self, at_s: float, *, told: bool = False) -> None:
-        self.advance(at_s)
-        at_end = at_s >= self._recording.end_s
-        if at_end or told or time.monotonic() >= self._report_due_s:
-            self.report()
-        if at_end:
-            with self._lock:
-                self._playing = False
-        if at_end or told:
-            self._tell_place()
-
-    def _tell_place(self) -> None:
-        self._told_s = time.monotonic()
-        self._hub.put(TimeLine(round(self.at_s, 3), self._recording.end_s, self._playing))
-
     def _show_images(self) -> None:
-        """Tell the images of the place, as far as the time of a tick allows and somebody looks.
-
-        Raises:
-            SfrError: If an image is broken.
-        """
+        """Tell the newest images up to the place, as far as they can be read in the time that a tick has for them."""
         if View.IMAGES not in self._hub.wanted:
             return
-        frames = self._recording.frames() if self._frames is None else self._frames
-        until_s = time.monotonic() + IMAGES_BUDGET_S
-        while time.monotonic() < until_s:
-            frame = next(frames, None)
-            if frame is None or frame[0] > self.at_s:
-                frames = iter(()) if frame is None else chain((frame,), frames)
-                for passed in self._passed.values():
-                    self._show(passed)
-                self._passed.clear()
-                break
-            self._passed[frame[1]] = frame
-            if self.at_s - frame[0] <= SHOWN_WITHIN_S:
-                self._show(self._passed.pop(frame[1]))
-        self._frames = frames
-
-    def _show(self, frame: Frame) -> None:
-        _, topic, stamp_ns, image = frame
-        self._hub.put(image_sample(topic, stamp_ns, image, time.time()))
-
-
-def _received_now(update: Update) -> Update:
-    if isinstance(update, CloudSample | ElevationSample):
-        return replace(update, published_s=time.time())
-    return replace(update, received_s=time.time()) if isinstance(update, PoseSample | Status) else update
+        until_s, newest = time.monotonic() + IMAGES_BUDGET_S, dict[str, Frame]()
+        if self._frames is None:
+            self._frames = self._recording.frames()
+            self._frame = next(self._frames, None)
+        while self._frame is not None and self._frame[0] <= self._at_s and time.monotonic() < until_s:
+            newest[self._frame[1]] = self._frame
+            self._frame = next(self._frames, None)
+        for _, topic, stamp_ns, image in newest.values():
+            self._hub.put(image_sample(topic, stamp_ns, image, time.time()))

@@ -89,10 +89,8 @@ class LiveServer:
         self.url = ""
         self._config, self._hub, self._title = config, hub, title
         self._command_token = secrets.token_urlsafe(18)
-        folder = files("sfr_loc_map.live") / "web"
-        self._files = {
-            item.name: item.read_bytes() for item in folder.iterdir() if item.name.rpartition(".")[2] in KINDS
-        }
+        page = (files("sfr_loc_map.live") / "web").iterdir()
+        self._files = {item.name: item.read_bytes() for item in page if item.name.rpartition(".")[2] in KINDS}
         self._files["index.html"] = self._files["index.html"].replace(TOKEN_MARK, self._command_token.encode())
         self._pages = Pages(self.state, hub)
         self._begin_s = time.time()
@@ -143,7 +141,8 @@ class LiveServer:
 
     def end(self) -> None:
         """Tell the pages that the run is over: what is silent from now on is not missing."""
-        self._pages.end()
+        self._pages.is_over = True
+        self._pages.tell(time.time())
 
     @web.middleware
     async def _guard(
@@ -213,7 +212,14 @@ class LiveServer:
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER_BYTES)
         page = Page(self._pages, channel, self._config.bytes_per_s, transport.get_write_buffer_size)
         self._pages.join(page)
-        sender = asyncio.create_task(self._send(page, transport))
+
+        async def send() -> None:
+            """Send, and close the connection of one that is cut off without waiting for it."""
+            with suppress(ConnectionError):
+                await page.send_all(self._server(time.time()))
+            transport.abort()
+
+        sender = asyncio.create_task(send())
         try:
             async for received in channel:
                 if received.type is WSMsgType.TEXT:
@@ -222,12 +228,6 @@ class LiveServer:
             self._pages.leave(page)
             sender.cancel()
         return channel
-
-    async def _send(self, page: Page, transport: asyncio.Transport) -> None:
-        """Send to a page, and close the connection of one that is cut off without waiting for it."""
-        with suppress(ConnectionError):
-            await page.send_all(self._server(time.time()))
-        transport.abort()
 
     async def _command(self, request: web.Request) -> web.Response:
         if not _equal(request.headers.get(COMMAND_HEADER, ""), self._command_token):
@@ -249,25 +249,22 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False) 
     """
     gc.collect()
     gc.freeze()  # what is imported stays: cycles of pages that have gone are then found soon
-    task = asyncio.ensure_future(server.serve(lambda url: announce(url, open_browser=open_browser)))
-    loop = asyncio.get_running_loop()
+
+    def announce(url: str) -> None:
+        print(f"live: {url}", flush=True)
+        if open_browser:
+            webbrowser.open(url)
 
     def end() -> None:
         server.end()
         loop.call_later(LAST_MESSAGE_S, task.cancel)
 
+    task, loop = asyncio.ensure_future(server.serve(announce)), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, end)
     loop.add_signal_handler(signal.SIGUSR1, server.end)
     with suppress(asyncio.CancelledError):
         await task
-
-
-def announce(url: str, *, open_browser: bool) -> None:
-    """Say where the page is."""
-    print(f"live: {url}", flush=True)
-    if open_browser:
-        webbrowser.open(url)
 
 
 def _is_loopback(host: str) -> bool:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import statistics
 from collections import OrderedDict, deque
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
+from itertools import islice
 from typing import Any
 
 from sfr_loc_map.errors import InputError, SfrError
@@ -30,7 +31,7 @@ from sfr_loc_map.live.updates import (
     Track,
     Update,
 )
-from sfr_loc_map.metrics.config import CallKind, Condition, VerdictState
+from sfr_loc_map.metrics.config import CallKind, VerdictState
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import SCHEMA, from_dict, to_dict
 from sfr_loc_map.report.page import Overall, overall_of
@@ -42,16 +43,15 @@ from sfr_loc_map.report.score_tables import (
     map_error,
     score_tables,
 )
-from sfr_loc_map.report.tables import ABSENT, Cell, Column, Row, Table, fitting, number
+from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, fitting, number
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
 MAX_VALUES, MAX_LETTERS = 100, 300
 """Of the health of a node that are kept."""
+MAX_REPORT_CHARACTERS = 8_000_000
 TOPIC_STALE_S = 1.7
-STALE_AFTER_S = 1.6
-"""A node reports its health each second; one that has not for so long is stale,"""
-STALE_PERIODS = 1.6
-"""or for so many of its own periods, where they are longer."""
+STALE_AFTER_S, STALE_PERIODS = 1.6, 1.6
+"""A node reports its health each second; one that has not for so long, or for so many of its own periods, is stale."""
 MIN_PERIOD_S = 1e-6
 """Shortest period that a rate is told of: messages that are all of one moment have none."""
 LEVELS = ("ok", "warning", "error", "stale")
@@ -116,7 +116,7 @@ class NodeView:
             if self.health_s is not None:
                 self._periods.append(status.received_s - self.health_s)
             self.health_s, self.level, self.message = status.received_s, min(max(status.level, 0), 3), message
-            kept = list(status.values.items())[:MAX_VALUES]
+            kept = islice(status.values.items(), MAX_VALUES)
             self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
         elif status.kind is StatusKind.INPUT:
             self.problem = message
@@ -147,27 +147,19 @@ class NodeView:
 
 
 class LiveState:
-    """What is known of a run. One thread alone uses it.
-
-    Attributes:
-        calls: The last calls as JSON values, each with its number `n`.
-        media: Newest image, cloud, map and tracks by topic.
-        lost: Messages that did not arrive here, by topic.
-        time_line: Of the player of a recorded run, None of a live one.
-        problems: What could not be read, the latest last.
-    """
+    """What is known of a run. One thread alone uses it."""
 
     def __init__(self) -> None:
         """Start with nothing known."""
         self.path = LivePath()
         self.report: ReportView | None = None
         self.nodes: dict[str, NodeView] = {}
-        self.calls: deque[dict[str, Any]] = deque(maxlen=MAX_CALLS)
-        self.media: dict[str, Media] = {}
+        self.calls: deque[dict[str, Any]] = deque(maxlen=MAX_CALLS)  # JSON values, each with its number `n`
+        self.media: dict[str, Media] = {}  # the newest of each topic
         self.topics: dict[str, TopicView] = {}
-        self.lost: dict[str, int] = {}
-        self.time_line: TimeLine | None = None
-        self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)
+        self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
+        self.time_line: TimeLine | None = None  # of the player of a recorded run
+        self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # what could not be read, the latest last
         self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
         self._heard_s = 0.0
@@ -175,7 +167,10 @@ class LiveState:
     def apply(self, update: Update) -> bool:
         """Take a record in and return True; one that makes no sense is noted as a problem."""
         try:
-            self._heard_s = max(self._heard_s, _time_of(update))
+            received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))
+            if not (math.isfinite(received_s) and math.isfinite(published_s)):
+                raise ValueError(f"a {type(update).__name__} whose time is no number is left out")
+            self._heard_s = max(self._heard_s, received_s)
             self._take_in(update)
         except (SfrError, ValueError, OverflowError) as error:
             self.problems.append(one_line(str(error)))
@@ -184,8 +179,7 @@ class LiveState:
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the latest report (`sfr-score/1`) with the state of the run as `live`, as JSON values."""
-        report = self.report
-        content: dict[str, Any] = {"schema": SCHEMA, "verdicts": []} if report is None else dict(report.content)
+        content = {"schema": SCHEMA, "verdicts": []} if self.report is None else self.report.content
         return content | {"live": self.live_to_plain(now_s)}
 
     def live_to_plain(self, now_s: float, *, tables: bool = True) -> dict[str, Any]:
@@ -241,8 +235,9 @@ class LiveState:
             case Report():
                 self._note_topic(REPORT, None, update.received_s)
                 self.report = ReportView.read(update.text, update.received_s)
-                self.path.condition = self.report.condition or self.path.condition
-                self.path.spacing = self.report.spacing or self.path.spacing
+                if (part := self.report.score.trajectory) is not None:  # the first that is scored is that under way
+                    self.path.condition = (part.several or (part.first,))[0].condition
+                    self.path.spacing = part.first.spacing_frames or self.path.spacing
             case PoseSample():
                 topic = LOCALISATION if update.track is Track.ESTIMATE else TRUTH
                 self._note_topic(topic, update.stamp_ns, update.received_s)
@@ -297,45 +292,19 @@ def _call_to_plain(n: int, status: Status) -> dict[str, Any] | None:
     return call | {"memory_bytes": memory, **times}
 
 
-def _time_of(update: Update) -> float:
-    """Return when a record was received, 0 where it does not say.
-
-    Raises:
-        ValueError: If a time of it is no number.
-    """
-    received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))
-    if not (math.isfinite(received_s) and math.isfinite(published_s)):
-        raise ValueError(f"a {type(update).__name__} whose time is no number is left out")
-    return received_s
-
-
-MAX_REPORT_CHARACTERS = 8_000_000
-WORST_FIRST = (VerdictState.FAIL, VerdictState.NOT_ENOUGH_DATA, VerdictState.PASS)
-
-
 @dataclass(frozen=True, slots=True)
 class ReportView:
-    """One report: its JSON values as they came, and what is shown of it.
-
-    The condition ends the first sub-trajectories that were scored, None without a trajectory; the spacing is that of
-    their starts, frames.
-    """
+    """One report: its JSON values as they came, the score that they are, and what is shown of it."""
 
     content: dict[str, Any]
+    score: Score
     overall: Overall
     tables: tuple[Table, ...]
-    warnings: tuple[str, ...]
-    condition: Condition | None
-    spacing: int
     received_s: float
 
     @classmethod
     def read(cls, text: str, received_s: float) -> ReportView:
-        """Return a report of its JSON.
-
-        Raises:
-            InputError: If it is not a score.
-        """
+        """Return a report of its JSON; InputError if it is not a score."""
         if len(text) > MAX_REPORT_CHARACTERS:
             raise InputError(f"metrics/report has {len(text)} characters: up to {MAX_REPORT_CHARACTERS} are read")
         try:
@@ -347,82 +316,69 @@ class ReportView:
             json.dumps(content, allow_nan=False)
         except ValueError:  # 1e999 is JSON, and no number here
             content = to_dict(score)
-        part = score.trajectory
-        return cls(
-            content=content,
-            overall=overall_of(score),
-            tables=tuple(filter(None, (live_table(score), *score_tables(score)))),
-            warnings=score.warnings,
-            condition=None if part is None else (part.several or (part.first,))[0].condition,
-            spacing=0 if part is None else part.first.spacing_frames,
-            received_s=received_s,
-        )
+        tables = tuple(filter(None, (_live_table(score), *score_tables(score))))
+        return cls(content, score, overall_of(score), tables, received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""
         return {
             "overall": asdict(self.overall),
             "tables": [_table_to_plain(table) for table in self.tables],
-            "warnings": list(self.warnings),
+            "warnings": list(self.score.warnings),
             "received_s": self.received_s,
         }
 
 
 def _table_to_plain(table: Table) -> dict[str, Any]:
+    def plain(cell: Cell) -> dict[str, str]:
+        parts = {"text": cell.text, "key": cell.key, "kind": cell.kind.value, "icon": cell.icon}
+        return {name: value for name, value in parts.items() if value}
+
     return {
         "name": table.name,
         "title": table.title,
         "note": table.note,
         "columns": [{"heading": column.heading, "words": column.words} for column in table.columns],
-        "rows": [[_cell_to_plain(cell) for cell in row] for row in table.rows],
+        "rows": [[plain(cell) for cell in row] for row in table.rows],
     }
 
 
-def _cell_to_plain(cell: Cell) -> dict[str, str]:
-    parts = {"text": cell.text, "key": cell.key, "kind": cell.kind.value, "icon": cell.icon}
-    return {name: value for name, value in parts.items() if value}
-
-
-def live_table(score: Score) -> Table | None:
-    """Return the figures of the headline with their limits and verdicts, None where there is no figure yet."""
+def _live_table(score: Score) -> Table | None:
+    """Return the figures of the headline with their limits and the worst of their verdicts."""
     headline = headline_table(score)
     if headline is None:
         return None
     limits: dict[str, list[Verdict]] = {}
     for item in score.verdicts:
-        limits.setdefault(next(_places(score, item), ""), []).append(item)
+        limits.setdefault(_place_of(score, item), []).append(item)
+    rows = []
+    for *cells, count in headline.rows:
+        limit = verdict = Cell(ABSENT)
+        if found := limits.get(cells[2].key.rpartition(".")[0]):  # column of the mean, behind name and unit
+            limit = Cell("; ".join(map(_limit, found)))
+            states = {item.state for item in found}
+            worst = (VerdictState.FAIL, VerdictState.NOT_ENOUGH_DATA, VerdictState.PASS)
+            verdict = Cell.verdict(next(state for state in worst if state in states).value)
+        rows.append((*cells, limit, verdict, count))
+    *columns, last = headline.columns
+    columns += Column("limit", words=True), Column("verdict", words=True), last
+    return Table("live", "Figures", tuple(columns), tuple(rows), headline.note)
 
-    def with_limits(row: Row) -> Row:
-        *cells, count = row
-        found = limits.get(row[2].key.rpartition(".")[0])  # column of the mean, behind name and unit
-        if not found:
-            return (*cells, Cell(ABSENT), Cell(ABSENT), count)
-        worst = min((item.state for item in found), key=WORST_FIRST.index)
-        return (*cells, Cell("; ".join(map(_limit, found))), Cell.verdict(worst.value), count)
 
-    *columns, count = headline.columns
-    added = (Column("limit", words=True), Column("verdict", words=True))
-    return Table("live", "Figures", (*columns, *added, count), tuple(map(with_limits, headline.rows)), headline.note)
-
-
-def _places(score: Score, item: Verdict) -> Iterator[str]:
-    """Yield the place in the JSON of the statistic that a limit is on."""
-    metric = item.metric
+def _place_of(score: Score, item: Verdict) -> str:
+    """Return the place in the JSON of the statistic that a limit is on, empty where the headline has none of it."""
+    subject = item.metric.partition("_")[0]
     for key, part in keyed_conditions(score):
-        for name in ("position_m", "attitude_deg", "heading_deg"):
-            if metric.startswith(name.partition("_")[0]) and part.condition == item.condition:
-                yield f"{key}.{name}"
-    error = map_error(score.map) if score.map is not None else None
-    if metric.startswith("point_error_") and error is not None:
-        yield error.key
-    for kind in CallKind:
-        if metric.startswith(f"{kind}_") and metric.endswith("_s"):
-            yield f"timing.{kind}_s"
+        if part.condition == item.condition and subject in ("position", "attitude", "heading"):
+            return f"{key}.{subject}_{'m' if subject == 'position' else 'deg'}"
+    error = map_error(score.map)
+    if item.metric.startswith("point_error_") and error is not None:
+        return error.key
+    return f"timing.{subject}_s" if subject in set(CallKind) and item.metric.endswith("_s") else ""
 
 
 def _limit(item: Verdict) -> str:
     """Return a limit with its statistic and unit: `mean + 3 sigma ≤ 50 mm`."""
-    unit, name = fitting(limit_unit(item.metric), item.limit, item.value), limit_name(item.metric)
-    subjects = ("position ", "attitude ", "heading ", "point error ", *(f"{kind} time " for kind in CallKind))
-    statistic = next((name.removeprefix(subject) for subject in subjects if name.startswith(subject)), name)
+    unit = fitting(limit_unit(item.metric), item.limit, item.value)
+    statistic = re.sub(r"^(position|attitude|heading|point error|\w+ time) ", "", limit_name(item.metric))
     return f"{statistic} ≤ {number(item.limit, unit=unit)} {unit.symbol}"

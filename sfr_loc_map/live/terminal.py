@@ -237,7 +237,7 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
     if lost := [f"{count} of {topic}" for topic, count in state.lost.items() if count]:
         yield "not received here: " + ", ".join(lost)
     if state.report is not None:
-        yield from (f"warning: {one_line(text)}" for text in state.report.warnings)
+        yield from (f"warning: {one_line(text)}" for text in state.report.score.warnings)
     if state.problems:
         yield f"not readable: {state.problems[-1]}"
 

@@ -2,6 +2,7 @@
 
 import signal
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -34,17 +35,20 @@ def test_open_opens_the_page_in_the_browser_once_it_is_served(
     wanted: bool, sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
-    from sfr_loc_map.live import server
+    from sfr_loc_map.live.server import LiveServer
 
     opened: list[str] = []
-    announce = server.announce
+    serve = LiveServer.serve
 
-    def announced(url: str, *, open_browser: bool) -> None:
-        announce(url, open_browser=open_browser)
-        signal.raise_signal(signal.SIGTERM)  # the page has been seen
+    async def served(server: LiveServer, ready: Callable[[str], None]) -> None:
+        def seen(url: str) -> None:
+            ready(url)
+            signal.raise_signal(signal.SIGTERM)
+
+        await serve(server, seen)
 
     monkeypatch.setattr(webbrowser, "open", opened.append)
-    monkeypatch.setattr(server, "announce", announced)
+    monkeypatch.setattr(LiveServer, "serve", served)
     source = write_folder(tmp_path / "source", 2, 0)
     result = sfr("live", source, "--port", "0", *(["--open"] if wanted else []))
     assert result.code == 0

@@ -127,7 +127,7 @@ def test_where_truth_is_gone_the_figures_are_those_of_the_report(out: Path, tmp_
     (tmp_path / "report.json").write_text('{"schema": "sfr-score/1", "verdicts": [], "warnings": ["as it was"]}')
     state = played_to(1e9, tmp_path)
     assert state.report is not None
-    assert state.report.warnings == ("as it was",)
+    assert state.report.score.warnings == ("as it was",)
     assert len(state.path.rows) == COUNT
 
 
@@ -215,7 +215,7 @@ def test_player_pauses_jumps_back_and_ends(source: Path, out: Path) -> None:
         player.run(Command(Action.PAUSE))
         with pytest.raises(InputError, match="no nodes"):
             player.run(Command(Action.RESET, "mapping_node"))
-    assert not player.problem
+    assert "recording" not in state.nodes
 
 
 def test_a_data_set_shows_images_and_truth_and_nothing_else_is_refused(source: Path, tmp_path: Path) -> None:

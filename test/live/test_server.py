@@ -256,9 +256,9 @@ def test_a_page_that_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("sfr_loc_map.live.pages.SEND_TIMEOUT_S", 0.05)
 
     async def run() -> None:
-        page = Page(Pages(LiveState(), Hub()), Channel(takes=False), 2e6)
-        await asyncio.wait_for(page.send_all({}), 5.0)
-        assert page.is_cut_off
+        pages = Pages(LiveState(), Hub())
+        await asyncio.wait_for(Page(pages, Channel(takes=False), 2e6).send_all({}), 5.0)
+        assert pages.cut_off == 1
 
     asyncio.run(run())
 
@@ -285,7 +285,7 @@ def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
         assert rows[-199:] == list(range(1, 200))
         sent = sum(map(len, channel.frames))
         assert 0.5 * 1e6 < sent <= 1.1e6 + 2 * size
-        assert page.replaced > 200
+        assert pages.replaced > 200
         sender.cancel()
 
     asyncio.run(run())
