@@ -34,7 +34,7 @@ STARTED, OVER_TIME, OVER_MEMORY = "sfr-started", "sfr-over-time", "worker-restar
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-class Cause(StrEnum):
+class FailureCause(StrEnum):
     """Why a job failed."""
 
     BAD_INPUT = "bad input"
@@ -50,7 +50,7 @@ class JobOutcome:
 
     result: str | None  #: The score as JSON; None if it failed.
     seconds: float | None = None  #: How long it took, None where this is not known.
-    cause: Cause | None = None  #: Why it failed.
+    cause: FailureCause | None = None  #: Why it failed.
     message: str = ""  #: The error, or the limit.
     tries: int = 1  #: How often it was tried.
 
@@ -161,7 +161,7 @@ def run_jobs(client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path)
                 yield job, _cause_of_death(client, error.last_worker.address, tries[job.key])
             elif error is not None:
                 message = " ".join(f"{type(error).__name__}: {error}".split())[:MESSAGE_LENGTH]
-                yield job, JobOutcome(result=None, cause=Cause.FAULT, message=message, tries=TRIES)
+                yield job, JobOutcome(result=None, cause=FailureCause.FAULT, message=message, tries=TRIES)
             elif future.status == "finished":
                 outcome: JobOutcome = future.result()
                 yield job, replace(outcome, tries=tries[job.key] + outcome.tries)
@@ -196,13 +196,13 @@ def _ran_beside(client: Client, address: str, others: set[str]) -> bool:
 
 
 def _cause_of_death(client: Client, address: str, tries: int) -> JobOutcome:
-    cause, message = Cause.DIED, "its worker process was killed or crashed"
+    cause, message = FailureCause.DIED, "its worker process was killed or crashed"
     for topic in (OVER_MEMORY, OVER_TIME):
         for _, event in client.get_events(topic):
             if event["worker"] == address and topic == OVER_TIME:
-                cause, message = Cause.TIME, f"not done after {event['seconds']:g} s"
+                cause, message = FailureCause.TIME, f"not done after {event['seconds']:g} s"
             elif event["worker"] == address:
-                cause, message = Cause.MEMORY, f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
+                cause, message = FailureCause.MEMORY, f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
     return JobOutcome(result=None, cause=cause, message=message, tries=tries)
 
 
@@ -233,7 +233,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
             text = to_json(run_job(job, Path(scratch), place))
     except SfrError as error:
         message = " ".join(str(error).split())[:MESSAGE_LENGTH]
-        return JobOutcome(result=None, seconds=time.monotonic() - begin, cause=Cause.BAD_INPUT, message=message)
+        return JobOutcome(result=None, seconds=time.monotonic() - begin, cause=FailureCause.BAD_INPUT, message=message)
     finally:
         timer.cancel()
     return JobOutcome(result=text, seconds=time.monotonic() - begin)

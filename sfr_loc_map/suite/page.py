@@ -16,6 +16,7 @@ from sfr_loc_map.suite.comparison import History
 from sfr_loc_map.suite.summary import ScoredJob, Summary
 from sfr_loc_map.suite.tables import PAGES, history_tables, linked, suite_tables
 
+RUNS = "runs, by their number in the table"
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 
 
@@ -79,30 +80,18 @@ def render_summary(summary: Summary) -> str:
 
 
 def _error_plots(summary: Summary, driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
-    points = [(number, drive.figure) for number, drive in driven if drive.figure]
-    points.sort(key=lambda point: point[0])
+    points = sorted(((n, drive.figure) for n, drive in driven if drive.figure), key=lambda point: point[0])
     if not points:
         return []
-    pooled = [
-        (number, group.conditions[0].position_m.mean_plus_3sigma)
-        for number, group in enumerate(summary.groups, 1)
-        if group.conditions
-    ]
+    groups = [(number, group) for number, group in enumerate(summary.groups, 1) if group.conditions]
     factor, unit = error_scale(largest([value for _, value in points]))
+    each = scaled([value for _, value in points], factor)
+    pooled = scaled([group.conditions[0].position_m.mean_plus_3sigma for _, group in groups], factor)
     traces = [
-        marks("one drive", ([n for n, _ in points], scaled([v for _, v in points], factor)), "@one", size=6),
-        marks(
-            "all drives pooled",
-            ([n for n, _ in pooled], scaled([v for _, v in pooled], factor)),
-            "@two",
-            symbol="line-ew-open",
-            size=22,
-        ),
+        marks("one drive", ([n for n, _ in points], each), "@one", size=6),
+        marks("all drives pooled", ([n for n, _ in groups], pooled), "@two", symbol="line-ew-open", size=22),
     ]
-    layout = {
-        "xaxis": axis("runs, by their number in the table", dtick=1),
-        "yaxis": axis(f"position, mean + 3 sigma, {unit}", type="log"),
-    }
+    layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis(f"position, mean + 3 sigma, {unit}", type="log")}
     caption = "Each drive, and the sub-trajectories of all drives pooled; first condition."
     return [Plot("suite-errors", "Position error by runs", caption, traces, layout, width="full")]
 
@@ -122,25 +111,20 @@ def _fault_plots(driven: Sequence[tuple[int, ScoredJob]]) -> list[Plot]:
     if not points:
         return []
     trace = marks("one drive", ([n for n, _ in points], [_short(v) for _, v in points]), "@three", size=6)
-    layout = {
-        "xaxis": axis("runs, by their number in the table", dtick=1),
-        "yaxis": axis("error over that without faults", type="log"),
-    }
+    layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis("error over that without faults", type="log")}
     caption = "Mean + 3 sigma of the position with the fault, over that of the same drive without it."
     return [Plot("suite-faults", "Faults against error", caption, [trace], layout, width="full")]
 
 
 def _cost_plots(summary: Summary) -> list[Plot]:
-    by_kind: dict[str, list[tuple[float, float]]] = {}
+    by_kind: dict[str, tuple[list[float], list[float]]] = {}
     for drive in summary.drives:
         trajectory, score = drive.score.trajectory, drive.score.map
-        pairs = trajectory.estimate_poses if trajectory else score.pairs if score else 0
         if drive.seconds is not None:
-            by_kind.setdefault(drive.job.kind.value, []).append((float(pairs), float(f"{drive.seconds:.4g}")))
-    traces = [
-        marks(kind, ([n for n, _ in points], [s for _, s in points]), color, size=6)
-        for (kind, points), color in zip(by_kind.items(), COLORS, strict=False)
-    ]
+            pairs, seconds = by_kind.setdefault(drive.job.kind.value, ([], []))
+            pairs.append(float(trajectory.estimate_poses if trajectory else score.pairs if score else 0))
+            seconds.append(float(f"{drive.seconds:.4g}"))
+    traces = [marks(kind, rows, color, size=6) for (kind, rows), color in zip(by_kind.items(), COLORS, strict=False)]
     layout = {"xaxis": axis("pairs"), "yaxis": axis("seconds", rangemode="tozero")}
     caption = "Time of a whole task: reading, work, score."
     return [Plot("suite-cost", "Time of tasks", caption, traces, layout, width="full")] if traces else []

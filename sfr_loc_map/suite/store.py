@@ -21,7 +21,7 @@ from pathlib import Path
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.metrics.score_json import RecordError, from_plain, json_line, to_plain
-from sfr_loc_map.suite.cluster import Cause, JobOutcome
+from sfr_loc_map.suite.cluster import FailureCause, JobOutcome
 from sfr_loc_map.suite.job import SHORT_KEY, Job
 from sfr_loc_map.suite.plan import SourceFacts, inspect_source
 
@@ -42,7 +42,7 @@ class JobFailure:
     key: str
     label: str
     source: str  #: Place of its source.
-    cause: Cause
+    cause: FailureCause
     message: str
     tries: int
     again: str = ""  #: Command that runs it again, alone; empty where the suite's file is not known.

@@ -20,7 +20,7 @@ def misbehave(job: Job, scratch: Path, cache: Path) -> Any:
         stream.write("x")
     match job.source.name:
         case "memory":
-            held = bytearray(900_000_000)
+            held = bytearray(600_000_000)
             held[::4096] = b"1" * len(held[::4096])
             time.sleep(60)
         case "hang":

@@ -11,15 +11,15 @@ pytest.importorskip("distributed", reason="needs the extra [suite]")
 from made_suites import JOB
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.suite.cluster import Cause, connected, run_jobs
+from sfr_loc_map.suite.cluster import FailureCause, connected, run_jobs
 from sfr_loc_map.suite.specification import SuiteSettings
 
 EXPECTED = {
-    "memory": (Cause.MEMORY, 3, "MB, more than its worker may use"),
-    "hang": (Cause.TIME, 3, "not done after 2 s"),
-    "crash": (Cause.DIED, 3, "killed or crashed"),
-    "input": (Cause.BAD_INPUT, 1, "no such data set"),
-    "fault": (Cause.FAULT, 3, "ValueError: odd"),
+    "memory": (FailureCause.MEMORY, 3, "MB, more than its worker may use"),
+    "hang": (FailureCause.TIME, 3, "not done after 2.5 s"),
+    "crash": (FailureCause.DIED, 3, "killed or crashed"),
+    "input": (FailureCause.BAD_INPUT, 1, "no such data set"),
+    "fault": (FailureCause.FAULT, 3, "ValueError: odd"),
     "flaky": (None, 3, ""),
     "good": (None, 1, ""),
 }
@@ -33,7 +33,7 @@ def test_each_fails_for_its_cause_and_no_other_with_it(tmp_path: Path) -> None:
     jobs = [replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in EXPECTED]
     with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:
         client.register_plugin(Misbehaving())
-        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 2.0, tmp_path)}
+        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 2.5, tmp_path)}
     assert {name: (outcome.cause, outcome.tries) for name, outcome in found.items()} == {
         name: expected[:2] for name, expected in EXPECTED.items()
     }
