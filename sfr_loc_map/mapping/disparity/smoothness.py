@@ -106,9 +106,14 @@ def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, fir
     """
     rows, cols = weights.mixed.shape
     size = (len(out) + 2, cols + 2)
-    along_x, along_y, mixed = np.zeros(size, F), np.zeros(size, F), np.zeros(size, F)
+    along_x, along_y, mixed = np.empty(size, F), np.empty(size, F), np.empty(size, F)
     for n in range(len(out) + 2):
         i = first - 1 + n
+        for row in (along_x[n], along_y[n], mixed[n]):
+            if 0 <= i < rows:  # the others are filled
+                row[0] = row[1] = row[cols] = row[cols + 1] = F(0.0)
+            else:
+                row[:] = F(0.0)
         if 0 <= i < rows:
             _fill_differences(field, i - top, weights, i, along_x[n], along_y[n], mixed[n])
     for n in range(len(out)):

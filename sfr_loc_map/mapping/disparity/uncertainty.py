@@ -104,10 +104,8 @@ def saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> S
     """Return how saturated both images are around each pixel and its partner; the disparity `(H, W)` has no holes."""
     clipped_left, clipped_right = cv2.LUT(left, _CLIPPED), cv2.LUT(right, _CLIPPED)
     if clipped_right.any():
-        columns = np.arange(left.shape[1], dtype=F) - disparity_px
-        nearest = np.rint(columns).astype(np.int32)
-        inside = (columns >= -0.5) & (nearest < left.shape[1])
-        clipped_right = np.take_along_axis(clipped_right, np.where(inside, nearest, 0), axis=1) * inside
+        x, y = np.meshgrid(np.arange(left.shape[1], dtype=F), np.arange(left.shape[0], dtype=F))
+        clipped_right = cv2.remap(clipped_right, x - disparity_px, y, cv2.INTER_NEAREST)  # 0 outside
     square = np.ones((FLAT_PX, FLAT_PX), np.uint8)
     flat = np.maximum(cv2.erode(clipped_left, square), cv2.erode(clipped_right, square)) > 0
     either = np.maximum(clipped_left, clipped_right)
