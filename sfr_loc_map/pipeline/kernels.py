@@ -22,7 +22,6 @@ from typing import Any
 from numba.core import event
 
 from sfr_loc_map.child_process import child_environment, end_with_parent
-from sfr_loc_map.errors import ConfigError
 
 COMPILE = "numba:compile"
 """Event of numba: a kernel is compiled; none for one that is loaded from the cache."""
@@ -67,15 +66,6 @@ PARTS: Mapping[str, Callable[[], None]] = {
     "terrain": _terrain,
     "metrics": _metrics,
 }
-
-
-def compile_kernels(parts: list[str]) -> None:
-    """Compile the kernels of parts, or load those that are compiled."""
-    unknown = [part for part in parts if part not in PARTS]
-    if unknown:
-        raise ConfigError(f"no kernels of '{unknown[0]}': give some of {', '.join(PARTS)}")
-    for part in parts:
-        PARTS[part]()
 
 
 def load_kernels(
@@ -208,4 +198,5 @@ if __name__ == "__main__":
     end_with_parent(signal.SIGTERM)  # who waits for the kernels is not outlived
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # it goes to the whole terminal: no traceback beside the one who waits
     with announce_compilation(lambda line: print(line, flush=True)):
-        compile_kernels(sys.argv[1:])
+        for part in sys.argv[1:]:
+            PARTS[part]()
