@@ -35,6 +35,8 @@ HEAD, WORDS, INTERVAL, VERDICT, FILE, SHOWN = "head", "words", "interval", "verd
 Kind = Unit | str
 Columns = tuple[tuple[str, Kind, str], ...]
 """Title, unit or kind, and the keys that lead to the value in a row, joined by dots."""
+NOT_IN_FILE = ("number", "missed", "seconds", "largest")
+"""Figures of a row that do not stand in the file that it is about."""
 GROUPS: Columns = (
     ("number", NONE, "number"),
     ("task", HEAD, "task"),
@@ -137,7 +139,8 @@ def _cell(row: Mapping[str, Any], kind: Kind, keys: str) -> Cell:
     value: Any = row
     for key in keys.split("."):
         value = value.get(key) if isinstance(value, Mapping) else None
-    place, text = f"{row.get('place', '')}{keys}", ABSENT if value in (None, "") else str(value)
+    place = "" if keys in NOT_IN_FILE else f"{row.get('place', '')}{keys}"
+    text = ABSENT if value in (None, "") else str(value)
     if kind == HEAD:
         return replace(Cell.head(text), link=row.get("link", ""))
     if kind == FILE:
