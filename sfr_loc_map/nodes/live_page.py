@@ -25,13 +25,7 @@ NICENESS = 5
 
 
 def serve_graph(config: LiveConfig, namespace: str, *, open_browser: bool = False) -> None:
-    """Serve the page of a running graph until SIGINT or SIGTERM, at a lower priority than its nodes.
-
-    Args:
-        config: How it is served.
-        namespace: Of the rover.
-        open_browser: Whether to open the page in the user's browser.
-    """
+    """Serve the page of a running graph until SIGINT or SIGTERM, at a lower priority than its nodes."""
     os.nice(NICENESS)
     asyncio.run(_serve(config, namespace, open_browser=open_browser))
 

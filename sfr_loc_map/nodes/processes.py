@@ -331,16 +331,9 @@ def node_names(tasks: Sequence[str]) -> list[str]:
 
 
 def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str], None], *, respawn: bool) -> None:
-    """Run nodes, one process each, until SIGINT or SIGTERM; they write to standard output and error.
+    """Run nodes, one process each with the same arguments, until SIGINT or SIGTERM.
 
-    Args:
-        nodes: Their names.
-        arguments: Command line of each.
-        say: Called with a line for each restart.
-        respawn: Start a node again that crashes, rather than end the others.
-
-    Raises:
-        NodeError: If a node ends; the others have been ended then.
+    One that crashes is started again if wanted (`say` tells so); where one ends otherwise a `NodeError` ends all.
     """
     environment.prepare()
     try:

@@ -71,7 +71,7 @@ class Parameters(Generic[C]):
             live: Beginnings of names that may change while the node runs, beside those whose fields say so.
             state: Returns the state of the managed node.
             check: Raises an `SfrError` where values that are each valid do not fit together.
-            changed: Called with the configuration after each live change.
+            changed: Called after each live change.
         """
         self._type, self._state, self._check, self._changed = config_type, state, check, changed
         self._origin = f"parameters of {node.get_fully_qualified_name()}"

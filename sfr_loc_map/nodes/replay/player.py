@@ -46,15 +46,7 @@ class Player:
         controls: Controls,
         keyboard: Keyboard,
     ) -> None:
-        """Advertise the topics and the services of the controls.
-
-        Args:
-            node: Joins the graph.
-            collector: Collects the results; in lock step they are awaited.
-            topics: Types of the topics to be published, by name.
-            controls: State that the operator controls.
-            keyboard: Keys of the operator.
-        """
+        """Advertise the topics, given with their types, and the services of the controls."""
         self.collector, self.controls = collector, controls
         self._node, self._keyboard = node, keyboard
         depth = QoSProfile(depth=SOURCE_DEPTH)
@@ -105,12 +97,7 @@ class Player:
         self.collector.begin_run()
 
     def play(self, messages: Iterator[Message], progress: Callable[[str], None]) -> None:
-        """Publish messages until their end or until the controls interrupt.
-
-        Args:
-            messages: In the order in which they are to be published.
-            progress: Called with `loc` or `nav` for each stereo pair published.
-        """
+        """Publish messages until their end or until the controls interrupt; tell the task of each stereo pair."""
         pairs, pacer, collector = PairTracker(), Pacer(self.controls), self.collector
         for message in messages:
             self._hold(pacer, message)
