@@ -22,7 +22,7 @@ from sfr_loc_map.mapping.disparity.uncertainty import Saturation
 from sfr_loc_map.mapping.mapper import FusedMap, PairMap
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.reprojection import CalibrationSigma, cloud_from_disparity
-from sfr_loc_map.methods.method_process import Answer, MethodFailureError, MethodProcess, no_usage
+from sfr_loc_map.methods.method_process import MethodAnswer, MethodFailureError, MethodProcess, no_usage
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.score import FindingKind, MethodRecord
@@ -267,12 +267,12 @@ class IsolatedMethod:
         return cloud if index is None else replace(cloud, pair=np.full(len(cloud), index, np.uint8))
 
 
-def _call_of(answer: Answer) -> MethodCall:
+def _call_of(answer: MethodAnswer) -> MethodCall:
     finding = f"{FindingKind.LEAKING}: {answer.leaking}" if answer.leaking else ""
     return MethodCall(answer.usage, finding, statistics=answer.result.get("statistics") or {})
 
 
-def _check_stamp(pair: StereoPair, answer: Answer) -> None:
+def _check_stamp(pair: StereoPair, answer: MethodAnswer) -> None:
     """Raise `MethodFailureError` if an answer is that to another pair; one without a stamp is to this."""
     stamp_ns = answer.result.get("stamp_ns", pair.stamp_ns)
     if stamp_ns != pair.stamp_ns:

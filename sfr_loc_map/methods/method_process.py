@@ -52,7 +52,7 @@ def no_usage() -> CallUsage:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class MethodAnswer:
     """The answer to an order.
 
     Time and memory are by the clock and the kernel's mark of the method's process; idle is the process that was warmed
@@ -116,7 +116,7 @@ class MethodProcess:
             raise
         self.version, self.fuses, self.idle_bytes = str(hello["version"]), bool(hello["fuses"]), hello["idle_bytes"]
 
-    def call(self, pair: StereoPair, order: Mapping[str, object]) -> Answer:
+    def call(self, pair: StereoPair, order: Mapping[str, object]) -> MethodAnswer:
         """Show it a pair, give an order and return the answer.
 
         Raises:
@@ -131,7 +131,7 @@ class MethodProcess:
             raise MethodFailureError(FindingKind(answer["fault"]), answer["text"], ended=False)
         idle = self.idle_bytes
         above = None if peak is None or idle is None else max(peak - idle, 0)
-        return Answer(CallUsage(answer["seconds"], peak, above), self._leak(resident), answer["result"])
+        return MethodAnswer(CallUsage(answer["seconds"], peak, above), self._leak(resident), answer["result"])
 
     def _exchange(self, order: Mapping[str, object], timeout_s: float) -> dict[str, Any]:
         assert self._process.stdin is not None

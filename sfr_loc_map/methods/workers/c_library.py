@@ -27,7 +27,7 @@ T_NAVSB_LEFT_ROTATION = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 Image = NDArray[np.uint8]
 
 
-class Rig(ctypes.Structure):
+class RigStruct(ctypes.Structure):
     """`sfr_rig`."""
 
     _fields_: ClassVar[Any] = [
@@ -37,7 +37,7 @@ class Rig(ctypes.Structure):
     ]  # fmt: skip
 
 
-class Pose(ctypes.Structure):
+class PoseStruct(ctypes.Structure):
     """`sfr_pose` and the mark behind it."""
 
     _fields_: ClassVar[Any] = [
@@ -46,7 +46,7 @@ class Pose(ctypes.Structure):
     ]  # fmt: skip
 
 
-class Pair(ctypes.Structure):
+class PairStruct(ctypes.Structure):
     """`sfr_pair`."""
 
     _fields_: ClassVar[Any] = [
@@ -72,7 +72,7 @@ class Library:
         self.version = "not stated" if stated is None else stated.decode("utf-8", "replace")
         self._destroy = self.function("destroy", None, ctypes.c_void_p)
         create = self.function(
-            "create", ctypes.c_void_p, ctypes.POINTER(Rig), ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t
+            "create", ctypes.c_void_p, ctypes.POINTER(RigStruct), ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t
         )
         message = ctypes.create_string_buffer(MESSAGE_SIZE)
         self.candidate = create(ctypes.byref(rig_struct(setup)), setup["config"].encode(), message, MESSAGE_SIZE)
@@ -89,9 +89,9 @@ class Library:
         return found
 
 
-def rig_struct(setup: Mapping[str, Any]) -> Rig:
+def rig_struct(setup: Mapping[str, Any]) -> RigStruct:
     """Return the rig of a setup."""
-    rig = Rig(size=ctypes.sizeof(Rig))
+    rig = RigStruct(size=ctypes.sizeof(RigStruct))
     for name in ("width", "height", "fx", "fy", "cx", "cy", "baseline_m"):
         setattr(rig, name, setup[name])
     T_navsb_left = np.column_stack((T_NAVSB_LEFT_ROTATION, (0.0, 0.5 * setup["baseline_m"], 0.0)))
@@ -115,7 +115,7 @@ class LibraryLocaliser(Library):
 
     def prepare(self, left: Image, right: Image, order: Mapping[str, Any]) -> Callable[[], Any]:
         """Return the call."""
-        pose, status = Pose(size=Pose.mark.offset, mark=MARK), ctypes.c_int32(-1)
+        pose, status = PoseStruct(size=PoseStruct.mark.offset, mark=MARK), ctypes.c_int32(-1)
         covariance = np.full(36 + len(MARK) // 8, np.nan)
         covariance[36:] = np.frombuffer(MARK)
         places = (left.ctypes.data, right.ctypes.data, ctypes.byref(pose), covariance.ctypes.data, ctypes.byref(status))
@@ -126,7 +126,7 @@ class LibraryLocaliser(Library):
         """Return pose, covariance and state; raise ValueError if the candidate failed, or wrote what it may not."""
         failed, pose, covariance, status, _ = answer
         _check_return("process", failed)
-        if bytes(pose)[Pose.mark.offset :] != MARK or covariance[36:].tobytes() != MARK:
+        if bytes(pose)[PoseStruct.mark.offset :] != MARK or covariance[36:].tobytes() != MARK:
             raise ValueError("wrote beyond the pose or the covariance")
         if not 0 <= status.value < len(STATES):
             raise ValueError(f"status is {status.value}: must be 0 to {len(STATES) - 1}")
@@ -160,7 +160,7 @@ class LibraryMapper(Library):
         """Return the call."""
         self._mark[:] = np.frombuffer(MARK, np.uint8)
         sides = {"left": left.ctypes.data, "right": right.ctypes.data}
-        pair = Pair(size=ctypes.sizeof(Pair), index=order["index"], stamp_ns=order["stamp_ns"], **sides)
+        pair = PairStruct(size=ctypes.sizeof(PairStruct), index=order["index"], stamp_ns=order["stamp_ns"], **sides)
         T_lm_navsb, count = np.array(order["T_lm_navsb"][:12], np.float64), ctypes.c_size_t()
         places = ctypes.byref(pair), T_lm_navsb.ctypes.data, self._points.ctypes.data
         candidate, run, capacity, images = self.candidate, self._map, self._capacity, (left, right, T_lm_navsb)
