@@ -22,7 +22,7 @@ READERS = 8
 """Sources that are hashed, or asked for, at a time: of many large ones this takes longer than their jobs."""
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg")
 """Libraries that can change a figure."""
-WITHOUT_EFFECT = frozenset({"cli", "report", "fault_injection", "suite"})
+WITHOUT_EFFECT = frozenset({"cli", "report", "suite"})
 """Parts of the package that no figure of a job depends on."""
 
 
