@@ -24,7 +24,6 @@ sys.path += [str(Path(__file__).resolve().parents[1] / name) for name in ("scene
 Command = tuple[str, ...]
 Reader = Callable[[Path], None]
 """Takes the mutated file; may raise an `SfrError`."""
-EXIT_CODES = (0, 1, 2, 3)
 MAX_NOISE = 200
 """Bytes that compiled code may write beside the error: libpng names the fault of an image in a line of its own."""
 MAX_LINE = 1000
@@ -35,33 +34,20 @@ CONTROL = re.compile(r"[^\n\t\x20-\x7e\u00a0-\ud7ff\ue000-\U0010ffff]|[\u202a-\u
 
 @dataclass(frozen=True)
 class Target:
-    """One format.
-
-    Attributes:
-        name: How it is called.
-        place: The valid file within the world; the mutated one takes its place.
-        mutations: What is done to it.
-        uses: Commands (`{w}` is the world, `{o}` a folder for outputs) and readers; one is taken, by the content.
-        readable: Whether the valid file is accepted; formats that are refused by name are fuzzed too.
-    """
+    """A format: its valid file within the world, and the commands and readers of which the content chooses one."""
 
     name: str
     place: str
     mutations: tuple[Mutation, ...]
     uses: tuple[Command | Reader, ...]
+    """In commands `{w}` is the world, `{o}` a folder for outputs."""
     readable: bool = True
+    """Formats that are refused by name are fuzzed too."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an input led to.
-
-    Attributes:
-        kind: `accepted`, `refused`, or what is wrong.
-        text: The error, or the end of a traceback.
-        seconds: Time of the process.
-        growth_bytes: Largest memory during it over that before it.
-    """
+    """What an input led to: `accepted`, `refused`, or what is wrong, with the error or the end of a traceback."""
 
     kind: str
     text: str = ""
@@ -105,26 +91,22 @@ def run_input(target: Target, content: bytes, world: Path, out: Path, number: in
     place.write_bytes(content)
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")  # the peak of memory begins here
-    before, noise = _status("VmRSS"), os.fstat(2).st_size  # standard error of a worker is a file
-    begin = time.process_time()
+    before, noise, begin = _status("VmRSS"), os.fstat(2).st_size, time.process_time()  # a worker writes to a file
     shown, errors = io.StringIO(), io.StringIO()
     try:
         with contextlib.redirect_stdout(shown), contextlib.redirect_stderr(errors):
             code = run_command(use, world, out) if isinstance(use, tuple) else (use(place) or 0)
         kind, text = _judged(code, shown.getvalue(), errors.getvalue())
-    except SfrError as error:
-        kind, text = "refused", str(error)[:MAX_LINE]
-        if isinstance(use, tuple):
-            kind, text = "exception", traceback.format_exc()[-1500:]
+        if os.fstat(2).st_size - noise > MAX_NOISE and isinstance(use, tuple) and kind in ("accepted", "refused"):
+            kind, text = "noise of a library", f"{os.fstat(2).st_size - noise} bytes on standard error"
     except KeyboardInterrupt:
         raise
-    except BaseException:
+    except BaseException as error:
         kind, text = "exception", traceback.format_exc()[-1500:]
+        if isinstance(error, SfrError) and not isinstance(use, tuple):
+            kind, text = "refused", str(error)[:MAX_LINE]
     finally:
         place.write_bytes(valid)
-    noise = os.fstat(2).st_size - noise
-    if noise > MAX_NOISE and isinstance(use, tuple) and kind in ("accepted", "refused"):
-        kind, text = "noise of a library", f"{noise} bytes on standard error"
     return Outcome(kind, text, time.process_time() - begin, max(_status("VmHWM") - before, 0))
 
 
@@ -134,7 +116,7 @@ def _judged(code: int, shown: str, errors: str) -> tuple[str, str]:
     said = [line for line in lines if line.startswith("sfr: ") and not line.startswith("sfr: warning: ")]
     wrong = {
         "fault of the program": "fault of the program" in errors or "Traceback" in errors,
-        f"exit code {code}": code not in EXIT_CODES,
+        f"exit code {code}": code not in (0, 1, 2, 3),
         "control characters": CONTROL.search(shown + errors) is not None,
         "not one line": code == 2 and len(said) != 1,
         "long line": any(len(line) > MAX_LINE for line in lines),

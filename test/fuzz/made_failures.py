@@ -1,9 +1,8 @@
-"""Readers that fail in every way that the fuzzer must notice."""
+"""Readers that fail in every way that the fuzzer must notice, named after what is wrong with them."""
 
 from __future__ import annotations
 
 import ctypes
-import os
 import sys
 from pathlib import Path
 
@@ -19,37 +18,29 @@ def _hang() -> None:
 
 def _grow() -> None:
     memory = bytearray(600_000_000)
-    memory[:: os.sysconf("SC_PAGE_SIZE")] = b"x" * len(memory[:: os.sysconf("SC_PAGE_SIZE")])
+    memory[::4096] = b"x" * len(memory[::4096])
 
 
-def _stumble() -> None:
-    raise KeyError("nobody expects it")
-
-
-def _refuse() -> None:
-    raise InputError("it is not valid")
+def _fail(error: Exception) -> None:
+    raise error
 
 
 FAILURES = {
     "SIGSEGV": lambda: ctypes.string_at(0),
     "hang": _hang,
     "memory": _grow,
-    "exception": _stumble,
+    "exception": lambda: _fail(KeyError("nobody expects it")),
     "control characters": lambda: print("\x1b[31m", file=sys.stderr),
+    "refused": lambda: _fail(InputError("it is not valid")),
 }
 
 
 def made_targets() -> dict[str, Target]:
-    """Return targets that are named after what is wrong with them, and one that behaves."""
+    def reader(name: str, path: Path) -> None:
+        if path.read_bytes() != b"valid":
+            FAILURES[name]()
 
-    def reader(fail):  # noqa: ANN001, ANN202
-        def read(path: Path) -> None:
-            if path.read_bytes() != b"valid":
-                fail()
-
-        return read
-
-    readers = {**FAILURES, "refused": _refuse}
     return {
-        name: Target(name, "file", (lambda _rng, _data: b"spoilt",), (reader(fail),)) for name, fail in readers.items()
+        name: Target(name, "file", (lambda _rng, _data: b"spoilt",), (lambda path, name=name: reader(name, path),))
+        for name in FAILURES
     }

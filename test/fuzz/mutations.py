@@ -31,6 +31,7 @@ STRINGS = (
 HUGE_INTS = (0, 1, 2, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x10000, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**62, 2**63, 2**64 - 1)
 NUMBER = re.compile(rb"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 DEEP = "@@deep@@"
+"""Stands for brackets within brackets until the tree is text."""
 DEPTHS = (50, 900, 3000, 100_000)
 
 
@@ -42,30 +43,20 @@ def encoded(text: str) -> bytes:
 
 
 def flip_bytes(rng: Random, data: bytes) -> bytes:
-    altered = bytearray(data)
+    """Half of the time in the header only: it is short, and all sizes are in it."""
+    altered, end = bytearray(data), min(len(data), rng.choice((128, len(data))))
     for _ in range(rng.choice((1, 1, 4, 32)) if altered else 0):
-        altered[rng.randrange(len(altered))] ^= 1 << rng.randrange(8)
+        altered[rng.randrange(end)] ^= 1 << rng.randrange(8)
     return bytes(altered)
-
-
-def flip_head(rng: Random, data: bytes) -> bytes:
-    """Headers are short, and all sizes are in them."""
-    head = min(len(data), 128)
-    return flip_bytes(rng, data[:head]) + data[head:]
 
 
 def truncate(rng: Random, data: bytes) -> bytes:
     return data[: rng.choice((0, 1, rng.randrange(len(data) + 1), max(len(data) - 1, 0), rng.randrange(64)))]
 
 
-def drop_part(rng: Random, data: bytes) -> bytes:
+def drop_or_repeat(rng: Random, data: bytes) -> bytes:
     start, length = rng.randrange(len(data) + 1), rng.choice((1, 4, 64, 4096))
-    return data[:start] + data[start + length :]
-
-
-def duplicate_part(rng: Random, data: bytes) -> bytes:
-    start, length = rng.randrange(len(data) + 1), rng.choice((1, 4, 64, 4096))
-    return data[:start] + data[start : start + length] * rng.choice((2, 2, 50)) + data[start + length :]
+    return data[:start] + data[start : start + length] * rng.choice((0, 0, 2, 50)) + data[start + length :]
 
 
 def append(rng: Random, data: bytes) -> bytes:
@@ -75,25 +66,24 @@ def append(rng: Random, data: bytes) -> bytes:
 def huge_int(rng: Random, data: bytes) -> bytes:
     """Overwrite a number of 2, 4 or 8 bytes; most often in the first bytes, where headers are."""
     size = rng.choice((2, 4, 4, 8))
-    if len(data) < size:
-        return data
     last = len(data) - size
     offset = rng.randrange(min(last, 200) + 1) if rng.random() < 0.7 else rng.randrange(last + 1)
     number = (rng.choice(HUGE_INTS) % 256**size).to_bytes(size, rng.choice(("little", "big")))
     return data[:offset] + number + data[offset + size :]
 
 
-BYTES: tuple[Mutation, ...] = (flip_bytes, flip_head, truncate, drop_part, duplicate_part, append, huge_int)
+BYTES: tuple[Mutation, ...] = (flip_bytes, flip_bytes, truncate, drop_or_repeat, drop_or_repeat, append, huge_int)
+
+
+def any_bytes(rng: Random, data: bytes) -> bytes:
+    return rng.choice((*BYTES, huge_int))(rng, data)
 
 
 # ---- text
 
 
 def replace_number(rng: Random, data: bytes) -> bytes:
-    found = list(NUMBER.finditer(data))
-    if not found:
-        return data
-    chosen = rng.choice(found)
+    chosen = rng.choice(list(NUMBER.finditer(data)))
     return data[: chosen.start()] + encoded(rng.choice(NUMBERS)) + data[chosen.end() :]
 
 
@@ -105,19 +95,14 @@ def insert_text(rng: Random, data: bytes) -> bytes:
 def edit_lines(rng: Random, data: bytes) -> bytes:
     lines = data.split(b"\n")
     chosen = rng.randrange(len(lines))
-    edit = rng.randrange(5)
-    if edit == 0:
-        del lines[chosen]
-    elif edit == 1:
-        lines[chosen:chosen] = [lines[chosen]] * rng.choice((1, 3))
-    elif edit == 2:
+    words = re.split(rb"([,\s:]+)", lines[chosen])
+    words[rng.randrange(len(words))] = encoded(rng.choice((*NUMBERS, *STRINGS)))
+    line = lines[chosen]
+    new = rng.choice(([], [line] * 2, [line] * 4, [encoded(rng.choice(STRINGS))], [b"".join(words)], None))
+    if new is None:
         rng.shuffle(lines)
-    elif edit == 3:
-        lines[chosen] = encoded(rng.choice(STRINGS))
     else:
-        words = re.split(rb"([,\s:]+)", lines[chosen])
-        words[rng.randrange(len(words))] = encoded(rng.choice((*NUMBERS, *STRINGS)))
-        lines[chosen] = b"".join(words)
+        lines[chosen : chosen + 1] = new
     return b"\n".join(lines)
 
 
@@ -130,41 +115,32 @@ TEXT: tuple[Mutation, ...] = (replace_number, replace_number, insert_text, edit_
 
 # ---- nested values (JSON, YAML)
 
-
-def hostile_value(rng: Random) -> Any:
-    return rng.choice(
-        (
-            *(None, True, False, 0, -1, 1, 2**31, 2**63, -(2**63) - 1, 10**399, -(10**399), float("nan"), float("inf")),
-            *(1e308, -1e308, 1e-320, 1e9, [], {}, [[]], {"a": 1}, [None], DEEP, DEEP, "1", "0"),
-            *([rng.choice(STRINGS) for _ in range(8)]),
-            *([1] * 20_000, {str(i): i for i in range(2000)}, [float("nan")] * 9, [1e308] * 9, [0] * 9, [-1] * 4),
-        )
-    )
+VALUES: tuple[Any, ...] = (
+    *(None, True, False, 0, -1, 1, 2**31, 2**63, -(2**63) - 1, 10**399, -(10**399), float("nan"), float("inf")),
+    *(1e308, -1e308, 1e-320, 1e9, [], {}, [[]], {"a": 1}, [None], DEEP, DEEP, "1", "0"),
+    *([1] * 20_000, {str(i): i for i in range(2000)}, [float("nan")] * 9, [1e308] * 9, [0] * 9, [-1] * 4),
+)
 
 
 def _slots(tree: Any) -> Iterator[tuple[Any, Any]]:
     """Yield container and key of all values within."""
-    stack = [tree]
-    while stack:
-        container = stack.pop()
-        keys = container if isinstance(container, dict) else range(len(container))
-        for key in keys:
-            yield container, key
-            if isinstance(container[key], (dict, list)):
-                stack.append(container[key])
+    for key in tree if isinstance(tree, dict) else range(len(tree) if isinstance(tree, list) else 0):
+        yield tree, key
+        yield from _slots(tree[key])
 
 
 def mutate_tree(rng: Random, tree: Any) -> Any:
-    slots = list(_slots(tree)) if isinstance(tree, (dict, list)) else []
+    value = json.loads(json.dumps(rng.choice((*VALUES, *rng.sample(STRINGS, 8)))))
+    slots = list(_slots(tree))
     if not slots or rng.random() < 0.03:
-        return hostile_value(rng)
+        return value
     container, key = rng.choice(slots)
     edit = rng.randrange(8)
     if edit == 0:
         del container[key]
     elif edit == 1 and isinstance(container, list):
         container.extend([container[key]] * rng.choice((1, 10, 1000)))
-    elif edit == 1 or (edit == 2 and isinstance(container, dict)):
+    elif edit == 1:
         container[rng.choice(STRINGS)] = container[key]
     elif edit == 2:
         other, there = rng.choice(slots)
@@ -172,64 +148,50 @@ def mutate_tree(rng: Random, tree: Any) -> Any:
     elif edit == 3:
         container[key] = {"a": container[key]} if rng.random() < 0.5 else [container[key]]
     else:
-        container[key] = hostile_value(rng)
+        container[key] = value
     return tree
 
 
 def _deepened(rng: Random, text: str) -> bytes:
-    if f'"{DEEP}"' in text:
-        depth = rng.choice(DEPTHS)
-        nested = "[" * depth + "]" * depth if rng.random() < 0.6 else '{"a":' * depth + "1" + "}" * depth
-        text = text.replace(f'"{DEEP}"', nested)
-    return encoded(text)
+    depth = rng.choice(DEPTHS)
+    nested = rng.choice(("[" * depth + "]" * depth, '{"a":' * depth + "1" + "}" * depth))
+    return encoded(text.replace(f'"{DEEP}"', nested))
 
 
 def json_tree(rng: Random, data: bytes) -> bytes:
-    tree = json.loads(data)
-    for _ in range(rng.choice((1, 1, 2))):
-        tree = mutate_tree(rng, tree)
-    return _deepened(rng, json.dumps(tree, ensure_ascii=rng.random() < 0.7))
+    return _deepened(rng, json.dumps(mutate_tree(rng, json.loads(data)), ensure_ascii=rng.random() < 0.7))
 
 
 def yaml_tree(rng: Random, data: bytes) -> bytes:
-    tree = parse_yaml(data.decode())  # bounded: the data may hold a bomb already
-    for _ in range(rng.choice((1, 1, 2))):
-        tree = mutate_tree(rng, tree)
-    text = json.dumps(tree)
+    text = json.dumps(mutate_tree(rng, parse_yaml(data.decode())))  # bounded: the data may hold a bomb already
     if rng.random() < 0.5 and DEEP not in text and "\\ud" not in text:
         return encoded(yaml.safe_dump(json.loads(text), sort_keys=False))
     return _deepened(rng, text)
 
 
+def _bomb(name: str, first: str, level: str, count: int = 12) -> str:
+    """Return anchors each of which holds the one before nine times; `@` stands for the alias."""
+    levels = (f"{name}{i}: &{name}{i} {level.replace('@', f'*{name}{i - 1}')}" for i in range(1, count))
+    return "\n".join([f"{name}0: &{name}0 {first}", *levels])
+
+
+YAML_TRICKS = (
+    _bomb("a", "[x]", f"[{', '.join('@' * 9)}]"),
+    _bomb("b", "{x: 1}", f"{{{', '.join(f'k{j}: @' for j in range(9))}}}"),
+    _bomb("c", "{x: 1}", f"{{<<: [{', '.join('@' * 9)}]}}", 9),
+    *("a: &a [*a]", "m: &m {<<: *m}", "<<: [1]", "{[]: 1}", "---\na: 1\n---\nb: 2", "%YAML 9.9\n---\na: 1"),
+    *("x: !!python/object/apply:os.system ['true']", "x: !!binary aaaa\ny: !!set {a, b}", "x: 2001-99-99"),
+    *("x: !!int '" + "9" * 5000 + "'", "x: !!float abc\ny: !!timestamp 9999-99-99"),
+    *("x: 190:20:30:59:59:59:59:59:59:59:59:59\n? [a, b]\n: c", "x: 0b11\ny: 0o17\nz: 0x" + "f" * 400),
+    *("? " * 3000, "- " * 3000, "x: " + "[" * 20_000, "x: '" + "y" * 200_000),
+)
+
+
 def yaml_trick(rng: Random, data: bytes) -> bytes:
     """Put in what only YAML has: aliases of aliases, tags, other types, more documents."""
-    levels = [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 12)]
-    mapped = [f"b{i}: &b{i} {{{', '.join(f'k{j}: *b{i - 1}' for j in range(9))}}}" for i in range(1, 12)]
-    tricks = (
-        "\n".join(["a0: &a0 [x]", *levels]),
-        "\n".join(["b0: &b0 {x: 1}", *mapped]),
-        "a: &a [*a]",
-        "m: &m {<<: *m}",
-        "\n".join(["c0: &c0 {x: 1}", *(f"c{i}: &c{i} {{<<: [{', '.join([f'*c{i - 1}'] * 9)}]}}" for i in range(1, 9))]),
-        "x: !!python/object/apply:os.system ['true']",
-        "x: !!binary aaaa\ny: !!set {a, b}",
-        "x: !!int '" + "9" * 5000 + "'",
-        "x: !!float abc\ny: !!timestamp 9999-99-99",
-        "x: 2001-99-99",
-        "x: 190:20:30:59:59:59:59:59:59:59:59:59\n? [a, b]\n: c",
-        "---\na: 1\n---\nb: 2",
-        "%YAML 9.9\n---\na: 1",
-        "? " * 3000,
-        "- " * 3000,
-        "x: " + "[" * 20_000,
-        "x: '" + "y" * 200_000,
-        "<<: [1]",
-        "x: 0b11\ny: 0o17\nz: 0x" + "f" * 400,
-        "{[]: 1}",
-    )
-    trick = encoded(rng.choice(tricks))
-    at = rng.choice((b"", data))
-    return trick + b"\n" + at if rng.random() < 0.5 else at + b"\n" + trick
+    parts = [encoded(rng.choice(YAML_TRICKS)), rng.choice((b"", data))]
+    rng.shuffle(parts)
+    return b"\n".join(parts)
 
 
 def json_trick(rng: Random, data: bytes) -> bytes:
@@ -264,23 +226,18 @@ def png_chunk(rng: Random, data: bytes) -> bytes:
     elif rng.random() < 0.4:
         extra = rng.choice((b"zTXt", b"iCCP", b"PLTE", b"tRNS", b"eXIf", b"acTL"))
         chunks.insert(1, (extra, b"name\0\0" + zlib.compress(b"\0" * rng.choice((10, 30_000_000)))))
-    elif rng.random() < 0.5:
-        chunks.insert(chosen, chunks[chosen])
     else:
-        chunks[chosen] = (kind, rng.choice(BYTES)(rng, body))
+        chunks[chosen : chosen + 1] = rng.choice(([chunks[chosen]] * 2, [(kind, any_bytes(rng, body))]))
     return data[:8] + b"".join(
         struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks
     )
 
 
-def jpeg_segment(rng: Random, data: bytes) -> bytes:
-    """Change the size in the frame header of a JPEG, or a segment's length."""
-    frames = [i for i in range(len(data) - 9) if data[i] == 0xFF and data[i + 1] in (0xC0, 0xC1, 0xC2)]
-    if not frames or rng.random() < 0.3:
-        return huge_int(rng, data)
-    at = frames[0] + 5
+def jpeg_size(rng: Random, data: bytes) -> bytes:
+    """Change the size in the frame header of a JPEG."""
+    frame = re.search(rb"\xff[\xc0-\xc2]", data)
     size = struct.pack(">HH", *rng.choice(((65_535, 65_535), (0, 0), (1, 65_535), (65_535, 1), (120, 161))))
-    return data[:at] + size + data[at + 4 :]
+    return data[: frame.start() + 5] + size + data[frame.start() + 9 :]
 
 
 def npy_header(rng: Random, data: bytes) -> bytes:
@@ -299,15 +256,15 @@ def zip_member(rng: Random, data: bytes) -> bytes:
         members = [(name, archive.read(name)) for name in archive.namelist()]
     chosen = rng.randrange(len(members))
     name, body = members[chosen]
-    edits = (
-        [],
-        [(name, npy_header(rng, body))],
-        [(rng.choice(("x", "\x1b[31m.npy", "../x.npy", "a" * 1000, "u.npy")), body)],
-        [members[chosen], (rng.choice(("unused.npy", "x.npy")), b"\0" * 40_000_000)],
-        [(name, body[: len(body) // 2])],
-        [(name, rng.choice(BYTES)(rng, body))],
+    members[chosen : chosen + 1] = rng.choice(
+        (
+            [],
+            [(name, npy_header(rng, body))],
+            [(rng.choice(("x", "\x1b[31m.npy", "../x.npy", "a" * 1000, "u.npy")), body)],
+            [members[chosen], (rng.choice(("unused.npy", "x.npy")), b"\0" * 40_000_000)],
+            [(name, any_bytes(rng, body))],
+        )
     )
-    members[chosen : chosen + 1] = rng.choice(edits)
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
         for name, body in members:
@@ -317,14 +274,13 @@ def zip_member(rng: Random, data: bytes) -> bytes:
 
 def head_text(rng: Random, data: bytes) -> bytes:
     """Mutate the text header of a binary file (PLY, PCD, PGM)."""
-    end = max(data.find(mark) + len(mark) for mark in (b"end_header", b"DATA binary", b"DATA ascii", b"255"))
-    end = min(max(end, 20), len(data))
+    end = max(20, *(data.find(mark) + len(mark) for mark in (b"end_header", b"DATA binary", b"DATA ascii", b"255")))
     return rng.choice((replace_number, replace_number, edit_lines, insert_text))(rng, data[:end]) + data[end:]
 
 
 IMAGE: tuple[Mutation, ...] = (*BYTES, huge_int, head_text)
 PNG: tuple[Mutation, ...] = (png_chunk, png_chunk, png_chunk, *BYTES)
-JPEG: tuple[Mutation, ...] = (jpeg_segment, jpeg_segment, *BYTES)
+JPEG: tuple[Mutation, ...] = (jpeg_size, huge_int, *BYTES)
 NPY: tuple[Mutation, ...] = (npy_header, npy_header, *BYTES)
 NPZ: tuple[Mutation, ...] = (zip_member, zip_member, zip_member, *BYTES)
 CLOUD: tuple[Mutation, ...] = (head_text, head_text, head_text, *BYTES)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 import mutations as m
@@ -28,27 +27,32 @@ def _map(source: str) -> Command:
     return ("map", f"{{w}}/{source}", "-o", "{o}/c.ply")
 
 
-def _convert(source: str, target: str) -> Command:
-    return ("convert", f"{{w}}/{source}", f"{{o}}/{target}")
+def _convert(source: str, *targets: str) -> list[Command]:
+    return [("convert", f"{{w}}/{source}", f"{{o}}/{target}") for target in targets]
 
 
-def _bag_uses(name: str) -> tuple[Command, ...]:
+def _drive(source: str, *targets: str) -> tuple[Command, ...]:
+    """Return that a drive is localised and converted to files."""
+    return (_localise(source), *_convert(source, *targets))
+
+
+def _bag(name: str) -> tuple[Command, ...]:
     bag = f"{name}/bag{Path(name).suffix}"
     return (
-        *(_localise(name), _localise(bag), _convert(name, "t.csv"), _convert(bag, "folder"), _convert(bag, "b.db3")),
-        *(("doctor", f"{{w}}/{name}"), ("score", "{w}/estimate.csv", f"{{w}}/{name}"), _map(bag)),
+        *(*_drive(name, "t.csv"), *_drive(bag, "folder", "b.db3"), _map(bag), ("doctor", f"{{w}}/{name}")),
+        ("score", "{w}/estimate.csv", f"{{w}}/{name}"),
         ("perturb", f"{{w}}/{bag}", "{o}/p", "--fault", "noisy"),
     )
 
 
-def _cloud(name: str) -> Command:
-    return ("score", f"{{w}}/{name}", "{w}/panorama")
+def _cloud(name: str, *targets: str) -> tuple[Command, ...]:
+    return (("score", f"{{w}}/{name}", "{w}/panorama"), *_convert(name, *targets))
 
 
-def _trajectory_uses(name: str) -> tuple[Command, ...]:
+def _trajectory(name: str) -> tuple[Command, ...]:
     place = f"{{w}}/{name}"
     scores = (("score", place, "{w}/truth.csv", *SCORE[3:]), ("score", "{w}/truth.csv", place, *SCORE[3:]))
-    return (*scores, ("doctor", place, "{w}/truth.csv"), _convert(name, "t.tum"), _convert(name, "t.mcap"))
+    return (*scores, ("doctor", place, "{w}/truth.csv"), *_convert(name, "t.tum", "t.mcap"))
 
 
 def check_estimate(estimate: PoseEstimate, farthest_m: float) -> None:
@@ -86,26 +90,19 @@ def plan_simulation(path: Path) -> None:
 def run_arguments(path: Path) -> None:
     """Run commands whose inputs have hostile names; what they are called is in the file."""
     try:
-        names = parse_json(path.read_text("utf-8", "surrogatepass"))
+        words = parse_json(path.read_text("utf-8", "surrogatepass"))
     except ValueError:
-        names = path.read_text("utf-8", "replace")[:200]
-    words = [word if isinstance(word, str) else repr(word) for word in (names if isinstance(names, list) else [names])]
-    words = (words + ["x"] * 3)[:3]
+        words = path.read_text("utf-8", "replace")[:200]
+    words = [word if isinstance(word, str) else repr(word) for word in (words if isinstance(words, list) else [words])]
+    first, second, third = (words + ["x"] * 3)[:3]
     world, out = path.parent, path.parent.with_name("out")
-    named = world / "named"
-    named.mkdir(exist_ok=True)
-    for old in named.iterdir():
-        old.unlink()
-    with suppress(OSError, ValueError):  # a name that no file can have
-        (named / words[0]).write_text("no trajectory")
     for command in (
-        ("score", str(named / words[0]), "{w}/truth.csv"),
-        ("score", *SCORE[1:3], "--condition", words[1]),
-        ("convert", "{w}/bag.mcap", "{o}/x.csv", "--remap", words[2]),
-        ("localise", words[0], "-o", "{o}/t.csv"),
-        ("map", "{w}/panorama", "-o", "{o}/c.ply", "--config", words[1]),
-        ("compare", words[0], words[1]),
-        (words[2],),
+        ("score", *SCORE[1:3], "--condition", second),
+        ("convert", "{w}/bag.mcap", "{o}/x.csv", "--remap", third),
+        ("localise", first, "-o", "{o}/t.csv"),
+        ("map", "{w}/panorama", "-o", "{o}/c.ply", "--config", second),
+        ("compare", first, second),
+        (third,),
     ):
         code = run_command(command, world, out)
         if code not in (0, 1, 2, 3):
@@ -113,73 +110,63 @@ def run_arguments(path: Path) -> None:
 
 
 T = m.TEXT + m.BYTES
-_RUN = (_localise("A-0"), _convert("A-0", "t.tum"), _convert("A-0", "f"))
-_REPORTS = tuple(("report", "{w}/score.json", "-o", f"{{o}}/x.{kind}") for kind in ("html", "md", "csv"))
-_COMPARISONS = (
+YAML_TEXT = m.YAML[3:]  # what is YAML for others only is no tree
+_RUN = _drive("A-0", "t.tum", "f")
+_PANORAMA = (_map("panorama"), *_convert("panorama", "b.mcap", "f"))
+_EUROC = "euroc/mav0"
+_SCORES = (
+    *(("report", "{w}/score.json", "-o", f"{{o}}/x.{kind}") for kind in ("html", "md", "csv")),
     ("compare", "{w}/score.json", "{w}/score2.json", "--html", "{o}/x.html"),
     ("compare", "{w}/score2.json", "{w}/score.json"),
 )
-_ROS1 = (_localise("ros1.bag"), _convert("ros1.bag", "f"), ("doctor", "{w}/ros1.bag"), _map("ros1.bag"))
-_TRUTH = (_localise("drive"), ("score", "{w}/estimate.csv", "{w}/drive"), _convert("drive", "t.csv"))
-_RIG = (_localise("drive"), _convert("drive", "f"), _convert("drive", "b.mcap"))
-_TIMED = (*SCORE, "--target", "LEON", "--target-timing", "{w}/stats.csv")
-_EUROC = "euroc/mav0"
 TARGETS = (
-    Target("rig.json", "drive/rig.json", m.JSON, _RIG),
-    Target("rig.json of mapping", "panorama/rig.json", m.JSON, (_map("panorama"), _convert("panorama", "b.mcap"))),
-    Target("pairs.csv", "drive/pairs.csv", T, (_localise("drive"), _convert("drive", "b.mcap"))),
-    Target("pairs.csv of mapping", "panorama/pairs.csv", T, (_map("panorama"), _convert("panorama", "f"))),
-    Target("groundtruth.csv", "drive/groundtruth.csv", T, _TRUTH),
-    Target("trajectory csv", "estimate.csv", T, _trajectory_uses("estimate.csv")),
-    Target("TUM", "estimate.tum", T, _trajectory_uses("estimate.tum")),
-    Target("KITTI poses", "estimate.kitti", T, _trajectory_uses("estimate.kitti")),
-    Target("KITTI stamps", "estimate.times.txt", T, _trajectory_uses("estimate.kitti")),
-    Target("EuRoC poses", "estimate.euroc.csv", T, _trajectory_uses("estimate.euroc.csv")),
-    Target("evo result", "evo.zip", m.BYTES, _trajectory_uses("evo.zip")),
-    Target("KITTI calib.txt", "kitti/calib.txt", T, (_localise("kitti"), _convert("kitti", "b.mcap"))),
-    Target("KITTI times.txt", "kitti/times.txt", T, (_localise("kitti"), _convert("kitti", "f"))),
-    Target("KITTI poses.txt", "kitti/poses.txt", T, (_localise("kitti"), _convert("kitti", "t.csv"))),
-    Target("EuRoC sensor.yaml", f"{_EUROC}/cam0/sensor.yaml", m.YAML[4:] + m.TEXT, (_localise("euroc"),)),
-    Target("EuRoC data.csv", f"{_EUROC}/cam1/data.csv", T, (_localise("euroc"), _convert("euroc", "f"))),
+    Target("rig.json", "drive/rig.json", m.JSON, _drive("drive", "f", "b.mcap")),
+    Target("rig.json of mapping", "panorama/rig.json", m.JSON, _PANORAMA),
+    Target("pairs.csv", "drive/pairs.csv", T, _drive("drive", "b.mcap")),
+    Target("pairs.csv of mapping", "panorama/pairs.csv", T, _PANORAMA),
     Target(
-        "EuRoC truth",
-        f"{_EUROC}/state_groundtruth_estimate0/data.csv",
-        T,
-        (_localise("euroc"), _convert("euroc", "t.tum")),
+        "groundtruth.csv", "drive/groundtruth.csv", T, (*_drive("drive", "t.csv"), ("score", SCORE[1], "{w}/drive"))
     ),
+    Target("trajectory csv", "estimate.csv", T, _trajectory("estimate.csv")),
+    Target("TUM", "estimate.tum", T, _trajectory("estimate.tum")),
+    Target("KITTI poses", "estimate.kitti", T, _trajectory("estimate.kitti")),
+    Target("KITTI stamps", "estimate.times.txt", T, _trajectory("estimate.kitti")),
+    Target("EuRoC poses", "estimate.euroc.csv", T, _trajectory("estimate.euroc.csv")),
+    Target("evo result", "evo.zip", m.BYTES, _trajectory("evo.zip")),
+    Target("KITTI calib.txt", "kitti/calib.txt", T, _drive("kitti", "b.mcap")),
+    Target("KITTI times.txt", "kitti/times.txt", T, _drive("kitti", "f")),
+    Target("KITTI poses.txt", "kitti/poses.txt", T, _drive("kitti", "t.csv")),
+    Target("EuRoC sensor.yaml", f"{_EUROC}/cam0/sensor.yaml", YAML_TEXT, _drive("euroc")),
+    Target("EuRoC data.csv", f"{_EUROC}/cam1/data.csv", T, _drive("euroc", "f")),
+    Target("EuRoC truth", f"{_EUROC}/state_groundtruth_estimate0/data.csv", T, _drive("euroc", "t.tum")),
     Target("MADMAX truth", "A-0/ground_truth/gt_6DoF_gnss_and_imu.csv", T, _RUN),
-    Target("MADMAX camera", "calibration/camera_rect_left_info.txt", m.YAML[4:] + m.TEXT, _RUN),
+    Target("MADMAX camera", "calibration/camera_rect_left_info.txt", YAML_TEXT, _RUN),
     Target("MADMAX transform", "calibration/tf__camera_left_to_camera_right.csv", T, _RUN),
-    Target("Katwijk calibration", "LocCam_calibstruct.mat", m.BYTES, (_convert("Part1", "f"),)),
-    Target("LuSNAR truth", "Moon_1/gt.txt", T, (_convert("Moon_1", "t.tum"),)),
-    Target("PNG", "drive/left/000000.png", m.PNG, (_localise("drive"), _convert("drive", "b.mcap"))),
+    Target("Katwijk calibration", "LocCam_calibstruct.mat", m.BYTES, (*_convert("Part1", "f"),)),
+    Target("LuSNAR truth", "Moon_1/gt.txt", T, (*_convert("Moon_1", "t.tum"),)),
+    Target("PNG", "drive/left/000000.png", m.PNG, _drive("drive", "b.mcap")),
     *(
         Target(
             kind.upper(),
             f"drive-{kind}/left/000000.{kind}",
             m.JPEG if kind == "jpg" else m.IMAGE,
-            (_localise(f"drive-{kind}"), _convert(f"drive-{kind}", "b.mcap")),
+            _drive(f"drive-{kind}", "b.mcap"),
             readable=kind in ("jpg", "pgm", "ppm", "bmp"),
         )
         for kind in KINDS
     ),
-    Target(
-        "truth .npy",
-        "panorama/truth/000000.npy",
-        m.NPY,
-        (_map("panorama"), _cloud("cloud.ply"), _convert("panorama", "f")),
-    ),
-    Target("NPZ", "cloud.npz", m.NPZ, (_cloud("cloud.npz"),)),
-    Target("PLY", "cloud.ply", m.CLOUD, (_cloud("cloud.ply"),)),
-    Target("PCD", "cloud.pcd", m.CLOUD, (_cloud("cloud.pcd"),)),
-    Target("LAS", "cloud.las", m.BYTES, (_cloud("cloud.las"), _convert("cloud.las", "x.dem.npz"))),
-    Target("LAZ", "cloud.laz", m.BYTES, (_cloud("cloud.laz"), _convert("cloud.laz", "x.tif"))),
-    Target("PCD of text", "text.pcd", m.CLOUD + m.TEXT, (_cloud("text.pcd"),)),
-    Target("mcap", "bag.mcap/bag.mcap", MCAP, _bag_uses("bag.mcap")),
-    Target("mcap of JPEG", "jpeg.mcap/bag.mcap", MCAP, (_localise("jpeg.mcap"), _convert("jpeg.mcap/bag.mcap", "f"))),
-    Target("ROS 1 bag", "ros1.bag", m.BYTES, _ROS1),
-    Target("sqlite3", "bag.db3/bag.db3", SQLITE, _bag_uses("bag.db3")),
-    Target("metadata.yaml", "bag.mcap/metadata.yaml", m.YAML, _bag_uses("bag.mcap")),
+    Target("truth .npy", "panorama/truth/000000.npy", m.NPY, (*_PANORAMA, *_cloud("cloud.ply"))),
+    Target("NPZ", "cloud.npz", m.NPZ, _cloud("cloud.npz")),
+    Target("PLY", "cloud.ply", m.CLOUD, _cloud("cloud.ply")),
+    Target("PCD", "cloud.pcd", m.CLOUD, _cloud("cloud.pcd")),
+    Target("LAS", "cloud.las", m.BYTES, _cloud("cloud.las", "x.dem.npz")),
+    Target("LAZ", "cloud.laz", m.BYTES, _cloud("cloud.laz", "x.tif")),
+    Target("PCD of text", "text.pcd", m.CLOUD + m.TEXT, _cloud("text.pcd")),
+    Target("mcap", "bag.mcap/bag.mcap", MCAP, _bag("bag.mcap")),
+    Target("mcap of JPEG", "jpeg.mcap/bag.mcap", MCAP, _drive("jpeg.mcap", "f")),
+    Target("ROS 1 bag", "ros1.bag", m.BYTES, (*_drive("ros1.bag", "f"), ("doctor", "{w}/ros1.bag"), _map("ros1.bag"))),
+    Target("sqlite3", "bag.db3/bag.db3", SQLITE, _bag("bag.db3")),
+    Target("metadata.yaml", "bag.mcap/metadata.yaml", m.YAML, _bag("bag.mcap")),
     Target(
         "localisation config",
         "localisation.yaml",
@@ -189,8 +176,8 @@ TARGETS = (
     Target("mapping config", "mapping.yaml", m.YAML, ((*_map("panorama"), "--config", "{w}/mapping.yaml"),)),
     Target("limits", "limits_example.yaml", m.YAML, ((*SCORE, "--limits", "{w}/limits_example.yaml"),)),
     Target("stats csv", "stats.csv", T, ((*SCORE, "--stats", "{w}/stats.csv"),)),
-    Target("target timing", "stats.csv", T, (_TIMED,)),
-    Target("score JSON", "score.json", m.JSON, (*_REPORTS, *_COMPARISONS)),
+    Target("target timing", "stats.csv", T, ((*SCORE, "--target", "LEON", "--target-timing", "{w}/stats.csv"),)),
+    Target("score JSON", "score.json", m.JSON, _SCORES),
     Target("resume file", "resume.json", m.JSON, (resume,)),
     Target("scenario", "scenario.yaml", m.YAML, (plan_simulation,)),
     Target("arguments", "arguments.json", (m.json_tree,), (run_arguments,)),
