@@ -44,7 +44,7 @@ PARTS_SUFFIX = ".parts"
 ORPHAN_CHECK_S = 1.0
 
 
-class Job(NamedTuple):
+class RenderJob(NamedTuple):
     """One image (`left`, `right`), or one ground truth with its mask (`truth`), to render for the rig of a task."""
 
     task: Task
@@ -120,7 +120,7 @@ def _simulate_folder(plan: Plan, out: Path, workers: int, progress: Callable[[in
     folders = task_folders(plan, out)
     _claim(plan.config, out)
     whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
-    jobs = [Job(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
+    jobs = [RenderJob(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
     for job in jobs:
         for file in job.files(folders[job.task]):
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -150,7 +150,7 @@ def _claim(config: SimulationConfig, out: Path) -> None:
     _write(out / SETTINGS, settings_text(config).encode())
 
 
-def _render(plan: Plan, out: Path, jobs: list[Job], workers: int, progress: Callable[[int], None]) -> None:
+def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress: Callable[[int], None]) -> None:
     text = settings_text(plan.config)
     if workers <= 1:
         _prepare(text, out, None)
@@ -196,7 +196,7 @@ def _prepare(text: str, out: Path, parent: int | None) -> None:
     _worker = World(plan), task_folders(plan, out)
 
 
-def _run(job: Job) -> None:
+def _run(job: RenderJob) -> None:
     assert _worker is not None
     world, folders = _worker
     files = job.files(folders[job.task])
