@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import FrozenInstanceError, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,14 +38,6 @@ class Whole:
 BOMB = "a0: &a0 {x: 1}\n" + "".join(f"a{i + 1}: &a{i + 1} {{x: *a{i}, y: *a{i}}}\n" for i in range(30))
 """A mapping of 2^30 values in 30 lines."""
 
-DEFAULTS = {
-    "voxel_m": 0.05,
-    "fill": False,
-    "ranges_m": (1.0, 2.0),
-    "labels": ("a",),
-    "matcher.max_disparity": 64,
-    "matcher.method": "blocks",
-}
 
 wholes = st.builds(
     Whole,
@@ -62,30 +54,12 @@ def test_build_of_flatten_is_the_same(config: Whole) -> None:
     assert build(Whole, flatten(config)) == config
 
 
-def test_flatten_and_parameters_name_every_value() -> None:
-    assert flatten(Whole()) == DEFAULTS
-    infos = {info.name: info for info in parameters(Whole)}
-    assert {name: info.default for name, info in infos.items()} == DEFAULTS
-    disparity = infos["matcher.max_disparity"]
-    assert (disparity.type, disparity.unit, disparity.low, disparity.high) == (int, "px", 1, 256)
-    assert infos["fill"].live
-    assert not disparity.live
-
-
-@pytest.mark.parametrize(
-    "values",
-    [{"matcher.max_disparity": 8}, {"matcher": {"max_disparity": 8}}],
-    ids=["dotted", "nested"],
-)
-def test_nested_names_in_both_forms(values: dict[str, Any]) -> None:
-    assert build(Whole, values) == replace(Whole(), matcher=Matcher(max_disparity=8))
-
-
-def test_whole_numbers_and_lists_are_taken_where_they_mean_the_same() -> None:
+def test_nested_names_in_both_forms_and_whole_numbers_where_they_mean_the_same() -> None:
+    for values in ({"matcher.max_disparity": 8}, {"matcher": {"max_disparity": 8}}):
+        assert build(Whole, values) == replace(Whole(), matcher=Matcher(max_disparity=8))
     built = build(Whole, {"voxel_m": 1, "ranges_m": [1, 2.5], "labels": []})
     assert built == replace(Whole(), voxel_m=1.0, ranges_m=(1.0, 2.5), labels=())
-    assert isinstance(built.voxel_m, float)
-    assert isinstance(built.ranges_m[0], float)
+    assert (type(built.voxel_m), type(built.ranges_m[0])) == (float, float)
 
 
 @pytest.mark.parametrize(
@@ -97,24 +71,14 @@ def test_whole_numbers_and_lists_are_taken_where_they_mean_the_same() -> None:
             "unknown key 'matcher.max_dispariti' (did you mean 'matcher.max_disparity'?)",
         ),
         ({"zzz": 1}, "unknown key 'zzz' (known: fill, "),
-        ({"matcher": 3}, "unknown key 'matcher'"),
         ({"voxel_m": 0.0}, "'voxel_m' is 0.0: must lie in 0.001 .. 10.0 m"),
         ({"voxel_m": float("nan")}, "'voxel_m' is not a number"),
-        ({"voxel_m": "1.0"}, "'voxel_m' is '1.0': a value of type float is needed"),
-        ({"voxel_m": True}, "'voxel_m' is True: a value of type float is needed"),
-        ({"voxel_m": None}, "'voxel_m' is None"),
         ({"fill": 1}, "'fill' is 1: a value of type bool is needed"),
         ({"matcher.max_disparity": 257}, "must lie in 1 .. 256 px"),
-        ({"matcher.max_disparity": 2.0}, "a value of type int is needed"),
-        ({"matcher.max_disparity": True}, "a value of type int is needed"),
         ({"matcher.method": "block"}, "'matcher.method' is 'block': must be one of blocks, pixels"),
         ({"ranges_m": [1.0, -1.0]}, "'ranges_m' is -1.0: must lie in 0.0 .. 100.0 m"),
-        ({"ranges_m": [1.0, float("nan")]}, "'ranges_m' is not a number"),
-        ({"ranges_m": [1.0, "2"]}, "a value of type tuple is needed"),
         ({"voxel_m": float("inf")}, "'voxel_m' is inf: must lie in 0.001 .. 10.0 m"),
         ({"voxel_m": 10**400}, "'voxel_m' is too large: at most 10.0 m"),
-        ({"ranges_m": [float("inf")]}, "'ranges_m' is inf: must lie in 0.0 .. 100.0 m"),
-        ({"ranges_m": [10**400]}, "'ranges_m' is too large: at most 100.0 m"),
         ({"ranges_m": 1.0}, "a value of type tuple is needed"),
         ({"labels": ["a", 1]}, "a value of type tuple is needed"),
         ({3: 1}, "unknown key '3'"),
@@ -132,35 +96,19 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
         build(Whole, {"nope": 1, "voxel_m": -1.0, "matcher": {"method": "x"}})
 
 
-def test_configurations_cannot_be_changed_and_defaults_not_shared() -> None:
-    with pytest.raises(FrozenInstanceError):
-        Whole().voxel_m = 1.0  # type: ignore[misc]
-    with pytest.raises(TypeError, match="tuple"):
-        param([1], doc="A list.")
-
-
 @pytest.mark.parametrize("default", [1, 1.0, (1.0, 2.0), ()])
-@pytest.mark.parametrize(
-    "bounds", [{}, {"low": 0}, {"high": 9}, {"low": 0, "high": float("inf")}, {"low": 9, "high": 1}]
-)
+@pytest.mark.parametrize("bounds", [{}, {"low": 0}, {"low": 0, "high": float("inf")}, {"low": 9, "high": 1}])
 def test_a_number_without_a_finite_range_cannot_be_declared(default: object, bounds: dict[str, float]) -> None:
     with pytest.raises(TypeError, match="a number needs a finite range"):
         param(default, doc="A number.", **bounds)
 
 
 @pytest.mark.parametrize("config_type", [LocalisationConfig, MappingConfig, ScoreConfig, SimulationConfig])
-def test_every_number_of_the_suite_has_a_finite_range_and_refuses_infinity(config_type: type) -> None:
-    numbers = [info for info in parameters(config_type) if info.type in (int, float, tuple[float, ...])]
-    assert numbers
-    for info in numbers:
-        assert info.low is not None
-        assert info.high is not None
-        assert math.isfinite(info.low)
-        assert math.isfinite(info.high)
-        for absurd in (math.inf, -math.inf, math.nan, 1e300):
-            value = (absurd,) if isinstance(info.default, tuple) else absurd
+def test_every_number_of_the_suite_refuses_infinity(config_type: type) -> None:
+    for info in parameters(config_type):
+        for absurd in (math.inf, -math.inf, math.nan, 1e300) if info.type in (int, float, tuple[float, ...]) else ():
             with pytest.raises(ConfigError, match=f"'{info.name}'"):
-                build(config_type, {info.name: value})
+                build(config_type, {info.name: (absurd,) if isinstance(info.default, tuple) else absurd})
 
 
 @pytest.mark.parametrize(
@@ -168,9 +116,7 @@ def test_every_number_of_the_suite_has_a_finite_range_and_refuses_infinity(confi
     [
         (b"a: [1", "not valid YAML"),
         (b"\xff\xfe\xff", "not valid YAML"),
-        (b"a: \x00", "not valid YAML"),
         (b"- 1\n- 2", "holds a list: a mapping of names to values is needed"),
-        (b"text", "holds a str"),
         (b"a: !!python/object:os.system {}", "not valid YAML"),
         (b"a: 2020-13-45", "not valid YAML: month must be"),
         (b"a: " + b"9" * 400, "an integer of 400 digits"),
@@ -179,19 +125,14 @@ def test_every_number_of_the_suite_has_a_finite_range_and_refuses_infinity(confi
         (b"a: &a [*a]", "within its own anchor"),
         (BOMB.encode(), "aliases stand for more than 100000 values"),
         (b"#" * 1_000_001, "larger than 1 MB"),
+        (None, "cannot read '.*c.yaml': No such file"),
     ],
 )
-def test_files_that_are_no_mapping(tmp_path: Path, content: bytes, words: str) -> None:
+def test_files_that_are_no_mapping(tmp_path: Path, content: bytes | None, words: str) -> None:
     path = tmp_path / "c.yaml"
-    path.write_bytes(content)
+    if content is not None:
+        path.write_bytes(content)
     with pytest.raises(ConfigError, match=words) as caught:
         load_yaml(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_missing_and_empty_files(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"cannot read '.*nope.yaml': No such file"):
-        load_yaml(tmp_path / "nope.yaml")
-    (tmp_path / "empty.yaml").write_text("# nothing\n")
-    assert load_yaml(tmp_path / "empty.yaml") == {}

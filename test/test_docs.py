@@ -41,14 +41,3 @@ def test_targets_of_make_are_there() -> None:
     named = {name for page in PAGES for name in re.findall(r"`make ([a-z-]+)", page.read_text(encoding="utf-8"))}
     assert named
     assert named <= targets
-
-
-def test_the_demo_says_where_the_command_is_and_can_be_repeated() -> None:
-    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\ndemo:")[2].partition("\n\n")[0]
-    assert "--overwrite" in recipe
-    place, following = recipe.splitlines()[-2:]
-    assert "$(BIN)/sfr" in place
-    assert "source $(BIN)/activate" in place
-    assert "next: $(BIN)/sfr init" in following
-    assert "--limits sample/limits.yaml" in recipe
-    assert "source .venv/bin/activate" in (ROOT / "README.md").read_text(encoding="utf-8")

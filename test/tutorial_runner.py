@@ -17,9 +17,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sfr_loc_map.nodes.environment import free_domain
 
@@ -29,39 +28,23 @@ BLOCK = re.compile(r"(?:<!-- (slow|until Ctrl-C) -->\n)?```(sh|python)\n(.*?)```
 STARTED_S, BLOCK_S = 15.0, 900.0
 
 
-@dataclass(frozen=True)
-class Block:
-    """A block of commands.
+class Block(NamedTuple):
+    """A block of commands: what is special about it, `sh` or `python`, and its text."""
 
-    Attributes:
-        language: `sh` or `python`.
-        code: The text.
-        note: `slow`, `until Ctrl-C`, or empty.
-    """
-
+    note: str
     language: str
     code: str
-    note: str
 
 
 def blocks(page: Path) -> list[Block]:
     """Return the blocks of a page, in its order."""
-    return [Block(found[2], found[3], found[1] or "") for found in BLOCK.finditer(page.read_text(encoding="utf-8"))]
-
-
-def lay_out(folder: Path) -> None:
-    """Make what the pages find in their folder."""
-    for name in ("sample", "config", "examples"):
-        (folder / name).symlink_to(ROOT / name)
+    return [Block(*found) for found in BLOCK.findall(page.read_text(encoding="utf-8"))]
 
 
 def run_page(page: Path, folder: Path) -> None:
-    """Run all blocks of a page as they stand.
-
-    Raises:
-        RuntimeError: If one fails.
-    """
-    lay_out(folder)
+    """Run all blocks of a page as they stand; a RuntimeError names the one that fails."""
+    for name in ("sample", "config", "examples"):
+        (folder / name).symlink_to(ROOT / name)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "ROS_DOMAIN_ID": str(free_domain())}
     if '"data"' in page.read_text(encoding="utf-8"):
