@@ -1,7 +1,5 @@
 """Parameters: declared once, checked, flattened, built again."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """The pages name files and targets that are there, and their text is short enough to be read."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """JSON from outside is bounded in depth, digits and texts; messages are one printable line, whatever they quote."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from pathlib import Path

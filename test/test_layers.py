@@ -1,7 +1,5 @@
 """The direction of imports, read from the syntax trees: nothing is imported here."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

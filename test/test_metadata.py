@@ -1,7 +1,5 @@
 """One source of the version; what installers of both kinds are told agrees."""
 
-from __future__ import annotations
-
 import ast
 import re
 import xml.etree.ElementTree as ET

@@ -1,7 +1,5 @@
 """The face of each package: its public names, loaded when they are used."""
 
-from __future__ import annotations
-
 import importlib
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The commands of the tutorials work, on a tiny drive; `make docs-test` runs them as they stand."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

@@ -7,8 +7,6 @@ command that ends when it is interrupted: it is, at the end of the page. What ne
 run.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

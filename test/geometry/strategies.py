@@ -1,7 +1,5 @@
 """Random rotations and transforms, with the awkward ones among them."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import strategies as st
 

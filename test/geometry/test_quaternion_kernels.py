@@ -17,21 +17,14 @@ from sfr_loc_map.geometry.quaternion_kernels import (
 A, B = (Rotation.random(200, random_state=seed) for seed in (1, 2))
 
 
-def test_product_rotates_by_the_second_first() -> None:
-    got = [product(tuple(a), tuple(b)) for a, b in zip(A.as_quat(), B.as_quat(), strict=True)]
+def test_products_rotate_by_the_second_first_and_rows_are_those_of_arrays() -> None:
     vectors = np.random.default_rng(3).normal(size=(200, 3))
-    back = [product(tuple(a), conjugate(tuple(a))) for a in A.as_quat()]
-    assert np.array(back) == pytest.approx(np.tile([0.0, 0, 0, 1], (200, 1)), abs=1e-14)
-    assert Rotation.from_quat(got).apply(vectors) == pytest.approx(A.apply(B.apply(vectors)), abs=1e-13)
-
-
-def test_vectors_are_rotated() -> None:
-    vectors = np.random.default_rng(4).normal(size=(200, 3))
-    got = [rotated(tuple(q), tuple(v)) for q, v in zip(A.as_quat(), vectors, strict=True)]
-    assert np.array(got) == pytest.approx(A.apply(vectors), abs=1e-13)
-
-
-def test_rows_and_unit_length() -> None:
+    for a, b, vector, i in zip(A.as_quat(), B.as_quat(), vectors, range(200), strict=True):
+        assert Rotation.from_quat(product(tuple(a), tuple(b))).as_matrix() == pytest.approx(
+            A[i].as_matrix() @ B[i].as_matrix(), abs=1e-13
+        )
+        assert product(tuple(a), conjugate(tuple(a))) == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-14)
+        assert rotated(tuple(a), tuple(vector)) == pytest.approx(A[i].apply(vector), abs=1e-13)
     quats = 3.0 * A.as_quat()
     assert row_quat(quats, 7) == tuple(quats[7])
     assert row_difference(quats[:, :3].copy(), 5, quats[:, 1:].copy(), 2) == tuple(quats[5, :3] - quats[2, 1:])
@@ -42,10 +35,7 @@ def test_rows_and_unit_length() -> None:
 def test_slerp_takes_the_shortest_rotation(sign: float) -> None:
     shares = np.linspace(0.0, 1.0, 200)
     got = Rotation.from_quat(slerp(A.as_quat(), sign * B.as_quat(), shares))
-    wanted = [
-        Slerp([0, 1], Rotation.concatenate([A[k], B[k]]))(share).as_quat()  # type: ignore[index]
-        for k, share in enumerate(shares)
-    ]
+    wanted = [Slerp([0, 1], Rotation.concatenate([A[k], B[k]]))(share).as_quat() for k, share in enumerate(shares)]
     assert (got * Rotation.from_quat(wanted).inv()).magnitude().max() < 1e-12
 
 

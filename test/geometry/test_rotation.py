@@ -1,14 +1,12 @@
 """Laws of rotations, compared with scipy and with the defining formulas."""
 
-from __future__ import annotations
-
 from math import cos, pi, sin, sqrt
 
 import numpy as np
 import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
-from strategies import axes, matrices, rotvecs, vectors
+from strategies import matrices, rotvecs, vectors
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.rotation import (
@@ -17,7 +15,6 @@ from sfr_loc_map.geometry.rotation import (
     quat_conjugate,
     quat_from_matrix,
     quat_multiply,
-    quat_normalised,
     quat_rotate,
     rotvec_from_matrix,
     skew,
@@ -58,29 +55,17 @@ def test_log_after_exp(rotvec: np.ndarray) -> None:
         np.testing.assert_allclose(found, rotvec, atol=1e-14 + 1e-14 * angle)
 
 
-@given(axes)
-def test_log_of_an_exact_half_turn_is_pi_long(axis: np.ndarray) -> None:
-    half_turn = 2.0 * np.outer(axis, axis) - np.eye(3)
-    found = rotvec_from_matrix(half_turn)
-    assert np.linalg.norm(found) == pytest.approx(pi, abs=1e-14)
-    np.testing.assert_allclose(np.abs(found @ axis), pi, atol=1e-14)
-
-
 @pytest.mark.clause("3.1.1")
 @given(matrices, matrices, vectors)
 def test_products_inverses_and_rotations_are_those_of_matrices(
     a: np.ndarray, b: np.ndarray, vector: np.ndarray
 ) -> None:
+    np.testing.assert_allclose(skew(a[0]) @ vector, np.cross(a[0], vector), atol=1e-12)
     p, q = quat_from_matrix(a), quat_from_matrix(b)
     np.testing.assert_allclose(matrix_from_quat(quat_multiply(p, q)), a @ b, atol=TIGHT)
     np.testing.assert_allclose(matrix_from_quat(quat_conjugate(p)), a.T, atol=TIGHT)
     assert quat_conjugate(quat_conjugate(p)).tobytes() == p.tobytes()
     np.testing.assert_allclose(quat_rotate(p, vector), a @ vector, atol=1e-12)
-
-
-@given(vectors, vectors)
-def test_skew_is_the_cross_product(a: np.ndarray, b: np.ndarray) -> None:
-    np.testing.assert_allclose(skew(a) @ b, np.cross(a, b), atol=1e-11)
 
 
 @pytest.mark.clause("3.1.1")
@@ -93,24 +78,18 @@ def test_golden_quarter_turn() -> None:
 
 
 def test_a_stack_is_worked_on_as_its_parts() -> None:
-    quats = np.random.default_rng(3).normal(size=(50, 4))
+    quats, vectors_in = np.random.default_rng(3).normal(size=(50, 4)), np.random.default_rng(4).normal(size=(50, 3))
     stack = matrix_from_quat(quats)
-    assert stack.shape == (50, 3, 3)
-    for quat, matrix in zip(quats, stack, strict=True):
-        assert matrix_from_quat(quat).tobytes() == matrix.tobytes()
     again = quat_from_matrix(stack)
-    for quat, matrix in zip(again, stack, strict=True):
-        assert quat_from_matrix(matrix).tobytes() == quat.tobytes()
-    vectors_in = np.random.default_rng(4).normal(size=(50, 3))
-    np.testing.assert_allclose(
-        quat_rotate(again, vectors_in), np.einsum("nij,nj->ni", stack, vectors_in), atol=TIGHT * 10
-    )
+    for quat, matrix, found in zip(quats, stack, again, strict=True):
+        assert matrix_from_quat(quat).tobytes() == matrix.tobytes()
+        assert quat_from_matrix(matrix).tobytes() == found.tobytes()
+    rotated = np.einsum("nij,nj->ni", stack, vectors_in)
+    np.testing.assert_allclose(quat_rotate(again, vectors_in), rotated, atol=TIGHT * 10)
 
 
 @pytest.mark.parametrize("quat", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 1], [1e-20, 0, 0, 0]])
 def test_no_rotation_in_these_numbers(quat: list[float]) -> None:
-    for function in (quat_normalised, matrix_from_quat):
+    for numbers in (quat, [[0, 0, 0, 1], quat]):
         with pytest.raises(GeometryError, match="no length or is not finite"):
-            function(quat)
-        with pytest.raises(GeometryError, match="no length or is not finite"):
-            function([[0, 0, 0, 1], quat])
+            matrix_from_quat(numbers)

@@ -6,8 +6,6 @@ Density: share of these pixels that have a disparity; share wrong by more than 1
 bias: median; sigma: 1.4826 times the median absolute deviation.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Libraries of candidates, compiled once."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Candidates as they should be: ours, classes of Python, the example in C, and how they are named."""
 
-from __future__ import annotations
-
 import sys
 from importlib import metadata
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Methods beside each other from end to end on tiny sources, and methods that are missing or fail."""
 
-from __future__ import annotations
-
 import json
 import sys
 import time

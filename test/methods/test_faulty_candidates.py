@@ -1,7 +1,5 @@
 """Candidates that crash, hang, leak, lie: each is named, every pair has an estimate, the run goes on."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable
