@@ -27,6 +27,7 @@ BACKLOG_MESSAGES = 64
 """Messages that wait for a client; beyond them the SDK drops the oldest."""
 TICK_S, PERIOD_S = 0.1, 1.0
 """Time between two looks at what has come, two messages of figures, paths and scene."""
+MAP_FRAME, DRIVE_FRAME = "lm", "ds"
 FIGURES, CALLS, ESTIMATE, TRUTH, SCENE = "/figures", "/calls", "/path/estimate", "/path/truth", "/path/scene"
 POINTS, GRID, TRACKS = "/mapping/points", "/mapping/grid", "/localisation/tracks"
 IMAGES = ("/loc/left", "/loc/right", "/nav/left", "/nav/right")
@@ -42,22 +43,13 @@ CHANNELS = {
     **dict.fromkeys(IMAGES, channels.CompressedImageChannel),
 }
 TOPICS = (FIGURES, CALLS, *CHANNELS)
-MAP_FRAME, DRIVE_FRAME = "lm", "ds"
 ERROR_SCALE = 20.0
 """So much larger are errors drawn than they are."""
 ELLIPSE_POINTS = 36
 FLOAT32 = messages.PackedElementFieldNumericType.Float32
-GREEN, BLUE, VIOLET, GREY, RED, YELLOW = (
-    messages.Color(r=r, g=g, b=b, a=1.0)
-    for r, g, b in (
-        (0.1, 0.6, 0.2),
-        (0.1, 0.3, 0.9),
-        (0.86, 0.24, 0.86),
-        (0.6, 0.6, 0.6),
-        (0.9, 0.1, 0.1),
-        (0.9, 0.7, 0.0),
-    )
-)
+GREEN, BLUE = messages.Color(r=0.1, g=0.6, b=0.2, a=1.0), messages.Color(r=0.1, g=0.3, b=0.9, a=1.0)
+VIOLET, GREY = messages.Color(r=0.86, g=0.24, b=0.86, a=1.0), messages.Color(r=0.6, g=0.6, b=0.6, a=1.0)
+RED, YELLOW = messages.Color(r=0.9, g=0.1, b=0.1, a=1.0), messages.Color(r=0.9, g=0.7, b=0.0, a=1.0)
 
 
 class FoxgloveView:
@@ -80,19 +72,10 @@ class FoxgloveView:
         self._thread = Thread(target=self._run, name="sfr-live-foxglove", daemon=True)
 
     def __enter__(self) -> FoxgloveView:
-        """Begin to serve.
-
-        Raises:
-            NodeError: If the port cannot be listened on.
-        """
+        """Begin to serve; NodeError if the port cannot be listened on."""
+        options: dict[str, Any] = {"message_backlog_size": BACKLOG_MESSAGES, "context": self._context}
         try:
-            self._server = foxglove.start_server(
-                name=f"sfr live {self._title}",
-                host=HOST,
-                port=self._port,
-                message_backlog_size=BACKLOG_MESSAGES,
-                context=self._context,
-            )
+            self._server = foxglove.start_server(name=f"sfr live {self._title}", host=HOST, port=self._port, **options)
         except Exception as error:
             hint = "choose another --foxglove-port (0: a free one)"
             raise NodeError(f"cannot listen on {HOST} port {self._port}: {error}; {hint}") from error
@@ -137,17 +120,18 @@ class FoxgloveView:
                 self._send(SCENE, _scene, rows)
 
     def _show(self, media: Media) -> None:
+        topic = _channel_of(media)
         match media:
             case ImageSample():
-                self._send(_channel_of(media), _image, media)
+                self._send(topic, _image, media)
             case CloudSample():
-                self._send(_channel_of(media), _cloud, media)
+                self._send(topic, _cloud, media)
             case ElevationSample():
-                self._send(_channel_of(media), _grid, media)
+                self._send(topic, _grid, media)
             case TrackSample():
                 left = self._state.media.get("loc/left")
                 scale = left.size[0] / left.full_size[0] if isinstance(left, ImageSample) else 1.0
-                self._send(_channel_of(media), _annotations, media, scale)
+                self._send(topic, _annotations, media, scale)
 
     def _send(self, topic: str, make: Callable[..., Any], *arguments: object) -> None:
         """Send a message where somebody looks; it is made for nobody else."""
@@ -210,28 +194,28 @@ def _annotations(sample: TrackSample, scale: float) -> messages.ImageAnnotations
         (tracks[missed, 2:4], kinds.Points, GREY),
         *((ring, kinds.LineLoop, RED) for ring in sample.masks.get("left", ())),
     ]
-    return messages.ImageAnnotations(
-        points=[
-            messages.PointsAnnotation(
-                timestamp=_stamp(sample.stamp_ns),
-                type=kind,
-                points=[messages.Point2(x=x, y=y) for x, y in (points * np.float32(scale)).tolist()],
-                outline_color=color,
-                thickness=1.0,
-            )
-            for points, kind, color in drawn
-        ]
-    )
+    points = [
+        messages.PointsAnnotation(
+            timestamp=_stamp(sample.stamp_ns),
+            type=kind,
+            points=[messages.Point2(x=x, y=y) for x, y in (places * np.float32(scale)).tolist()],
+            outline_color=color,
+            thickness=1.0,
+        )
+        for places, kind, color in drawn
+    ]
+    return messages.ImageAnnotations(points=points)
 
 
 def _scene(rows: list[PathRow]) -> messages.SceneUpdate:
-    """Return both paths, the errors enlarged (`ERROR_SCALE`) and the 3-sigma ellipse of the newest pose as lines."""
-    truths, errors = [], []
+    """Return both paths, the errors enlarged and the 3-sigma ellipse of the newest pose as lines."""
+    truths: list[Point] = []
+    errors: list[Point] = []
     for row in rows:
         if row.truth_m is not None and row.error_m is not None:
             (x, y, z), (a, b, c) = row.truth_m, row.error_m
             truths.append(row.truth_m)
-            errors += [row.truth_m, (x + ERROR_SCALE * a, y + ERROR_SCALE * b, z + ERROR_SCALE * c)]
+            errors += row.truth_m, (x + ERROR_SCALE * a, y + ERROR_SCALE * b, z + ERROR_SCALE * c)
     kinds = messages.LinePrimitiveLineType
     lines = (
         ("truth", GREEN, truths, kinds.LineStrip),
@@ -239,13 +223,12 @@ def _scene(rows: list[PathRow]) -> messages.SceneUpdate:
         ("error", RED, errors, kinds.LineList),
         ("3 sigma", YELLOW, _ellipse(rows[-1]) if rows else [], kinds.LineLoop),
     )
-    stamp, pose = _stamp(rows[-1].stamp_ns if rows else 0), _pose((0.0, 0.0, 0.0))
     entities = []
     for name, color, places, kind in lines:
         points = [messages.Point3(x=x, y=y, z=z) for x, y, z in places]
-        line = messages.LinePrimitive(
-            type=kind, pose=pose, thickness=2.0, scale_invariant=True, points=points, color=color
-        )
+        size: dict[str, Any] = {"thickness": 2.0, "scale_invariant": True}
+        line = messages.LinePrimitive(type=kind, pose=_pose((0.0, 0.0, 0.0)), points=points, color=color, **size)
+        stamp = _newest(rows)
         entities.append(messages.SceneEntity(timestamp=stamp, frame_id=DRIVE_FRAME, id=name, lines=[line]))
     return messages.SceneUpdate(entities=entities)
 
@@ -265,17 +248,18 @@ def _ellipse(row: PathRow) -> list[Point]:
 
 def _poses(rows: list[PathRow], places: list[Point | None]) -> messages.PosesInFrame:
     """Return positions; attitudes are not shown."""
-    stamp = _stamp(rows[-1].stamp_ns if rows else 0)
-    return messages.PosesInFrame(
-        timestamp=stamp, frame_id=DRIVE_FRAME, poses=[_pose(place) for place in places if place]
-    )
+    poses = [_pose(place) for place in places if place is not None]
+    return messages.PosesInFrame(timestamp=_newest(rows), frame_id=DRIVE_FRAME, poses=poses)
+
+
+def _newest(rows: list[PathRow]) -> messages.Timestamp:
+    return _stamp(rows[-1].stamp_ns if rows else 0)
 
 
 def _pose(place: Point) -> messages.Pose:
     x, y, z = place
-    return messages.Pose(
-        position=messages.Vector3(x=x, y=y, z=z), orientation=messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-    )
+    level = messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    return messages.Pose(position=messages.Vector3(x=x, y=y, z=z), orientation=level)
 
 
 def _fields(names: tuple[str, ...]) -> list[messages.PackedElementField]:

@@ -46,11 +46,7 @@ class Command:
 
     @classmethod
     def parse(cls, content: object) -> Command:
-        """Return the command of JSON values that a stranger may have written.
-
-        Raises:
-            InputError: If it is none.
-        """
+        """Return the command of JSON values that a stranger may have written; InputError if it is none."""
         if not isinstance(content, dict):
             raise InputError("a command is an object with an action")
         try:
@@ -76,16 +72,12 @@ class Operator(Protocol):
 
 
 class Hub:
-    """Takes records of a feed in one thread and gives them out in another. All methods may be called in any thread.
-
-    It counts records that found no room (`dropped`), and images and clouds that a newer one replaced before they were
-    taken (`replaced`). The operator is set by the feed once it can carry out what is asked.
-    """
+    """Takes records of a feed in one thread and gives them out in another. All methods may be called in any thread."""
 
     def __init__(self, also: Hub | None = None) -> None:
         """Start empty, with nobody who looks on; `also` is given the same records, for a second view."""
-        self.operator: Operator | None = None
-        self.dropped = self.replaced = 0
+        self.operator: Operator | None = None  # set by the feed once it can carry out what is asked
+        self.dropped = self.replaced = 0  # records without room; images and clouds that a newer one replaced
         self._also = also
         self._lock = Lock()
         self._waiting: deque[Update] = deque()
@@ -135,11 +127,7 @@ class Hub:
         return [] if self.operator is None else sorted(self.operator.actions)
 
     def run(self, command: Command) -> str:
-        """Carry a command out and say what was done.
-
-        Raises:
-            SfrError: If it cannot be done: why.
-        """
+        """Carry a command out and say what was done; an SfrError says why it cannot be done."""
         if self.operator is None:
             raise InputError(f"'{command.action}' is not possible (yet): no nodes have been joined")
         return self.operator.run(command)

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.io.image_codec import JPEG_MAGIC, claimed_size, decode_grey, encode_jpeg, points_image
-from sfr_loc_map.live.updates import ELEVATION, CloudSample, ElevationSample, ImageSample
+from sfr_loc_map.live.updates import ELEVATION, POINTS, CloudSample, ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
 IMAGE_WIDTH = 640
@@ -52,11 +52,7 @@ def image_sample(topic: str, stamp_ns: int, image: NDArray[np.uint8], published_
 
 
 def file_sample(topic: str, stamp_ns: int, data: bytes, published_s: float) -> ImageSample:
-    """Return an image file reduced for the screen; a small JPEG file is shown as it is.
-
-    Raises:
-        InputError: If it is no image that is read.
-    """
+    """Return an image file reduced for the screen, a small JPEG file as it is; InputError if it is no image."""
     size = claimed_size(data) if data.startswith(JPEG_MAGIC) else None
     if size is not None and size[0] <= IMAGE_WIDTH and len(data) <= MAX_JPEG_BYTES:
         return ImageSample(topic, stamp_ns, data, size, size, published_s)
@@ -79,11 +75,7 @@ class CloudTruth:
         self._truths: deque[tuple[int, PointImage]] = deque(maxlen=MAX_PAIRS)
 
     def add(self, stamp_ns: int, message: Any) -> None:  # noqa: ANN401 - a PointCloud2 of any library
-        """Keep the true points of a pair, an organised sensor_msgs/PointCloud2.
-
-        Raises:
-            SfrError: If it is none.
-        """
+        """Keep the true points of a pair, an organised sensor_msgs/PointCloud2; SfrError if it is none."""
         width, height = int(message.width), int(message.height)
         check_image_size(width, height, "ground_truth/points")
         self.add_points(stamp_ns, points_image(message, (width, height)))
@@ -95,8 +87,6 @@ class CloudTruth:
 
     def errors(self, cloud: PointCloud) -> FloatArray32 | None:
         """Return the distances `(N,)` float32, metres, NaN where a point has no truth; None where none has."""
-        if not self._truths or not len(cloud):
-            return None
         error = np.full(len(cloud), np.nan, np.float32)
         for number, (_, truth) in enumerate(self._truths):
             rows = np.flatnonzero(cloud.pair == number)
@@ -107,57 +97,43 @@ class CloudTruth:
         return error if np.isfinite(error).any() else None
 
 
-def cloud_sample(
-    topic: str,
+def cloud_samples(
     stamp_ns: int,
     xyz: ArrayLike,
     sigma: ArrayLike | None,
     published_s: float,
     error: ArrayLike | None = None,
-) -> CloudSample:
-    """Return a cloud `(N, 3)` thinned for the screen: points without a number are left out, then every k-th is kept.
+    *,
+    with_grid: bool = True,
+) -> tuple[CloudSample, ElevationSample | None]:
+    """Return a cloud `(N, 3)` thinned for the screen, and a map from above of the means over the points of each cell.
 
-    Sigma and the distance to the truth are `(N,)`, metres; NaN or None where they are not known.
-    """
-    points = np.asarray(xyz, np.float32).reshape(-1, 3)
-    rows = np.flatnonzero(np.isfinite(points).all(axis=1))
-    total = len(rows)
-    if total > MAX_POINTS:
-        rows = rows[np.linspace(0, total - 1, MAX_POINTS).astype(np.intp)]
-    columns = np.full((len(rows), 4), np.nan, np.float32)
-    columns[:, :3] = points[rows]
-    if sigma is not None:
-        columns[:, 3] = np.asarray(sigma, np.float32)[rows]
-    thinned: FloatArray32 | None = None if error is None else np.asarray(error, np.float32)[rows]
-    return CloudSample(topic, stamp_ns, columns, total, published_s, thinned)
-
-
-def grid_of_cloud(
-    stamp_ns: int, xyz: ArrayLike, sigma: ArrayLike | None, published_s: float, error: ArrayLike | None = None
-) -> ElevationSample | None:
-    """Return the means over the points of each cell, thinned for the screen; arguments as those of `cloud_sample`.
-
-    An empty cloud has None.
+    Points without a number are left out, then every k-th is kept. Sigma and the distance to the truth are `(N,)`,
+    metres; NaN or None where they are not known. An empty cloud has no map.
     """
     points = np.asarray(xyz, np.float32).reshape(-1, 3)
     known = np.isfinite(points).all(axis=1)
     points = points[known]
-    if not len(points):
-        return None
     nowhere = np.full(len(points), np.nan, np.float32)
     deviation, distance = (nowhere if a is None else np.asarray(a, np.float32)[known] for a in (sigma, error))
+    shown = np.arange(len(points))
+    if len(points) > MAX_POINTS:
+        shown = np.linspace(0, len(points) - 1, MAX_POINTS).astype(np.intp)
+    columns = np.column_stack([points, deviation])[shown]
+    cloud = CloudSample(POINTS, stamp_ns, columns, len(points), published_s, None if error is None else distance[shown])
+    if not len(points) or not with_grid:
+        return cloud, None
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     origin = (float(low[0]), float(low[1]))
     cell_m = max(CELL_M, float((high - low).max()) / (MAX_SIDE - 1))
-    columns, rows = (int(size) for size in np.floor((high - low) / cell_m) + 1)
-    cell = cells_of(points, origin, cell_m, (rows, columns))
-    count = np.bincount(cell, minlength=rows * columns).astype(np.float64)
-    means = [means_of(cell, values, rows * columns) for values in (points[:, 2], deviation, distance)]
+    width, height = (int(size) for size in np.floor((high - low) / cell_m) + 1)
+    cell = cells_of(points, origin, cell_m, (height, width))
+    count = np.bincount(cell, minlength=height * width).astype(np.float64)
+    means = [means_of(cell, values, height * width) for values in (points[:, 2], deviation, distance)]
     layers = np.stack([*means, np.where(count > 0, count, np.nan)], axis=-1).astype(np.float32)
     names = ("height", "sigma", "error", "count")
-    return thinned(
-        ElevationSample(ELEVATION, stamp_ns, origin, cell_m, names, layers.reshape(rows, columns, -1), published_s)
-    )
+    grid = ElevationSample(ELEVATION, stamp_ns, origin, cell_m, names, layers.reshape(height, width, -1), published_s)
+    return cloud, thinned(grid)
 
 
 def cells_of(

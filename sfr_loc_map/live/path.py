@@ -23,10 +23,8 @@ from sfr_loc_map.pipeline.reception import jumped_back
 
 MAX_ROWS = 4000
 """Poses that are kept; beyond them every other one is left out, and from then on every other one of those to come."""
-MAX_TRUTHS = 4000
-MAX_PENDING = 400
-"""Estimates that wait for a truth."""
-MAX_OPEN_STARTS = 1000
+MAX_TRUTHS, MAX_PENDING, MAX_OPEN_STARTS = 4000, 400, 1000
+"""True poses that are kept, estimates that wait for one, sub-trajectories that have not ended."""
 MAX_GAP_NS = NS_PER_S
 """Longest gap of the truth that is interpolated."""
 Point = tuple[float, float, float]
@@ -34,22 +32,18 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class PathRow:
-    """One estimate in the frame of the truth, metres.
-
-    The covariance has the variances of x and y and their covariance, m^2, None where lost or not known. The distance is
-    the length of the true path so far, of the estimated one without truth.
-    """
+    """One estimate in the frame of the truth, metres."""
 
     n: int
     stamp_ns: int
     received_s: float
     published_s: float | None
     position_m: Point
-    covariance_xy_m2: Point | None
+    covariance_xy_m2: Point | None  # variances of x and y, their covariance; None where lost or not known
     lost: bool
     truth_m: Point | None
     error_m: Point | None
-    distance_m: float
+    distance_m: float  # along the true path, along the estimated one without truth
 
     def to_plain(self) -> list[Any]:
         """Return it as a list of JSON values in the order of `ROW_FIELDS`; stamps have too many digits for a script."""
@@ -71,42 +65,27 @@ class PathRow:
 ROW_FIELDS = tuple(field.name for field in fields(PathRow))
 
 
-@dataclass(frozen=True, slots=True)
-class _Start:
-    """Where a sub-trajectory starts, and what takes the estimate from there to the truth."""
-
-    row: PathRow
-    frame: int
-    to_truth: Transform
-
-
 class LivePath:
-    """Collects poses. Its memory is bounded.
-
-    Attributes:
-        version: Changes whenever rows that were given out do not hold any more.
-        spacing: Frames from one start of a sub-trajectory to the next.
-        under_way: The oldest sub-trajectory that has not ended, as JSON values; None without truth.
-    """
+    """Collects poses. Its memory is bounded."""
 
     def __init__(self) -> None:
         """Start empty."""
-        self.version = -1
-        self.condition = Condition(ConditionKind.DISTANCE, 5.0)
-        self.spacing = 10
+        self.version = -1  # changes whenever rows that were given out do not hold any more
+        self.condition, self.spacing = Condition(ConditionKind.DISTANCE, 5.0), 10  # of sub-trajectories, frames
         self.restart()
 
     def restart(self) -> None:
         """Forget all poses: a new run begins."""
         self.version += 1
         self.rows: list[PathRow] = []
-        self.under_way: dict[str, Any] | None = None
+        self.under_way: dict[str, Any] | None = None  # the oldest sub-trajectory that has not ended, JSON values
         self._count = self._frames = 0
         self._every = 1
         self._latest_ns: dict[Track, int] = {}
         self._truths: deque[tuple[int, Transform]] = deque(maxlen=MAX_TRUTHS)
         self._pending: deque[tuple[PoseSample, float | None]] = deque(maxlen=MAX_PENDING)
-        self._starts: deque[_Start] = deque(maxlen=MAX_OPEN_STARTS)
+        # where sub-trajectories start: row, frame, and what takes the estimate from there to the truth
+        self._starts: deque[tuple[PathRow, int, Transform]] = deque(maxlen=MAX_OPEN_STARTS)
         self._to_truth: Transform | None = None
         self._last: tuple[Point, float] | None = None
 
@@ -153,9 +132,15 @@ class LivePath:
             to_truth = self._to_truth = truth @ estimate.inverse()
             self.version += 1
             self.rows = [replace(row, position_m=_point(to_truth.apply(row.position_m))) for row in self.rows]
+        turned = np.eye(3)
         if self._to_truth is not None:
-            estimate = self._to_truth @ estimate
-        lost = covariance is not None and bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
+            estimate, turned = self._to_truth @ estimate, self._to_truth.rotation
+        lost, covariance_xy = False, None
+        if covariance is not None:
+            lost = bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
+            if not lost and np.isfinite(covariance).all():
+                part = turned @ covariance[:3, :3] @ turned.T
+                covariance_xy = float(part[0, 0]), float(part[1, 1]), float(part[0, 1])
         travelled = _point((estimate if truth is None else truth).translation)
         distance_m = 0.0 if self._last is None else self._last[1] + math.dist(self._last[0], travelled)
         self._last = (travelled, distance_m)
@@ -165,9 +150,9 @@ class LivePath:
             received_s=sample.received_s,
             published_s=published_s,
             position_m=_point(estimate.translation),
-            covariance_xy_m2=None if lost else self._covariance_xy(covariance),
+            covariance_xy_m2=covariance_xy,
             lost=lost,
-            truth_m=None if truth is None else _point(truth.translation),
+            truth_m=None if truth is None else travelled,
             error_m=None if truth is None else _point(estimate.translation - truth.translation),
             distance_m=distance_m,
         )
@@ -181,39 +166,26 @@ class LivePath:
                 self.rows = self.rows[::2]
                 self.version += 1
 
-    def _covariance_xy(self, covariance: FloatArray | None) -> Point | None:
-        if covariance is None or not np.isfinite(covariance).all():
-            return None
-        part = covariance[:3, :3]
-        if self._to_truth is not None:
-            part = self._to_truth.rotation @ part @ self._to_truth.rotation.T
-        return float(part[0, 0]), float(part[1, 1]), float(part[0, 1])
-
     def _follow(self, row: PathRow, estimate: Transform, truth: Transform) -> None:
         """Find the oldest sub-trajectory that has not ended, and its error now."""
         if self._frames % self.spacing == 0:
-            self._starts.append(_Start(row, self._frames, truth @ estimate.inverse()))
-        while self._starts and self._progress(self._starts[0], row) >= 1.0:
-            self._starts.popleft()
+            self._starts.append((row, self._frames, truth @ estimate.inverse()))
         self.under_way = None
-        if self._starts:
-            start = self._starts[0]
-            error = (start.to_truth @ estimate).translation - truth.translation
-            self.under_way = {
-                "start_n": start.row.n,
-                "condition": self.condition.label,
-                "progress": round(self._progress(start, row), 4),
-                "error": error.tolist(),
+        while self._starts:
+            begin, frame, to_truth = self._starts[0]
+            done = {
+                ConditionKind.DISTANCE: row.distance_m - begin.distance_m,
+                ConditionKind.TIME: (row.stamp_ns - begin.stamp_ns) / NS_PER_S,
+                ConditionKind.FRAMES: self._frames - frame,
             }
+            progress = done[self.condition.kind] / self.condition.value
+            if progress < 1.0:
+                error = ((to_truth @ estimate).translation - truth.translation).tolist()
+                found = {"start_n": begin.n, "condition": self.condition.label, "progress": round(progress, 4)}
+                self.under_way = found | {"error": error}
+                break
+            self._starts.popleft()
         self._frames += 1
-
-    def _progress(self, start: _Start, now: PathRow) -> float:
-        done = {
-            ConditionKind.DISTANCE: now.distance_m - start.row.distance_m,
-            ConditionKind.TIME: (now.stamp_ns - start.row.stamp_ns) / NS_PER_S,
-            ConditionKind.FRAMES: self._frames - start.frame,
-        }
-        return done[self.condition.kind] / self.condition.value
 
 
 def _point(values: FloatArray) -> Point:

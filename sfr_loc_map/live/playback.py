@@ -32,10 +32,9 @@ from sfr_loc_map.io.cloud_file import load_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.live.hub import Action, Command, Hub
-from sfr_loc_map.live.media import CloudTruth, cloud_sample, grid_of_cloud, image_sample
+from sfr_loc_map.live.media import CloudTruth, cloud_samples, image_sample
 from sfr_loc_map.live.state import MAX_REPORT_CHARACTERS
 from sfr_loc_map.live.updates import (
-    POINTS,
     CloudSample,
     ElevationSample,
     PoseSample,
@@ -213,10 +212,8 @@ def _recording(
         for item in pairs:
             if item.truth is not None:
                 true_points.add_points(item.pair.stamp_ns, item.truth)
-        shown = cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud)
-        grid = grid_of_cloud(stamps_ns[-1], *shown)
-        media = (cloud_sample(POINTS, stamps_ns[-1], *shown), *(() if grid is None else (grid,)))
-        moments += ((_place(stamps_ns[-1], begin_ns[1]), sample) for sample in media)
+        media = cloud_samples(stamps_ns[-1], cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud))
+        moments += ((_place(stamps_ns[-1], begin_ns[1]), sample) for sample in media if sample is not None)
     moments.sort(key=itemgetter(0))
     return Recording(path.name or str(path), moments, source, cloud, pairs, report, begin_ns, end_s)
 

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from typing import Any
 
-from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.console import Console, Group, RenderableType
 from rich.layout import Layout
 from rich.live import Live
+from rich.table import Column
 from rich.table import Table as Grid
 from rich.text import Text
 
@@ -22,7 +23,7 @@ from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import LOCALISATION, REPORT
 from sfr_loc_map.pipeline.controls import SEEK_STEP_S, Keyboard
-from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Row, Table, number
+from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Row, number
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
 """Time between two drawings of the screen, two lines, two looks at the keys."""
@@ -77,7 +78,7 @@ class Terminal:
     def drawing(self, now_s: float) -> RenderableType:
         """Return the whole screen, the most important first; the last line says how many lines found no room."""
         live, console = self.state.live_to_plain(now_s, tables=False), self._console
-        body = Group(*_parts(self.state, live, now_s, self._title))
+        body = Group(*_parts(console, self.state, live, now_s, self._title))
         hidden = len(console.render_lines(body, console.options.update(height=None), pad=False)) - console.height + 1
         words = f"{hidden} lines more: enlarge the window   " if hidden > 0 else ""
         if (line := live["time_line"]) is None:
@@ -119,13 +120,10 @@ def one_line_of(state: LiveState, now_s: float) -> str:
     """Return what is shown in one line: verdict, headline figures, state, nodes, what is stale."""
     live, report = state.live_to_plain(now_s, tables=False), state.report
     parts = [_clock(now_s), *(f"STALE: {words}" for words in _stale(live))]
-    if report is None:
-        parts.append(WAITING)
-    else:
-        parts.append(f"{report.overall.state}: {report.overall.text.rstrip('.')}")
-        for row in _table(state, "headline"):
-            mean, sigma, bound, interval, count = (cell.text for cell in row[2:7])
-            parts.append(f"{_with_unit(row)} mean {mean} sigma {sigma} mean + 3 sigma {bound} ({interval}, n {count})")
+    parts.append(WAITING if report is None else f"{report.overall.state}: {report.overall.text.rstrip('.')}")
+    for row in _rows(state, "headline"):
+        mean, sigma, bound, interval, count = (cell.text for cell in row[2:7])
+        parts.append(f"{_with_unit(row)} mean {mean} sigma {sigma} mean + 3 sigma {bound} ({interval}, n {count})")
     parts += _now(live)
     for node in live["nodes"]:
         call = live["last_call"].get(node["name"])
@@ -133,10 +131,10 @@ def one_line_of(state: LiveState, now_s: float) -> str:
     return printable(" ".join("; ".join(parts).split()))
 
 
-def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str) -> Iterator[RenderableType]:
-    head = Grid.grid(expand=True)
-    head.add_column(ratio=1, no_wrap=True, overflow="ellipsis")
-    head.add_column(justify="right", no_wrap=True)
+def _parts(
+    console: Console, state: LiveState, live: dict[str, Any], now_s: float, title: str
+) -> Iterator[RenderableType]:
+    head = Grid.grid(Column(ratio=1, no_wrap=True, overflow="ellipsis"), _right(), expand=True)
     stale = ", ".join(_stale(live))
     right = Text.assemble((f" STALE: {stale} ", "reverse bold yellow"), " ") if stale else Text()
     head.add_row(Text(f"sfr live  {one_line(title)}", "bold"), right + Text(_clock(now_s)))
@@ -147,62 +145,70 @@ def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str) -> 
         overall = state.report.overall
         style = VERDICTS.get(overall.state, OPEN).colour
         yield Text.assemble((f" {overall.icon} {overall.state} ", f"reverse {style}"), f" {overall.text}")
-        yield from (_figures(table) for table in state.report.tables if table.name == "headline")
+    if figures := _rows(state, "headline"):
+        numbers = (
+            Column(title, justify="right", max_width=NUMBER_WIDTH) for title in ("mean", "sigma", "mean +\n3 sigma")
+        )
+        interval = Column("95 % interval", justify="right", min_width=FIGURE_WIDTH)
+        columns = (Column("figure", min_width=FIGURE_WIDTH), *numbers, interval, _right("n"))
+        yield _fitted(console, columns, ([_with_unit(row), *(cell.text for cell in row[2:7])] for row in figures))
     yield from map(Text, _now(live))
     if live["nodes"]:
-        yield _nodes(live)
-    if verdicts := _table(state, "verdicts"):
-        yield _verdicts(verdicts)
+        columns = (*map(Column, ("node", "health", "state")), *map(_right, ("call", "memory", "dropped", "heard")))
+        yield _fitted(console, columns, (_node_words(node, live) for node in live["nodes"]))
+    if verdicts := _rows(state, "verdicts"):
+        columns = (
+            Column("verdict", min_width=VERDICT_WIDTH),
+            Column("figure", min_width=FIGURE_WIDTH),
+            _right("limit"),
+            Column("value", justify="right", max_width=NUMBER_WIDTH),
+            _right("n"),
+        )
+        yield _fitted(console, columns, map(_verdict_words, verdicts))
     yield from map(Text, _notes(state, live))
 
 
-def _table(state: LiveState, name: str) -> tuple[Row, ...]:
+def _rows(state: LiveState, name: str) -> tuple[Row, ...]:
     tables = () if state.report is None else state.report.tables
     return next((table.rows for table in tables if table.name == name), ())
 
 
-def _figures(table: Table) -> RenderableType:
-    """Return figure, mean, sigma, mean + 3 sigma, interval, n, with the unit behind the figure."""
-    grid = _grid("figure", FIGURE_WIDTH)
-    for column in table.columns[2:5]:
-        grid.add_column(column.title.replace("mean + ", "mean +\n"), justify="right", max_width=NUMBER_WIDTH)
-    grid.add_column(table.columns[5].title, justify="right", min_width=FIGURE_WIDTH)
-    grid.add_column(table.columns[6].title, justify="right", no_wrap=True)
-    for row in table.rows:
-        grid.add_row(Text(_with_unit(row)), *(Text(cell.text) for cell in row[2:7]))
-    return _Fitting(grid)
+def _right(title: str = "") -> Column:
+    return Column(title, justify="right", no_wrap=True)
 
 
-def _verdicts(rows: tuple[Row, ...]) -> RenderableType:
-    grid = _grid("verdict", VERDICT_WIDTH)
-    grid.add_column("figure", min_width=FIGURE_WIDTH)
-    grid.add_column("limit", justify="right", no_wrap=True)
-    grid.add_column("value", justify="right", max_width=NUMBER_WIDTH)
-    grid.add_column("n", justify="right", no_wrap=True)
-    for verdict, head, unit, limit, value, _, count, _ in rows:
-        style = VERDICTS.get(verdict.text, OPEN).colour
-        words = (head.text, f"{limit.text} {unit.text}", value.text, count.text)
-        grid.add_row(Text(f"{verdict.icon} {verdict.text}", style), *map(Text, words))
-    return _Fitting(grid)
+def _fitted(console: Console, columns: Iterable[Column], rows: Iterable[list[Text | str]]) -> Grid:
+    """Return a table without the columns at its right that find no room: half a number would be another one."""
+    grid = Grid(*columns, box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
+    for row in rows:
+        grid.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
+    texts = [[str(text) for text in (column.header, *column.cells)] for column in grid.columns]
+    while len(grid.columns) > 2:
+        lines = console.render_lines(grid, console.options.update(height=None), pad=False)
+        drawn = {word for line in lines for word in "".join(segment.text for segment in line).split()}
+        if {word for column in texts for text in column for word in text.split()} <= drawn:
+            break
+        grid.columns.pop()
+        texts.pop()
+    return grid
 
 
-def _nodes(live: dict[str, Any]) -> RenderableType:
-    grid = _grid("node")
-    grid.add_column("health")
-    grid.add_column("state")
-    for title in ("call", "memory", "dropped", "heard"):
-        grid.add_column(title, justify="right", no_wrap=True)
-    for node in live["nodes"]:
-        icon, style = LEVELS[node["level"]]
-        health = Text(f"{icon} {node['level']}", style)
-        if node["lifecycle"] not in ("active", "unknown"):
-            health.append(f", {one_line(node['lifecycle'])}")
-        call = live["last_call"].get(node["name"])
-        took, memory = _call_words(call) if call is not None else (ABSENT, ABSENT)
-        heard = "never" if node["age_s"] is None else f"{node['age_s']:.1f} s"
-        words = (node["state"], took, memory, str(sum(_drops(node).values())), heard)
-        grid.add_row(Text(one_line(node["name"])), health, *(Text(one_line(word)) for word in words))
-    return _Fitting(grid)
+def _verdict_words(row: Row) -> list[Text | str]:
+    verdict, head, unit, limit, value, _, count, _ = row
+    style = VERDICTS.get(verdict.text, OPEN).colour
+    words = head.text, f"{limit.text} {unit.text}", value.text, count.text
+    return [Text(f"{verdict.icon} {verdict.text}", style), *words]
+
+
+def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
+    icon, style = LEVELS[node["level"]]
+    health = Text(f"{icon} {node['level']}", style)
+    if node["lifecycle"] not in ("active", "unknown"):
+        health.append(f", {one_line(node['lifecycle'])}")
+    call = live["last_call"].get(node["name"])
+    costs = _call_words(call) if call is not None else (ABSENT, ABSENT)
+    heard = "never" if node["age_s"] is None else f"{node['age_s']:.1f} s"
+    return [one_line(node["name"]), health, one_line(node["state"]), *costs, str(sum(_drops(node).values())), heard]
 
 
 def _stale(live: dict[str, Any]) -> Iterator[str]:
@@ -260,29 +266,3 @@ def _with_unit(row: Row) -> str:
 
 def _clock(now_s: float) -> str:
     return time.strftime("%H:%M:%S", time.localtime(now_s))
-
-
-class _Fitting:
-    """A table without the columns at its right that find no room: half a number would be another one."""
-
-    def __init__(self, grid: Grid) -> None:
-        self._grid = grid
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        while len(self._grid.columns) > 2 and not self._is_whole(console, options):
-            self._grid.columns.pop()
-        yield self._grid
-
-    def _is_whole(self, console: Console, options: ConsoleOptions) -> bool:
-        """Tell whether every word is drawn, none of them cut."""
-        lines = console.render_lines(self._grid, options.update(height=None), pad=False)
-        drawn = {word for line in lines for word in "".join(segment.text for segment in line).split()}
-        texts = (str(text) for column in self._grid.columns for text in (column.header, *column.cells))
-        return {word for text in texts for word in text.split()} <= drawn
-
-
-def _grid(first: str, min_width: int | None = None) -> Grid:
-    """Return a table without lines, with its first column."""
-    grid = Grid(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold", expand=False)
-    grid.add_column(first, min_width=min_width)
-    return grid

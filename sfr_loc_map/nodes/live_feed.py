@@ -339,13 +339,12 @@ class MapFeed:
         every = max(count // ENOUGH_POINTS, 1) if has_grid else 1
         cloud = cloud_from_msg(message, every)
         error = self._truth.errors(cloud)
-        sample = media.cloud_sample(POINTS, stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
+        shown = cloud.xyz, cloud.sigma, published_s, error
+        sample, grid = media.cloud_samples(stamp_ns, *shown, with_grid=not has_grid)
         self._hub.put(sample if every == 1 else replace(sample, total=count))
         self._points = None if error is None else (stamp_ns, np.asarray(cloud.xyz[:, :2], np.float32), error)
-        if not has_grid:
-            grid = media.grid_of_cloud(stamp_ns, cloud.xyz, cloud.sigma, published_s, error)
-            if grid is not None:
-                self._hub.put(grid)
+        if grid is not None:
+            self._hub.put(grid)
 
     def add_elevation(self, message: PointCloud2, published_s: float) -> None:
         """Take an elevation grid in."""

@@ -20,7 +20,7 @@ from live_run import tracks, updates
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.live.foxglove import ERROR_SCALE, IMAGES, TOPICS, FoxgloveView
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.media import cloud_sample, grid_of_cloud, image_sample
+from sfr_loc_map.live.media import cloud_samples, image_sample
 from sfr_loc_map.live.server import LiveConfig, LiveServer
 from sfr_loc_map.live.updates import View
 
@@ -42,9 +42,8 @@ def without_ages(value: Any) -> Any:
 def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
     """Channels and messages of a Foxglove client, `state.json` of the page beside it, what was fed."""
     points = np.random.default_rng(1).uniform((0, 0, -1), (3, 2, 1), (500, 3)).astype(np.float32)
-    cloud = cloud_sample("mapping/points", STAMP_NS, points, np.full(500, 0.02), BEGIN_S, np.full(500, 0.5))
+    cloud, grid = cloud_samples(STAMP_NS, points, np.full(500, 0.02), BEGIN_S, np.full(500, 0.5))
     pixels = np.full((48, 64), 90, np.uint8)
-    grid = grid_of_cloud(STAMP_NS, points, np.full(500, 0.02), BEGIN_S, np.full(500, 0.5))
     topics = [topic.removeprefix("/") for topic in IMAGES]
     images = [image_sample(topic, STAMP_NS, pixels, BEGIN_S) for topic in topics]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.live.hub import Hub
-from sfr_loc_map.live.media import cloud_sample, grid_of_cloud, image_sample, with_layer
+from sfr_loc_map.live.media import cloud_samples, image_sample, with_layer
 from sfr_loc_map.live.updates import (
     CloudSample,
     ElevationSample,
@@ -140,10 +140,9 @@ def cloud(stamp_ns: int, now_s: float, count: int = 60_000) -> tuple[CloudSample
     points = np.column_stack([xy, 0.2 * np.sin(xy[:, 0]) + 0.1 * np.cos(2 * xy[:, 1])])
     sigma = 1e-3 * np.hypot(*xy.T) ** 2
     error = np.abs(rng.normal(0.0, sigma + 1e-6))
-    grid = grid_of_cloud(stamp_ns, points, sigma, now_s, error)
+    sample, grid = cloud_samples(stamp_ns, points, sigma, now_s, error)
     assert grid is not None
-    grid = with_layer(grid, "hazard", np.full(grid.layers.shape[:2], 40.0))
-    return cloud_sample("mapping/points", stamp_ns, points, sigma, now_s, error), grid
+    return sample, with_layer(grid, "hazard", np.full(grid.layers.shape[:2], 40.0))
 
 
 def fill(hub: Hub, frames: int = 60) -> None:
