@@ -23,7 +23,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
+from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, SIDES, parse_json, read_table, read_text, refusing
 from sfr_loc_map.io.bag import GROUND_TRUTH, ODOMETRY, Bag, read_trajectory
@@ -48,7 +48,7 @@ from sfr_loc_map.live.updates import (
 )
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
-from sfr_loc_map.metrics.cloud_error import ScoredMap
+from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
@@ -81,7 +81,7 @@ class Recording:
     moments: Sequence[Moment]  # all but images, in their order; the truth of a stamp comes first
     source: Source | None  # of the images
     cloud: PointCloud | None
-    pairs: Sequence[PosedStereoPair]  # of the cloud
+    truths: Sequence[PairTruth]  # of the pairs of the cloud
     report: str  # a score that was made before, for where it cannot be made again
     begin_ns: tuple[int, int]  # first stamps of the drive and of the mapping pairs
     end_s: float
@@ -127,7 +127,7 @@ def _replayed(files: ReplayFiles, truth: Path | None) -> Recording:
     stats = [load_call_stats(files.stats)] if files.stats.is_file() else []
     estimates = load_estimates(files.estimate, stats) if files.estimate.is_file() else None
     cloud = load_cloud(files.cloud).cloud if files.cloud.is_file() else None
-    said = list(_calls(files.stats, cloud)) if stats else []
+    said = list(_calls(files.stats)) if stats else []
     true_poses = _truth_of(source)
     if true_poses is not None or (source is not None and source.nav is not None):
         report = ""
@@ -204,18 +204,21 @@ def _recording(
         moments.append((latest[is_map] if call is not None else max(latest), status))
     if estimates is not None:
         moments += _poses(estimates.trajectory, estimates, begin_ns[0])
-    pairs: list[PosedStereoPair] = []
+    truths: list[PairTruth] = []
     if cloud is not None:
-        stamps_ns = _pair_stamps(cloud)
-        pairs = [] if nav is None else [item for item in nav.pairs() if item.pair.stamp_ns in stamps_ns]
-        true_points = CloudTruth()
-        for item in pairs:
-            if item.truth is not None:
-                true_points.add_points(item.pair.stamp_ns, item.truth)
+        stamps_ns, true_points = _pair_stamps(cloud), CloudTruth()
+        for item in () if nav is None else nav.pairs():
+            if (
+                nav is not None
+                and item.pair.stamp_ns in stamps_ns
+                and (known := PairTruth.of(item, nav.rig)) is not None
+            ):
+                truths.append(known)  # the pairs of a source are in the order of their stamps, as those of a cloud
+                true_points.add_points(item.pair.stamp_ns, known.points)
         media = cloud_samples(stamps_ns[-1], cloud.xyz, cloud.sigma, 0.0, true_points.errors(cloud))
         moments += ((_place(stamps_ns[-1], begin_ns[1]), sample) for sample in media if sample is not None)
     moments.sort(key=itemgetter(0))
-    return Recording(path.name or str(path), moments, source, cloud, pairs, report, begin_ns, end_s)
+    return Recording(path.name or str(path), moments, source, cloud, truths, report, begin_ns, end_s)
 
 
 def _place(stamp_ns: int, begin_ns: int) -> float:
@@ -247,7 +250,7 @@ def _poses(trajectory: Trajectory | None, estimates: Estimates | None, begin_ns:
         yield _place(latest_ns, begin_ns), PoseSample(track, stamp_ns, (x, y, z), (a, b, c, d), 0.0, covariance)
 
 
-def _calls(stats: Path, cloud: PointCloud | None) -> Iterator[Status]:
+def _calls(stats: Path) -> Iterator[Status]:
     """Yield the calls of statistics as the nodes tell them on /diagnostics."""
     text = read_table(stats).decode("utf-8-sig")
     for read in csv.DictReader(io.StringIO(text, newline="")):
@@ -257,8 +260,6 @@ def _calls(stats: Path, cloud: PointCloud | None) -> Iterator[Status]:
         values = row | {STATISTIC + name: value for name, value in row.items() if _is_number(value)}
         values |= {"task": "mapping" if is_map else "localisation", "step": " ".join(steps) if all(steps) else ""}
         values.setdefault("processing_time_s", "0")
-        if state == MappingState.FUSED and cloud is not None and cloud.fused is not None:
-            values[f"{STATISTIC}fused"] = str(float(cloud.fused))  # which the file of the cloud says
         node, message = MAPPING_NODE if is_map else LOCALISATION_NODE, f"{state}: {reason}" if reason else state
         yield Status(node, StatusKind.CALL, LEVELS.get(state, 0), message, values, 0.0)
 
@@ -384,21 +385,11 @@ class Player:
                 if call is not None:
                     score.add_call(call.record)
             case CloudSample():
-                self._score_map(update.stamp_ns)
-
-    def _score_map(self, stamp_ns: int) -> None:
-        """Score the map once: it takes seconds, and whoever jumps back does not wait for it again."""
-        found, inputs = self._recording, self._score.map_inputs
-        if found.cloud is not None and self._map_score is None:
-            inputs.rig = found.source.nav.rig if found.source is not None and found.source.nav is not None else None
-            for item in found.pairs:
-                inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
-                if item.truth is not None:
-                    inputs.add_true_points(item.pair.stamp_ns, item.truth)
-            inputs.add_cloud(stamp_ns, found.cloud)
-            self._score.score_maps()
-            self._map_score = self._score.map_score
-        self._score.map_score = self._map_score
+                cloud, truths = self._recording.cloud, self._recording.truths
+                is_known = cloud is not None and cloud.fused is not None and len(truths) == len(_pair_stamps(cloud))
+                if cloud is not None and is_known and self._map_score is None:  # it takes seconds: once is enough
+                    self._map_score = score_map(cloud, truths, self._settings[0].map)
+                score.map_score = self._map_score
 
     def _play(self) -> None:
         try:
