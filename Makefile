@@ -71,13 +71,12 @@ disparity-accuracy: $(COMPILED)  ## Disparities of ours and of OpenCV against th
 suite-chaos: $(COMPILED)  ## Run a suite on a Dask cluster whose processes are killed at random; some ten minutes
 	$(BIN)/python test/suite/chaos.py
 
-live-soak: $(COMPILED)  ## Load the live page for half an hour: five pages, then large images and clouds
+live-soak: $(COMPILED)  ## Load the live page for half an hour: four pages, then large images and clouds
 	PYTHONPATH=. $(BIN)/python test/live/soak.py load 60
 	PYTHONPATH=. $(BIN)/python test/live/soak.py clients 30
 
-live-screen: $(COMPILED)  ## What Chromium shows of a replay and of failures, and how late
-	PYTHONPATH=. $(BIN)/python test/live/on_screen.py replay 5
-	PYTHONPATH=. $(BIN)/python test/live/on_screen.py failures
+live-screen: $(COMPILED)  ## What Chromium shows of a replay, and how late
+	PYTHONPATH=. $(BIN)/python test/live/on_screen.py 5
 
 monitor-soak: $(COMPILED)  ## Eight simulated hours of the monitor at 50 Hz, faster than real time; HOURS=N for others
 	$(CAMPAIGN) monitor $(HOURS)

@@ -1,12 +1,8 @@
-"""What a real browser shows of real runs, and how late: `make live-screen`.
+"""What a real browser shows of a replay of the sample, and how late: `make live-screen`.
 
-python test/live/on_screen.py replay [RATE] [FOLDER]
-    replays the sample at a multiple of its speed (5: 10 Hz), checks that every panel is drawn and that the figures are
-    those of `state.json` and, after the end, of the final report; prints how late images and poses are on the screen;
-    with FOLDER it writes live-light.webp, live-dark.webp and live-phone.webp there
-python test/live/on_screen.py failures
-    kills and stops the nodes of `sfr run --respawn`; prints after how many seconds the page has shown each failure and
-    that it is over
+python test/live/on_screen.py [RATE] [FOLDER]
+    RATE is a multiple of the recorded speed (5: 10 Hz); with FOLDER it writes live-light.webp, live-dark.webp and
+    live-phone.webp there
 """
 
 from __future__ import annotations
@@ -14,17 +10,13 @@ from __future__ import annotations
 import asyncio
 import os
 import re
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
-import aiohttp
 import numpy as np
-import psutil
 from browser import Browser
 
 from sfr_loc_map.live.state import ReportView
@@ -41,12 +33,9 @@ timing: {localisation_p95_s: 0.5}
 SHOWN = """Object.fromEntries([...document.querySelectorAll('td[data-key]')]
     .map((cell) => [`${cell.dataset.key} ${cell.closest('details')?.dataset.name ?? 'live'}`, cell.textContent]))"""
 """All figures on the page by key and table."""
-PLOTS = ("error", "time", "transport", "receive", "memory")
 PANELS = (
     "document.querySelectorAll('#figure-table td[data-key]').length > 10",
     "document.getElementById('path-canvas').dataset.poses > 10",
-    *(f"document.getElementById('{name}-canvas').dataset.points > 10" for name in PLOTS),
-    "document.querySelectorAll('#images canvas:not([hidden])').length === 2",
     "document.querySelector('#images canvas').dataset.tracks > 10",
     "['sigma', 'hazard', 'error'].every((name) => sfrLive.store.elevation.names.includes(name))",
     "document.getElementById('map-canvas').dataset.cells > 100",
@@ -55,9 +44,6 @@ PANELS = (
     "document.querySelectorAll('#tables table').length > 3",
 )
 SCREENS = (("light", 1360, "light"), ("dark", 1360, "dark"), ("phone", 400, "light"))
-NODES = ("monitor_node", "mapping_node", "localisation_node")
-CARDS = "[...document.querySelectorAll('#nodes .node')]"
-ALL_HEARD = f"{CARDS}.length === 3 && !{CARDS}.some((card) => card.querySelector('b').textContent.startsWith('stale'))"
 
 
 def started(log: Path, *words: str, domain: str | None = None) -> subprocess.Popen[bytes]:
@@ -84,19 +70,14 @@ def spread(seconds: list[float]) -> str:
 async def show_replay(place: Path, rate: str, folder: Path | None) -> None:
     (place / "limits.yaml").write_text(LIMITS)
     scored = ("--condition", "distance=2", "--limits", str(place / "limits.yaml"), "--out", str(place / "out"))
-    async with Browser(1360, 1000) as browser, aiohttp.ClientSession() as session:
-        begin = time.monotonic()
-        replay = started(place / "log", "replay", SAMPLE, "--start", "truth", "--rate", rate, *LIVE, *scored)
-        try:
-            url = await address(place / "log")
-            await browser.open(url)
+    begin = time.monotonic()
+    replay = started(place / "log", "replay", SAMPLE, "--start", "truth", "--rate", rate, *LIVE, *scored)
+    try:
+        async with Browser(1360, 1000) as browser:
+            await browser.open(await address(place / "log"))
             await browser.wait_for("document.readyState === 'complete' && window.sfrLive")
             print(f"page up {time.monotonic() - begin:.2f} s after the command, load {os.getloadavg()[0]:.1f}")
-            equal, looks = 0, 0
-            while not await browser.value("sfrLive.store.ended"):
-                equal, looks = equal + await equals_state(browser, session, url), looks + 1
-                await asyncio.sleep(0.5)
-            print(f"figures equal to state.json in {equal} of {looks} looks; else the report changed between them")
+            await browser.wait_for("sfrLive.store.ended", 600)
             lags = await browser.value("({poses: sfrLive.lag.poses, images: sfrLive.lag.images})")
             for name, kept in lags.items():
                 print(f"image published to {name} on the screen: {spread([seconds for seconds, _ in kept])}")
@@ -107,33 +88,16 @@ async def show_replay(place: Path, rate: str, folder: Path | None) -> None:
             for kind, width, scheme in SCREENS if folder is not None else ():
                 await screenshot(browser, folder / f"live-{kind}.webp", width, scheme)
             await asyncio.to_thread(replay.wait, 120)
-            wanted = figures(ReportView.read((place / "out" / "report.json").read_text(), 0.0).to_plain()["tables"])
+            tables = ReportView.read((place / "out" / "report.json").read_text(), 0.0).to_plain()["tables"]
+            cells = ((table["name"], cell) for table in tables for row in table["rows"] for cell in row)
+            wanted = {f"{cell['key']} {name}": cell.get("text", "") for name, cell in cells if "key" in cell}
             shown = await browser.value(SHOWN)
             differ = {key: (shown.get(key), wanted[key]) for key in wanted if shown.get(key) != wanted[key]}
             print(f"{len(wanted) - len(differ)} of {len(wanted)} figures of the final report shown; others: {differ}")
-        finally:
-            replay.terminate()
-            if replay.wait(30) not in (0, 1):
-                print((place / "log").read_text()[-2000:])
-
-
-async def equals_state(browser: Browser, session: aiohttp.ClientSession, url: str) -> bool:
-    """Tell whether the figures on the page are those of state.json right before or after."""
-    shown = None
-    for _ in range(2):
-        try:
-            async with session.get(url + "state.json") as answer:
-                wanted = figures((await answer.json())["live"]["tables"])
-        except (aiohttp.ClientError, OSError):
-            return False
-        if wanted == shown or wanted == (shown := await browser.value(SHOWN)):
-            return True
-    return False
-
-
-def figures(tables: list[dict[str, Any]]) -> dict[str, str]:
-    cells = ((table["name"], cell) for table in tables for row in table["rows"] for cell in row)
-    return {f"{cell['key']} {name}": cell.get("text", "") for name, cell in cells if "key" in cell}
+    finally:
+        replay.terminate()
+        if replay.wait(30) not in (0, 1):
+            print((place / "log").read_text()[-2000:])
 
 
 async def screenshot(browser: Browser, path: Path, width: int, scheme: str) -> None:
@@ -149,37 +113,9 @@ async def screenshot(browser: Browser, path: Path, width: int, scheme: str) -> N
     await browser.screenshot(path, scale=1.0 if mobile else 0.75)
 
 
-async def kill_nodes(place: Path) -> None:
-    run = started(place / "run.log", "run", "all", *LIVE, "--respawn", domain="91")
-    try:
-        async with Browser(1360, 3600) as browser:
-            await browser.open(await address(place / "run.log"))
-            for name, number in (*((name, signal.SIGKILL) for name in NODES), ("monitor_node", signal.SIGSTOP)):
-                await browser.wait_for(ALL_HEARD, 120)
-                await asyncio.sleep(2.5)
-                children = psutil.Process(run.pid).children(recursive=True)
-                (node,) = (child for child in children if f"nodes.{name}" in " ".join(child.cmdline()))
-                begin, short = time.monotonic(), name.removesuffix("_node")
-                node.send_signal(number)
-                card = f"{CARDS}.find((card) => card.textContent.includes('{short}'))"
-                await browser.wait_for(f"{card}.textContent.includes('stale')")
-                shown = time.monotonic() - begin
-                if number is signal.SIGSTOP:
-                    node.send_signal(signal.SIGCONT)
-                await browser.wait_for(ALL_HEARD, 120)
-                print(f"{number.name} to {name}: shown after {shown:.2f} s, back {time.monotonic() - begin:.2f} s")
-            print(f"complaints of the page: {browser.complaints()}")
-    finally:
-        run.terminate()
-        run.wait(30)
-
-
-async def main(kind: str = "replay", rate: str = "5", folder: str = "") -> None:
+async def main(rate: str = "5", folder: str = "") -> None:
     with tempfile.TemporaryDirectory() as name:
-        if kind == "replay":
-            await show_replay(Path(name), rate, Path(folder) if folder else None)
-        else:
-            await kill_nodes(Path(name))
+        await show_replay(Path(name), rate, Path(folder) if folder else None)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Load tests of the live page that no test suite has time for: `make live-soak`.
 
 python test/live/soak.py clients [MINUTES]
-    three pages, one that never reads and one that connects again each second, beside a replay of the sample at 10 Hz in
-    a loop; in six rounds, each begins with up to a minute without pages
+    three pages and one that never reads, beside a replay of the sample at 10 Hz in a loop; in six rounds, each begins
+    with a minute without pages
 python test/live/soak.py load [SECONDS]
     stereo images of 1 MP and poses at 10 Hz and a cloud of a million points each 5 s
 """
@@ -31,107 +31,79 @@ WIDTH, HEIGHT, POINTS = 1152, 896, 1_000_000
 class Page:
     """One page that looks on and counts."""
 
-    def __init__(self, url: str) -> None:
-        self.url = url
+    def __init__(self) -> None:
         self.took: list[float] = []
         self.late: list[float] = []
-        self.figures = self.media = 0
+        self.media = 0
 
-    async def look(self, session: aiohttp.ClientSession, seconds: float, *, views: bool = True) -> None:
+    async def look(self, url: str, seconds: float, *, views: bool = True) -> None:
         end = time.monotonic() + seconds
-        async with session.ws_connect(self.url + "ws", max_msg_size=0) as channel:
+        async with aiohttp.ClientSession() as session, session.ws_connect(url + "ws", max_msg_size=0) as channel:
             if views:
                 await channel.send_json(VIEWS)
             while (left := end - time.monotonic()) > 0:
                 try:
-                    message = await asyncio.wait_for(channel.receive(), left)
+                    message = await channel.receive(left)
                 except TimeoutError:
                     return
                 if message.type is aiohttp.WSMsgType.BINARY:
                     self.media += len(message.data)
-                elif message.type is aiohttp.WSMsgType.TEXT:
-                    self._take(json.loads(message.data), len(message.data))
-                else:
+                elif message.type is not aiohttp.WSMsgType.TEXT:
                     return
-
-    def _take(self, message: dict[str, Any], size: int) -> None:
-        self.figures += size
-        if message["type"] == "calls" and not message["whole"]:
-            calls = [call for call in message["calls"] if call["node"] == "localisation_node"]
-            self.took += [call["processing_time_s"] for call in calls]
-        if message["type"] == "path" and not message["whole"]:
-            self.late += [time.time() - row[3] for row in message["rows"] if row[3] is not None]
+                elif (content := json.loads(message.data))["type"] == "calls" and not content["whole"]:
+                    calls = [call for call in content["calls"] if call["node"] == "localisation_node"]
+                    self.took += [call["processing_time_s"] for call in calls]
+                elif content["type"] == "path" and not content["whole"]:
+                    self.late += [time.time() - row[3] for row in content["rows"] if row[3] is not None]
 
 
-async def never_reads(session: aiohttp.ClientSession, url: str, seconds: float) -> None:
-    """Connect, ask for everything, read nothing; connect again once cut off."""
+async def never_reads(url: str, seconds: float) -> None:
+    """Ask for everything, read nothing; connect again once cut off."""
     end = time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0:
-        async with session.ws_connect(url + "ws", max_msg_size=0) as channel:
+        async with aiohttp.ClientSession() as session, session.ws_connect(url + "ws", max_msg_size=0) as channel:
             await channel.send_json(VIEWS)
             await asyncio.sleep(min(30.0, left))
 
 
-async def reconnects(session: aiohttp.ClientSession, url: str, seconds: float) -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        await (page := Page(url)).look(session, 1.0)
-        assert page.figures, "a page that connects again is told all"
-
-
-async def state_of(session: aiohttp.ClientSession, url: str) -> dict[str, Any]:
-    async with session.get(url + "state.json") as answer:
+async def state_of(url: str) -> dict[str, Any]:
+    async with aiohttp.ClientSession() as session, session.get(url + "state.json") as answer:
         return dict((await answer.json())["live"])
 
 
 async def clients(place: Path, minutes: float) -> None:
-    seconds = minutes * 60.0 / ROUNDS
+    seconds, memory = minutes * 60.0 / ROUNDS, list[str]()
+    alone, pages = Page(), [Page() for _ in range(3)]
     replay = started(place / "log", "replay", SAMPLE, "--start", "truth", "--rate", "5", "--loop", *LIVE)
     os.nice(10)  # the pages would be on other machines
     try:
         url = await address(place / "log")
         children = psutil.Process(replay.pid).children(recursive=True)
         server = next(child for child in children if "nodes.live_page" in " ".join(child.cmdline()))
-        memory: list[float] = []
-
-        async def watch_memory() -> None:
-            end = time.monotonic() + seconds
-            while time.monotonic() < end:
-                await asyncio.sleep(1.0)
-                memory.append(server.memory_info().rss / 1e6)
-
-        async with aiohttp.ClientSession() as session:
-            while not (await state_of(session, url))["poses"]:
-                await asyncio.sleep(0.5)
-            alone, pages = Page(url), [Page(url) for _ in range(3)]
-            for _ in range(ROUNDS):
-                await alone.look(session, min(seconds, ALONE_S), views=False)
-                looking = [page.look(session, seconds) for page in pages]
-                others = (never_reads(session, url, seconds), reconnects(session, url, seconds), watch_memory())
-                await asyncio.gather(*looking, *others)
-            state = await state_of(session, url)
+        while not (await state_of(url))["poses"]:
+            await asyncio.sleep(0.5)
+        for _ in range(ROUNDS):
+            await alone.look(url, ALONE_S, views=False)
+            await asyncio.gather(never_reads(url, seconds), *(page.look(url, seconds) for page in pages))
+            memory.append(f"{server.memory_info().rss / 1e6:.1f}")
+        state = await state_of(url)
     finally:
         replay.terminate()
         replay.wait(30)
-    parts = ", ".join(f"{np.mean(part):.1f}" for part in np.array_split(memory, ROUNDS))
     print(f"localisation: {spread(alone.took)} without pages, {spread(pages[0].took)} with")
-    print(f"server memory by rounds: {parts} MB, at most {max(memory):.1f} MB")
-    media, figures = (size / seconds / ROUNDS for size in (pages[0].media / 1e6, pages[0].figures / 1e3))
-    print(f"each page: {media:.2f} MB/s of images and clouds, {figures:.1f} kB/s of figures")
-    lost = {node["name"]: node["values"].get("dropped_in_transport") for node in state["nodes"]}
-    print(f"lost in transport to the nodes: {lost}; the server: {state['server']}")
+    print(f"server memory after each round: {', '.join(memory)} MB; the server: {state['server']}")
+    print(f"each page: {pages[0].media / seconds / ROUNDS / 1e6:.2f} MB/s of images and clouds")
 
 
 async def load(place: Path, seconds: float) -> None:
     os.environ["ROS_DOMAIN_ID"] = DOMAIN
-    page = started(place / "log", "live", "--port", "0", domain=DOMAIN)
+    page, found = started(place / "log", "live", "--port", "0", domain=DOMAIN), Page()
     try:
         url = await address(place / "log")
-        async with aiohttp.ClientSession() as session:
-            looking = asyncio.create_task((found := Page(url)).look(session, seconds + 6.0))
-            sent = await asyncio.to_thread(publish_load, seconds)
-            await looking
-            state = await state_of(session, url)
+        looking = asyncio.create_task(found.look(url, seconds + 6.0))
+        sent = await asyncio.to_thread(publish_load, seconds)
+        await looking
+        state = await state_of(url)
     finally:
         page.terminate()
         page.wait(30)
@@ -165,8 +137,8 @@ def publish_load(seconds: float) -> int:
     begin, sent = time.monotonic(), 0
     while time.monotonic() - begin < seconds:
         header = header_msg(time.time_ns(), "ds")
-        image = Image(header=header, height=HEIGHT, width=WIDTH, encoding="mono8", step=WIDTH, data=pixels)
         for publisher in images:
+            image = Image(header=header, height=HEIGHT, width=WIDTH, encoding="mono8", step=WIDTH, data=pixels)
             publisher.publish(image)
         message = Odometry(header=header, child_frame_id="rb")
         message.pose.pose.position.x, message.pose.pose.orientation.w = 0.01 * sent, 1.0

@@ -15,46 +15,26 @@ import pytest
 from live_run import fill, frame, health
 from made_scores import json_of, whole_score
 
-from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.live.hub import Action, Command, Hub
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import ImageSample, View
 
 aiohttp = pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
 
-from sfr_loc_map.live.pages import Page, Pages  # noqa: E402 - as below
-from sfr_loc_map.live.server import LiveConfig, LiveServer  # noqa: E402 - needs aiohttp
+from page_server import Recorder, served  # noqa: E402 - needs aiohttp
 
-
-class Recorder:
-    """Carries out nothing and remembers what was asked."""
-
-    actions = frozenset({Action.RESET, Action.BOOKMARK})
-
-    def __init__(self) -> None:
-        self.commands: list[Command] = []
-
-    def close(self) -> None:
-        pass
-
-    def run(self, command: Command) -> str:
-        if command.node == "nowhere":
-            raise InputError("there is no such node")
-        self.commands.append(command)
-        return "done"
+from sfr_loc_map.live.pages import Page, Pages  # noqa: E402 - as above
+from sfr_loc_map.live.server import LiveConfig, LiveServer  # noqa: E402 - as above
 
 
 class Served:
     """A server under test with a session that asks it."""
 
-    def __init__(self, session: Any, **config: Any) -> None:
-        self.hub, self.operator, self.session = Hub(), Recorder(), session
-        self.hub.operator = self.operator
-        self.server = LiveServer(LiveConfig(port=0, **config), self.hub, "test")
-
-    @property
-    def port(self) -> int:
-        return int(self.server.url.split("?")[0].rsplit(":")[-1].strip("/"))
+    def __init__(self, session: Any, hub: Hub, server: LiveServer) -> None:
+        self.session, self.hub, self.server = session, hub, server
+        self.operator = hub.operator = Recorder()
+        self.port = int(server.url.split("?")[0].rsplit(":")[-1].strip("/"))
 
     async def get(self, path: str, **headers: str) -> tuple[int, str, Any]:
         async with self.session.get(f"http://127.0.0.1:{self.port}/{path}", headers=headers) as answer:
@@ -72,24 +52,20 @@ class Served:
 
 def in_loop(test: Callable[[Served], Awaitable[None]], **config: Any) -> None:
     async def run() -> None:
-        async with aiohttp.ClientSession() as session:
-            found, ready = Served(session, **config), asyncio.Event()
-            task = asyncio.create_task(found.server.serve(lambda _: ready.set()))
-            await asyncio.wait_for(ready.wait(), 10)
-            await test(found)
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+        hub = Hub()
+        async with aiohttp.ClientSession() as session, served(hub, "test", **config) as server:
+            await test(Served(session, hub, server))
 
     asyncio.run(asyncio.wait_for(run(), 60))
 
 
 async def messages_until(
-    channel: Any, done: Callable[[list[dict[str, Any]], list[bytes]], Any], timeout_s: float = 10.0
-) -> tuple[list[Any], list[bytes]]:
+    channel: Any, done: Callable[[list[dict[str, Any]], list[bytes]], Any]
+) -> tuple[list[dict[str, Any]], list[bytes]]:
     texts: list[dict[str, Any]] = []
     frames: list[bytes] = []
     while not done(texts, frames):
-        message = await asyncio.wait_for(channel.receive(), timeout_s)
+        message = await asyncio.wait_for(channel.receive(), 10.0)
         if message.type is aiohttp.WSMsgType.TEXT:
             texts.append(json.loads(message.data))
         else:
@@ -98,12 +74,7 @@ async def messages_until(
     return texts, frames
 
 
-def opened(frame: bytes) -> tuple[dict[str, Any], bytes]:
-    (size,) = struct.unpack_from("<I", frame)
-    return json.loads(frame[4 : 4 + size]), frame[4 + size :]
-
-
-def test_page_state_and_health_are_served_and_nothing_else() -> None:
+def test_page_and_state_are_served_and_nothing_else() -> None:
     async def test(found: Served) -> None:
         fill(found.hub, 5)
         for path, kind in (("", "text/html"), ("app.js", "text/javascript"), ("style.css", "text/css")):
@@ -111,20 +82,11 @@ def test_page_state_and_health_are_served_and_nothing_else() -> None:
             assert (status, headers["Content-Type"].split(";")[0]) == (200, kind)
             assert "default-src 'none'" in headers["Content-Security-Policy"]
             assert not re.search(r"https?://(?!www\.w3\.org)", text), "nothing is asked for elsewhere"
-        assert (await found.get("healthz"))[0] == 200
         while not (content := json.loads((await found.get("state.json"))[1]))["live"]["poses"]:
             await asyncio.sleep(0.02)
         content.pop("live")
         assert content == json_of(whole_score(100, 48, 2))
-        for path in (
-            "../server.py",
-            "%2e%2e/server.py",
-            "..%2fserver.py",
-            "web/app.js",
-            "etc/passwd",
-            "%00",
-            "index.htm",
-        ):
+        for path in ("../server.py", "%2e%2e/server.py", "..%2fserver.py", "web/app.js", "etc/passwd", "%00"):
             assert (await found.get(path))[0] == 404, path
 
     in_loop(test)
@@ -142,7 +104,7 @@ def test_strangers_are_refused_and_commands_need_the_token_of_the_page() -> None
         header = {"X-SFR-Token": await found.token()}
         assert (await found.command(asked, Origin="http://evil.example", **header))[0] == 403
         assert found.operator.commands == []
-        assert await found.command(asked, **header) == (200, {"ok": True, "text": "done"})
+        assert await found.command(asked, **header) == (200, {"ok": True, "text": "reset done"})
         assert found.operator.commands == [Command(Action.RESET, "mapping_node")]
         for bad in ({"action": "rm"}, [], {"action": "reset", "at_s": "x"}, {"action": "seek", "at_s": -1}):
             assert (await found.command(bad, **header))[0] == 400
@@ -150,6 +112,24 @@ def test_strangers_are_refused_and_commands_need_the_token_of_the_page() -> None
         assert refused[1]["text"] == "there is no such node"
 
     in_loop(test)
+
+
+def test_other_hosts_need_the_token() -> None:
+    for host, token in (("0.0.0.0", ""), ("0.0.0.0", "short"), ("127.0.0.1", "has\nlines")):
+        with pytest.raises(ConfigError):
+            LiveConfig(host=host, token=token)
+
+    async def test(found: Served) -> None:
+        for path, header, status in (
+            ("state.json", {}, 403),
+            ("state.json?token=wrong-word", {}, 403),
+            ("state.json", {"Authorization": "Bearer a-long-secret"}, 200),
+            ("?token=a-long-secret", {}, 200),
+            ("healthz", {}, 200),
+        ):
+            assert (await found.get(path, **header))[0] == status
+
+    in_loop(test, token="a-long-secret")
 
 
 def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureFixture[str]) -> None:
@@ -176,25 +156,14 @@ def test_bytes_that_are_no_request_are_refused_in_silence(capfd: pytest.CaptureF
     assert capfd.readouterr().err == ""
 
 
-def test_other_hosts_need_the_token() -> None:
-    for host, token in (("0.0.0.0", ""), ("0.0.0.0", "short"), ("127.0.0.1", "has\nlines")):
-        with pytest.raises(ConfigError):
-            LiveServer(LiveConfig(host=host, token=token), Hub())
+def test_a_page_gets_all_that_is_known_then_what_changes_and_what_is_stale() -> None:
+    def opened(frame: bytes) -> tuple[dict[str, Any], bytes]:
+        (size,) = struct.unpack_from("<I", frame)
+        return json.loads(frame[4 : 4 + size]), frame[4 + size :]
 
-    async def test(found: Served) -> None:
-        for path, header, status in (
-            ("state.json", {}, 403),
-            ("state.json?token=wrong-word", {}, 403),
-            ("state.json", {"Authorization": "Bearer a-long-secret"}, 200),
-            ("?token=a-long-secret", {}, 200),
-            ("healthz", {}, 200),
-        ):
-            assert (await found.get(path, **header))[0] == status
+    def said(text: dict[str, Any], stale: bool) -> bool:
+        return text["type"] == "nodes" and any(node["stale"] for node in text["nodes"]) is stale
 
-    in_loop(test, token="a-long-secret")
-
-
-def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
     async def test(found: Served) -> None:
         fill(found.hub, 10)
         while len(found.server.state.path.rows) < 10:
@@ -202,29 +171,34 @@ def test_a_page_gets_all_that_is_known_and_then_what_changes() -> None:
         async with found.session.ws_connect(found.server.url + "ws") as channel:
             await channel.send_json({"type": "want", "views": ["images", "clouds", "tracks", "nonsense"]})
             texts, frames = await messages_until(channel, lambda texts, frames: len(texts) >= 5 and len(frames) >= 5)
-            kinds = [text["type"] for text in texts]
-            assert kinds[:5] == ["hello", "report", "path", "calls", "nodes"]
+            assert [text["type"] for text in texts][:5] == ["hello", "report", "path", "calls", "nodes"]
             assert len(texts[2]["rows"]) == 10
             assert found.hub.wanted == {View.IMAGES, View.CLOUDS, View.TRACKS}
             for hostile in ('{"type":"ping","sent_ms":NaN}', '{"type":"ping","sent_ms":1e999}', "[" * 4000):
                 await channel.send_str(hostile)  # the page stays connected
-            headers = {opened(frame)[0]["topic"]: opened(frame) for frame in frames}
-            header, body = headers["mapping/points"]
-            points = np.frombuffer(body, "<f4").reshape(header["count"], 5)
+            media = {header["topic"]: (header, body) for header, body in map(opened, frames)}
+            header, body = media["mapping/points"]
+            assert np.isfinite(np.frombuffer(body, "<f4").reshape(header["count"], 5)).all()
             assert header["total"] == 60_000 > header["count"]
-            assert np.isfinite(points).all()
-            header, body = headers["mapping/elevation"]
+            header, body = media["mapping/elevation"]
             cells = np.frombuffer(body, "<f4").reshape(header["rows"], header["columns"], len(header["names"]))
             assert np.nanmax(cells[..., header["names"].index("hazard")]) == 40.0
-            header, body = headers["localisation/tracks"]
+            header, body = media["localisation/tracks"]
             assert len(body) == 4 * 5 * header["count"] == 400
             assert header["masks"]["left"][0][0] == [0.0, 200.0]
-            assert headers["loc/left"][1].startswith(b"\xff\xd8")
+            assert media["loc/left"][1].startswith(b"\xff\xd8")
             for update in frame(10, 1.0):
                 found.hub.put(update)
-            texts, _ = await messages_until(channel, lambda texts, _: any(text["type"] == "path" for text in texts))
-            (path,) = (text for text in texts if text["type"] == "path")
-            assert [row[0] for row in path["rows"]] == [10]
+            texts, _ = await messages_until(channel, lambda texts, _: texts and texts[-1]["type"] == "path")
+            assert [row[0] for row in texts[-1]["rows"]] == [10]
+            await messages_until(channel, lambda texts, _: texts and said(texts[-1], stale=True))  # nodes are silent
+            for name in (
+                "localisation_node",
+                "mapping_node",
+                "monitor_node",
+            ):  # and not again, however busy the host is
+                found.hub.put(health(name, time.time() + 300.0))
+            await messages_until(channel, lambda texts, _: texts and said(texts[-1], stale=False))
         while found.hub.wanted:
             await asyncio.sleep(0.01)
 
@@ -240,27 +214,19 @@ class Channel:
         self._takes = takes
 
     async def send_str(self, data: str) -> None:
-        await self._taken()
         self.texts.append(json.loads(data))
-
-    async def send_bytes(self, data: bytes) -> None:
-        await self._taken()
-        self.frames.append(data)
-
-    async def _taken(self) -> None:
         if not self._takes:
             await asyncio.Event().wait()
+
+    async def send_bytes(self, data: bytes) -> None:
+        self.frames.append(data)
 
 
 def test_a_page_that_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sfr_loc_map.live.pages.SEND_TIMEOUT_S", 0.05)
-
-    async def run() -> None:
-        pages = Pages(LiveState(), Hub())
-        await asyncio.wait_for(Page(pages, Channel(takes=False), 2e6).send_all({}), 5.0)
-        assert pages.cut_off == 1
-
-    asyncio.run(run())
+    pages = Pages(LiveState(), Hub())
+    asyncio.run(asyncio.wait_for(Page(pages, Channel(takes=False), 2e6).send_all({}), 5.0))
+    assert pages.cut_off == 1
 
 
 def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
@@ -273,9 +239,8 @@ def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
         sender = asyncio.create_task(page.send_all({}))
         for number in range(200):  # ten seconds of 20 images a second, 20 kB each: four times the budget
             now[0] = number * 0.05
-            images = [
-                ImageSample(f"loc/{side}", number, bytes(size), (1, 1), (1, 1), 0.0) for side in ("left", "right")
-            ]
+            names = ("loc/left", "loc/right")
+            images = [ImageSample(name, number, bytes(size), (1, 1), (1, 1), 0.0) for name in names]
             for update in (*frame(number, 1.0), *images):
                 pages.state.apply(update)
                 pages.note(update)
@@ -283,25 +248,8 @@ def test_figures_are_never_left_out_and_media_keep_to_the_budget() -> None:
             await asyncio.sleep(0.001)
         rows = [row[0] for text in channel.texts if text["type"] == "path" for row in text["rows"]]
         assert rows[-199:] == list(range(1, 200))
-        sent = sum(map(len, channel.frames))
-        assert 0.5 * 1e6 < sent <= 1.1e6 + 2 * size
+        assert 0.5 * 1e6 < sum(map(len, channel.frames)) <= 1.1e6 + 2 * size
         assert pages.replaced > 200
         sender.cancel()
 
     asyncio.run(run())
-
-
-def test_stale_nodes_are_told_without_any_message() -> None:
-    async def test(found: Served) -> None:
-        found.hub.put(health("mapping_node", time.time() - 1.5))
-        async with found.session.ws_connect(found.server.url + "ws") as channel:
-            for stale in (True, False):
-                await messages_until(
-                    channel, lambda texts, _, stale=stale: texts and stale_in(texts[-1]) is stale, timeout_s=5.0
-                )
-                found.hub.put(health("mapping_node", time.time() + 300.0))  # not old again, however busy the host is
-
-    def stale_in(text: dict[str, Any]) -> bool | None:
-        return any(node["stale"] for node in text["nodes"]) if text["type"] == "nodes" and text["nodes"] else None
-
-    in_loop(test)

@@ -1,0 +1,40 @@
+"""A page that is served while a test runs, and an operator that remembers what was asked."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.live.hub import Action, Command, Hub
+from sfr_loc_map.live.server import LiveConfig, LiveServer
+
+
+class Recorder:
+    """Carries out nothing."""
+
+    actions = frozenset(Action)
+
+    def __init__(self) -> None:
+        self.commands: list[Command] = []
+
+    def close(self) -> None:
+        pass
+
+    def run(self, command: Command) -> str:
+        if command.node == "nowhere":
+            raise InputError("there is no such node")
+        self.commands.append(command)
+        return f"{command.action} done"
+
+
+@asynccontextmanager
+async def served(hub: Hub, title: str = "", **config: Any) -> AsyncIterator[LiveServer]:
+    server, ready = LiveServer(LiveConfig(port=0, **config), hub, title), asyncio.Event()
+    task = asyncio.create_task(server.serve(lambda _: ready.set()))
+    await asyncio.wait_for(ready.wait(), 10)
+    yield server
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
