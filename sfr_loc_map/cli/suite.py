@@ -71,7 +71,7 @@ def run(
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
         jobs = [job for job in planned if job.key.startswith(only)]
         if only and not jobs:
-            raise ConfigError(f"'--only {only}': no task has this key; see the index of '{out}'")
+            raise ConfigError(f"'--only {only}': no task has this key; see the plan.json of '{out}'")
         if not only:
             jobs = [
                 job for job in jobs if not store.is_done(job.key) and (retry_failed or not store.has_failed(job.key))
@@ -210,8 +210,8 @@ def _open_store(folder: Path) -> Store:
     """Return the folder of a suite that has run; raise InputError if it is none."""
     from sfr_loc_map.suite.store import Store
 
-    if not (folder / "index.sqlite").is_file():
-        raise InputError(f"'{folder}' is not a folder of a suite: sought index.sqlite; give one made by sfr suite run")
+    if not (folder / "plan.json").is_file():
+        raise InputError(f"'{folder}' is not a folder of a suite: sought plan.json; give one made by sfr suite run")
     return Store(folder)
 
 

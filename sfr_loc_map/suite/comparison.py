@@ -12,7 +12,7 @@ slow decline adds up instead of hiding in small steps.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -69,7 +69,7 @@ class FigureComparison:
     """One figure over all drives run alike."""
 
     runs: str  #: Task, configuration and faults.
-    kind: FigureKind  #: Accuracy, time or memory.
+    kind: FigureKind
     figure: str  #: Name with unit.
     drives: int  #: Drives in both suites.
     ratio: float  #: Geometric mean of other over first; below 1 the other suite is better.
@@ -104,8 +104,7 @@ class HistoryRun:
     @classmethod
     def of(cls, name: str, summary: Summary) -> HistoryRun:
         """Return the run that a suite is."""
-        drives = _by_pairing(summary, one_configuration=_one_configuration(summary))
-        return cls(name, {key: figures_of(drive.score) for key, drive in drives.items()})
+        return cls(name, {key: figures_of(drive.score) for key, drive in _by_pairing(summary)[0].items()})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +112,7 @@ class HistoryPoint:
     """One figure of one run, compared with its baseline."""
 
     run: str  #: Name of the run.
-    kind: FigureKind  #: Accuracy, time or memory.
+    kind: FigureKind
     figure: str  #: Name with unit.
     drives: int  #: Drives in both.
     median: float  #: Median of the figure over the drives.
@@ -144,71 +143,51 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
     Raises:
         MetricsError: If no drive is in both.
     """
-    one = all(_one_configuration(item) for item in (first, other))
-    mine, theirs = (_by_pairing(item, one_configuration=one) for item in (first, other))
+    mine, theirs = _by_pairing(first, other)
     common = [(drive, theirs[key]) for key, drive in mine.items() if key in theirs]
     if not common:
         raise MetricsError(
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
-    figures = list(_compared(common))
-    decided = []
-    for item, p in zip(figures, holm([item.p for item in figures]), strict=True):
-        outcome = item.outcome
-        if outcome is not Outcome.EQUAL and p is not None:
-            better = Outcome.BETTER if item.ratio < 1.0 else Outcome.WORSE
-            outcome = better if p < SIGNIFICANCE else Outcome.NO_DIFFERENCE
-        decided.append(replace(item, p_corrected=p, outcome=outcome))
-    left_out = (len(mine) - len(common), len(theirs) - len(common))
-    return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=tuple(decided))
-
-
-def _one_configuration(summary: Summary) -> bool:
-    return len({drive.job.configuration for drive in summary.drives}) == 1
-
-
-def _by_pairing(summary: Summary, *, one_configuration: bool) -> dict[str, ScoredJob]:
-    """Return drives by what they have in common with those of another suite.
-
-    Args:
-        summary: A suite.
-        one_configuration: Whether there is one in each suite, so that its name does not matter.
-    """
-    return {
-        drive.job.pairing + ("" if one_configuration else f" {drive.job.configuration}"): drive
-        for drive in summary.drives
-    }
-
-
-def _compared(common: Sequence[tuple[ScoredJob, ScoredJob]]) -> Iterator[FigureComparison]:
     pairs: dict[tuple[str, FigureName], list[DriveRatio]] = {}
-    for mine, theirs in common:
-        others = figures_of(theirs.score)
-        for name, value in figures_of(mine.score).items():
+    for drive, same in common:
+        others, runs = figures_of(same.score), ", ".join(part for part in drive.runs if part)
+        for name, value in figures_of(drive.score).items():
             if name in others:
-                ratio = DriveRatio(label=mine.job.label, first=value, other=others[name])
-                pairs.setdefault((", ".join(part for part in mine.runs if part), name), []).append(ratio)
-    for (runs, name), items in pairs.items():
-        logs = _log_ratios(items)
-        yield FigureComparison(
+                ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])
+                pairs.setdefault((runs, name), []).append(ratio)
+    ratios = [_log_ratios(items) for items in pairs.values()]
+    chances = [sign_flip_p(logs) for logs in ratios]
+    figures = [
+        FigureComparison(
             runs=runs,
             kind=name.kind,
             figure=name.name,
             drives=len(items),
-            ratio=float(np.exp(logs.mean())),
+            ratio=_mean_ratio(logs),
             ci95=_ratio_interval(logs),
-            p=sign_flip_p(logs),
-            p_corrected=None,
-            outcome=Outcome.EQUAL if not logs.any() else Outcome.NOT_ENOUGH_DATA,
+            p=p,
+            p_corrected=corrected,
+            outcome=_outcome(logs, corrected, SIGNIFICANCE),
             worst=items[int(logs.argmax())],
         )
+        for ((runs, name), items), logs, p, corrected in zip(pairs.items(), ratios, chances, holm(chances), strict=True)
+    ]
+    left_out = (len(mine) - len(common), len(theirs) - len(common))
+    return SuiteComparison(names=names, common=len(common), left_out=left_out, figures=tuple(figures))
+
+
+def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
+    """Return the drives of each suite by what they share with others; a name of the only configuration is no part."""
+    one = all(len({drive.job.configuration for drive in suite.drives}) == 1 for suite in suites)
+    return [
+        {drive.job.pairing + ("" if one else f" {drive.job.configuration}"): drive for drive in suite.drives}
+        for suite in suites
+    ]
 
 
 def find_changes(runs: Sequence[HistoryRun]) -> History:
-    """Return how the figures changed over runs.
-
-    Args:
-        runs: In the order of time, at least two.
+    """Return how the figures changed over runs in the order of time.
 
     Raises:
         MetricsError: If there are fewer than two runs.
@@ -218,12 +197,12 @@ def find_changes(runs: Sequence[HistoryRun]) -> History:
     names = sorted({name for run in runs for figures in run.figures.values() for name in figures})
     level = HISTORY_LEVEL / max(1, len(names) * (len(runs) - 1))
     points = [point for name in names for point in _points(name, runs, level)]
-    order = {run.name: number for number, run in enumerate(runs)}
+    order = [run.name for run in runs]
     worse: dict[str, str] = {}
-    for point in sorted(points, key=lambda item: order[item.run]):
+    for point in sorted(points, key=lambda item: order.index(item.run)):
         if point.outcome is Outcome.WORSE:
             worse.setdefault(point.kind.value, point.run)
-    return History(runs=tuple(run.name for run in runs), level=level, points=tuple(points), first_worse=worse)
+    return History(runs=tuple(order), level=level, points=tuple(points), first_worse=worse)
 
 
 def _points(name: FigureName, runs: Sequence[HistoryRun], level: float) -> Iterator[HistoryPoint]:
@@ -238,15 +217,11 @@ def _points(name: FigureName, runs: Sequence[HistoryRun], level: float) -> Itera
         if not pairs:
             continue
         logs = _log_ratios(pairs)
-        p, ratio = sign_flip_p(logs), float(np.exp(logs.mean()))
-        if not logs.any():
-            outcome = Outcome.EQUAL
-        elif p is None or _smallest_p(len(logs)) > level:  # even if all drives agreed, nothing could be found
-            outcome = Outcome.NOT_ENOUGH_DATA
-        elif p > level or 1.0 / MIN_RATIO < ratio < MIN_RATIO:
+        p, ratio = sign_flip_p(logs), _mean_ratio(logs)
+        # None where nothing could be found at this level, even if all drives agreed
+        outcome = _outcome(logs, None if _smallest_p(len(logs)) > level else p, level)
+        if outcome in (Outcome.BETTER, Outcome.WORSE) and 1.0 / MIN_RATIO < ratio < MIN_RATIO:
             outcome = Outcome.NO_DIFFERENCE
-        else:
-            outcome = Outcome.WORSE if ratio > 1.0 else Outcome.BETTER
         yield HistoryPoint(
             run=run.name,
             kind=name.kind,
@@ -261,6 +236,16 @@ def _points(name: FigureName, runs: Sequence[HistoryRun], level: float) -> Itera
         )
         if outcome is Outcome.BETTER:
             baseline = run
+
+
+def _outcome(log_ratios: FloatArray, p: float | None, level: float) -> Outcome:
+    if not log_ratios.any():
+        return Outcome.EQUAL
+    if p is None:
+        return Outcome.NOT_ENOUGH_DATA
+    if p >= level:
+        return Outcome.NO_DIFFERENCE
+    return Outcome.WORSE if log_ratios.mean() > 0.0 else Outcome.BETTER
 
 
 def figures_of(score: Score) -> dict[FigureName, float]:
@@ -296,6 +281,10 @@ def _figures(score: Score) -> Iterator[tuple[FigureName, float | None]]:
 
 def _log_ratios(pairs: Sequence[DriveRatio]) -> FloatArray:
     return np.array([np.log(item.other / item.first) for item in pairs])
+
+
+def _mean_ratio(log_ratios: FloatArray) -> float:
+    return float(np.exp(log_ratios.mean()))
 
 
 def _ratio_interval(logs: FloatArray) -> Interval | None:

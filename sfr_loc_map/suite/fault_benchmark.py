@@ -134,27 +134,17 @@ class StatedErrors:
 
 
 def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> StatedErrors:
-    """Return how the errors of a drive compare with what is stated; pairs without truth of their stamp are left out.
-
-    Args:
-        estimates: One a pair, from a run that began at the truth's first pose.
-        truth: True poses.
-    """
+    """Return how the errors of a drive compare with what is stated; pairs without truth of their stamp are left out."""
     states = [str(estimate.state.value) for estimate in estimates]
     valid = [estimate for estimate, state in zip(estimates, states, strict=True) if state in VALID]
     errors, sigmas = error_and_sigma(valid, truth)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.where(errors > 0.0, errors / (3.0 * sigmas), 0.0)
-    any_pair = len(ratios) > 0
-    return StatedErrors(
-        tracking=len(valid),
-        degraded=states.count("degraded"),
-        lost=states.count("lost"),
-        position_ratio=float(ratios[:, 0].max()) if any_pair else None,
-        attitude_ratio=float(ratios[:, 1].max()) if any_pair else None,
-        beyond_share=float((ratios > LIMIT).any(axis=1).mean()) if any_pair else None,
-        largest_error_m=float(errors[:, 0].max()) if any_pair else None,
-    )
+    figures: list[float | None] = [None] * 4
+    if len(ratios):
+        beyond = (ratios > LIMIT).any(axis=1).mean()
+        figures = [float(value) for value in (*ratios.max(axis=0), beyond, errors[:, 0].max())]
+    return StatedErrors(len(valid), states.count("degraded"), states.count("lost"), *figures)
 
 
 def error_and_sigma(estimates: Sequence[PoseEstimate], truth: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -179,30 +169,61 @@ def benchmark_faults(
     seed: int = 0,
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Return the figures of the localiser on a drive without (`none`) and with each fault, as JSON values.
+    """Return the figures of the localiser on a drive with its truth, without (`none`) and with each fault, as JSON.
 
-    Args:
-        sequence: A drive with its ground truth.
-        faults: Each a text for `parse_fault`, or several joined by `+`.
-        config: Parameters of the localiser.
-        scoring: Sub-trajectories; the first condition is shown.
-        seed: Seed of which pairs are affected.
-        progress: Called after each fault.
+    A fault is a text for `parse_fault`, or several joined by `+`; the first condition of the scoring is shown.
 
     Raises:
         ConfigError: If a fault is not known.
     """
-    assert sequence.ground_truth is not None
-    parsed: dict[str, list[Fault]] = {"none": []}
-    parsed |= {text: [parse_fault(part) for part in text.split("+")] for text in faults}
+    truth = sequence.ground_truth
+    assert truth is not None
+
+    def figures(injected: list[Fault]) -> dict[str, Any]:
+        drive = FaultyLoc(sequence, injected, seed)
+        return fault_figures(
+            [made for made, _ in localise(drive, config, start_pose(sequence, "truth"))], truth, scoring
+        )
+
+    head = {"schema": SCHEMA, "kind": "faults", "condition": scoring.conditions[0], "seed": seed, "limit": LIMIT}
+    return head | _with_each(faults, parse_fault, figures, progress)
+
+
+def benchmark_map_faults(
+    sequence: NavSequence,
+    faults: Sequence[str],
+    config: MappingConfig,
+    seed: int = 0,
+    progress: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:
+    """Return the same of the mapper on up to three pairs with their truth.
+
+    Raises:
+        ConfigError: If a fault is not known.
+        MetricsError: If a pair has no truth.
+    """
+    truths_of(list(sequence.pairs()), sequence.rig)
+
+    def figures(injected: list[Fault]) -> dict[str, Any]:
+        faulty = FaultyNav(sequence, injected, seed)
+        return map_fault_figures(list(faulty.pairs()), faulty.rig, sequence.rig, config)
+
+    head = {"schema": SCHEMA, "kind": "map-faults", "seed": seed, "to_m": SCORED_TO_M, "limit": LIMIT}
+    return head | {"limit_share": LIMIT_SHARE} | _with_each(faults, _of_all_pairs, figures, progress)
+
+
+def _with_each(
+    faults: Sequence[str],
+    parse: Callable[[str], Fault],
+    figures: Callable[[list[Fault]], dict[str, Any]],
+    progress: Callable[[], None],
+) -> dict[str, Any]:
+    parsed = {"none": [], **{text: [parse(part) for part in text.split("+")] for text in faults}}
     entries = {}
     for name, injected in parsed.items():
-        drive = FaultyLoc(sequence, injected, seed)
-        estimates = [estimate for estimate, _ in localise(drive, config, start_pose(sequence, "truth"))]
-        entries[name] = fault_figures(estimates, sequence.ground_truth, scoring)
+        entries[name] = figures(injected)
         progress()
-    head = {"schema": SCHEMA, "kind": "faults", "condition": scoring.conditions[0], "seed": seed}
-    return head | {"limit": LIMIT, "entries": entries, "missing": {}}
+    return {"entries": entries, "missing": {}}
 
 
 def silent_faults(result: dict[str, Any]) -> list[str]:
@@ -252,38 +273,6 @@ def jump_sigmas(estimates: Sequence[PoseEstimate], truth: Trajectory) -> FloatAr
     return np.array(sigmas)
 
 
-def benchmark_map_faults(
-    sequence: NavSequence,
-    faults: Sequence[str],
-    config: MappingConfig,
-    seed: int = 0,
-    progress: Callable[[], None] = lambda: None,
-) -> dict[str, Any]:
-    """Return the figures of the mapper on a set of pairs without (`none`) and with each fault, as JSON values.
-
-    Args:
-        sequence: Up to three pairs with their truth.
-        faults: Each a text for `parse_fault`, or several joined by `+`.
-        config: Parameters of the mapper.
-        seed: Seed of the faults.
-        progress: Called after each fault.
-
-    Raises:
-        ConfigError: If a fault is not known.
-        MetricsError: If a pair has no truth.
-    """
-    parsed: dict[str, list[Fault]] = {"none": []}
-    parsed |= {text: [_of_all_pairs(part) for part in text.split("+")] for text in faults}
-    truths_of(list(sequence.pairs()), sequence.rig)
-    entries = {}
-    for name, injected in parsed.items():
-        faulty = FaultyNav(sequence, injected, seed)
-        entries[name] = map_fault_figures(list(faulty.pairs()), faulty.rig, sequence.rig, config)
-        progress()
-    head = {"schema": SCHEMA, "kind": "map-faults", "seed": seed, "to_m": SCORED_TO_M}
-    return head | {"limit": LIMIT, "limit_share": LIMIT_SHARE, "entries": entries, "missing": {}}
-
-
 def _of_all_pairs(text: str) -> Fault:
     """Return a fault that begins with the first pair and affects all, unless its text says otherwise."""
     fault = parse_fault(text)
@@ -298,11 +287,7 @@ def map_fault_figures(
 ) -> dict[str, Any]:
     """Return the figures of the fused map of pairs, as JSON values; ratios are errors over the stated 3 sigma.
 
-    Args:
-        pairs: As the mapper gets them, with the truth of the pairs without fault.
-        rig: Rig that the mapper is given.
-        true_rig: Rig of the truth.
-        config: Parameters of the mapper.
+    The pairs, as the mapper gets them, have the truth of those without fault; `true_rig` is the rig of that truth.
 
     Raises:
         ConfigError: If the parameters do not fit the rig.

@@ -1,10 +1,10 @@
-"""The folder of a suite: results, failures, and an index of both.
+"""The folder of a suite. Its results are files, and what is done follows from them.
 
 DIR/results/KEY.json        score of a job (sfr-score/1)
 DIR/failures/KEY.json       why a job failed
-DIR/index.sqlite            jobs with their state and time; made again from the files if it is gone
+DIR/plan.json               file of the suite, what its sources hold, its jobs in their order
+DIR/seconds.csv             how long each job took; of several lines of a key the last counts
 DIR/cache/                  simulated and fetched sources, may be deleted
-DIR/.suite                  the file that was run last
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from __future__ import annotations
 import fcntl
 import json
 import shlex
-import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.io.atomic import atomic_path
@@ -25,14 +25,7 @@ from sfr_loc_map.suite.cluster import FailureCause, JobOutcome
 from sfr_loc_map.suite.job import SHORT_KEY, Job
 from sfr_loc_map.suite.plan import SourceFacts, inspect_source
 
-SUITE_FILE = ".suite"
-_TABLES = """
-CREATE TABLE IF NOT EXISTS tasks (
-    key TEXT PRIMARY KEY, position INTEGER, label TEXT, kind TEXT, source TEXT, path TEXT, source_sha256 TEXT,
-    faults TEXT, configuration TEXT, repeat INTEGER, pairing TEXT, task TEXT, state TEXT, seconds REAL, tries INTEGER,
-    cause TEXT, message TEXT);
-CREATE TABLE IF NOT EXISTS sources (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, facts TEXT);
-"""
+PLAN = "plan.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +38,7 @@ class JobFailure:
     cause: FailureCause
     message: str
     tries: int
-    again: str = ""  #: Command that runs it again, alone; empty where the suite's file is not known.
+    again: str = ""  #: Command that runs it again, alone.
 
 
 class Store:
@@ -56,19 +49,22 @@ class Store:
 
         Raises:
             OutputError: If it cannot be made, or holds something else.
+            InputError: If its plan cannot be read.
         """
         self.folder = Path(folder)
         self.results, self.failures, self.cache = (self.folder / name for name in ("results", "failures", "cache"))
+        self._seconds, plan = self.folder / "seconds.csv", self.folder / PLAN
         others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
-        if others and not (self.folder / "index.sqlite").exists() and not self.results.is_dir():
+        if others and not plan.exists() and not self.results.is_dir():
             raise OutputError(f"'{folder}' holds {others[0]} and is not a folder of a suite: choose another name")
         try:
             for path in (self.results, self.failures, self.cache):
                 path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
-        with self._index() as index:
-            index.executescript(_TABLES)
+        self._plan: dict[str, Any] = {"suite": "", "sources": {}, "jobs": []}
+        if plan.exists():
+            self._plan |= _read(plan)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -95,21 +91,27 @@ class Store:
             stats = [item.stat() for item in files]
         except OSError as error:
             raise InputError(f"cannot read '{error.filename}': {error.strerror}; check the rights") from error
-        newest = max((item.st_mtime_ns for item in stats), default=0)
-        stamp = (str(path.absolute()), sum(item.st_size for item in stats), newest)
-        with self._index() as index:
-            query = "SELECT facts FROM sources WHERE path = ? AND size = ? AND mtime_ns = ?"
-            row = index.execute(query, stamp).fetchone()
-        if row is not None:
-            return from_plain(SourceFacts, json.loads(row[0]))
+        stamp = [sum(item.st_size for item in stats), max((item.st_mtime_ns for item in stats), default=0)]
+        known = self._plan["sources"].get(str(path.absolute()))
+        if known is not None and known["stamp"] == stamp:
+            return from_plain(SourceFacts, known["facts"])
         facts = inspect_source(path)
-        with self._index() as index:
-            index.execute("INSERT OR REPLACE INTO sources VALUES (?, ?, ?, ?)", (*stamp, json.dumps(to_plain(facts))))
+        self._plan["sources"][str(path.absolute())] = {"stamp": stamp, "facts": to_plain(facts)}
         return facts
 
+    def plan(self, jobs: Sequence[Job], suite: Path) -> None:
+        """Take the jobs of a suite's file as it is now.
+
+        Raises:
+            OutputError: If they cannot be written.
+        """
+        self._plan |= {"suite": str(suite.absolute()), "jobs": to_plain(jobs)}
+        with atomic_path(self.folder / PLAN) as temporary:
+            temporary.write_text(json_line(self._plan), encoding="utf-8")
+
     def is_done(self, key: str) -> bool:
-        """Tell whether there is a result."""
-        return (self.results / f"{key}.json").is_file()
+        """Tell whether there is a result, and no later failure."""
+        return (self.results / f"{key}.json").is_file() and not self.has_failed(key)
 
     def has_failed(self, key: str) -> bool:
         """Tell whether there is a failure."""
@@ -127,55 +129,20 @@ class Store:
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"cannot read the result '{path}': {error}; delete it and run the suite again") from error
 
-    def failure(self, key: str) -> JobFailure | None:
-        """Return why a job failed, None if it did not.
+    def failure(self, key: str) -> JobFailure:
+        """Return why a job failed.
 
         Raises:
             InputError: If its file cannot be read.
         """
-        path, suite = self.failures / f"{key}.json", self.folder / SUITE_FILE
-        if not path.is_file():
-            return None
+        path = self.failures / f"{key}.json"
         try:
-            failure = from_plain(JobFailure, json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, RecordError) as error:
+            failure = from_plain(JobFailure, _read(path))
+        except RecordError as error:
             raise InputError(f"cannot read '{path}': {error}; delete it and run the suite again") from error
-        if suite.is_file():
-            words = ("sfr", "suite", "run", suite.read_text(encoding="utf-8").strip(), "--out")
-            again = shlex.join((*words, str(self.folder.absolute()), "--only", key[:SHORT_KEY]))
-            failure = replace(failure, again=again)
-        return failure
-
-    def plan(self, jobs: Sequence[Job], suite: Path) -> None:
-        """Take the jobs of a suite's file as it is now; the state of each follows from the files."""
-        (self.folder / SUITE_FILE).write_text(f"{suite.absolute()}\n", encoding="utf-8")
-        with self._index() as index:
-            costs = {row[0]: row[1:] for row in index.execute("SELECT key, seconds, tries FROM tasks")}
-            index.execute("DELETE FROM tasks")
-            for position, job in enumerate(jobs):
-                source, failure = job.source, self.failure(job.key)
-                seconds, tries = costs.get(job.key, (None, None))
-                row = {
-                    "key": job.key,
-                    "position": position,
-                    "label": job.label,
-                    "kind": job.kind.value,
-                    "source": source.name,
-                    "path": source.path,
-                    "source_sha256": source.sha256,
-                    "faults": job.faults,
-                    "configuration": job.configuration,
-                    "repeat": job.repeat,
-                    "pairing": job.pairing,
-                    "task": json.dumps(to_plain(job)),
-                    "state": "done" if self.is_done(job.key) else "waiting" if failure is None else "failed",
-                    "seconds": seconds,
-                    "tries": tries,
-                    "cause": None if failure is None else failure.cause.value,
-                    "message": None if failure is None else failure.message,
-                }
-                places = ", ".join(f":{name}" for name in row)
-                index.execute(f"INSERT INTO tasks ({', '.join(row)}) VALUES ({places})", row)
+        folder, only = str(self.folder.absolute()), key[:SHORT_KEY]
+        command = ("sfr", "suite", "run", self._plan["suite"], "--out", folder, "--only", only)
+        return replace(failure, again=shlex.join(command))
 
     def save(self, job: Job, outcome: JobOutcome) -> None:
         """Keep what came of a job, whole or not at all.
@@ -183,43 +150,40 @@ class Store:
         Raises:
             OutputError: If it cannot be written.
         """
-        key, failed = job.key, self.failures / f"{job.key}.json"
+        failed = self.failures / f"{job.key}.json"
         if outcome.result is not None:
-            with atomic_path(self.results / f"{key}.json") as temporary:
+            with atomic_path(self.results / f"{job.key}.json") as temporary:
                 temporary.write_text(outcome.result, encoding="utf-8")
             failed.unlink(missing_ok=True)
-        else:
-            assert outcome.cause is not None
-            failure = JobFailure(
-                key=key,
-                label=job.label,
-                source=job.source.path,
-                cause=outcome.cause,
-                message=outcome.message,
-                tries=outcome.tries,
-            )
-            with atomic_path(failed) as temporary:
-                temporary.write_text(json_line(failure), encoding="utf-8")
-        cause = None if outcome.cause is None else outcome.cause.value
-        with self._index() as index:
-            index.execute("PRAGMA synchronous = OFF")  # a lost row is made again from the files
-            index.execute(
-                "UPDATE tasks SET state = ?, seconds = COALESCE(?, seconds), tries = ?, cause = ?, message = ? "
-                "WHERE key = ?",
-                ("failed" if cause else "done", outcome.seconds, outcome.tries, cause, outcome.message or None, key),
-            )
+            with self._seconds.open("a", encoding="utf-8") as stream:
+                stream.write(f"{job.key},{outcome.seconds!r}\n")
+            return
+        assert outcome.cause is not None
+        failure = JobFailure(
+            key=job.key,
+            label=job.label,
+            source=job.source.path,
+            cause=outcome.cause,
+            message=outcome.message,
+            tries=outcome.tries,
+        )
+        with atomic_path(failed) as temporary:
+            temporary.write_text(json_line(failure), encoding="utf-8")
 
     def entries(self) -> list[tuple[Job, str, float | None]]:
         """Return the jobs of the suite in its order, each with `done`, `failed` or `waiting`, and how long it took."""
-        with self._index() as index:
-            rows = index.execute("SELECT task, state, seconds FROM tasks ORDER BY position").fetchall()
-        return [(from_plain(Job, json.loads(job)), state, seconds) for job, state, seconds in rows]
+        lines = self._seconds.read_text(encoding="utf-8").splitlines() if self._seconds.is_file() else []
+        seconds = {key: float(text) for key, _, text in (line.partition(",") for line in lines)}
+        entries = []
+        for job in (from_plain(Job, item) for item in self._plan["jobs"]):
+            state = "done" if self.is_done(job.key) else "failed" if self.has_failed(job.key) else "waiting"
+            entries.append((job, state, seconds.get(job.key)))
+        return entries
 
-    @contextmanager
-    def _index(self) -> Iterator[sqlite3.Connection]:
-        path = self.folder / "index.sqlite"
-        try:
-            with closing(sqlite3.connect(path, timeout=30.0)) as connection, connection:
-                yield connection
-        except sqlite3.DatabaseError as error:
-            raise InputError(f"cannot use '{path}': {error}; delete it, it is made again from the results") from error
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot read '{path}': {error}; delete it and run the suite again") from error
+    return content

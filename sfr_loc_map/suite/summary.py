@@ -188,7 +188,7 @@ def summarise(store: Store, refusals: Sequence[Refusal] = ()) -> Summary:
         waiting=sum(state == "waiting" for _, state, _ in entries),
         groups=tuple(groups_of(drives, limits)),
         drives=tuple(drives),
-        failures=tuple(item for item in failures if item is not None),
+        failures=tuple(failures),
         refusals=tuple(refusals),
         code=entries[0][0].code if entries else "",
     )

@@ -7,7 +7,6 @@ import os
 import re
 import shlex
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
@@ -80,13 +79,12 @@ def test_stopped_twice_it_goes_on_and_ends_with_the_same_results(suite: Path, se
         assert process.wait(20) == code
     kept = {path: path.stat().st_mtime_ns for path in (out / "results").glob("*.json")}
     assert 2 <= len(kept) <= DRIVES
-    (out / "index.sqlite").unlink()
+    (out / "plan.json").unlink()
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in kept.items())
     assert results(out) == results(serial)
-    with sqlite3.connect(out / "index.sqlite") as index:
-        assert index.execute("SELECT count(*) FROM tasks WHERE state = 'done'").fetchone() == (DRIVES,)
+    assert json.loads((out / "suite.json").read_text())["counts"]["done"] == DRIVES
 
 
 @pytest.mark.slow
@@ -139,8 +137,8 @@ def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
         (("run", suite, "--out", tmp_path / "other"), "is not a folder of a suite"),
         (("run", suite, "--out", tmp_path / "out", "--only", "zz"), "--only zz"),
         (("run", suite, "--out", tmp_path / "out", "--workers", "1", "--scheduler", "tcp://x:1"), "give one of them"),
-        (("report", tmp_path / "none"), "sought index.sqlite"),
-        (("compare", tmp_path / "none", tmp_path / "none"), "sought index.sqlite"),
+        (("report", tmp_path / "none"), "sought plan.json"),
+        (("compare", tmp_path / "none", tmp_path / "none"), "sought plan.json"),
     ):
         done = sfr("suite", *arguments)
         assert done.code == 2
