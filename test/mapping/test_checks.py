@@ -1,13 +1,10 @@
 """Images that cannot give a map are refused, poor ones named."""
 
-from typing import Any
-
 import cv2
 import numpy as np
 import pytest
+from disparity_world import make_world, slope
 
-from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.mapping.checks import check_matches, matched_share
 from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.right_camera import RectificationCorrection
@@ -30,7 +27,6 @@ def test_only_textured_pixels_count() -> None:
     ("share", "correction", "saturated", "words"),
     [
         (0.95, GOOD, 0.0, None),
-        (float("nan"), GOOD, 0.0, None),
         (0.5, GOOD, 0.0, "only 50 %"),
         (0.9, GOOD, 0.3, "30 % of the pixels are saturated"),
         (0.9, RectificationCorrection(1.0, 0.0, (0.2, 0.0, -0.2)), 0.0, "vertical disparity of up to 0.40 px"),
@@ -39,15 +35,7 @@ def test_only_textured_pixels_count() -> None:
     ],
 )
 def test_poor_pairs_are_named(
-    world: Any, slope_field: Any, share: float, correction: RectificationCorrection, saturated: float, words: str | None
+    share: float, correction: RectificationCorrection, saturated: float, words: str | None
 ) -> None:
-    lines = check_matches(world(slope_field).pair, share, correction, saturated, 48)
+    lines = check_matches(make_world(slope).pair, share, correction, saturated, 48)
     assert [words in line for line in lines] == ([True] if words else [])
-
-
-def test_pairs_that_do_not_match_are_refused_with_the_likely_cause(world: Any, slope_field: Any) -> None:
-    pair = world(slope_field).pair
-    with pytest.raises(MappingError, match=r"do not match: 20 % .* rectified, of the same moment"):
-        check_matches(pair, 0.2, GOOD, 0.0, 48)
-    with pytest.raises(MappingError, match="left and right seem swapped"):
-        check_matches(StereoPair(0, pair.right, pair.left), 0.2, GOOD, 0.0, 48)

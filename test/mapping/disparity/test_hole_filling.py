@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from disparity_world import two_planes
 
 from sfr_loc_map.mapping.disparity.hole_filling import (
     MAX_DEPTH_RATIO,
@@ -24,15 +25,8 @@ class TwoPlanes:
     """A block before a background, seen by both cameras, with noise."""
 
     def __init__(self, far: float = FAR) -> None:
-        rng = np.random.default_rng(0)
-        background = 128.0 + rng.integers(-100, 100, (ROWS, COLS + 40))
-        block = 128.0 + rng.integers(-100, 100, (30, 50))
-        left, right = background[:, :COLS].copy(), background[:, int(far) : COLS + int(far)].copy()
-        left[BLOCK] = block
-        right[15:45, 70 - int(NEAR) : 120 - int(NEAR)] = block
-        self.left, self.right = (np.rint(i + rng.normal(0.0, NOISE, i.shape)).astype(F) for i in (left, right))
-        self.truth = np.full((ROWS, COLS), far, F)
-        self.truth[BLOCK] = NEAR
+        left, right, self.truth = two_planes((ROWS, COLS), BLOCK, int(NEAR), int(far), NOISE)
+        self.left, self.right = left.astype(F), right.astype(F)
         self.visible = np.ones((ROWS, COLS), bool)
         self.visible[OCCLUDED] = False
         self.visible[:, : int(far)] = False

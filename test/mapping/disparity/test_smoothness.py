@@ -82,34 +82,23 @@ def test_the_regulariser_is_the_gradient_of_the_energy_and_costs_planes_nothing(
     np.testing.assert_allclose(inverse_diagonal(information, weights), 1.0 / diagonal, rtol=1e-5)
 
 
-@pytest.fixture
-def system() -> tuple[Any, ...]:
-    """A field, information, information vector, weights, and the dense matrix and right side of their system."""
+def test_the_solve_descends_to_the_dense_solution() -> None:
     rng = np.random.default_rng(2)
     field = rng.normal(10.0, 0.1, SHAPE).astype(F)
     information = rng.uniform(0.5, 2.0, SHAPE).astype(F)
     vector = (information * rng.normal(0.0, 0.2, SHAPE)).astype(F)
     weights = random_weights(SHAPE, 7)
-    smoothness = dense_regulariser(weights)
-    matrix = np.diag(information.ravel().astype(float)) + smoothness
-    return field, information, vector, weights, matrix, vector.ravel() - smoothness @ field.ravel()
-
-
-def test_the_solve_descends_to_the_dense_solution(system: tuple[Any, ...]) -> None:
-    *arguments, matrix, rhs = system
+    matrix = np.diag(information.ravel().astype(float)) + dense_regulariser(weights)
+    rhs = vector.ravel() - dense_regulariser(weights) @ field.ravel()
     expected = np.linalg.solve(matrix, rhs).reshape(SHAPE)
     assert np.abs(expected).max() < MAX_STEP_PX
-    np.testing.assert_allclose(conjugate_gradient_step(*arguments, 80), expected, atol=2e-4)
+
+    def solved(iterations: int) -> np.ndarray:
+        return conjugate_gradient_step(field, information, vector, weights, iterations)
+
+    np.testing.assert_allclose(solved(80), expected, atol=2e-4)
     direction = rhs / np.diag(matrix)
     first = direction * (rhs @ direction) / (direction @ matrix @ direction)
-    steps = [conjugate_gradient_step(*arguments, n).ravel().astype(float) for n in range(1, 8)]
-    np.testing.assert_allclose(steps[0], first, atol=1e-4)
-    energies = [0.0] + [0.5 * s @ matrix @ s - rhs @ s for s in steps]
-    assert all(later <= earlier + 1e-6 for earlier, later in pairwise(energies))
-
-
-def test_a_plane_without_data_stays() -> None:
-    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
-    zero = np.zeros(SHAPE, F)
-    field = (8.0 + 0.5 * u + 0.25 * v).astype(F)
-    np.testing.assert_array_equal(conjugate_gradient_step(field, zero, zero, random_weights(SHAPE), 5), zero)
+    np.testing.assert_allclose(solved(1).ravel(), first, atol=1e-4)
+    energies = [0.5 * s @ matrix @ s - rhs @ s for s in (solved(n).ravel().astype(float) for n in range(1, 8))]
+    assert all(later <= earlier + 1e-6 for earlier, later in pairwise([0.0, *energies]))

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from disparity_world import hills, make_world
 
 from sfr_loc_map.mapping.disparity.variational_refinement import (
     cells_from_pixels,
@@ -20,33 +21,23 @@ INNER = np.s_[16:-16, 48:-16]
 
 
 @pytest.fixture(scope="module")
-def scene(world: Any, hills_field: Any) -> Any:
-    return world(hills_field, noise=1.0, seed=4)
-
-
-def images(made: Any) -> tuple[np.ndarray, np.ndarray]:
-    return made.pair.left.astype(F), made.pair.right.astype(F)
+def scene() -> Any:
+    return make_world(hills, noise=1.0, seed=4)
 
 
 @pytest.mark.parametrize("bias", [-0.4, 0.0, 0.4])
 def test_a_disturbed_start_ends_at_the_truth(scene: Any, bias: float) -> None:
-    left, right = images(scene)
+    left, right = scene.pair.left.astype(F), scene.pair.right.astype(F)
     noise = np.random.default_rng(0).normal(bias, 0.2, left.shape)
-    refined = refine(left, right, (scene.disparity + noise).astype(F))
+    start = (scene.disparity + noise).astype(F)
+    start[100:110, 150:170] = np.nan
+    refined = refine(left, right, start)
+    assert np.abs(refined.disparity_px - scene.disparity)[100:110, 150:170].max() < 0.5
     error = (refined.disparity_px - scene.disparity)[INNER]
     assert abs(error.mean()) < 0.01
     assert error.std() < 0.06
     assert refined.noise == pytest.approx(np.sqrt(2.0), rel=0.2)
     assert np.nanstd(refined.normalised_residual[INNER]) == pytest.approx(1.0, abs=0.25)
-
-
-def test_holes_are_filled(scene: Any) -> None:
-    left, right = images(scene)
-    start = scene.disparity.astype(F)
-    start[100:110, 150:170] = np.nan
-    refined = refine(left, right, start)
-    assert np.isfinite(refined.disparity_px).all()
-    assert np.abs(refined.disparity_px - scene.disparity)[100:110, 150:170].max() < 0.5
 
 
 def plane(rows: int, cols: int, slope_u: float, slope_v: float, scale: float = 1.0, offset: float = 0.0) -> np.ndarray:
@@ -79,7 +70,6 @@ def test_nothing_is_interpolated_across_a_jump() -> None:
         ([5.0, NAN, NAN, 8.0], [5.0, 5.0, 5.0, 8.0]),
         ([NAN, 7.0, 6.0, NAN], [7.0, 7.0, 6.0, 6.0]),
         ([NAN, NAN, NAN, NAN], [0.0, 0.0, 0.0, 0.0]),
-        ([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 3.0, 4.0]),
     ],
 )
 def test_holes_take_the_farther_neighbour(row: list[float], expected: list[float]) -> None:

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from disparity_world import hills, make_world
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -30,9 +31,9 @@ class TwoViews(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def two_views(world: Any, hills_field: Any) -> TwoViews:
+def two_views() -> TwoViews:
     """Two views of hills, 5 grey levels of noise."""
-    first, second = (world(hills_field, width=384, height=320, noise=5.0, noise_seed=n) for n in (1, 2))
+    first, second = (make_world(hills, width=384, height=320, noise=5.0, noise_seed=n) for n in (1, 2))
     mapper = Mapper(first.rig, MappingConfig())
     views = mapper.process(first.pair, POSE, 0).view, mapper.process(second.pair, POSE, 1).view
     return TwoViews(first.rig, views, first.disparity)

@@ -1,5 +1,6 @@
 """Fusion: the inverse-variance mean of planes, independent of order; agreement, conflict, duplicates."""
 
+from dataclasses import replace
 from itertools import permutations
 from typing import Any
 
@@ -18,7 +19,6 @@ F = np.float32
 RIG = StereoRig(160, 140, 100.0, 100.0, 79.5, 69.5, 0.2)
 INNER = np.s_[50:90, 50:110]
 """Pixels of full weight."""
-COUNT, SEEN = 40_000, 20_000
 
 
 def plane_view(depth_m: float, sigma_px: float, index: int, position: tuple[float, float] = (0.0, 0.0)) -> PairView:
@@ -40,33 +40,21 @@ ASIDE = ((0.0, 0.0), (0.021, 0.013), (-0.011, 0.023))
 """Positions of cameras that see a plane at 4 m between each other's samples."""
 
 
-def test_points_lie_at_the_mean_weighted_by_inverse_variance() -> None:
+@pytest.mark.parametrize("order", permutations(range(3)))
+def test_points_lie_at_the_mean_weighted_by_inverse_variance_in_any_order(order: tuple[int, ...]) -> None:
     depths, sigmas = (4.0, 4.06, 3.97), (0.1, 0.2, 0.15)
     views = [plane_view(d, s, i, ASIDE[i]) for i, (d, s) in enumerate(zip(depths, sigmas, strict=True))]
-    fused, _, _ = fuse_views(views, RIG)
+    fused = fuse_views([views[i] for i in order], RIG)[0]
     own = [inner(view.cloud, i) for i, view in enumerate(views)]
     variances = np.array([np.square(cloud.sigma).mean() for cloud in own], float)
     weights = 1.0 / variances
-    expected = (weights * depths).sum() / weights.sum()
     for pair, before in enumerate(own):
         cloud = inner(fused, pair)
         assert len(cloud) == len(before)
-        np.testing.assert_allclose(cloud.xyz[:, 2].mean(), expected, atol=2e-3)
+        np.testing.assert_allclose(cloud.xyz[:, 2].mean(), (weights * depths).sum() / weights.sum(), atol=2e-3)
         assert cloud.xyz[:, 2].std() < 2e-3
         variance = COMMON_SHARE * variances[pair] + (1.0 - COMMON_SHARE) / weights.sum()
         np.testing.assert_allclose(np.square(cloud.sigma).mean(), variance, rtol=0.02)
-
-
-def test_the_order_of_the_views_does_not_matter() -> None:
-    views = [plane_view(4.0 + 0.03 * i, 0.1 + 0.05 * i, i, ASIDE[i]) for i in range(3)]
-    reference = fuse_views(views, RIG)[0]
-    for order in permutations(range(3)):
-        cloud = fuse_views([views[i] for i in order], RIG)[0]
-        assert len(cloud) == len(reference)
-        for pair in range(3):
-            a, b = inner(reference, pair), inner(cloud, pair)
-            np.testing.assert_allclose(a.xyz, b.xyz, atol=1e-5)
-            np.testing.assert_allclose(a.sigma, b.sigma, rtol=1e-5)
 
 
 def test_of_the_same_sample_the_one_with_the_larger_weight_stays() -> None:
@@ -74,9 +62,6 @@ def test_of_the_same_sample_the_one_with_the_larger_weight_stays() -> None:
     cloud = fuse_views(views, RIG)[0]
     assert len(inner(cloud, 0)) == 0
     assert len(inner(cloud, 1)) == len(inner(views[1].cloud, 1))
-    equal = fuse_views([plane_view(4.0, 0.1, 0), plane_view(4.0, 0.1, 1)], RIG)[0]
-    assert len(inner(equal, 0)) == len(inner(views[0].cloud, 0))
-    assert len(inner(equal, 1)) == 0
 
 
 @pytest.mark.parametrize(("depth_m", "conflicts"), [(5.0, True), (3.0, False)])
@@ -119,27 +104,21 @@ def test_a_pose_one_degree_off_is_named(two_views: Any, axis: int, degrees: floa
     assert any("their poses" in line for line in fuse_views([first, wrong], two_views.rig)[2])
 
 
-def view_with(sigma: float) -> PairView:
-    columns = np.full(COUNT, sigma, F), np.zeros(COUNT, F), np.zeros(COUNT, np.uint16), np.zeros(COUNT, np.uint16)
-    cloud = PointCloud(np.zeros((COUNT, 3), F), *columns, np.zeros(COUNT, np.uint8))
-    return PairView(cloud, np.zeros((10, 10), F), Transform.identity(), 2.0)
-
-
 def agreement(
-    spread: float, grey: float = 3.0, shifted: float = 15.0, seen: int = SEEN
+    spread: float, grey: float = 3.0, shifted: float = 15.0, seen: int = 20_000
 ) -> tuple[dict[str, float], str]:
     """Return that of points that differ by a normal law around 1 mm, seen with sigmas of 3 and 4 cm."""
-    rng = np.random.default_rng(0)
-    difference = rng.normal(0.001, spread, seen).astype(F)
-    grey_difference, beside = (rng.normal(7.0, s, seen).astype(F) for s in (grey, shifted))
-    deviation = np.full(seen, 0.04, F)
-    found = ReprojectedPoints(np.arange(seen), difference, deviation, deviation, grey_difference, beside, deviation)
-    return pose_agreement((0, 1), (view_with(0.03), view_with(0.04)), found)
+    rng, deviation = np.random.default_rng(0), np.full(seen, 0.04, F)
+    difference, greys, beside = (rng.normal(*law, seen).astype(F) for law in ((0.001, spread), (7, grey), (7, shifted)))
+    found = ReprojectedPoints(np.arange(seen), difference, deviation, deviation, greys, beside, deviation)
+    cloud = PointCloud.from_structured(np.zeros(40_000, PointCloud.dtype()))
+    clouds = (replace(cloud, sigma=np.full(len(cloud), sigma, F)) for sigma in (0.03, 0.04))
+    first, second = (PairView(each, np.zeros((10, 10), F), Transform.identity(), 2.0) for each in clouds)
+    return pose_agreement((0, 1), (first, second), found)
 
 
-def test_correct_sigmas_give_a_ratio_of_one() -> None:
-    """The variances of both views add up: 3 cm and 4 cm make 5 cm."""
-    figures, warning = agreement(0.05)
+def test_correct_sigmas_give_a_ratio_of_one_and_disagreement_is_named_where_there_is_overlap_and_texture() -> None:
+    figures, warning = agreement(0.05)  # the variances of both views add up: 3 cm and 4 cm make 5 cm
     assert figures == {
         "overlap_0_1": 0.5,
         "difference_median_m_0_1": pytest.approx(0.001, abs=0.003),
@@ -148,13 +127,9 @@ def test_correct_sigmas_give_a_ratio_of_one() -> None:
         "grey_difference_over_beside_0_1": pytest.approx(0.2, rel=0.05),
     }
     assert warning == ""
-
-
-def test_disagreement_is_named_where_there_is_overlap_and_texture() -> None:
     assert "pairs 0 and 1 disagree" in agreement(0.15)[1]  # ranges three times as far apart
     assert "pairs 0 and 1 disagree" in agreement(0.05, grey=9.0)[1]
     assert agreement(0.5, seen=MIN_OVERLAP)[1] == ""
     assert agreement(0.05, seen=0) == ({"overlap_0_1": 0.0}, "")
     figures, warning = agreement(0.05, grey=3.0, shifted=3.5)
-    assert np.isnan(figures["grey_difference_over_beside_0_1"])
-    assert warning == ""
+    assert (np.isnan(figures["grey_difference_over_beside_0_1"]), warning) == (True, "")

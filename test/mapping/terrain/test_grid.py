@@ -23,11 +23,9 @@ SPACING = 0.02
 """Of the points; 25 in a cell."""
 
 
-def ground(height, half_m: float = 2.0, keep=lambda x, y: np.ones(x.shape, bool)) -> PointCloud:  # noqa: ANN001
-    side = np.arange(-half_m, half_m, SPACING) + SPACING / 2
-    x, y = (axis.reshape(-1) for axis in np.meshgrid(side, side))
-    kept = keep(x, y)
-    x, y = x[kept], y[kept]
+def ground(height, keep=lambda x, y: np.ones(x.shape, bool)) -> PointCloud:  # noqa: ANN001
+    side = np.arange(-2.0, 2.0, SPACING) + SPACING / 2
+    x, y = (axis[keep(*np.meshgrid(side, side))] for axis in np.meshgrid(side, side))
     xyz = np.column_stack((x, y, height(x, y))).astype(np.float32)
     zeros, sigma = np.zeros(len(xyz), np.uint16), np.full(len(xyz), 0.005, np.float32)
     return PointCloud(xyz, sigma, sigma, zeros, zeros, zeros.astype(np.uint8))
@@ -83,10 +81,8 @@ def test_rough_ground_is_rough() -> None:
 def test_what_was_not_seen_is_not_known_unless_a_step_is_near() -> None:
     hidden = lambda x, y: ~((x > 0.5) & (np.abs(y) < 1.0))  # noqa: E731
     flat = elevation_grid(ground(lambda x, y: 0.0 * x, keep=hidden), CONFIG, CAMERA)
-    assert at(flat, flat.hazard, 1.45, 0.05) == -1
-    assert np.isnan(at(flat, flat.slope_rad, 1.45, 0.05))
-    assert np.isnan(at(flat, flat.elevation.height_m, 1.45, 0.05))
-    assert at(flat, flat.elevation.count, 1.45, 0.05) == 0
+    assert [at(flat, layer, 1.45, 0.05) for layer in (flat.hazard, flat.elevation.count)] == [-1, 0]
+    assert np.isnan([at(flat, layer, 1.45, 0.05) for layer in (flat.slope_rad, flat.elevation.height_m)]).all()
     rock = lambda x, y: 0.3 * ((x > 0.3) & (np.abs(y) < 0.2))  # noqa: E731
     shadow = elevation_grid(ground(rock, keep=hidden), CONFIG, CAMERA)
     assert at(shadow, shadow.hazard, 0.65, 0.05) == 100

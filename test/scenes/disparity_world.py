@@ -1,10 +1,9 @@
-"""A made-up world: any disparity field, seen by two cameras through a band-limited texture."""
+"""Made-up worlds of known disparity: any field seen through a band-limited texture, and a block before a background."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
@@ -59,12 +58,6 @@ def make_world(
     return World(rig, StereoPair(0, *grey), field(u_left, v_left))
 
 
-@pytest.fixture(scope="session")
-def world() -> Callable[..., World]:
-    """Make a world."""
-    return make_world
-
-
 def slope(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Ground that nears downwards and to the right."""
     return 9.0 + 0.02 * u + 0.06 * v
@@ -75,19 +68,17 @@ def hills(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]
     return slope(u, v) + 0.6 * np.sin(u / 14.0 + v / 23.0) + 0.4 * np.sin(u / 31.0 - v / 12.0)
 
 
-@pytest.fixture(scope="session")
-def slope_field() -> Field:
-    """A plane."""
-    return slope
-
-
-@pytest.fixture(scope="session")
-def hills_field() -> Field:
-    """A smooth surface that no window fits by a plane."""
-    return hills
-
-
-@pytest.fixture(scope="session")
-def textured() -> Callable[..., NDArray[np.float64]]:
-    """Return grey levels of waves at any point."""
-    return texture
+def two_planes(
+    shape: tuple[int, int], block: tuple[slice, slice], near: int, far: int, noise: float
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]:
+    """Return left and right random dots and the disparity of a block before a background."""
+    rng = np.random.default_rng(0)
+    rows, columns = block
+    background = rng.uniform(20.0, 235.0, (shape[0], shape[1] + far))
+    left, right = background[:, : shape[1]].copy(), background[:, far:].copy()
+    left[block] = dots = rng.uniform(20.0, 235.0, left[block].shape)
+    right[rows, columns.start - near : columns.stop - near] = dots
+    disparity = np.full(shape, far, np.float32)
+    disparity[block] = near
+    noisy = [np.rint(image + rng.normal(0.0, noise, shape)).astype(np.uint8) for image in (left, right)]
+    return noisy[0], noisy[1], disparity
